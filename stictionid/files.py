@@ -1,0 +1,78 @@
+"""Writing whole files or none, and the fingerprint of a file."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+from .errors import UsageError
+
+
+def sha256_of(path: str | Path) -> str:
+    """SHA-256 of a file's bytes, as hex."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def write_whole(path: str | Path, content: bytes | str, *, force: bool = False, kind: bytes | None = None) -> None:
+    """Write `content` to a temporary file beside `path` and rename it: the file is whole or absent.
+
+    An existing file is replaced only when it begins with `kind` (the same kind of file; None: never replace)
+    or with `force`. Text is UTF-8. UsageError (exit 2) where the place can't be written or the disk is full.
+    """
+    path = Path(path)
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    ensure_writable(path, force=force, kind=kind)
+    temporary = None
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name[:80]}.", suffix=".part", dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+        temporary = None
+    except OSError as error:
+        raise unwritable(path, error) from None
+    finally:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+
+
+def ensure_writable(path: str | Path, *, force: bool = False, kind: bytes | None = None) -> None:
+    """Refuse a place that can't take the file, before the work that would fill it is done."""
+    path = Path(path)
+    if path.is_dir():
+        raise UsageError(f"{path} is a folder", "give a file name after -o")
+    if not path.parent.is_dir():
+        raise UsageError(f"the folder {path.parent} does not exist", f"mkdir -p '{path.parent}', or choose another -o")
+    if not os.access(path.parent, os.W_OK):
+        raise UsageError(f"the folder {path.parent} can't be written", "choose another place with -o")
+    if path.exists() and not force:
+        try:
+            with open(path, "rb") as file:
+                start = file.read(len(kind) if kind else 1)
+        except OSError as error:
+            raise unwritable(path, error) from None
+        if start and (kind is None or not start.startswith(kind)):
+            raise UsageError(f"{path} exists and is another kind of file", "choose another -o, or add --force")
+
+
+def unwritable(path: str | Path, error: OSError) -> UsageError:
+    """The sentence for a failed write."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return UsageError(f"no room left while writing {path}", "free some space; nothing was left half-written")
+    return UsageError(f"{path} can't be written: {error.strerror or error}", "choose another place with -o")
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

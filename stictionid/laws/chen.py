@@ -1,0 +1,118 @@
+"""Chen 2008: the two-layer binary tree (the paper's law).
+
+Layer 1 asks whether the valve is stuck or moving, layer 2 whether |e| > f_s (stuck) or whether the command kept
+its direction (moving): four leaves, keep sticking, slip, keep sliding, stop (and re-test in the same sample).
+
+The printed 2008 flow chart has not been seen: this form is reconstructed from Eq. 1 of the paper, from He's law
+and from the description in the paper. It equals Kano's law on every test signal when both start alike. Wrong where
+the stem comes to rest between scans (then He's law holds; see the effect re-sticking).
+
+Source: Chen et al. 2008, METHODS.md section 2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..kernels import LANES, kernel
+from ..loop import FloatArray
+from .contract import (
+    FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, OVERSHOOT, RESTICK, TIE, UPPER, Law,
+)
+
+# State rows: stem position, 1 while moving, last command and last change of command (equal in all lanes).
+_POSITION, _MOVING, _COMMAND, _CHANGE = 0, 1, 2, 3
+# Rows of the working table: ten constants, the position, and the restick speed while moving (infinite while stuck).
+_WORK = 12
+
+
+@kernel
+def _run(command, friction, profile, state, position):
+    lanes = friction.shape[1]
+    samples = command.size
+    work = np.empty(_WORK * LANES)
+    for first in range(0, lanes, LANES):
+        width = min(LANES, lanes - first)
+        padded = (width + 3) // 4 * 4
+        for p in range(padded):
+            q = first + min(p, width - 1)
+            work[p] = friction[FS_UP, q] + TIE
+            work[LANES + p] = friction[FS_DOWN, q] + TIE
+            work[2 * LANES + p] = friction[FD_UP, q]
+            work[3 * LANES + p] = friction[FD_DOWN, q]
+            work[4 * LANES + p] = friction[FS_DRIFT, q]
+            work[5 * LANES + p] = friction[FD_DRIFT, q]
+            work[6 * LANES + p] = friction[RESTICK, q]
+            work[7 * LANES + p] = friction[OVERSHOOT, q] - 1.0
+            work[8 * LANES + p] = friction[LOWER, q]
+            work[9 * LANES + p] = friction[UPPER, q]
+            work[10 * LANES + p] = state[_POSITION, q]
+            work[11 * LANES + p] = friction[RESTICK, q] if state[_MOVING, q] > 0.5 else np.inf
+        last = first + width
+        u_last = state[_COMMAND, first]
+        du_last = state[_CHANGE, first]
+        for k in range(samples):
+            u = command[k]
+            du = u - u_last
+            # Speed of a command that kept its direction; a turned or resting one slides nothing.
+            speed = abs(du) if du * du_last > 0.0 else -1.0
+            rising = du > 0.0
+            drift = profile[k]
+            for p in range(padded):
+                v = work[10 * LANES + p]
+                restick = work[6 * LANES + p]
+                spare = work[7 * LANES + p]
+                low = work[8 * LANES + p]
+                high = work[9 * LANES + p]
+                fs_add = work[4 * LANES + p] * drift
+                fd_add = work[5 * LANES + p] * drift
+                fs_up = work[p] + fs_add
+                fs_down = work[LANES + p] + fs_add
+                to_up = u - (work[2 * LANES + p] + fd_add)
+                to_down = u + (work[3 * LANES + p] + fd_add)
+                e = u - v
+                # stuck: keep sticking, or slip and overshoot by `spare` = K - 1
+                new = to_up + spare * (to_up - v) if e > fs_up else v
+                new = to_down + spare * (to_down - v) if -e > fs_down else new
+                slips = (e > fs_up) | (-e > fs_down)
+                # moving: keep sliding; after an overshoot the stem waits until the command has caught up
+                ahead_up = to_up if to_up > v else v
+                ahead_down = to_down if to_down < v else v
+                ahead = ahead_up if rising else ahead_down
+                slides = speed >= work[11 * LANES + p]
+                new = ahead if slides else new
+                held = low if new < low else new
+                held = high if held > high else held
+                work[10 * LANES + p] = held
+                work[11 * LANES + p] = restick if (slips | slides) & (held == new) else np.inf
+            row = position[k, first:last]
+            for p in range(width):
+                row[p] = work[10 * LANES + p]
+            u_last = u
+            du_last = du
+        for p in range(width):
+            state[_POSITION, first + p] = work[10 * LANES + p]
+            state[_MOVING, first + p] = 1.0 if work[11 * LANES + p] < np.inf else 0.0
+            state[_COMMAND, first + p] = u_last
+            state[_CHANGE, first + p] = du_last
+
+
+def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
+    """Valve at rest with residual force e(0) = share * f_s, within its stops."""
+    fs = np.where(share > 0, friction[FS_UP], friction[FS_DOWN])
+    state = np.zeros((4, friction.shape[1]))
+    state[_POSITION] = np.clip(command0 - share * fs, friction[LOWER], friction[UPPER])
+    state[_COMMAND] = command0
+    return state
+
+
+LAW = Law(
+    name="chen",
+    summary="two-layer binary tree: keep sticking, slip, keep sliding, stop",
+    equation="stuck: |e| > f_s -> moving, u_v = u - sign(e) f_d, else hold; moving: du*du_prev > 0 -> "
+             "u_v = u - sign(du) f_d, else stop and re-test",
+    source="Chen et al. 2008",
+    checked="reconstructed (the printed flow chart has not been seen)",
+    cannot="a stem that comes to rest between scans of a held command; inertia; viscous friction",
+    run=_run, start=_start, states=4,
+)

@@ -1,0 +1,133 @@
+"""One control loop's record: read-only arrays on an even time grid, with what is known about where it came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import DataError
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something noticed about data or model: a code for scripts, a sentence for people, the evidence as numbers.
+
+    `severity` is "info", "warning" or "serious"; `suggests` names catalogue effects; `source` the test or rule.
+    """
+
+    code: str
+    severity: str
+    statement: str
+    evidence: dict[str, Any] = field(default_factory=dict)
+    suggests: tuple[str, ...] = ()
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a loop came from and how it was understood; everything `report` needs to find and re-read it."""
+
+    file: str | None = None
+    sha256: str | None = None
+    columns: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    rows: int = 0
+    start: str | None = None
+    end: str | None = None
+    findings: tuple[Finding, ...] = ()
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+def _frozen(values: Any, dtype: type = np.float64) -> NDArray[Any]:
+    array = np.array(values, dtype=dtype, order="C", copy=True).reshape(-1)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """Setpoint r, controller output u and process value y sampled every `step_s` seconds.
+
+    Shapes: all arrays (n,). Units: u in % of OP span unless `units["output"]` says otherwise, r and y in the
+    unit of `units["process_value"]`, position in the unit of `units["position"]`. `setpoint` and `position` may
+    be None. `used` (n,) marks samples that count; a False sample still drives the valve but enters no cost.
+    `starts` holds the first index of every segment: nothing is continuous across a segment boundary.
+    Raises DataError when lengths differ or a used sample is not finite.
+    """
+
+    output: FloatArray
+    process_value: FloatArray
+    setpoint: FloatArray | None = None
+    position: FloatArray | None = None
+    extras: dict[str, FloatArray] = field(default_factory=dict)
+    step_s: float = 1.0
+    used: BoolArray | None = None
+    starts: tuple[int, ...] = (0,)
+    units: dict[str, str] = field(default_factory=dict)
+    name: str = "loop"
+    origin: Origin = field(default_factory=Origin)
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "output", _frozen(self.output))
+        put(self, "process_value", _frozen(self.process_value))
+        n = self.output.size
+        for role in ("setpoint", "position"):
+            if getattr(self, role) is not None:
+                put(self, role, _frozen(getattr(self, role)))
+        put(self, "extras", {tag: _frozen(values) for tag, values in self.extras.items()})
+        put(self, "used", _frozen(np.ones(n) if self.used is None else self.used, np.bool_))
+        lengths = {"output": n, "process value": self.process_value.size, "used": self.used.size}
+        lengths |= {r: getattr(self, r).size for r in ("setpoint", "position") if getattr(self, r) is not None}
+        lengths |= {tag: values.size for tag, values in self.extras.items()}
+        if len(set(lengths.values())) > 1:
+            raise DataError(f"signals of one loop differ in length: {lengths}", "give arrays of one length")
+        if not (np.isfinite(self.step_s) and self.step_s > 0):
+            raise DataError(f"sampling time {self.step_s} s is not a positive number", "give --step SECONDS")
+        for role in ("output", "process_value", "setpoint"):
+            values = getattr(self, role)
+            if values is not None and not np.isfinite(values[self.used]).all():
+                bad = int(np.flatnonzero(self.used & ~np.isfinite(values))[0])
+                raise DataError(f"{role.replace('_', ' ')} is not a finite number at sample {bad}",
+                                "mask or fill it first; read_loop does so")
+
+    @property
+    def samples(self) -> int:
+        """How many samples the record has, used or not."""
+        return int(self.output.size)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Seconds since the first sample, shape (n,)."""
+        return np.arange(self.samples) * self.step_s
+
+    @property
+    def segments(self) -> tuple[slice, ...]:
+        """Stretches without a gap, in order."""
+        ends = (*self.starts[1:], self.samples)
+        return tuple(slice(a, b) for a, b in zip(self.starts, ends, strict=True))
+
+    def unit(self, role: str, default: str = "") -> str:
+        """Unit of a role ("output", "process_value", "setpoint", "position"), or `default` where unknown."""
+        return self.units.get(role) or default
+
+    def longest_segment(self) -> Loop:
+        """The longest stretch without a gap, as a loop of its own."""
+        piece = max(self.segments, key=lambda s: s.stop - s.start)
+        return self if len(self.starts) == 1 else self.cut(piece.start, piece.stop)
+
+    def cut(self, first: int, last: int) -> Loop:
+        """Samples first..last-1 as a loop of their own."""
+        def part(a: NDArray[Any] | None) -> Any:
+            return None if a is None else a[first:last]
+
+        starts = tuple(sorted({0, *(s - first for s in self.starts if first < s < last)}))
+        return replace(self, output=part(self.output), process_value=part(self.process_value),
+                       setpoint=part(self.setpoint), position=part(self.position), used=part(self.used),
+                       extras={tag: part(v) for tag, v in self.extras.items()}, starts=starts)

@@ -1,0 +1,122 @@
+"""Does the loop oscillate, how fast, and how far does the command swing: period (Eq. 20) and S_max (Eq. 21).
+
+Cycles are counted on up-crossings of the deviation e = r - y through its mean, with hysteresis against noise; only
+whole cycles count, and the first one is left out when enough remain, because it still holds the start. M in Eq. 20
+counts cycles, and the two equations numbered 21 in the paper are this one and the tank's transfer function.
+Without a setpoint the mean of y is the reference, and the result says so.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .loop import FloatArray, Loop
+from .results import Cycle, Range
+
+# Half-width of the hysteresis band as a share of the deviation's standard deviation. Unit: 1.
+_HYSTERESIS = 0.3
+# The band is at least this many standard deviations of the sample-to-sample noise.
+_HYSTERESIS_NOISE = 3.0
+# Fewer whole cycles than this are no oscillation to judge (gate 0 of CRITICISM.md).
+FEWEST_CYCLES = 3
+# Cycle lengths that scatter more than this around their median are no one oscillation (coefficient of variation).
+_REGULAR = 0.6
+# A swing of y below this share of its size, or of u below this share, is no variation. Unit: 1.
+FLAT = 1e-9
+
+
+def deviation(loop: Loop) -> tuple[FloatArray, str]:
+    """Control error (n,) and what it was taken from; the setpoint's mean offset does not matter."""
+    if loop.setpoint is not None:
+        return loop.setpoint - loop.process_value, "setpoint"
+    return -(loop.process_value - loop.process_value[loop.used].mean()), "mean of y"
+
+
+def noise_of(signal: FloatArray) -> float:
+    """Standard deviation of sample-to-sample noise, from third differences (a smooth signal leaves little in them)."""
+    if signal.size < 8:
+        return 0.0
+    third = np.diff(signal, 3)
+    return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
+
+
+def crossings(signal: FloatArray, band: float) -> FloatArray:
+    """Times (in samples, fractional) where the signal crosses zero upwards after having been below -band.
+
+    The crossing counts once the signal has also risen above +band, so noise near zero counts once.
+    """
+    low = high = False
+    found: list[float] = []
+    last_up = -1.0
+    for k in range(1, signal.size):
+        a, b = signal[k - 1], signal[k]
+        if b < -band:
+            low, high = True, False
+            last_up = -1.0
+        if a < 0.0 <= b and low and last_up < 0.0:
+            last_up = k - 1 + a / (a - b)
+        if b > band and low:
+            found.append(last_up)
+            low, high = False, True
+    return np.array([t for t in found if t >= 0.0])
+
+
+def count_reversals(command: FloatArray, threshold: float) -> int:
+    """How often the command turns by more than `threshold` (zigzag count)."""
+    turns, direction, extreme = 0, 0, float(command[0]) if command.size else 0.0
+    for value in command.tolist():
+        if direction >= 0 and value > extreme or direction <= 0 and value < extreme:
+            if direction == 0 and abs(value - extreme) > threshold:
+                direction = 1 if value > extreme else -1
+                extreme = value
+            elif direction != 0:
+                extreme = value
+        elif direction != 0 and abs(value - extreme) > threshold:
+            direction, extreme, turns = -direction, value, turns + 1
+    return turns
+
+
+def find_range(loop: Loop) -> Range:
+    """Period, S_max and the cycles behind them; never raises, a record that does not oscillate says why."""
+    unit = loop.unit("output", "%")
+    e, reference = deviation(loop)
+    u = loop.output
+    piece = loop.longest_segment() if len(loop.starts) > 1 else loop
+    if piece is not loop:
+        return find_range(piece)
+    used = loop.used
+    if used.sum() < 8:
+        return _none(f"only {int(used.sum())} usable samples", unit, reference)
+    e = e - e[used].mean()
+    swing_y = float(np.ptp(loop.process_value[used]))
+    if swing_y <= FLAT * max(float(np.abs(loop.process_value[used]).max()), 1e-30) or swing_y < 1e-30:
+        return _none(f"the process value does not vary (its whole span is {swing_y:.3g})", unit, reference)
+    if float(np.ptp(u[used])) <= FLAT * max(float(np.abs(u[used]).max()), 1e-30):
+        return _none(f"the controller output is constant at {u[used][0]:g} {unit}", unit, reference)
+    band = max(_HYSTERESIS * float(e[used].std()), _HYSTERESIS_NOISE * noise_of(e[used]))
+    reversals = count_reversals(u[used], max(0.1 * float(np.ptp(u[used])), 4.0 * noise_of(u[used])))
+    times = crossings(e, band)
+    cycles = tuple(
+        Cycle(float(a * loop.step_s), float((b - a) * loop.step_s), float(np.ptp(u[int(np.ceil(a)):int(b) + 1])))
+        for a, b in zip(times[:-1], times[1:], strict=True) if b - a >= 2
+    )
+    if not cycles:
+        return _none("the deviation never completes a cycle", unit, reference, reversals)
+    counted = cycles[1:] if len(cycles) > FEWEST_CYCLES else cycles
+    periods = np.array([c.period_s for c in counted])
+    spread = float(periods.std() / periods.mean())
+    enough = len(counted) >= FEWEST_CYCLES
+    regular = spread <= _REGULAR
+    if not enough:
+        reason = f"only {len(counted)} whole cycles, {FEWEST_CYCLES} are needed"
+    elif not regular:
+        reason = f"the cycles are irregular: their lengths scatter by {100 * spread:.0f} % of the mean"
+    else:
+        reason = (f"{len(counted)} whole cycles, lengths within {100 * spread:.0f} % of the mean"
+                  + ("" if reference == "setpoint" else "; no setpoint, so deviations are from the mean of y"))
+    return Range(enough and regular, float(periods.max()), float(np.median(periods)),
+                 float(max(c.u_swing for c in counted)), cycles, reason, unit, reference, reversals)
+
+
+def _none(reason: str, unit: str, reference: str, reversals: int = 0) -> Range:
+    return Range(False, None, None, None, (), reason, unit, reference, reversals)

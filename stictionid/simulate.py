@@ -1,0 +1,243 @@
+"""Closed loop of Fig. 1: PI(D) controller, valve with stiction, linear process, measurement noise.
+
+The loop is integrated as a continuous one (step at most `FINEST_STEP_S`) and sampled afterwards, because a loop
+stepped at the sampling time misses the paper's S_max by 3 to 15 %. With `scan_s` the controller works like a DCS:
+it computes once per scan and holds its output, and the valve law sees the held output once per scan.
+Source: paper Fig. 1 and Table 1, METHODS.md section 3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from .errors import UsageError
+from .laws import get as get_law
+from .laws.contract import check_stiction, neutral_friction
+from .loop import FloatArray, Loop, Origin
+
+# Integration step of the continuous loop. Unit: s; METHODS.md section 3 (0.05 s reproduces S_max within 1.7 %).
+FINEST_STEP_S = 0.05
+# A step must resolve the fastest time constant by at least this many parts.
+_PARTS_PER_TIME_CONSTANT = 6
+OPERATING_POINT = 50.0
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """PI(D) in the paper's form u = K_c (e + 1/T_i ∫ e + T_d de/dt); `scan_s` 0 means continuous."""
+
+    gain: float
+    integral_time_s: float
+    derivative_time_s: float = 0.0
+    scan_s: float = 0.0
+    low: float = 0.0
+    high: float = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """Linear process K e^{-L s} / ((T1 s + 1)(T2 s + 1)), over s when integrating (K then per second)."""
+
+    gain: float
+    time_constant_s: float
+    dead_time_s: float
+    second_time_constant_s: float = 0.0
+    integrating: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Everything `simulate` needs; presets are instances of it."""
+
+    plant: Plant
+    controller: Controller
+    S: float = 5.0
+    J: float = 3.0
+    law: str = "chen"
+    step_s: float = 1.0
+    duration_s: float = 1000.0
+    setpoint_moves: tuple[tuple[float, float], ...] = ((0.0, 5.0),)
+    noise_sd: float = 0.0
+    quantise: float = 0.0
+    effects: tuple[tuple[str, dict[str, float]], ...] = ()
+    fine_step_s: float | None = None
+
+
+PRESETS = {
+    "foptd": Setting(Plant(3.0, 5.0, 5.0), Controller(0.1, 5.0)),
+    "itptd": Setting(Plant(1.0, 0.3, 1.0, integrating=True), Controller(0.1, 5.0)),
+    "tank": Setting(Plant(2.286, 180.0, 36.67), Controller(1.5, 180.0, scan_s=1.0), S=1.678, J=1.159,
+                    duration_s=6000.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """The simulated record and the truth behind it (the contract's truth file)."""
+
+    loop: Loop
+    truth: dict[str, Any] = field(default_factory=dict)
+
+
+def preset(name: str) -> Setting:
+    """The preset called `name`; UsageError listing them where there is none."""
+    if name not in PRESETS:
+        raise UsageError(f"unknown preset '{name}'", "presets: " + ", ".join(PRESETS))
+    return PRESETS[name]
+
+
+def _check(setting: Setting) -> None:
+    check_stiction(setting.S, setting.J)
+    c, p = setting.controller, setting.plant
+    for what, value, low in (
+        ("--step", setting.step_s, 1e-6), ("--duration", setting.duration_s, setting.step_s),
+        ("--noise", setting.noise_sd, 0.0), ("--quantise", setting.quantise, 0.0), ("--scan", c.scan_s, 0.0),
+        ("--time-constant", p.time_constant_s, 0.0), ("--second-time-constant", p.second_time_constant_s, 0.0),
+        ("--dead-time", p.dead_time_s, 0.0), ("--derivative-time", c.derivative_time_s, 0.0),
+    ):
+        if not (math.isfinite(value) and value >= low):
+            raise UsageError(f"{what} {value:g} is below its limit {low:g}", f"give {what} {max(low, 1.0):g} or more")
+    if not (math.isfinite(c.integral_time_s) and c.integral_time_s > 0):
+        raise UsageError(f"--integral-time {c.integral_time_s:g} s is not positive", "give seconds above 0")
+    if not math.isfinite(p.gain) or p.gain == 0:
+        raise UsageError(f"--gain {p.gain:g} moves nothing", "give a gain other than 0")
+    if c.scan_s and abs(c.scan_s / setting.step_s - round(c.scan_s / setting.step_s)) > 1e-9 \
+            and abs(setting.step_s / c.scan_s - round(setting.step_s / c.scan_s)) > 1e-9:
+        raise UsageError(f"--scan {c.scan_s:g} s and --step {setting.step_s:g} s are not multiples of each other",
+                         "give one as a whole multiple of the other")
+    samples = setting.duration_s / setting.step_s
+    if samples > 20_000_000:
+        raise UsageError(f"{samples:.3g} samples are more than 20 million", "give a shorter --duration")
+
+
+def _fine_step(setting: Setting) -> tuple[float, int]:
+    """Integration step in seconds and how many make one sample, so that scans and samples fall on steps."""
+    grid = setting.step_s
+    if setting.controller.scan_s:
+        grid = min(grid, setting.controller.scan_s)
+    lags = [t for t in (setting.plant.time_constant_s, setting.plant.second_time_constant_s) if t > 0]
+    wanted = setting.fine_step_s or min([FINEST_STEP_S, *(t / _PARTS_PER_TIME_CONSTANT for t in lags)])
+    parts = max(1, math.ceil(grid / wanted - 1e-9))
+    return grid / parts, round(setting.step_s / (grid / parts))
+
+
+class _Process:
+    """Exact step response of the plant to an input held over a fine step; deviations from the operating point."""
+
+    def __init__(self, plant: Plant, step_s: float) -> None:
+        self.gain, self.integrating, self.step = plant.gain, plant.integrating, step_s
+        lags = [t for t in (plant.time_constant_s, plant.second_time_constant_s) if t > 0]
+        self.decay = [math.exp(-step_s / t) for t in lags]
+        self.lag = [0.0] * len(lags)
+        self.level = 0.0
+        delay = plant.dead_time_s / step_s
+        self.whole = int(delay + 1e-9)
+        self.fraction = max(delay - self.whole, 0.0)
+        self.queue = [0.0] * (self.whole + 2)
+        self.at = 0
+
+    def advance(self, move: float) -> float:
+        """Output after one fine step with the input held at `move` (deviation)."""
+        queue, size = self.queue, len(self.queue)
+        queue[self.at] = move
+        newer = queue[(self.at - self.whole) % size]
+        older = queue[(self.at - self.whole - 1) % size]
+        self.at = (self.at + 1) % size
+        x = newer + self.fraction * (older - newer)
+        before = x
+        for i, decay in enumerate(self.decay):
+            start = self.lag[i]
+            self.lag[i] = x + (start - x) * decay
+            # The next lag sees the mean of this one over the step (exact to second order in the step).
+            before, x = 0.5 * (start + self.lag[i]), (0.5 * (start + self.lag[i]) if i + 1 < len(self.decay)
+                                                     else self.lag[i])
+        if self.integrating:
+            self.level += self.step * before if self.decay else self.step * x
+            return self.gain * self.level
+        return self.gain * x
+
+
+def _setpoint(setting: Setting, time: FloatArray) -> FloatArray:
+    r = np.full(time.size, OPERATING_POINT)
+    for at, size in setting.setpoint_moves:
+        r[time >= at - 1e-9] += size
+    return r
+
+
+def simulate(setting: Setting, *, seed: int = 0) -> Simulation:
+    """Run the closed loop of `setting` and sample it; the same seed gives the same record.
+
+    Starts at rest with r = u = y = 50. The recorded u at a sample is the output just after the controller used
+    that sample; y is recorded with its noise, which the controller sees too (held over the sampling interval).
+    Raises UsageError for values out of range and ModelError for S < 0, J < 0 or J > 2S.
+    """
+    _check(setting)
+    law = get_law(setting.law)
+    rng = np.random.default_rng(seed)
+    fine, per_sample = _fine_step(setting)
+    samples = int(round(setting.duration_s / setting.step_s))
+    noise = setting.noise_sd * rng.standard_normal(samples)
+    time = np.arange(samples) * setting.step_s
+    c = setting.controller
+    scan = round(c.scan_s / fine) if c.scan_s else 0
+    friction = neutral_friction(setting.S, setting.J)
+    state = law.start(OPERATING_POINT, friction, np.zeros(1))
+    process = _Process(setting.plant, fine)
+    command, place, profile = np.full(1, OPERATING_POINT), np.empty((1, 1)), np.zeros(1)
+    r_fine = _setpoint(setting, np.arange(samples * per_sample) * fine).tolist()
+    r, u_rec, y_rec, v_rec = _setpoint(setting, time), np.empty(samples), np.empty(samples), np.empty(samples)
+    y, u, total, e_last = 0.0, OPERATING_POINT, 0.0, 0.0
+    run_law = law.run
+    run_law(command, friction, profile, state, place)
+    for k in range(samples * per_sample):
+        sample, part = divmod(k, per_sample)
+        seen = OPERATING_POINT + y + noise[sample]
+        if part == 0 and setting.quantise:
+            seen = round(seen / setting.quantise) * setting.quantise
+        e = r_fine[k] - seen
+        if not scan or k % scan == 0:
+            dt = c.scan_s if scan else fine
+            free = total + c.gain / c.integral_time_s * dt * (e if scan else 0.5 * (e + e_last) if k else 0.0)
+            wanted = OPERATING_POINT + c.gain * e + free
+            if c.derivative_time_s and k:
+                wanted += c.gain * c.derivative_time_s * (e - e_last) / dt
+            u = min(max(wanted, c.low), c.high)
+            if u == wanted or (wanted > c.high and free < total) or (wanted < c.low and free > total):
+                total = free
+            e_last = e
+            command[0] = u
+            run_law(command, friction, profile, state, place)
+        if part == 0:
+            y_rec[sample], u_rec[sample], v_rec[sample] = seen, u, place[0, 0]
+        y = process.advance(place[0, 0] - OPERATING_POINT)
+    loop = Loop(output=u_rec, process_value=y_rec, setpoint=r, position=v_rec, step_s=setting.step_s, name="simulated",
+                units={"output": "%", "process_value": "%", "setpoint": "%", "position": "%"}, origin=Origin())
+    return Simulation(loop, _truth(setting, seed))
+
+
+def _truth(setting: Setting, seed: int) -> dict[str, Any]:
+    p, c = setting.plant, setting.controller
+    return {
+        "law": setting.law, "S": setting.S, "J": setting.J,
+        "process": {"gain": p.gain, "time_constant_s": p.time_constant_s, "dead_time_s": p.dead_time_s,
+                    "second_time_constant_s": p.second_time_constant_s, "integrating": p.integrating},
+        "controller": {"gain": c.gain, "integral_time_s": c.integral_time_s,
+                       "derivative_time_s": c.derivative_time_s, "scan_s": c.scan_s},
+        "effects": [{"name": name, "parameters": dict(values)} for name, values in setting.effects],
+        "noise_sd": setting.noise_sd, "seed": seed, "step_s": setting.step_s,
+    }
+
+
+def with_stiction(setting: Setting, S: float, J: float) -> Setting:
+    """The same loop with another stickband plus deadband and slip jump."""
+    return replace(setting, S=S, J=J)
+
+
+def presets() -> Sequence[str]:
+    """Names of the presets."""
+    return tuple(PRESETS)
