@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from .loop import FloatArray
+
 # A value closer than this share of the range to a limit counts as lying on it. Unit: 1; chosen so that a
 # converged polish (last step 1e-4 of the range) can't hide on the limit.
 AT_BOUND_SHARE = 1e-3
@@ -12,7 +17,10 @@ AT_BOUND_SHARE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One number of a law, an effect or a process: what it is called, its unit, its limits, where it vanishes."""
+    """One number of a law, an effect or a process: what it is called, its unit, its limits, where it vanishes.
+
+    `log` says that the search moves it on a logarithmic scale (time constants, rates).
+    """
 
     name: str
     unit: str
@@ -20,6 +28,7 @@ class Parameter:
     high: float
     neutral: float
     meaning: str
+    log: bool = False
 
     def at_bound(self, value: float) -> bool:
         """True when `value` lies on one of the limits, where an estimate means "at least" or "at most"."""
@@ -49,6 +58,29 @@ class Space:
             return self.names.index(name)
         except ValueError:
             raise KeyError(name) from None
+
+    def from_cube(self, cube: FloatArray) -> FloatArray:
+        """Physical values (d, P) of points in the unit cube (P, d)."""
+        low, span, log = self.scales()
+        values = low[:, None] + span[:, None] * cube.T
+        values[log] = np.exp(values[log])
+        return values
+
+    def to_cube(self, values: FloatArray) -> FloatArray:
+        """Points in the unit cube (P, d) of physical values (d, P), clipped to the limits; fixed ones sit at 0."""
+        low, span, log = self.scales()
+        moved = np.array(values, dtype=np.float64, copy=True)
+        moved[log] = np.log(np.maximum(moved[log], 1e-300))
+        moved = (moved - low[:, None]) / np.where(span > 0, span, 1.0)[:, None]
+        moved[span == 0] = 0.0
+        return np.clip(moved.T, 0.0, 1.0)
+
+    def scales(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Lower limits, spans and logarithmic flags (d,), limits of logarithmic parameters as logarithms."""
+        log = np.array([p.log for p in self.parameters], dtype=bool)
+        low = np.array([np.log(p.low) if p.log else p.low for p in self.parameters])
+        high = np.array([np.log(p.high) if p.log else p.high for p in self.parameters])
+        return low, high - low, log
 
     def as_dict(self, vector: Sequence[float]) -> dict[str, float]:
         """A vector as named values."""

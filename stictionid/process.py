@@ -99,44 +99,79 @@ def _run(position, substeps, table, whole, fine, plain, response):
                 at[p] = i + lanes
 
 
+@kernel
+def _coefficients(T1, L, T2, part, substeps, ahead, integrating, table, whole, fine):
+    """Fill the coefficient table and the dead times in whole samples and parts; true when any second lag acts."""
+    any_lagged = False
+    for p in range(T1.size):
+        t1 = max(T1[p], 1e-9 * part)
+        t2 = T2[p]
+        lagged = t2 > 1e-9 * part
+        any_lagged = any_lagged or lagged
+        if abs(t2 - t1) < _SPREAD * t1:
+            t2 = t1 * (1.0 + _SPREAD)
+        delay = max(L[p] - (part if ahead else 0.0), 0.0) / part
+        steps = np.floor(delay + 1e-12)
+        f = min(max(delay - steps, 0.0), 1.0)
+        rest = (1.0 - f) * part
+        a1, e1 = np.exp(-part / t1), np.exp(-rest / t1)
+        table[_A1, p], table[_B1, p], table[_C1, p] = a1, 1.0 - e1, e1 - a1
+        # z answers x, which answers the held position: weights of z, x, and the two positions in the part.
+        if lagged:
+            a2, e2 = np.exp(-part / t2), np.exp(-rest / t2)
+            cross = t1 / (t1 - t2)
+            table[_A2, p], table[_B2X, p] = a2, cross * (a1 - a2)
+            table[_B2, p] = (1.0 - e2) - cross * (e1 - e2)
+            table[_C2, p] = (1.0 - a2) - cross * (a1 - a2) - table[_B2, p]
+        else:
+            table[_A2, p], table[_B2X, p] = 0.0, a1
+            table[_B2, p], table[_C2, p] = table[_B1, p], table[_C1, p]
+        table[_HELD, p], table[_PART, p] = rest, part - rest
+        table[_GX, p] = -t1 if integrating else 0.0
+        table[_GZ, p] = (-t2 if lagged else 0.0) if integrating else 1.0
+        table[_GI, p] = 1.0 if integrating else 0.0
+        whole[p] = int(steps) // substeps
+        fine[p] = int(steps) - whole[p] * substeps
+    return any_lagged
+
+
 def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substeps: int = 1,
-             centred: bool = False) -> FloatArray:
+             ahead: bool = False, room: int = 0) -> FloatArray:
     """Response per unit of gain (n, P) at the samples to positions (n*substeps, P), from rest at the first one.
 
-    `step_s` is the sampling time. With `centred`, a position stands for the time around its instant (half a part
-    before to half a part after) instead of the part that follows it: right for a command that moves between
-    samples. Dead times below half a part are then taken as half a part.
+    `step_s` is the sampling time. A position holds over the part that follows its instant or, with `ahead`, over the
+    part that ended there (as `between.interval_means` gives them); dead times below one part then count as one part.
+    `room` rows are left behind the response for further columns of the caller; what they hold is undefined.
     """
-    part = step_s / substeps
     lanes = position.shape[1]
-    T1 = np.maximum(np.broadcast_to(dynamics.time_constant_s, lanes), 1e-9 * part)
-    T2 = np.broadcast_to(dynamics.second_time_constant_s, lanes)
-    T2 = np.where(np.abs(T2 - T1) < _SPREAD * T1, T1 * (1 + _SPREAD), T2)
-    delay = np.maximum(np.broadcast_to(dynamics.dead_time_s, lanes) - (0.5 * part if centred else 0.0), 0.0) / part
-    steps = np.floor(delay + 1e-12)
-    f = np.clip(delay - steps, 0.0, 1.0)
-    h, rest = part, (1.0 - f) * part
     table = np.empty((_COEFFICIENTS, lanes))
-    a1, e1 = np.exp(-h / T1), np.exp(-rest / T1)
-    table[_A1], table[_B1], table[_C1] = a1, 1.0 - e1, e1 - a1
-    lagged = T2 > 1e-9 * part
-    T2_safe = np.where(lagged, T2, 1.0)
-    a2, e2 = np.exp(-h / T2_safe), np.exp(-rest / T2_safe)
-    gap = T1 - T2_safe
-    cross = T1 / np.where(gap == 0.0, 1.0, gap)
-    # z answers x, which answers the held position: weights of z, x, and the two positions in the part.
-    table[_A2] = np.where(lagged, a2, 0.0)
-    table[_B2X] = np.where(lagged, cross * (a1 - a2), a1)
-    table[_B2] = np.where(lagged, (1.0 - e2) - cross * (e1 - e2), table[_B1])
-    table[_C2] = np.where(lagged, (1.0 - a2) - cross * (a1 - a2) - table[_B2], table[_C1])
-    table[_HELD], table[_PART] = rest, h - rest
-    table[_GX] = -T1 if dynamics.integrating else 0.0
-    table[_GZ] = -np.where(lagged, T2, 0.0) if dynamics.integrating else 1.0
-    table[_GI] = 1.0 if dynamics.integrating else 0.0
-    whole = (steps // substeps).astype(np.int64)
-    fine = (steps - whole * substeps).astype(np.int64)
+    whole, fine = np.empty(lanes, np.int64), np.empty(lanes, np.int64)
+    T1, L, T2 = (np.ascontiguousarray(np.broadcast_to(np.asarray(x, dtype=np.float64), lanes))
+                 for x in (dynamics.time_constant_s, dynamics.dead_time_s, dynamics.second_time_constant_s))
+    lagged = _coefficients(T1, L, T2, step_s / substeps, substeps, ahead, dynamics.integrating, table, whole, fine)
     samples = position.shape[0] // substeps
-    response = np.zeros((samples + int(whole.max(initial=0)), lanes))
-    plain = not dynamics.integrating and not lagged.any()
-    _run(np.ascontiguousarray(position), substeps, table, whole, fine, plain, response)
-    return response[:samples]
+    response = np.zeros((samples + max(int(whole.max(initial=0)), room), lanes))
+    _run(np.ascontiguousarray(position), substeps, table, whole, fine, not dynamics.integrating and not lagged,
+         response)
+    return response[:samples + room]
+
+
+@kernel
+def _decay(T, step_s, out):
+    samples, lanes = out.shape
+    factor = np.empty(lanes)
+    for p in range(lanes):
+        alive = T[p] > 0.02 * step_s
+        factor[p] = np.exp(-step_s / T[p]) if alive else 0.0
+        out[0, p] = 1.0 if alive else 0.0
+    for k in range(1, samples):
+        before = out[k - 1]
+        row = out[k]
+        for p in range(lanes):
+            # Below this the transient is gone; denormal numbers would only cost time.
+            row[p] = before[p] * factor[p] if before[p] > 1e-14 else 0.0
+
+
+def transient(time_constant_s: FloatArray, out: FloatArray, *, step_s: float) -> None:
+    """Fill `out` (samples, P) with what is left of an unknown start, exp(-t/T) at the samples; its size is linear."""
+    _decay(np.ascontiguousarray(time_constant_s, dtype=np.float64), step_s, out)

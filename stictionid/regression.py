@@ -116,6 +116,25 @@ def whiten(columns: FloatArray, taps: FloatArray) -> FloatArray:
     return out
 
 
+@kernel
+def _whiten_stack(base, samples, taps):
+    """Filter each stretch of `samples` rows in place, last row first, so that no copy is needed."""
+    lanes = base.shape[1]
+    for first in range(0, base.shape[0], samples):
+        for k in range(samples - 1, 0, -1):
+            sink = base[first + k]
+            for i in range(min(taps.size, k)):
+                t = taps[i]
+                source = base[first + k - 1 - i]
+                for p in range(lanes):
+                    sink[p] += t * source[p]
+
+
+def whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
+    """Pass every column of a stack (columns*samples, P) through the filter of `whiten`, in place."""
+    _whiten_stack(base, samples, np.ascontiguousarray(taps))
+
+
 @dataclass(frozen=True, slots=True)
 class Shared:
     """What all candidates share in a least squares: rows (n,) that count, orthonormal columns, target without them."""
@@ -126,6 +145,7 @@ class Shared:
     target_energy: float
     rows: int
     freedom: int
+    right: FloatArray
 
     @classmethod
     def prepare(cls, target: FloatArray, columns: FloatArray, weight: BoolArray | FloatArray) -> Shared:
@@ -139,7 +159,8 @@ class Shared:
             columns = u[:, s > 1e-10 * s[0]]
         y = np.where(w > 0, target, 0.0)
         y = y - columns @ (columns.T @ y)
-        return cls(w, np.ascontiguousarray(columns), y, float(y @ y), int((w > 0).sum()), columns.shape[1])
+        right = np.ascontiguousarray(np.concatenate([columns, y[:, None]], axis=1))
+        return cls(w, np.ascontiguousarray(columns), y, float(y @ y), int((w > 0).sum()), columns.shape[1], right)
 
     def costs(self, base: FloatArray, offsets: tuple[int, ...] = (0,)) -> FloatArray:
         """Sum of squared residuals (P,) of each candidate; `inf` where a candidate's columns never move."""
@@ -153,32 +174,49 @@ class Shared:
         own, lanes, q = len(offsets), base.shape[1], self.basis.shape[1]
         squares = np.empty((own, own, lanes))
         cross = np.empty((own, q + 1, lanes))
-        right = np.concatenate([self.basis, self.target[:, None]], axis=1)
-        _products(base, np.asarray(offsets, np.int64), right, self.weight, squares, cross)
-        free = squares - np.einsum("icp,jcp->ijp", cross[:, :q], cross[:, :q])
-        return _normal(free, squares, cross[:, q], self.target_energy)
+        _products(base, np.asarray(offsets, np.int64), self.right, self.weight, squares, cross)
+        cost, sizes = np.empty(lanes), np.empty((own, lanes))
+        _solve(squares, cross, self.target_energy, cost, sizes)
+        return cost, sizes
 
 
-def _normal(free: FloatArray, before: FloatArray, right: FloatArray, energy: float) -> tuple[FloatArray, FloatArray]:
-    """Solve the (own, own) normal equations of every candidate by elimination; dependent ones are rejected."""
-    own, lanes = right.shape
-    a = free.copy()
-    b = right.copy()
-    good = np.ones(lanes, bool)
-    with np.errstate(all="ignore"):
+@kernel
+def _solve(squares, cross, energy, cost, sizes):
+    """Normal equations of every candidate, shared columns (orthonormal) taken out first; by elimination."""
+    own, lanes = sizes.shape
+    q = cross.shape[1] - 1
+    a = np.empty((own, own))
+    b = np.empty(own)
+    for p in range(lanes):
         for i in range(own):
-            good &= a[i, i] > _DEPENDENT * before[i, i]
+            b[i] = cross[i, q, p]
+            for j in range(own):
+                a[i, j] = squares[i, j, p]
+                for c in range(q):
+                    a[i, j] -= cross[i, c, p] * cross[j, c, p]
+        moved = a[0, 0] > _DEPENDENT * squares[0, 0, p]
+        gain = 0.0
+        for i in range(own):
+            if not a[i, i] > _DEPENDENT * squares[i, i, p]:
+                # A further column that says nothing new (a transient long gone, say) gets no coefficient.
+                a[i, i] = 1.0
+                b[i] = 0.0
+                for j in range(i + 1, own):
+                    a[i, j] = 0.0
+                    a[j, i] = 0.0
             for j in range(i + 1, own):
                 factor = a[j, i] / a[i, i]
-                a[j] -= factor * a[i]
+                for c in range(i, own):
+                    a[j, c] -= factor * a[i, c]
                 b[j] -= factor * b[i]
-        x = np.empty_like(b)
-        gain = np.zeros(lanes)
+            gain += b[i] * b[i] / a[i, i]
         for i in range(own - 1, -1, -1):
-            x[i] = (b[i] - (a[i, i + 1:] * x[i + 1:]).sum(axis=0)) / a[i, i]
-            gain += b[i] ** 2 / a[i, i]
-        cost = np.maximum(energy - gain, 0.0)
-    return np.where(good & np.isfinite(cost), cost, REJECTED), x
+            total = b[i]
+            for j in range(i + 1, own):
+                total -= a[i, j] * sizes[j, p]
+            sizes[i, p] = total / a[i, i]
+        value = max(energy - gain, 0.0)
+        cost[p] = value if moved and np.isfinite(value) else np.inf
 
 
 def bic(sse: float, rows: float, parameters: int) -> float:

@@ -2,7 +2,9 @@
 
 The loop is integrated as a continuous one (step at most `FINEST_STEP_S`) and sampled afterwards, because a loop
 stepped at the sampling time misses the paper's S_max by 3 to 15 %. With `scan_s` the controller works like a DCS:
-it computes once per scan and holds its output, and the valve law sees the held output once per scan.
+it computes once per scan and holds its output, and the valve law sees the held output once per scan. A physical law
+keeps moving in between: it is advanced every integration step, under a held command or, without scans, one that goes
+straight from one step to the next.
 Source: paper Fig. 1 and Table 1, METHODS.md section 3.
 """
 
@@ -17,7 +19,6 @@ import numpy as np
 
 from .errors import UsageError
 from .laws import get as get_law
-from .laws.contract import check_stiction, neutral_friction
 from .loop import FloatArray, Loop, Origin
 
 # Integration step of the continuous loop. Unit: s; METHODS.md section 3 (0.05 s reproduces S_max within 1.7 %).
@@ -59,6 +60,7 @@ class Setting:
     S: float = 5.0
     J: float = 3.0
     law: str = "chen"
+    law_values: tuple[tuple[str, float], ...] = ()
     step_s: float = 1.0
     duration_s: float = 1000.0
     setpoint_moves: tuple[tuple[float, float], ...] = ((0.0, 5.0),)
@@ -92,7 +94,6 @@ def preset(name: str) -> Setting:
 
 
 def _check(setting: Setting) -> None:
-    check_stiction(setting.S, setting.J)
     c, p = setting.controller, setting.plant
     for what, value, low in (
         ("--step", setting.step_s, 1e-6), ("--duration", setting.duration_s, setting.step_s),
@@ -173,33 +174,36 @@ def simulate(setting: Setting, *, seed: int = 0) -> Simulation:
     """Run the closed loop of `setting` and sample it; the same seed gives the same record.
 
     Starts at rest with r = u = y = 50. The recorded u at a sample is the output just after the controller used
-    that sample; y is recorded with its noise, which the controller sees too (held over the sampling interval).
-    Raises UsageError for values out of range and ModelError for S < 0, J < 0 or J > 2S.
+    that sample. A scanning controller sees the noisy, quantised y; a continuous one sees the process itself, because
+    white noise has no meaning in continuous time (held between samples it would stop the valve at every sample).
+    Raises UsageError for values out of range and ModelError for S, J or `law_values` that the law refuses.
     """
     _check(setting)
     law = get_law(setting.law)
     rng = np.random.default_rng(seed)
     fine, per_sample = _fine_step(setting)
-    samples = int(round(setting.duration_s / setting.step_s))
-    noise = setting.noise_sd * rng.standard_normal(samples)
+    samples = round(setting.duration_s / setting.step_s)
     time = np.arange(samples) * setting.step_s
     c = setting.controller
     scan = round(c.scan_s / fine) if c.scan_s else 0
-    friction = neutral_friction(setting.S, setting.J)
+    # Every measurement has noise of its own: each sample, and each scan where the controller scans faster.
+    hold = min(scan, per_sample) if scan else per_sample
+    noise = (setting.noise_sd * rng.standard_normal(-(-samples * per_sample // hold))).tolist()
+    friction = law.friction(setting.S, setting.J, values=dict(setting.law_values), step_s=fine, held=bool(scan))
     state = law.start(OPERATING_POINT, friction, np.zeros(1))
     process = _Process(setting.plant, fine)
     command, place, profile = np.full(1, OPERATING_POINT), np.empty((1, 1)), np.zeros(1)
     r_fine = _setpoint(setting, np.arange(samples * per_sample) * fine).tolist()
     r, u_rec, y_rec, v_rec = _setpoint(setting, time), np.empty(samples), np.empty(samples), np.empty(samples)
     y, u, total, e_last = 0.0, OPERATING_POINT, 0.0, 0.0
-    run_law = law.run
+    run_law, due = law.run, False
     run_law(command, friction, profile, state, place)
     for k in range(samples * per_sample):
         sample, part = divmod(k, per_sample)
-        seen = OPERATING_POINT + y + noise[sample]
-        if part == 0 and setting.quantise:
+        seen = OPERATING_POINT + y + noise[k // hold]
+        if setting.quantise:
             seen = round(seen / setting.quantise) * setting.quantise
-        e = r_fine[k] - seen
+        e = r_fine[k] - (seen if scan else OPERATING_POINT + y)
         if not scan or k % scan == 0:
             dt = c.scan_s if scan else fine
             free = total + c.gain / c.integral_time_s * dt * (e if scan else 0.5 * (e + e_last) if k else 0.0)
@@ -211,7 +215,10 @@ def simulate(setting: Setting, *, seed: int = 0) -> Simulation:
                 total = free
             e_last = e
             command[0] = u
+            due = True
+        if due or law.dynamic:
             run_law(command, friction, profile, state, place)
+            due = False
         if part == 0:
             y_rec[sample], u_rec[sample], v_rec[sample] = seen, u, place[0, 0]
         y = process.advance(place[0, 0] - OPERATING_POINT)
@@ -222,8 +229,9 @@ def simulate(setting: Setting, *, seed: int = 0) -> Simulation:
 
 def _truth(setting: Setting, seed: int) -> dict[str, Any]:
     p, c = setting.plant, setting.controller
+    J = setting.S if get_law(setting.law).one_parameter else setting.J
     return {
-        "law": setting.law, "S": setting.S, "J": setting.J,
+        "law": setting.law, "law_parameters": dict(setting.law_values), "S": setting.S, "J": J,
         "process": {"gain": p.gain, "time_constant_s": p.time_constant_s, "dead_time_s": p.dead_time_s,
                     "second_time_constant_s": p.second_time_constant_s, "integrating": p.integrating},
         "controller": {"gain": c.gain, "integral_time_s": c.integral_time_s,

@@ -8,13 +8,16 @@ which advances `state` in place, so that running a record piece by piece gives w
 closed-loop simulator calls the same kernel one sample at a time. `command` is in % of span, `position` in % of
 travel. The friction rows carry every effect of kind F, so each law gets every such effect and no kernel calls
 another file's. Rows at their neutral value (see `neutral_friction`) leave the plain law.
+
+A law's own numbers travel in the same table: `Law.friction` checks S and J in the law's own words and lets
+`supply` set rows (He & Wang's K) or append rows after ROWS (mass, spring and time step of a physical valve). So
+`run` has one signature for all laws, and a physical stem knows how much time passes between two commands.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -34,6 +37,26 @@ ROWS = 10
 TIE = 1e-9
 
 
+def check_stiction(stickband: FloatArray | float, slip_jump: FloatArray | float) -> None:
+    """Refuse S < 0, J < 0 and J > 2S (f_d would be below -S/2), with the value and the limit."""
+    S, J = np.broadcast_arrays(np.atleast_1d(stickband), np.atleast_1d(slip_jump))
+    check_size(S, "stickband plus deadband S")
+    check_size(J, "slip jump J")
+    if (J > 2 * S * (1 + 1e-12)).any():
+        bad = int(np.flatnonzero(J > 2 * S * (1 + 1e-12))[0])
+        raise ModelError(f"slip jump J = {J[bad]:g} % is more than 2 S = {2 * S[bad]:g} %",
+                         f"give J <= {2 * S[bad]:g}")
+
+
+def check_size(width: FloatArray, what: str) -> None:
+    """Refuse a width in % that is negative or not a number, naming it."""
+    width = np.atleast_1d(width)
+    bad = ~(np.isfinite(width) & (width >= 0))
+    if bad.any():
+        says = "must not be negative" if width[bad][0] < 0 else "is not a finite number"
+        raise ModelError(f"{what} = {width[bad][0]:g} % {says}", f"give {what.split()[-1]} >= 0")
+
+
 @dataclass(frozen=True, slots=True)
 class Law:
     """One stiction law: its kernel, its parameters beyond S and J, and what must be known about it.
@@ -41,6 +64,9 @@ class Law:
     `start(command0, friction, share)` gives the state (states, P) for a valve at rest whose residual force is
     `share` (P,) of f_s. `one_parameter` laws tie J to S. `searchable` is False for physical laws, which only
     simulate. `checked` says whether the printed source was seen or the law was reconstructed.
+
+    `parameters` are the law's own, beyond S and J, with their `defaults`; `check` refuses S and J outside its
+    validity. `dynamic` laws move while the command rests, so they are advanced every step of an integration.
     """
 
     name: str
@@ -55,8 +81,34 @@ class Law:
     searchable: bool = True
     one_parameter: bool = False
     sliding_state: int | None = 1
+    dynamic: bool = False
     parameters: tuple[Parameter, ...] = ()
-    extra: dict[str, Any] = field(default_factory=dict)
+    defaults: Mapping[str, float] = field(default_factory=dict)
+    check: Callable[[FloatArray | float, FloatArray | float], None] = check_stiction
+    supply: Callable[[FloatArray, Mapping[str, float], float, bool], FloatArray] | None = None
+
+    def friction(self, stickband: FloatArray | float, slip_jump: FloatArray | float, *,
+                 values: Mapping[str, float] | None = None, step_s: float = 1.0, held: bool = True) -> FloatArray:
+        """Friction table (>= ROWS, P) of this law for S and J in %, with `values` of its own parameters by name.
+
+        `step_s` is the time between two commands; a `held` command jumps at its instant, any other goes straight
+        from one sample to the next. Both matter to physical laws only; J does not matter to one-parameter laws.
+        Raises ModelError for S, J or values outside the law's validity, in the law's own sentence.
+        """
+        self.check(stickband, slip_jump)
+        chosen = dict(self.defaults)
+        for name, value in (values or {}).items():
+            if name not in chosen:
+                known = ", ".join(chosen) or "none beyond S and J"
+                raise ModelError(f"the law {self.name} has no parameter '{name}'", f"its parameters: {known}")
+            chosen[name] = float(value)
+        table = neutral_friction(stickband, stickband if self.one_parameter else slip_jump)
+        return table if self.supply is None else self.supply(table, chosen, step_s, held)
+
+    def searched_friction(self, S: FloatArray, J: FloatArray) -> FloatArray:
+        """Friction table (ROWS, P) inside a search: valid S and J (P,), the law's own parameters at their defaults."""
+        table = friction_table(S, S if self.one_parameter else J)
+        return table if self.supply is None else self.supply(table, dict(self.defaults), 1.0, True)
 
     def positions(self, command: FloatArray, friction: FloatArray, *, profile: FloatArray | None = None,
                   share: FloatArray | float = 0.0) -> FloatArray:
@@ -79,23 +131,14 @@ def neutral_friction(stickband: FloatArray | float, slip_jump: FloatArray | floa
     S = np.atleast_1d(np.asarray(stickband, dtype=np.float64))
     J = np.atleast_1d(np.asarray(slip_jump, dtype=np.float64))
     check_stiction(S, J)
-    S, J = np.broadcast_arrays(S, J)
+    return friction_table(*np.broadcast_arrays(S, J))
+
+
+def friction_table(S: FloatArray, J: FloatArray) -> FloatArray:
+    """The same table for arrays (P,) that are known to be valid: the search calls it for every population."""
     table = np.zeros((ROWS, S.size))
     table[FS_UP] = table[FS_DOWN] = 0.5 * (S + J)
     table[FD_UP] = table[FD_DOWN] = 0.5 * (S - J)
     table[OVERSHOOT] = 1.0
     table[LOWER], table[UPPER] = -np.inf, np.inf
     return table
-
-
-def check_stiction(stickband: FloatArray | float, slip_jump: FloatArray | float) -> None:
-    """Refuse S < 0, J < 0 and J > 2S (f_d would be below -S/2), with the value and the limit."""
-    S, J = np.broadcast_arrays(np.atleast_1d(stickband), np.atleast_1d(slip_jump))
-    if not np.isfinite(S).all() or (S < 0).any():
-        raise ModelError(f"stickband plus deadband S = {S[~(S >= 0)][0]:g} % must not be negative", "give S >= 0")
-    if not np.isfinite(J).all() or (J < 0).any():
-        raise ModelError(f"slip jump J = {J[~(J >= 0)][0]:g} % must not be negative", "give J >= 0")
-    if (J > 2 * S * (1 + 1e-12)).any():
-        bad = int(np.flatnonzero(J > 2 * S * (1 + 1e-12))[0])
-        raise ModelError(f"slip jump J = {J[bad]:g} % is more than 2 S = {2 * S[bad]:g} %",
-                         f"give J <= {2 * S[bad]:g}")

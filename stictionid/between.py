@@ -1,0 +1,104 @@
+"""What the controller output did between its samples.
+
+* `hold`: the output was held from one sample to the next (a DCS whose scan is the historian's step): exact.
+* `corner`: the output moved continuously; its corners and peaks lie between samples and are rebuilt. Each interval
+  takes the smoother of the two parabolas through its neighbours; where the curvature is concentrated in one
+  interval, both flanks are extended into it and the corner is where they meet.
+
+Wrong for a noisy continuous output (the flanks then follow the noise) and for a held output of an unknown scan.
+Source: METHODS.md section 4, trap 4; the reconstruction is the essentially non-oscillatory scheme with subcell
+resolution of Harten (1989), reduced to parabolas. Measured on the presets of Table 1 (1 s samples): rms error
+5e-5 % on foptd against 4e-3 % for straight lines.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .errors import UsageError
+from .kernels import kernel
+from .laws.contract import FS_DOWN, FS_DRIFT, FS_UP
+from .loop import FloatArray
+
+MODES = ("hold", "corner")
+# Curvature in an interval must exceed its neighbours' by this factor to be a corner. Unit: 1.
+_CONCENTRATED = 3.0
+
+
+def rebuild(command: FloatArray, substeps: int, mode: str) -> FloatArray:
+    """The command (n,) on a grid `substeps` times finer, shape (n*substeps,); the last sample is held.
+
+    Raises UsageError for an unknown mode.
+    """
+    if mode not in MODES:
+        raise UsageError(f"unknown way between samples '{mode}'", "choose one of auto, " + ", ".join(MODES))
+    if mode == "hold" or substeps == 1:
+        return np.repeat(command, substeps)
+    n = command.size
+    if n < 6:
+        return np.interp(np.arange(n * substeps) / substeps, np.arange(n), command)
+    curve = np.zeros(n)
+    curve[1:-1] = command[2:] - 2.0 * command[1:-1] + command[:-2]
+    curve[0], curve[-1] = curve[1], curve[-2]
+    s = np.arange(substeps) / substeps
+    left, right = curve[:-1], curve[1:]
+    smooth = np.where(np.abs(left) <= np.abs(right), left, right)
+    start, rise = command[:-1, None], np.diff(command)[:, None]
+    out = start + rise * s + 0.5 * smooth[:, None] * s * (s - 1.0)
+    k = np.arange(2, n - 3)
+    beside = np.maximum(np.abs(curve[k - 1]), np.abs(curve[k + 2]))
+    inside = np.abs(curve[k]) + np.abs(curve[k + 1])
+    corner = inside > 2.0 * _CONCENTRATED * beside + 1e-12
+    k = k[corner]
+    from_left = (command[k] + np.outer(s, command[k] - command[k - 1])
+                 + np.outer(s * (s + 1.0), 0.5 * curve[k - 1])).T
+    from_right = (command[k + 1] + np.outer(s - 1.0, command[k + 2] - command[k + 1])
+                  + np.outer((s - 1.0) * (s - 2.0), 0.5 * curve[k + 2])).T
+    end_left = 2.0 * command[k] - command[k - 1] + curve[k - 1]
+    gap_start = command[k] - (2.0 * command[k + 1] - command[k + 2] + curve[k + 2])
+    gap_end = end_left - command[k + 1]
+    meet = gap_start * gap_end <= 0.0
+    before = (from_left - from_right) * np.where(gap_start == 0.0, -gap_end, gap_start)[:, None] >= 0.0
+    out[k[meet]] = np.where(before, from_left, from_right)[meet]
+    return np.concatenate([out.ravel(), np.full(substeps, command[-1])])
+
+
+@kernel
+def _means(command, fs_up, fs_down, drift, profile, position, out):
+    rows, lanes = position.shape
+    for p in range(lanes):
+        out[0, p] = position[0, p]
+    for j in range(1, rows):
+        du = command[j] - command[j - 1]
+        size = abs(du) if du != 0.0 else 1.0
+        before_u = command[j - 1]
+        w = profile[j]
+        now_row = position[j]
+        before_row = position[j - 1]
+        sink = out[j]
+        for p in range(lanes):
+            before = before_row[p]
+            now = now_row[p]
+            moved = now - before
+            up = moved > 0.0
+            limit = (fs_up[p] if up else fs_down[p]) + drift[p] * w
+            e = before_u - before
+            force = e if up else -e
+            share = (limit - force) / size
+            share = min(max(share, 0.0), 1.0)
+            share = 0.0 if abs(moved - du) < 1e-9 else share
+            share = 1.0 if moved == 0.0 else share
+            rest = 1.0 - share
+            sink[p] = share * before + rest * (now - 0.5 * rest * du)
+
+
+def interval_means(command: FloatArray, table: FloatArray, profile: FloatArray, position: FloatArray) -> FloatArray:
+    """Mean position (rows, P) over the part that ends at each row, with the break-away at its instant inside it.
+
+    A valve at rest breaks away when |e| reaches f_s, which a command moving in a straight line does at a known share
+    of the part; before it the position is the old one, after it the new. That makes the cost continuous in S, which
+    a break-away on the next grid point does not (the jaggedness of METHODS.md section 4, trap 3).
+    """
+    out = np.empty_like(position)
+    _means(command, table[FS_UP], table[FS_DOWN], table[FS_DRIFT], profile, position, out)
+    return out

@@ -1,0 +1,123 @@
+"""`stictionid identify`: S, J, process, errors and verdict of one loop."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..historian.options import ReadOptions
+from . import app
+from ._reading import FileArgument, read_file, reads_file
+from ._shared import (
+    ForceOption, JsonOption, Progress, QuietOption, SeedOption, interval, number, out_console, plain_table, print_json,
+    safe, say, warn_when_cold,
+)
+
+
+@app.command()
+@reads_file
+def identify(
+    file: FileArgument,
+    reading: ReadOptions,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the study as JSON.")] = None,
+    method: Annotated[str, typer.Option(help="auto, or arx (the paper exactly: ARX and particle swarm).")] = "auto",
+    law: Annotated[str, typer.Option(help="Stiction law; see stictionid laws.")] = "chen",
+    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", help="Put an effect into the "
+                                                          "model from the start; repeatable.")] = None,
+    base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
+    between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold or corner.")] = "auto",
+    gain: Annotated[float | None, typer.Option(help="Known process gain, units of y per % of travel.")] = None,
+    time_constant: Annotated[float | None, typer.Option(help="Known time constant in seconds.")] = None,
+    dead_time: Annotated[float | None, typer.Option(help="Known dead time in seconds.")] = None,
+    order: Annotated[int, typer.Option(help="Order n of the ARX model (--method arx).")] = 2,
+    delay: Annotated[int | None, typer.Option(help="Delay of the ARX model in samples; scanned when left out.")] = None,
+    seed: SeedOption = 0,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes for work that can be split.")] = 1,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
+    = False,
+    force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
+) -> None:
+    """Find S, J, the process and whether the valve sticks, from controller output and process value.
+
+    Exit code 3 when the record can't tell; the study then says why.
+
+    Example: stictionid identify sample_data/foptd.csv -o study.json
+    """
+    from ..files import ensure_writable, write_whole
+    from ..identify import Options
+    from ..results import to_json
+
+    if output is not None:
+        ensure_writable(output, force=force, kind=b"{")
+    fixed = {name: value for name, value in (("gain", gain), ("time_constant_s", time_constant),
+                                             ("dead_time_s", dead_time)) if value is not None}
+    options = Options(method, law, tuple(with_effect or ()), base_only, between, fixed, seed, order, delay,
+                      "stictionid " + shlex.join(sys.argv[1:]))
+    options.check()
+    loop = read_file(file, reading, quiet=quiet).loop
+    warn_when_cold(quiet)
+    from ..identify import identify as run
+
+    with Progress(quiet or as_json) as progress:
+        study = run(loop, options=options, progress=progress)
+    if output is not None:
+        write_whole(output, to_json(study), force=force, kind=b"{")
+    if as_json:
+        print_json(study)
+    else:
+        show(study, quiet)
+        if output is not None:
+            say(f"wrote {output}; next: stictionid report {output} -o report.md", quiet=quiet)
+    if study.estimate is None:
+        raise typer.Exit(3)
+    if strict and (study.verdict.stiction == "undecided" or not study.adequate):
+        raise typer.Exit(4)
+
+
+def show(study: Any, quiet: bool) -> None:
+    """The study as tables on stdout, findings on stderr."""
+    console = out_console()
+    console.print(f"verdict: {study.verdict.stiction} (confidence {study.verdict.confidence:.2f})")
+    console.print(f"because: {safe(study.verdict.reason)}")
+    if study.estimate is None:
+        return
+    console.print(_estimate_table(study))
+    console.print(_error_table(study))
+    console.print(f"adequate: {'yes' if study.adequate else 'no'}, {study.adequate_reason}")
+    for finding in study.steps[-1].findings:
+        say(f"{finding.severity}: {finding.statement}", quiet=quiet)
+
+
+def _estimate_table(study: Any) -> Any:
+    e, step = study.estimate, study.steps[-1]
+    unit_y = study.data.units.get("process_value") or "unit of y"
+    table = plain_table("estimate", "value", "90 % interval", "from position", title="estimate")
+    seen = e.from_position
+    table.add_row("S stickband plus deadband", number(e.S, e.unit), interval(e.S_interval),
+                  number(seen.S, e.unit) if seen else "-")
+    table.add_row("J slip jump", number(e.J, e.unit), interval(e.J_interval), number(seen.J, e.unit) if seen else "-")
+    per = " per s" if e.integrating else ""
+    table.add_row("process gain", number(e.gain, f"{unit_y}/%{per}"), "-", "-")
+    spans = {p.name: p.interval for p in step.parameters if p.effect is None}
+    for i, lag in enumerate(e.time_constants_s):
+        table.add_row("time constant" if i == 0 else "second time constant", number(lag, "s"),
+                      interval(spans.get("time_constant_s") if i == 0 else None), "-")
+    table.add_row("dead time", number(e.dead_time_s, "s"), interval(spans.get("dead_time_s")), "-")
+    table.add_row("residual force at start", f"{e.initial_residual_force:.2f} of f_s", "-", "-")
+    return table
+
+
+def _error_table(study: Any) -> Any:
+    unit = study.data.units.get("process_value") or "unit of y"
+    table = plain_table("model", f"error ({safe(unit)})", "held out", "noise", "fit %", "restarts", title="error")
+    for step in study.steps:
+        e = step.error
+        kind = "integrator" if step.model.get("process") == "integrator" else "first order"
+        name = f"+ {step.added}" if step.added else f"base: {study.estimate.law}, {kind}"
+        table.add_row(name, number(e.rmse), number(e.rmse_holdout), number(e.noise_sd), number(e.fit_percent, "", 3),
+                      f"{step.restarts.agree} of {step.restarts.runs}")
+    return table

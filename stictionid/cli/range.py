@@ -1,0 +1,57 @@
+"""`stictionid range`: period, S_max and the cycles behind them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..historian.options import ReadOptions
+from . import app
+from ._reading import FileArgument, read_file, reads_file
+from ._shared import JsonOption, QuietOption, number, out_console, plain_table, print_json, say
+
+_SHOWN = 12
+
+
+@app.command("range")
+@reads_file
+def range_(file: FileArgument, reading: ReadOptions, as_json: JsonOption = False, quiet: QuietOption = False) -> None:
+    """Does the loop oscillate, how fast, and how far does the controller output swing.
+
+    Period T is the longest whole cycle (Eq. 20 of the paper), S_max the largest swing of the output within one
+    (Eq. 21): the stickband S is searched below it. Without a setpoint the mean of y is the reference.
+
+    Example: stictionid range sample_data/foptd.csv
+    """
+    from ..oscillation import find_range
+
+    loop = read_file(file, reading, quiet=quiet).loop
+    found = find_range(loop)
+    if as_json:
+        print_json(found)
+        return
+    console = out_console()
+    console.print(_summary(found))
+    if found.cycles:
+        console.print(_cycles(found))
+        if len(found.cycles) > _SHOWN:
+            say(f"the first {_SHOWN} of {len(found.cycles)} cycles; --json lists all", quiet=quiet)
+
+
+def _summary(found: Any) -> Any:
+    table = plain_table("what", "value", title="range")
+    table.add_row("oscillating", "yes" if found.oscillating else "no")
+    table.add_row("because", found.reason)
+    table.add_row("period T (longest)", number(found.period_s, "s"))
+    table.add_row("period (median)", number(found.period_median_s, "s"))
+    table.add_row("S_max", number(found.s_max, found.unit))
+    table.add_row("reference", found.reference)
+    table.add_row("output reversals", str(found.reversals))
+    return table
+
+
+def _cycles(found: Any) -> Any:
+    table = plain_table("cycle", "start s", "period s", f"swing of u {found.unit}", title="whole cycles")
+    for i, cycle in enumerate(found.cycles[:_SHOWN], 1):
+        table.add_row(f"{i}{' (start)' if i == 1 and len(found.cycles) > 3 else ''}", f"{cycle.start_s:.6g}",
+                      f"{cycle.period_s:.5g}", f"{cycle.u_swing:.4g}")
+    return table

@@ -1,0 +1,40 @@
+"""Extra lag: one more first-order lag between valve and measurement.
+
+Actuator, process and sensor lag are the same thing in u and y; only a measured position tells them apart.
+
+Equation: G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1)), T2 the second time constant.
+Source: METHODS.md section 5; exact discretisation in process.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..loop import FloatArray
+from ..parameters import Parameter
+from ..process import Dynamics
+from .contract import Context, Effect, Place
+
+_PARAMETER = Parameter("second_time_constant_s", "s", 0.0, 1e4, 0.0, "time constant of the further lag")
+
+
+def _dynamics(dynamics: Dynamics, theta: FloatArray) -> Dynamics:
+    return replace(dynamics, second_time_constant_s=theta[0])
+
+
+def _limits(context: Context) -> tuple[Parameter, ...]:
+    return (replace(_PARAMETER, high=1.5 * max(context.period_s, 10.0 * context.step_s)),)
+
+
+def _guess(context: Context) -> FloatArray:
+    return context.step_s * np.array([[0.5], [2.0], [5.0]]) + context.period_s * np.array([[0.0], [0.02], [0.1]])
+
+
+EFFECT = Effect(
+    name="extra-lag", kind="T", place=Place.PROCESS,
+    summary="one more first-order lag: actuator, process or sensor",
+    equation="G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1))",
+    source="METHODS.md section 5", parameters=(_PARAMETER,), limits=_limits, dynamics=_dynamics, guess=_guess,
+)

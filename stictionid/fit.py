@@ -1,0 +1,420 @@
+"""Fitting one model to one record: basin by ARX, finish by free run, restarts, hold-out, intervals.
+
+The ARX cost finds the basin in few dimensions (swarms over S, J and the initial residual force, for a ladder of
+delays); time constant and dead time follow from a grid; the free-run cost finishes all starts side by side by
+covariance matrix adaptation. Whether the restarts agree is part of the answer.
+Source: METHODS.md section 4, traps 1 to 5; CRITICISM.md sections 5 and 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .arx import Arx
+from .loop import FloatArray
+from .model import BASE, INTEGRATOR, Evaluated, Model
+from .regression import whiten
+from .search import refine, swarm
+
+GROUPS = 3
+_PARTICLES, _ROUNDS = 20, 18
+_DELAYS = 6
+_VALLEY_ROUNDS = 150
+_COARSE_SUBSTEPS, _MOST_RUNS, _RIDGE_TURNS = 4, 4, 3
+_ROAMERS, _ROAM_ROUNDS = 1, 25
+# The scan along the ridge: points and span in S (share), dead time in samples either way, and slip jumps tried as
+# shares of S (None: the point's own).
+_RIDGE_POINTS, _RIDGE_S, _RIDGE_SAMPLES = 161, 0.12, 5
+_RIDGE_J = (None, 0.3, 0.9)
+_RIDGE_KEPT = 6
+# A polish has settled when its cost falls by less than this share in a dozen rounds. Unit: 1.
+_SETTLED = 1e-4
+# Points closer than this in S and J (share of the range) need only one last polish.
+_SAME_POINT = 2e-3
+# Two restarts agree when S differs by at most this share and J by at most this share of S (CRITICISM.md section 7).
+AGREE_S, AGREE_J = 0.01, 0.05
+# Their costs must agree as well: -2 ln LR, or a share of the cost where the record is noise-free.
+_AGREE_COST, _AGREE_SIGNAL = 0.05, 0.002
+HOLDOUT_BLOCKS = 5
+# Size of the cloud around the optimum from which folds and intervals choose.
+_CLOUD = 240
+# Likelihood-ratio threshold for a 90 % interval of a threshold parameter (Hansen 2000; CRITICISM.md section 5).
+INTERVAL_THRESHOLD = 5.94
+INTERVAL_LEVEL = 0.90
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """The best values (d,) of a model, how the restarts agreed, and what else is needed for a step of a study."""
+
+    model: Model
+    values: FloatArray
+    sse: float
+    runs: int
+    agree: int
+    best: Evaluated
+    rmse_holdout: float | None
+    intervals: dict[str, tuple[float, float]]
+    searched: FloatArray
+
+
+def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> FloatArray:
+    """Starting points (groups, d) from independent swarms on the ARX cost; each swarm's best, (S, J, force) only."""
+    period = model.period_s / model.step_s
+    longest = int(np.clip(0.4 * period, 1, 60))
+    ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
+    arx = Arx(model, 2, tuple(int(d) for d in ladder))
+    rest = model.space.size - 3
+    neutral = _neutral(model)[None, 3:]
+
+    def cost(cube: FloatArray) -> FloatArray:
+        return arx.costs(model.values(np.concatenate([cube, neutral.repeat(len(cube), 0)], axis=1)))[0]
+
+    found = swarm(cost, 3, rng, groups=groups, particles=_PARTICLES, rounds=_ROUNDS)
+    picked: list[FloatArray] = []
+    for point in found.points:  # distinct ones first: a wrong basin must not fill all starts
+        if all(abs(point[0] - q[0]) > 0.015 or abs(point[1] - q[1]) > 0.1 for q in picked):
+            picked.append(point)
+        if len(picked) == groups:
+            break
+    starts = np.concatenate([np.array(picked), np.zeros((len(picked), rest))], axis=1)
+    starts[:, 3:] = neutral
+    return starts
+
+
+def _neutral(model: Model) -> FloatArray:
+    """Neutral point (d,) of the unit cube; process parameters in the middle."""
+    names = model.space.names
+    values = np.array([p.neutral for p in model.space.parameters])
+    cube = np.empty(len(names))
+    for i, p in enumerate(model.space.parameters):
+        span = (np.log(p.high / p.low) if p.log else p.high - p.low) if p.high > p.low else 0.0
+        if i in (3, 4) or not span:
+            cube[i] = 0.5
+        else:
+            cube[i] = np.clip((np.log(max(values[i], p.low) / p.low) if p.log else values[i] - p.low) / span, 0, 1)
+    return cube
+
+
+def with_process(model: Model, starts: FloatArray) -> FloatArray:
+    """Starts (k, d) with the best time constant and dead time of a grid on the free-run cost, best start first."""
+    T, L = np.meshgrid(np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12), indexing="ij")
+    grid = np.stack([T.ravel(), L.ravel()], axis=1)
+    out, costs = starts.copy(), np.empty(len(starts))
+    for i, start in enumerate(starts):
+        values = model.values(start[None])
+        position = model.positions(values)
+        points = start[None].repeat(len(grid), 0)
+        points[:, 3:5] = grid
+        c = process_costs(model, model.values(points), position)
+        out[i], costs[i] = points[c.argmin()], c.min()
+    return out[np.argsort(costs, kind="stable")]
+
+
+def process_costs(model: Model, values: FloatArray, position: FloatArray) -> FloatArray:
+    """Free-run costs of candidates that share one valve path (rows, 1)."""
+    out = np.empty(values.shape[1])
+    block = model.lanes()
+    for a in range(0, out.size, block):
+        part = values[:, a:a + block]
+        base, offsets = model.responses(part, np.repeat(position, part.shape[1], axis=1))
+        out[a:a + block] = (model._fixed_gain_costs(base, offsets) if "gain" in model.spec.fixed
+                            else model.shared.costs(base, offsets))
+    return out
+
+
+def with_start(model: Model, points: FloatArray) -> FloatArray:
+    """Points (k, d) with the best initial residual force of a ladder: the force decides basins of its own."""
+    ladder = np.linspace(0.02, 0.98, 13)
+    trial = points[:, None, :].repeat(ladder.size + 1, axis=1)
+    trial[:, 1:, 2] = ladder
+    c = model.costs(trial.reshape(-1, points.shape[1])).reshape(len(points), -1)
+    return trial[np.arange(len(points)), c.argmin(axis=1)]
+
+
+def along_ridge(model: Model, points: FloatArray) -> FloatArray:
+    """Neighbours (m, d) of points (k, d) along their ridge, best first: break-away later, dead time shorter, or back.
+
+    Under a slow held command the two can hardly be told apart, so the cost has one local minimum for every sample of
+    dead time. Each neighbour has the best S (and slip jump of a few) for its dead time; all deserve a polish.
+    """
+    dead = model.space.parameters[4]
+    if dead.low == dead.high or "gain" in model.spec.fixed:
+        return points[:0]
+    found: list[tuple[float, FloatArray]] = []
+    for point in points:
+        values = model.values(point[None])[:, 0]
+        S = values[0] * (1.0 + np.linspace(-_RIDGE_S, _RIDGE_S, _RIDGE_POINTS))
+        grid = values[:, None].repeat(S.size * len(_RIDGE_J), axis=1)
+        grid[0] = np.tile(S, len(_RIDGE_J))
+        share = np.array([values[1] / max(values[0], 1e-12) if j is None else j for j in _RIDGE_J])
+        grid[1] = grid[0] * (1.0 if model.law.one_parameter else share.repeat(S.size))
+        back = min(_RIDGE_SAMPLES, int((values[4] - dead.low) / model.step_s))
+        grid[4] = values[4] - back * model.step_s
+        for shift, (cost, at) in enumerate(_shifted_costs(model, grid, back + _RIDGE_SAMPLES)):
+            if shift != back:
+                neighbour = grid[:, at].copy()
+                neighbour[4] += shift * model.step_s
+                found.append((cost, model.cube(neighbour[:, None])[0]))
+    found.sort(key=lambda f: f[0])
+    return np.array([f[1] for f in found[:_RIDGE_KEPT]]).reshape(-1, points.shape[1])
+
+
+def _shifted_costs(model: Model, values: FloatArray, shifts: int) -> list[tuple[float, int]]:
+    """For a dead time 0, 1, … samples longer: the smallest cost over the candidates (d, P), and which one it is."""
+    shifts = min(shifts, model.skip)
+    costs = np.empty((shifts + 1, values.shape[1]))
+    block = model.lanes()
+    for a in range(0, values.shape[1], block):
+        base, offsets = model.responses(values[:, a:a + block])
+        for s in range(shifts + 1):
+            # Rows before the record have weight 0: the first `skip` samples never count.
+            costs[s, a:a + block] = model.shared.costs(base, tuple(o - s for o in offsets))
+    return [(float(c.min()), int(c.argmin())) for c in costs]
+
+
+def roamed(model: Model, rng: np.random.Generator) -> FloatArray:
+    """Starting points from swarms on the free-run cost itself, where drift or wrong dynamics mislead the ARX cost."""
+    found = swarm(model.costs, model.space.size, rng, groups=_ROAMERS, particles=32, rounds=_ROAM_ROUNDS)
+    return found.points[_first_distinct(found.points, _ROAMERS)]
+
+
+def _first_distinct(points: FloatArray, count: int, apart: float = 0.02) -> list[int]:
+    kept: list[int] = []
+    for i, point in enumerate(points):
+        if all(np.abs(point[:2] - points[j, :2]).max() > apart for j in kept):
+            kept.append(i)
+        if len(kept) == count:
+            break
+    return kept
+
+
+def with_other_start(model: Model, point: FloatArray, count: int = 3) -> FloatArray:
+    """The best few (count, d) of point (d,) with another residual force and a process that goes with it.
+
+    A wrong start bends the slow process until both fit together, and neither can leave alone.
+    """
+    values = model.values(point[None])[:, 0]
+    T = values[3] * np.geomspace(0.6, 1.7, 9)
+    L = values[4] + model.step_s * np.arange(-3.0, 4.0)
+    grid = np.stack([g.ravel() for g in np.meshgrid(T, L, indexing="ij")])
+    axes = model.space.parameters
+    grid = np.clip(grid, [[axes[3].low], [axes[4].low]], [[axes[3].high], [axes[4].high]])
+    found: list[tuple[float, FloatArray]] = []
+    for force in np.linspace(-0.95, 0.95, 9):
+        trial = values[:, None].repeat(grid.shape[1], axis=1)
+        trial[2], trial[3:5] = force, grid
+        costs = process_costs(model, trial, model.positions(trial[:, :1]))
+        found.append((float(costs.min()), trial[:, int(costs.argmin())]))
+    found.sort(key=lambda f: f[0])
+    return model.cube(np.stack([f[1] for f in found[:count]], axis=1))
+
+
+def spreads(model: Model, factor: float = 1.0) -> FloatArray:
+    """First standard deviations of a polish, as shares of the ranges (d,)."""
+    base = np.array([0.01, 0.05, 0.1, 0.03, 0.03])
+    return factor * np.concatenate([base, np.full(model.space.size - len(BASE), 0.05)])
+
+
+def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None = None,
+           before: tuple[FloatArray, FloatArray] | None = None) -> tuple[FloatArray, FloatArray]:
+    """Independent runs until two agree, four at the most: their best points (k, d) and costs (k,), best first.
+
+    `before` are runs that were made already.
+    """
+    coarse = search_model(model)
+    points, costs = before or (np.empty((0, model.space.size)), np.empty(0))
+    while len(costs) < _MOST_RUNS and not (len(costs) >= 2 and agreement(coarse, points, costs) >= 2):
+        point, cost = one_run(coarse, rng, starts)
+        points, costs = np.concatenate([points, point[None]]), np.append(costs, cost)
+        order = np.argsort(costs, kind="stable")
+        points, costs = points[order], costs[order]
+    return points, costs
+
+
+def search_model(model: Model) -> Model:
+    """The model to search on: a command that moves between samples is searched on a coarser grid than finished on."""
+    if model.spec.substeps <= _COARSE_SUBSTEPS:
+        return model
+    return Model(model.loop, replace(model.spec, substeps=_COARSE_SUBSTEPS), s_max=model.s_max,
+                 period_s=model.period_s, residual=model.context.residual)
+
+
+def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = None) -> tuple[FloatArray, float]:
+    """One search from nothing (or from given starts): best point (d,) and cost."""
+    if starts is None:
+        starts = np.concatenate([with_process(model, basins(model, rng)), roamed(model, rng)])
+    found = refine(model.costs, with_start(model, starts), rng, spread=spreads(model), rounds=35, population=14,
+                   settle=_SETTLED)
+    points, costs = found.points, found.costs
+    for _ in range(_RIDGE_TURNS if model.spec.substeps == 1 else 1):
+        near = along_ridge(model, points[:2]) if model.spec.substeps == 1 else points[:0]
+        best = np.concatenate([with_start(model, np.concatenate([points[:2], near])),
+                               with_other_start(model, points[0])])
+        last = refine(model.costs, best, rng, spread=spreads(model, 0.4), rounds=45, population=14, settle=_SETTLED)
+        dead = model.values(np.stack([points[0], last.points[0]]))[4]
+        points, costs = last.points, last.costs
+        if abs(dead[1] - dead[0]) < 0.5 * model.step_s:
+            break
+    if model.spec.substeps > 1:
+        # Where the command moves between samples the ridge is a smooth, narrow valley: walk along it.
+        valley = refine(model.costs, with_start(model, points[:2]), rng, spread=spreads(model, 0.4),
+                        rounds=_VALLEY_ROUNDS, population=14, settle=_SETTLED)
+        points = valley.points
+    return polish_smooth(model, with_start(model, points[:1])[0], rng)
+
+
+def polish_smooth(model: Model, point: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:
+    """Point (d,) polished with the break-away as it is: S has a plateau narrower than anything else, and holding it
+    lets J, the process and the effects settle in a smooth cost."""
+    free = np.array([i for i, p in enumerate(model.space.parameters) if i not in (0, 2) and p.high > p.low])
+
+    def cost(part: FloatArray) -> FloatArray:
+        cube = point[None].repeat(len(part), 0)
+        cube[:, free] = part
+        return model.costs(cube)
+
+    found = refine(cost, point[None, free], rng, spread=spreads(model, 0.3)[free], rounds=60, population=12,
+                   settle=0.1 * _SETTLED)
+    best = point.copy()
+    best[free] = found.points[0]
+    return best, float(found.costs[0])
+
+
+def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.Generator, *,
+           rounds: int = 200, holdout: bool = True) -> Fitted:
+    """Last polish of the best points errors and intervals."""
+    values = model.values(points)
+    found = refine(model.costs, with_start(model, _distinct(points)[:3]), rng, spread=spreads(model, 0.15), rounds=rounds, population=18, settle=_SETTLED)
+    top, best_cost = polish_smooth(model, found.points[0], rng)
+    agree = agreement(model, points, costs)
+    cube, cost = _cloud(model, top, rng)
+    if cost.min() < best_cost:
+        top, best_cost = cube[cost.argmin()], float(cost.min())
+    best_values = model.values(top[None])[:, 0]
+    best = model.evaluate(best_values)
+    held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:_CLOUD // 4]]) if holdout else None
+    return Fitted(model, best_values, best_cost, len(points), agree, best, held,
+                  _intervals(model, cube, cost, best_cost, best), values[:2].T)
+
+
+def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
+    values = model.values(points)
+    S, J = values[0], values[1]
+    close = np.abs(S - S[0]) <= AGREE_S * S[0]
+    close &= np.abs(J - J[0]) <= AGREE_J * S[0]
+    ratio = costs / max(costs[0], 1e-300)
+    alike = (ratio <= 1.0 + _AGREE_COST) | (model.shared.rows * np.log(ratio) <= 2.0)
+    # Errors that differ by less than this share of the signal are alike in any real record.
+    alike |= np.sqrt(costs) - np.sqrt(costs[0]) <= _AGREE_SIGNAL * np.sqrt(model.shared.target_energy)
+    return int((close & alike).sum())
+
+
+def _cloud(model: Model, top: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Points around the optimum, shaped by the points that do nearly as well, and their costs."""
+    d = top.size
+    wide = top + spreads(model, 0.3) * rng.standard_normal((_CLOUD, d)) * np.exp(-2.0 * rng.random((_CLOUD, 1)))
+    cube = np.clip(np.concatenate([top[None], wide]), 0.0, 1.0)
+    cost = model.costs(cube)
+    for _ in range(3):
+        chosen = np.argsort(cost, kind="stable")[:max(3 * d, _CLOUD // 6)]
+        spread = np.cov(cube[chosen].T) + 1e-14 * np.eye(d)
+        root = np.linalg.cholesky(spread + 1e-12 * np.trace(spread) * np.eye(d))
+        move = 1.7 * rng.standard_normal((_CLOUD, d)) @ root.T
+        # Every third point keeps the break-away as it is: on a sampled command S has a plateau narrower than the rest.
+        move[::3, 0] = move[::3, 2] = 0.0
+        extra = np.clip(top + move, 0.0, 1.0)
+        cube, cost = np.concatenate([cube, extra]), np.concatenate([cost, model.costs(extra)])
+    return cube, cost
+
+
+def effective_rows(residual: FloatArray, good: FloatArray) -> float:
+    """Rows that count as independent, by the residual's lag-one autocorrelation (n (1-ρ)/(1+ρ))."""
+    from .noise import autocovariance
+
+    r = autocovariance(residual, good > 0, 1)
+    rho = float(np.clip(r[1] / r[0], 0.0, 0.999)) if r[0] > 0 else 0.0
+    return max(float((good > 0).sum()) * (1.0 - rho) / (1.0 + rho), 5.0)
+
+
+def _intervals(model: Model, cube: FloatArray, cost: FloatArray, best_cost: float,
+               best: Evaluated) -> dict[str, tuple[float, float]]:
+    """Smallest and largest value of each parameter among points that the likelihood ratio does not exclude."""
+    rows = effective_rows(np.nan_to_num(best.innovation), model.weight)
+    keep = rows * np.log(np.maximum(cost, 1e-300) / max(best_cost, 1e-300)) <= INTERVAL_THRESHOLD
+    if not keep.any():
+        keep = cost <= best_cost
+    values = model.values(cube[keep])
+    return {name: (float(v.min()), float(v.max())) for name, v in zip(best.values, values, strict=True)}
+
+
+def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
+    """Error on contiguous blocks that were masked while a fold chose its point from the cloud and its linear part.
+
+    The valve runs through the whole record, so no fold restarts it; the block and a gap beside it are left out. The
+    start-up transient is taken from the full fit: a fold without the start could not know it.
+    """
+    n = model.loop.samples
+    first = max(model.skip, model.taps.size)
+    edges = np.linspace(first, n, HOLDOUT_BLOCKS + 1).astype(int)
+    values = model.values(cube)
+    base, offsets = model.responses(values)
+    own = np.stack([base[o:o + n] for o in offsets])
+    T, L = values[3, 0], values[4, 0]
+    gap = int(min(max(L + 3.0 * T, model.period_s / 2.0) / model.step_s, (n - first) / (2 * HOLDOUT_BLOCKS)))
+    level = model.context.process_value - best.transient
+    own = own[:own.shape[0] - best.transients]
+    columns = whiten(np.concatenate([model._columns(), level[:, None]], axis=1), model.taps)
+    if model.spec.increments:
+        columns = columns[:, 1:]  # a constant has no differences
+    total, rows = 0.0, 0
+    fixed = model.spec.fixed.get("gain")
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        test = np.zeros(n, bool)
+        test[a:b] = True
+        test &= model.weight > 0
+        train = model.weight > 0
+        train[max(a - gap, 0):b + gap] = False
+        if test.sum() < 3 or train.sum() < 5 * (own.shape[0] + columns.shape[1]):
+            return None
+        error = _fold(own[:, train], columns[train], own[:, test], columns[test], fixed)
+        total, rows = total + error, rows + int(test.sum())
+    return float(np.sqrt(total / rows)) if np.isfinite(total) else None
+
+
+def _fold(own: FloatArray, columns: FloatArray, own_test: FloatArray, columns_test: FloatArray,
+          fixed_gain: float | None) -> float:
+    """Sum of squared errors on the test rows of the candidate that fits the training rows best."""
+    k = own.shape[0]
+    basis, y = columns[:, :-1], columns[:, -1]
+    q, r = np.linalg.qr(basis)
+    rest = own - np.einsum("ic,kcp->kip", q, np.einsum("ic,kip->kcp", q, own))
+    goal = y - q @ (q.T @ y)
+    cross = np.einsum("kip,i->pk", rest, goal)
+    squares = np.einsum("kip,jip->pkj", rest, rest)
+    if fixed_gain is not None:
+        sizes = np.zeros((own.shape[2], k))
+        sizes[:, 0] = fixed_gain
+    else:
+        ridge = 1e-12 * np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(k)
+        sizes = np.linalg.solve(squares + ridge + 1e-300 * np.eye(k), cross[:, :, None])[:, :, 0]
+    costs = goal @ goal - 2.0 * (sizes * cross).sum(axis=1) + np.einsum("pk,pkj,pj->p", sizes, squares, sizes)
+    p = int(np.argmin(costs))
+    tail = np.linalg.lstsq(r, q.T @ (y - own[:, :, p].T @ sizes[p]), rcond=1e-12)[0]
+    model_test = own_test[:, :, p].T @ sizes[p] + columns_test[:, :-1] @ tail
+    return float(np.sum((columns_test[:, -1] - model_test) ** 2))
+
+
+def is_integrator(model: Model) -> bool:
+    """Whether the model's process integrates."""
+    return model.spec.process == INTEGRATOR
+
+
+def _distinct(points: FloatArray) -> FloatArray:
+    """Points (k, d) without those that repeat an earlier one's S and J: restarts that agree need one polish."""
+    return points[_first_distinct(points, len(points), _SAME_POINT)]

@@ -1,0 +1,89 @@
+"""Gate 0: what a record must hold before S and J can be asked for; everything else is an abstention with its reason.
+
+Source: CRITICISM.md section 7, gate 0; METHODS.md section 4, identifiability.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .errors import CannotTell
+from .loop import Loop
+from .oscillation import FEWEST_CYCLES, FLAT, count_reversals, noise_of
+from .results import Range
+
+FEWEST_SAMPLES = 60
+# Without enough cycles, setpoint moves must make the valve reverse at least this often.
+FEWEST_REVERSALS = 4
+# Fewer samples than this in one period hide the slips. Unit: samples.
+SAMPLES_PER_PERIOD = 10
+# An output beyond this is no valve position in %. Unit: %.
+_HIGHEST_OUTPUT = 110.0
+# More than this share of samples at the output's own limit is a saturated loop.
+_SATURATED_SHARE = 0.2
+
+
+def check(loop: Loop, found: Range) -> None:
+    """Raise CannotTell where the record can't hold S and J; the message is the reason in one sentence."""
+    used = loop.used
+    u, y = loop.output[used], loop.process_value[used]
+    if u.size < FEWEST_SAMPLES:
+        raise CannotTell(f"only {u.size} usable samples, {FEWEST_SAMPLES} are needed", "give a longer record",
+                         code="too-short")
+    span = float(np.ptp(y))
+    if span <= FLAT * float(np.abs(y).max()) or span < 1e-30:
+        raise CannotTell(f"the process value does not vary: its whole span is {span:.3g} at a value of {y[0]:.3g}",
+                         "check the transmitter; choose another stretch with --start and --end", code="dead-signal")
+    swing = float(np.ptp(u))
+    if swing <= FLAT * float(np.abs(u).max()) or swing == 0.0:
+        raise CannotTell(f"the controller output is constant at {u[0]:g}: manual, or saturated",
+                         "choose a stretch in automatic with --start and --end", code="constant-output")
+    high = float(np.abs(u).max())
+    if high > _HIGHEST_OUTPUT and loop.unit("output", "%") != "%":
+        raise CannotTell(
+            f"the controller output reaches {high:.4g}: that is no valve position in % but the setpoint of another "
+            "loop (cascade master), or needs its span", "identify the slave loop, or give --span-op LO,HI",
+            code="output-not-a-valve")
+    tight = 1e-9 * max(swing, 1e-30)
+    limited = float(np.mean((u >= u.max() - tight) | (u <= u.min() + tight)))
+    if limited > max(_SATURATED_SHARE, 10.0 / u.size):
+        raise CannotTell(f"the controller output sits at its limit in {100 * limited:.0f} % of the samples "
+                         f"({100 * _SATURATED_SHARE:.0f} % is the most)",
+                         "choose a stretch without saturation with --start and --end", code="saturated-output")
+    counted = found.cycles[1:] if len(found.cycles) > FEWEST_CYCLES else found.cycles
+    enough = len(counted) >= FEWEST_CYCLES
+    if not enough and _driven_reversals(loop) < FEWEST_REVERSALS:
+        raise CannotTell(
+            f"too little movement: {len(counted)} whole cycles ({FEWEST_CYCLES} are needed) and no setpoint moves that "
+            f"make the valve reverse {FEWEST_REVERSALS} times", "give a longer record", code="too-few-cycles")
+    if enough and found.period_median_s is not None:
+        per = found.period_median_s / loop.step_s
+        if per < SAMPLES_PER_PERIOD:
+            raise CannotTell(
+                f"sampled too slowly: {per:.1f} samples a period, {SAMPLES_PER_PERIOD} are needed "
+                f"(period {found.period_median_s:.4g} s, step {loop.step_s:g} s)",
+                f"export at {found.period_median_s / SAMPLES_PER_PERIOD:.3g} s or faster", code="too-slow-sampling")
+
+
+def _driven_reversals(loop: Loop) -> int:
+    """Reversals of the output in a record whose setpoint moves; 0 where it does not."""
+    r = loop.setpoint
+    if r is None or np.ptp(r[loop.used]) <= FLAT * max(float(np.abs(r[loop.used]).max()), 1e-30):
+        return 0
+    u = loop.output[loop.used]
+    return count_reversals(u, max(0.05 * float(np.ptp(u)), 4.0 * noise_of(u)))
+
+
+def reversal_period_s(loop: Loop, found: Range) -> float:
+    """The time scale of the record in seconds: the median period, or two mean times between reversals without one."""
+    if found.period_median_s is not None and len(found.cycles) >= 2:
+        return found.period_median_s
+    turns = max(_driven_reversals(loop), 1)
+    return float(np.clip(2.0 * loop.samples * loop.step_s / (turns + 1), 10 * loop.step_s,
+                         loop.samples * loop.step_s / 2))
+
+
+def swing_of(loop: Loop, found: Range) -> float:
+    """Upper limit for S in the unit of u: S_max (Eq. 21), or the whole swing of u where there are no cycles."""
+    swing = float(np.ptp(loop.output[loop.used]))
+    return float(found.s_max) if found.s_max else swing

@@ -1,0 +1,374 @@
+"""The model of a loop from command to measurement: stiction law, effects, process, and what stays linear.
+
+command -> [law with friction effects] -> [stem and trim effects] -> [process] -> gain * response + shared columns
+
+`Model` evaluates many candidates at once (points of the unit cube) and describes one of them fully. Gain, offset,
+start-up transient and the sizes of linear effects never join the search: they are fitted by separable least squares
+in `regression`. For integrators, and where a noise model says so, response, columns and data are prewhitened alike.
+Source: paper Eq. 7 to 19; METHODS.md section 4, traps 1, 2, 4 and 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from . import effects as effect_room
+from . import laws as law_room
+from .between import interval_means, rebuild
+from .effects.contract import Context, Effect
+from .errors import ModelError
+from .loop import FloatArray, Loop
+from .parameters import Parameter, Space
+from .process import Dynamics, free_run, transient
+from .regression import REJECTED, Shared, whiten, whiten_stack
+
+# Limits of the search, METHODS.md section 4: sampled peaks are clipped, so S may exceed S_max by a fifth.
+S_OVER_S_MAX = 1.2
+J_OVER_S = 1.5
+# Below this share of S_max a stickband moves nothing that could be told from a linear valve. Unit: 1.
+_SMALLEST_S = 0.01
+# Candidates evaluated together are limited so that their positions stay in the cache. Unit: numbers.
+_BLOCK = 1 << 18
+_FEWEST_LANES, _MOST_LANES = 16, 64
+# Samples left out of the cost at the start, as a share of the record and at most this many periods.
+_SKIP_SHARE, _SKIP_PERIODS = 0.05, 0.5
+
+FIRST_ORDER, INTEGRATOR = "first-order", "integrator"
+BASE = ("S", "J", "initial_residual_force", "time_constant_s", "dead_time_s")
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """What a model is made of, without its numbers: what `identify` chooses and a study remembers.
+
+    `fixed` holds values the user knows ("gain", "time_constant_s", "dead_time_s"). `taps` is the autoregressive
+    noise model (coefficients after the leading 1); `increments` fits differences, for integrators.
+    """
+
+    law: str = "chen"
+    process: str = FIRST_ORDER
+    effects: tuple[str, ...] = ()
+    between: str = "hold"
+    substeps: int = 1
+    increments: bool = False
+    taps: tuple[float, ...] = ()
+    fixed: dict[str, float] = field(default_factory=dict)
+    friction_free: bool = False
+
+    def whitening(self) -> FloatArray:
+        """All taps of the prewhitening filter, the difference for integrators included."""
+        polynomial = np.concatenate([[1.0], self.taps])
+        if self.increments:
+            polynomial = np.convolve(polynomial, [1.0, -1.0])
+        return polynomial[1:]
+
+
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """One model run against its record, arrays (n,): what pictures are drawn from. NaN where not defined."""
+
+    time_s: FloatArray
+    setpoint: FloatArray | None
+    output: FloatArray
+    process_value: FloatArray
+    model: FloatArray
+    residual: FloatArray
+    position: FloatArray
+    innovation: FloatArray
+    measured_position: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluated:
+    """One candidate in full: named values, linear coefficients, curves in the unit of y, and the sums behind them."""
+
+    values: dict[str, float]
+    gain: float
+    offset: float
+    own: FloatArray
+    transient: FloatArray
+    transients: int
+    model: FloatArray
+    residual: FloatArray
+    innovation: FloatArray
+    position: FloatArray
+    position_means: FloatArray
+    rows: int
+    sse: float
+    counted: FloatArray
+
+    @property
+    def rmse(self) -> float:
+        """Free-run error over the samples that count, in the unit of y."""
+        return float(np.sqrt(np.mean(self.residual[self.counted > 0] ** 2)))
+
+
+class Model:
+    """A `Spec` bound to one record: maps points of the unit cube to costs. Not changed after it is made."""
+
+    def __init__(self, loop: Loop, spec: Spec, *, s_max: float, period_s: float,
+                 residual: FloatArray | None = None) -> None:
+        self.loop, self.spec, self.s_max, self.period_s = loop, spec, s_max, period_s
+        self.law = law_room.get(spec.law)
+        self.effects: tuple[Effect, ...] = effect_room.in_order(spec.effects)
+        self.step_s = loop.step_s
+        y = _filled(loop.process_value)
+        command = rebuild(_filled(loop.output), spec.substeps, spec.between)
+        self.context = Context(command, y, loop.setpoint, loop.step_s, spec.substeps, period_s,
+                               dict(loop.extras), residual)
+        self._no_profile = np.zeros(command.size)
+        self.space = Space(self._axes())
+        self._scales = self.space.scales()
+        self._slices = self._effect_rows()
+        self.taps = spec.whitening()
+        self.skip = skipped(loop, period_s)
+        self.weight = self._weights()
+        self.target = whiten(y[:, None], self.taps)[:, 0]
+        self.shared = Shared.prepare(self.target, whiten(self._columns(), self.taps), self.weight)
+
+    def _axes(self) -> tuple[Parameter, ...]:
+        step, period, fixed = self.step_s, self.period_s, self.spec.fixed
+        hi_T = 20.0 * period if self.spec.process == FIRST_ORDER else 2.0 * period
+        base = [
+            Parameter("S", "%", _SMALLEST_S * self.s_max, S_OVER_S_MAX * self.s_max, 0.0, "stickband plus deadband"),
+            Parameter("J", "S", 0.0, 1.0 if self.law.one_parameter else J_OVER_S, 0.0, "slip jump, as a share of S"),
+            Parameter("initial_residual_force", "f_s", -1.0, 1.0, 0.0, "e(0) as a share of f_s"),
+            Parameter("time_constant_s", "s", 0.02 * step, hi_T, 0.0, "lag of the process", log=True),
+            Parameter("dead_time_s", "s", 0.0, max(0.6 * period, 5.0 * step), 0.0, "dead time of the process"),
+        ]
+        base = [replace(p, low=fixed[p.name], high=fixed[p.name], log=False) if p.name in fixed else p for p in base]
+        if self.spec.friction_free:
+            base[:3] = [replace(p, low=0.0, high=0.0) for p in base[:3]]
+        return tuple(base) + tuple(p for e in self.effects for p in e.parameters_for(self.context))
+
+    def _effect_rows(self) -> list[slice]:
+        at, rows = len(BASE), []
+        for effect in self.effects:
+            count = len(effect.parameters_for(self.context))
+            rows.append(slice(at, at + count))
+            at += count
+        return rows
+
+    def _weights(self) -> FloatArray:
+        used = self.loop.used.copy() if self.loop.used is not None else np.ones(self.loop.samples, bool)
+        good = used & np.isfinite(self.loop.process_value)
+        weight = good.copy()
+        for lag in range(1, self.taps.size + 1):
+            weight[lag:] &= good[:-lag]
+        weight[:max(self.skip, self.taps.size)] = False
+        return weight.astype(np.float64)
+
+    def _columns(self) -> FloatArray:
+        """Columns that all candidates share (n, q): the level, and the drift of an integrator out of balance."""
+        t = self.context.time_s
+        columns = [np.ones_like(t)]
+        if self.spec.process == INTEGRATOR:
+            columns.append(t / max(t[-1], 1.0))
+        return np.stack(columns, axis=1)
+
+    def values(self, cube: FloatArray) -> FloatArray:
+        """Physical values (d, P) of points (P, d) in the unit cube; J in %, within the law's validity."""
+        low, span, log = self._scales
+        values = low[:, None] + span[:, None] * np.atleast_2d(cube).T
+        values[log] = np.exp(values[log])
+        values[1] = values[0] if self.law.one_parameter else values[1] * values[0]
+        return values
+
+    def cube(self, values: FloatArray) -> FloatArray:
+        """Points of the unit cube for physical values (d, P) with J in %."""
+        moved = np.array(values, dtype=np.float64)
+        moved[1] = moved[1] / np.maximum(moved[0], 1e-12)
+        return self.space.to_cube(moved)
+
+    def positions(self, values: FloatArray) -> FloatArray:
+        """Valve positions (n*substeps, P) in % of travel, stem and trim effects included."""
+        table = self.law.searched_friction(values[0], values[1])
+        profile = self._no_profile
+        for effect, rows in zip(self.effects, self._slices, strict=True):
+            if effect.friction:
+                table, profile = effect.friction(table, profile, values[rows], self.context)
+        position = self.law.positions(self.context.command, table, profile=profile, share=values[2])
+        if self.spec.between == "corner":
+            position = interval_means(self.context.command, table, profile, position)
+        for effect, rows in zip(self.effects, self._slices, strict=True):
+            if effect.transform:
+                position = effect.transform(position, values[rows], self.context)
+        return position
+
+    def _dynamics(self, values: FloatArray) -> Dynamics:
+        dynamics = Dynamics(values[3], values[4], np.zeros(values.shape[1]), self.spec.process == INTEGRATOR)
+        for effect, rows in zip(self.effects, self._slices, strict=True):
+            if effect.dynamics:
+                dynamics = effect.dynamics(dynamics, values[rows])
+        return dynamics
+
+    def responses(self, values: FloatArray, position: FloatArray | None = None, *,
+                  filtered: bool = True) -> tuple[FloatArray, tuple[int, ...]]:
+        """Own columns of every candidate stacked in one array (rows, P), with the first row of each column.
+
+        The response of the process comes first, then the columns of linear effects, then start-up transients.
+        """
+        position = self.positions(values) if position is None else position
+        settings = {"step_s": self.step_s, "substeps": self.spec.substeps, "ahead": self.spec.between == "corner"}
+        dynamics = self._dynamics(values)
+        n = self.loop.samples
+        columns: list[FloatArray] = []
+        for effect, rows in zip(self.effects, self._slices, strict=True):
+            if effect.columns:
+                for column in effect.columns(values[rows], self.context):
+                    if effect.load:
+                        column = free_run(np.repeat(column, self.spec.substeps, axis=0), dynamics, **settings)
+                    columns.append(column)
+        # An unknown start dies away with every lag.
+        lags = [lag for lag in (dynamics.time_constant_s, dynamics.second_time_constant_s) if lag.any()]
+        count = 1 + len(columns) + len(lags)
+        base = free_run(position, dynamics, room=(count - 1) * n, **settings)
+        for i, column in enumerate(columns, 1):
+            base[i * n:(i + 1) * n] = column
+        for i, lag in enumerate(lags, 1 + len(columns)):
+            transient(lag, base[i * n:(i + 1) * n], step_s=self.step_s)
+        if filtered and self.taps.size:
+            whiten_stack(base, n, self.taps)
+        return base, tuple(i * n for i in range(count))
+
+    def lanes(self) -> int:
+        """How many candidates are evaluated together."""
+        return int(np.clip(_BLOCK // self.context.command.size // 16 * 16, _FEWEST_LANES, _MOST_LANES))
+
+    def costs(self, cube: FloatArray) -> FloatArray:
+        """Sum of squared residuals (P,) of points (P, d) of the unit cube; inf for a valve that never moves."""
+        values = self.values(cube)
+        return self.costs_of(values)
+
+    def costs_of(self, values: FloatArray) -> FloatArray:
+        """The same for physical values (d, P)."""
+        out = np.empty(values.shape[1])
+        block = self.lanes()
+        for a in range(0, out.size, block):
+            base, offsets = self.responses(values[:, a:a + block])
+            if "gain" in self.spec.fixed:
+                out[a:a + block] = self._fixed_gain_costs(base, offsets)
+            else:
+                out[a:a + block] = self.shared.costs(base, offsets)
+        return out
+
+    def _fixed_gain_costs(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
+        """Costs with the gain of the process given: the response joins the target instead of the columns."""
+        n, w = self.loop.samples, self.weight
+        out = np.full(base.shape[1], REJECTED)
+        for p in range(out.size):
+            own = np.stack([base[o:o + n, p] for o in offsets[1:]], axis=1)
+            if np.ptp(base[:n, p][w > 0]) > 0:
+                rest = self.target - self.spec.fixed["gain"] * base[:n, p]
+                # The transient joins the shared columns: it is the only other column of this candidate's own.
+                out[p] = Shared.prepare(rest, np.concatenate([self.shared.basis, own], axis=1), w).target_energy
+        return out
+
+    def evaluate(self, values: FloatArray) -> Evaluated:
+        """One candidate in full, physical values (d,)."""
+        values = np.asarray(values, dtype=np.float64)
+        column = values.reshape(-1, 1)
+        position = self.positions(column)
+        level, offsets = self.responses(column, position, filtered=False)
+        n = self.loop.samples
+        own = np.stack([level[o:o + n, 0] for o in offsets], axis=1)
+        shared = self._columns()
+        y = self.context.process_value
+        w = self.weight > 0
+        design = np.concatenate([own, shared], axis=1)
+        fixed_gain = self.spec.fixed.get("gain")
+        target = y - (fixed_gain * own[:, 0] if fixed_gain is not None else 0.0)
+        free = design[:, 1:] if fixed_gain is not None else design
+        filtered, goal = whiten(free, self.taps), whiten(target[:, None], self.taps)[:, 0]
+        scale = np.linalg.norm(filtered[w], axis=0)
+        scale[scale < 1e-12 * max(scale.max(initial=0.0), 1e-300)] = np.inf
+        solution, *_ = np.linalg.lstsq(filtered[w] / scale, goal[w], rcond=1e-12)
+        solution = solution / scale
+        coefficients = np.concatenate([[fixed_gain], solution]) if fixed_gain is not None else solution
+        k = own.shape[1]
+        lags = 1 + int(bool(self._dynamics(column).second_time_constant_s.any()))
+        model = design @ coefficients
+        if self.taps.size and self.spec.increments:
+            # Differences say nothing about the level: offset and drift come from the level itself.
+            level_w = self._level_weight() > 0
+            rest = (y - own @ coefficients[:k])[level_w]
+            tail, *_ = np.linalg.lstsq(shared[level_w], rest, rcond=1e-12)
+            coefficients = np.concatenate([coefficients[:k], tail])
+            model = design @ coefficients
+        innovation = whiten((y - model)[:, None], self.taps)[:, 0]
+        sse = float(np.sum((goal - filtered @ solution)[w] ** 2))
+        m = self.spec.substeps
+        sampled = position[::m, 0]
+        means = np.append(position[1:, 0], position[-1, 0]).reshape(-1, m).mean(axis=1)
+        return Evaluated(self.named(values), float(coefficients[0]), float(coefficients[k]),
+                         coefficients[:k], own[:, k - lags:] @ coefficients[k - lags:k], lags, model,
+                         np.where(np.isfinite(self.loop.process_value), y - model, np.nan),
+                         innovation, sampled, means, int(w.sum()), sse, self._level_weight())
+
+    def _level_weight(self) -> FloatArray:
+        good = np.isfinite(self.loop.process_value)
+        if self.loop.used is not None:
+            good &= self.loop.used
+        good[:self.skip] = False
+        return good.astype(np.float64)
+
+    def named(self, values: FloatArray) -> dict[str, float]:
+        """Physical values (d,) by name; an effect's parameters carry the effect's name before a colon."""
+        names = list(BASE)
+        for effect in self.effects:
+            names += [f"{effect.name}:{p.name}" for p in effect.parameters_for(self.context)]
+        return {name: float(v) for name, v in zip(names, values, strict=True)}
+
+    def vector(self, named: dict[str, float]) -> FloatArray:
+        """The inverse of `named`; parameters that are missing take their neutral value."""
+        neutral = {f"{e.name}:{p.name}": p.neutral for e in self.effects for p in e.parameters_for(self.context)}
+        names = [*BASE, *neutral]
+        missing = [name for name in BASE if name not in named]
+        if missing:
+            raise ModelError(f"the model lacks a value for {missing[0]}", "run stictionid identify again")
+        return np.array([named.get(name, neutral.get(name, 0.0)) for name in names])
+
+    def describe(self, values: FloatArray) -> dict[str, Any]:
+        """Everything needed to run this model again without a search (see `rerun`)."""
+        s = self.spec
+        return {"law": s.law, "process": s.process, "effects": list(s.effects), "between": s.between,
+                "substeps": s.substeps, "increments": s.increments, "taps": list(s.taps), "fixed": dict(s.fixed),
+                "friction_free": s.friction_free, "s_max": self.s_max, "period_s": self.period_s,
+                "values": self.named(values)}
+
+
+def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, FloatArray]:
+    """The model and values (d,) that `describe` wrote down; ModelError where something is missing."""
+    try:
+        spec = Spec(description["law"], description["process"], tuple(description["effects"]),
+                    description["between"], int(description["substeps"]), bool(description["increments"]),
+                    tuple(description["taps"]), dict(description["fixed"]),
+                    bool(description.get("friction_free", False)))
+        model = Model(loop, spec, s_max=description["s_max"], period_s=description["period_s"])
+        return model, model.vector(description["values"])
+    except (KeyError, TypeError) as error:
+        raise ModelError(f"the study's model can't be rebuilt: {error}", "run stictionid identify again") from None
+
+
+def rerun(loop: Loop, description: dict[str, Any]) -> Curves:
+    """Run a described model over its record once, without any search."""
+    model, values = rebuild_model(loop, description)
+    e = model.evaluate(values)
+    return Curves(loop.time_s, loop.setpoint, loop.output, loop.process_value, e.model, e.residual, e.position,
+                  e.innovation, loop.position)
+
+
+def skipped(loop: Loop, period_s: float) -> int:
+    """Samples left out of the cost at the start, where the unknown initial state still shows."""
+    return max(2, int(min(_SKIP_SHARE * loop.samples, _SKIP_PERIODS * period_s / loop.step_s)))
+
+
+def _filled(signal: FloatArray) -> FloatArray:
+    """The signal with gaps (NaN) bridged, so that filters run; bridged samples must carry no weight."""
+    good = np.isfinite(signal)
+    if good.all():
+        return np.ascontiguousarray(signal, dtype=np.float64)
+    return np.interp(np.arange(signal.size), np.flatnonzero(good), signal[good])

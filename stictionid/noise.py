@@ -1,0 +1,66 @@
+"""Noise: autoregressive models of a residual, and the estimate of the error that no model could remove."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .loop import BoolArray, FloatArray
+
+# Lags of the free model that estimates the irreducible noise (CRITICISM.md section 7, step 9).
+CEILING_LAGS = 20
+
+
+def autocovariance(signal: FloatArray, good: BoolArray, lags: int) -> FloatArray:
+    """Autocovariances at 0..lags from the pairs of which both samples are good, divided by all good samples."""
+    x = np.where(good, signal, 0.0)
+    count = max(int(good.sum()), 1)
+    return np.array([float(x[lag:] @ x[:x.size - lag]) / count for lag in range(lags + 1)])
+
+
+def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10) -> FloatArray:
+    """Taps of an AR model (coefficients after the leading 1) whose order 0..largest BIC chooses (Levinson-Durbin)."""
+    r = autocovariance(residual, good, largest)
+    n = float(good.sum())
+    if r[0] <= 0.0 or n < 10 * largest:
+        return np.empty(0)
+    best, best_bic = np.empty(0), n * np.log(r[0])
+    a, error = np.empty(0), r[0]
+    for order in range(1, largest + 1):
+        reflection = -(r[order] + a @ r[order - 1:0:-1][:a.size] if a.size else r[1]) / error
+        a = np.concatenate([a + reflection * a[::-1], [reflection]])
+        error *= 1.0 - reflection**2
+        if error <= 0.0:
+            break
+        score = n * np.log(error) + order * np.log(n)
+        if score < best_bic - 1e-9:
+            best, best_bic = a.copy(), score
+    return best
+
+
+def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray, delay: int) -> float | None:
+    """Standard deviation of the error that a free linear model of y and valve position leaves, in the unit of y.
+
+    Regresses y on CEILING_LAGS of its own past and of the position (n,) shifted by `delay` samples; corrected for the
+    fitted numbers. None where the record is too short. Too low where the noise is coloured: it is an innovation.
+    """
+    lags = CEILING_LAGS
+    first = lags + delay + 1
+    n = process_value.size
+    if n - first < 6 * lags:
+        return None
+    rows = np.arange(first, n)
+    keep = good[rows].copy()
+    for lag in range(1, lags + 1):
+        keep &= good[rows - lag]
+    rows = rows[keep]
+    if rows.size < 6 * lags:
+        return None
+    columns = [process_value[rows - lag] for lag in range(1, lags + 1)]
+    columns += [position[rows - delay - lag] for lag in range(1, lags + 1)]
+    design = np.stack([*columns, np.ones(rows.size)], axis=1)
+    mean = design.mean(axis=0)
+    mean[-1] = 0.0
+    solution, *_ = np.linalg.lstsq(design - mean, process_value[rows] - process_value[rows].mean(), rcond=1e-10)
+    error = process_value[rows] - process_value[rows].mean() - (design - mean) @ solution
+    error -= error.mean()
+    return float(np.sqrt(error @ error / max(rows.size - design.shape[1], 1)))

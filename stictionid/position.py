@@ -1,0 +1,63 @@
+"""S and J read directly from a measured valve position: the law fitted to command and position.
+
+Gain, offset and direction of the position signal are free (it may run opposite and in any unit), and it may lag the
+command by a few samples. Used beside the blind estimate, never inside it; as the paper does with Fig. 10.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import laws as law_room
+from .laws.contract import neutral_friction
+from .loop import FloatArray, Loop
+from .model import S_OVER_S_MAX
+from .regression import Shared
+from .results import PositionEstimate
+from .search import refine, swarm
+
+# Samples by which a recorded position may lag the command.
+_LARGEST_LAG = 3
+_FEWEST_SAMPLES = 20
+
+
+def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generator) -> PositionEstimate | None:
+    """Fit the law to command and measured position (n,) of `loop`; None where the position is absent or dead.
+
+    The error is in the unit of the position. Wrong where the position signal is filtered or only a demand.
+    """
+    z = loop.position
+    if z is None:
+        return None
+    good = np.isfinite(z) & loop.used
+    if good.sum() < _FEWEST_SAMPLES or np.ptp(z[good]) <= 1e-9 * max(np.abs(z[good]).max(), 1e-30):
+        return None
+    chosen = law_room.get(law)
+    command = np.where(np.isfinite(loop.output), loop.output, np.nanmean(loop.output))
+    filled = np.where(good, z, 0.0)
+    first = max(_LARGEST_LAG, min(loop.samples // 20, 50))
+    shared = Shared.prepare(filled[first:], np.ones((loop.samples - first, 1)), good[first:])
+
+    def values(cube: FloatArray) -> tuple[FloatArray, FloatArray]:
+        S = S_OVER_S_MAX * s_max * np.maximum(cube[:, 0], 1e-4)
+        return S, S if chosen.one_parameter else S * 1.5 * cube[:, 1]
+
+    def solve(cube: FloatArray) -> tuple[FloatArray, FloatArray]:
+        S, J = values(cube)
+        positions = chosen.positions(command, neutral_friction(S, J), share=2.0 * cube[:, 2] - 1.0)
+        best, gain = np.full(S.size, np.inf), np.zeros(S.size)
+        for lag in range(_LARGEST_LAG + 1):
+            cost, own = shared.solve(positions, (first - lag,))
+            better = cost < best
+            best[better], gain[better] = cost[better], own[0][better]
+        return best, gain
+
+    found = swarm(lambda c: solve(c)[0], 3, rng, groups=3, particles=20, rounds=15)
+    starts = found.points[:1].repeat(3, axis=0)
+    starts[:, 2] = (0.2, 0.5, 0.8)
+    best = refine(lambda c: solve(c)[0], starts, rng, spread=0.02, rounds=40)
+    cost, gain = solve(best.points[:1])
+    if not np.isfinite(cost[0]):
+        return None
+    S, J = values(best.points[:1])
+    return PositionEstimate(float(S[0]), float(J[0]), float(np.sqrt(cost[0] / shared.rows)), float(gain[0]), None)

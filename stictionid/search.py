@@ -1,0 +1,130 @@
+"""Global and local search over few parameters, with the whole population evaluated in one call.
+
+`swarm` is the particle swarm of the paper, synchronous, several independent swarms side by side; `refine` polishes
+starts without derivatives by covariance matrix adaptation (Hansen 2016, the tutorial's default constants), which
+suits a jagged cost with a narrow valley. Both work in the unit cube; the caller maps it to parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .loop import FloatArray
+
+Cost = Callable[[FloatArray], FloatArray]
+# Inertia and attraction of the swarm (Clerc and Kennedy 2002).
+_INERTIA, _PULL = 0.7298, 1.49618
+# A population whose step has shrunk below this share of the range has converged. Unit: 1.
+_SMALLEST_STEP = 1e-5
+# Rounds without progress after which a polish is done.
+_PATIENCE = 14
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Best points (k, d) of each independent search and their costs (k,), best first."""
+
+    points: FloatArray
+    costs: FloatArray
+    evaluations: int = 0
+
+
+def stratified(rng: np.random.Generator, count: int, dimensions: int) -> FloatArray:
+    """Latin hypercube in the unit cube, shape (count, dimensions)."""
+    cells = np.stack([rng.permutation(count) for _ in range(dimensions)], axis=1)
+    return (cells + rng.random((count, dimensions))) / count
+
+
+def swarm(cost: Cost, dimensions: int, rng: np.random.Generator, *, groups: int = 4, particles: int = 24,
+          rounds: int = 30) -> Found:
+    """Independent particle swarms in the unit cube; all their particles are one call of `cost` per round."""
+    x = np.concatenate([stratified(rng, particles, dimensions) for _ in range(groups)])
+    v = 0.25 * (rng.random(x.shape) - 0.5)
+    c = cost(x)
+    best, best_cost = x.copy(), c.copy()
+    group = np.repeat(np.arange(groups), particles)
+    for _ in range(rounds):
+        leaders = best_cost.reshape(groups, particles).argmin(axis=1) + np.arange(groups) * particles
+        lead = best[leaders[group]]
+        v = (_INERTIA * v + _PULL * rng.random(x.shape) * (best - x) + _PULL * rng.random(x.shape) * (lead - x))
+        x = x + v
+        outside = (x < 0.0) | (x > 1.0)
+        v[outside] *= -0.5
+        x = np.clip(x, 0.0, 1.0)
+        c = cost(x)
+        better = c < best_cost
+        best[better], best_cost[better] = x[better], c[better]
+    order = np.argsort(best_cost, kind="stable")
+    return Found(best[order], best_cost[order], (rounds + 1) * x.shape[0])
+
+
+def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: FloatArray | float = 0.02,
+           population: int = 0, rounds: int = 60, settle: float = 0.0) -> Found:
+    """Polish every start (k, d) by its own covariance matrix adaptation; all populations are one call a round.
+
+    `spread` is the first standard deviation, as a share of the range, for all or per dimension (d,). A start whose
+    best cost fell by less than the share `settle` over `_PATIENCE` rounds is done.
+    """
+    k, d = starts.shape
+    lam = population or max(12, 4 + int(3 * np.log(d)) * 2)
+    mu = lam // 2
+    w = np.log(mu + 0.5) - np.log(np.arange(1, mu + 1))
+    w /= w.sum()
+    mueff = 1.0 / (w**2).sum()
+    cc = (4 + mueff / d) / (d + 4 + 2 * mueff / d)
+    cs = (mueff + 2) / (d + mueff + 5)
+    c1 = 2 / ((d + 1.3) ** 2 + mueff)
+    cmu = min(1 - c1, 2 * (mueff - 2 + 1 / mueff) / ((d + 2) ** 2 + mueff))
+    damps = 1 + 2 * max(0.0, np.sqrt((mueff - 1) / (d + 1)) - 1) + cs
+    chi = np.sqrt(d) * (1 - 1 / (4 * d) + 1 / (21 * d * d))
+    scale = np.broadcast_to(np.asarray(spread, float), d)
+    mean = np.clip(starts, 0.0, 1.0) / scale
+    top = 1.0 / scale
+    sigma = np.ones(k)
+    cov = np.tile(np.eye(d), (k, 1, 1))
+    path_s, path_c = np.zeros((k, d)), np.zeros((k, d))
+    best, best_cost = np.clip(starts, 0.0, 1.0).copy(), cost(np.clip(starts, 0.0, 1.0))
+    spent = k
+    live = np.arange(k)
+    history = [best_cost.copy()]
+    for turn in range(rounds):
+        values, vectors = np.linalg.eigh(cov[live])
+        root = np.sqrt(np.maximum(values, 1e-20))
+        z = rng.standard_normal((live.size, lam, d))
+        y = np.einsum("kij,klj->kli", vectors, root[:, None, :] * z)
+        trial = np.clip(mean[live, None, :] + sigma[live, None, None] * y, 0.0, top)
+        y = (trial - mean[live, None, :]) / sigma[live, None, None]
+        c = cost((trial * scale).reshape(-1, d)).reshape(live.size, lam)
+        spent += c.size
+        order = np.argsort(c, axis=1, kind="stable")
+        for i, g in enumerate(live):
+            picked = order[i, :mu]
+            if c[i, order[i, 0]] < best_cost[g]:
+                best_cost[g], best[g] = c[i, order[i, 0]], trial[i, order[i, 0]] * scale
+            if not np.isfinite(c[i, picked[-1]]):
+                sigma[g] *= 0.7
+                continue
+            step = w @ y[i, picked]
+            mean[g] = np.clip(mean[g] + sigma[g] * step, 0.0, top)
+            inverse = vectors[i] @ ((vectors[i].T @ step) / root[i])
+            path_s[g] = (1 - cs) * path_s[g] + np.sqrt(cs * (2 - cs) * mueff) * inverse
+            length = float(np.linalg.norm(path_s[g]))
+            quiet = length / np.sqrt(1 - (1 - cs) ** (2 * (turn + 1))) < (1.4 + 2 / (d + 1)) * chi
+            path_c[g] = (1 - cc) * path_c[g] + quiet * np.sqrt(cc * (2 - cc) * mueff) * step
+            spread_mu = (y[i, picked].T * w) @ y[i, picked]
+            keep = 1 - c1 - cmu + (0.0 if quiet else c1 * cc * (2 - cc))
+            cov[g] = keep * cov[g] + c1 * np.outer(path_c[g], path_c[g]) + cmu * spread_mu
+            sigma[g] *= float(np.exp(np.clip((cs / damps) * (length / chi - 1), -1.0, 1.0)))
+        widest = sigma * np.sqrt(np.maximum(np.einsum("kii->ki", cov).max(axis=1), 1e-30)) * scale.max()
+        history.append(best_cost.copy())
+        going = widest > _SMALLEST_STEP
+        if settle and len(history) > _PATIENCE:
+            going &= best_cost < history[-1 - _PATIENCE] * (1.0 - settle)
+        live = live[going[live]]
+        if live.size == 0:
+            break
+    order = np.argsort(best_cost, kind="stable")
+    return Found(best[order], best_cost[order], spent)
