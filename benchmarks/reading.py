@@ -1,4 +1,4 @@
-"""Reading 2.6 million rows of four tags (one per second for 30 days): time and peak memory, each in a process of its own.
+"""Reading 2.6 million rows of four tags (one per second for 30 days): time and peak memory, one process each.
 
 Run: python benchmarks/reading.py [rows]
 """
@@ -14,10 +14,10 @@ from pathlib import Path
 ROWS = 2_600_000
 
 JOBS = {
-    "stictionid, CSV": "from stictionid.historian import read_loop\nloop = read_loop(r'{csv}')\nn = loop.samples",
+    "stictionid, CSV": "from stictionid.historian import read_loop\nn = read_loop(r'{csv}').samples",
     "pyarrow.csv, CSV": "from pyarrow import csv\nn = csv.read_csv(r'{csv}').num_rows",
     "pandas.read_csv, CSV": "import pandas\nn = len(pandas.read_csv(r'{csv}', parse_dates=['timestamp']))",
-    "stictionid, Parquet": "from stictionid.historian import read_loop\nloop = read_loop(r'{parquet}')\nn = loop.samples",
+    "stictionid, Parquet": "from stictionid.historian import read_loop\nn = read_loop(r'{parquet}').samples",
     "pyarrow.parquet, Parquet": "import pyarrow.parquet as pq\nn = pq.read_table(r'{parquet}').num_rows",
     "pandas.read_parquet, Parquet": "import pandas\nn = len(pandas.read_parquet(r'{parquet}'))",
 }
@@ -34,13 +34,15 @@ def make(folder: Path, rows: int) -> tuple[Path, Path]:
     rng = np.random.default_rng(1)
     t = np.arange(rows)
     ns = np.datetime64("2024-05-01T00:00:00", "s") + t.astype("timedelta64[s]")
-    table = pa.table({
-        "timestamp": pa.array(ns),
-        "FIC101.SP": np.full(rows, 50.0),
-        "FIC101.PV": np.round(50 + 2 * np.sign(np.sin(t / 40)) + 0.2 * rng.standard_normal(rows), 4),
-        "FIC101.OP": np.round(42 + 3 * np.arcsin(np.sin(t / 40 + 1)) + 0.05 * rng.standard_normal(rows), 4),
-        "FIC101.ZT": np.round(42 + 3 * np.sign(np.sin(t / 40)) + 0.05 * rng.standard_normal(rows), 4),
-    })
+    table = pa.table(
+        {
+            "timestamp": pa.array(ns),
+            "FIC101.SP": np.full(rows, 50.0),
+            "FIC101.PV": np.round(50 + 2 * np.sign(np.sin(t / 40)) + 0.2 * rng.standard_normal(rows), 4),
+            "FIC101.OP": np.round(42 + 3 * np.arcsin(np.sin(t / 40 + 1)) + 0.05 * rng.standard_normal(rows), 4),
+            "FIC101.ZT": np.round(42 + 3 * np.sign(np.sin(t / 40)) + 0.05 * rng.standard_normal(rows), 4),
+        }
+    )
     csv.write_csv(table, folder / "loop.csv")
     pq.write_table(table, folder / "loop.parquet")
     return folder / "loop.csv", folder / "loop.parquet"
@@ -48,8 +50,11 @@ def make(folder: Path, rows: int) -> tuple[Path, Path]:
 
 def measure(code: str) -> dict[str, float]:
     """Seconds inside the process (imports included) and its peak memory in MB."""
-    program = ("import json, resource, time\nt = time.perf_counter()\n" + code + "\nseconds = time.perf_counter() - t\n"
-               "print(json.dumps({'seconds': seconds, 'rows': n, 'mb': resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))")
+    program = (
+        "import json, resource, time\nt = time.perf_counter()\n" + code + "\nseconds = time.perf_counter() - t\n"
+        "mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024\n"
+        "print(json.dumps({'seconds': seconds, 'rows': n, 'mb': mb}))"
+    )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     result: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return result
@@ -61,15 +66,20 @@ def main() -> None:
     missed = False
     with tempfile.TemporaryDirectory() as folder:
         csv_path, parquet_path = make(Path(folder), rows)
-        print(f"{rows:,} rows x 4 tags; CSV {csv_path.stat().st_size / 1e6:.0f} MB, Parquet {parquet_path.stat().st_size / 1e6:.0f} MB")
+        print(
+            f"{rows:,} rows x 4 tags; CSV {csv_path.stat().st_size / 1e6:.0f} MB, "
+            f"Parquet {parquet_path.stat().st_size / 1e6:.0f} MB"
+        )
         print(f"{'what':32s} {'seconds':>8s} {'peak MB':>8s}  limit")
         for name, code in JOBS.items():
             result = measure(code.format(csv=csv_path, parquet=parquet_path))
             limit = LIMITS.get(name)
             late = limit is not None and (result["seconds"] > limit[0] or result["mb"] > limit[1])
             missed |= late
-            print(f"{name:32s} {result['seconds']:8.2f} {result['mb']:8.0f}  "
-                  + (f"{limit[0]:g} s, {limit[1]} MB {'MISSED' if late else 'met'}" if limit else ""))
+            print(
+                f"{name:32s} {result['seconds']:8.2f} {result['mb']:8.0f}  "
+                + (f"{limit[0]:g} s, {limit[1]} MB {'MISSED' if late else 'met'}" if limit else "")
+            )
     sys.exit(1 if missed and rows == ROWS else 0)
 
 

@@ -28,10 +28,11 @@ class Arx:
         y = model.context.process_value
         self.first = max(model.skip, order + max(delays) + 1)
         rows = np.arange(self.first, y.size)
-        weight = model.weight.copy()
+        good = model.good()
+        weight = good.copy()
         for lag in range(1, order + 1):
-            weight[lag:] *= model.weight[:-lag] > 0
-        self.weight = weight[rows]
+            weight[lag:] &= good[:-lag]
+        self.weight = weight[rows].astype(np.float64)
         self.mean = 0.0 if constant else float(y[rows].mean())
         self.command_mean = 0.0 if constant else float(model.context.command.mean())
         y = y - self.mean
@@ -44,7 +45,9 @@ class Arx:
 
     def _driving(self, values: FloatArray) -> FloatArray:
         """Position at the samples (n, P): the mean over each interval where the command moves in between."""
-        position = self.model.positions(values) - self.command_mean
+        position = self.model.positions(values)
+        if self.command_mean:
+            position -= self.command_mean
         m = self.model.spec.substeps
         return position if m == 1 else position.reshape(-1, m, position.shape[1]).mean(axis=1)
 

@@ -14,15 +14,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .arx import Arx
-from .loop import FloatArray
+from .loop import FloatArray, Loop
 from .model import BASE, INTEGRATOR, Evaluated, Model
 from .regression import whiten
 from .search import refine, swarm
 
 GROUPS = 3
-_PARTICLES, _ROUNDS = 20, 18
+_PARTICLES, _ROUNDS, _SCOUTS = 20, 12, 300
 _DELAYS = 6
 _VALLEY_ROUNDS = 150
+# Samples a period on which a search from nothing is made; records with twice as many are thinned for it.
+_SEARCH_SAMPLES = 60
 _COARSE_SUBSTEPS, _MOST_RUNS, _RIDGE_TURNS = 4, 4, 3
 _ROAMERS, _ROAM_ROUNDS = 1, 25
 # The scan along the ridge: points and span in S (share), dead time in samples either way, and slip jumps tried as
@@ -75,7 +77,8 @@ def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> F
     def cost(cube: FloatArray) -> FloatArray:
         return arx.costs(model.values(np.concatenate([cube, neutral.repeat(len(cube), 0)], axis=1)))[0]
 
-    found = swarm(cost, 3, rng, groups=groups, particles=_PARTICLES, rounds=_ROUNDS)
+    found = swarm(cost, 3, rng, groups=groups, particles=_PARTICLES, rounds=_ROUNDS,
+                  scouts=_SCOUTS)
     picked: list[FloatArray] = []
     for point in found.points:  # distinct ones first: a wrong basin must not fill all starts
         if all(abs(point[0] - q[0]) > 0.015 or abs(point[1] - q[1]) > 0.1 for q in picked):
@@ -180,7 +183,8 @@ def _shifted_costs(model: Model, values: FloatArray, shifts: int) -> list[tuple[
 
 def roamed(model: Model, rng: np.random.Generator) -> FloatArray:
     """Starting points from swarms on the free-run cost itself, where drift or wrong dynamics mislead the ARX cost."""
-    found = swarm(model.costs, model.space.size, rng, groups=_ROAMERS, particles=32, rounds=_ROAM_ROUNDS)
+    found = swarm(model.costs, model.space.size, rng, groups=_ROAMERS, particles=32, rounds=_ROAM_ROUNDS,
+                  scouts=_SCOUTS)
     return found.points[_first_distinct(found.points, _ROAMERS)]
 
 
@@ -246,27 +250,60 @@ def search_model(model: Model) -> Model:
 
 
 def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = None) -> tuple[FloatArray, float]:
-    """One search from nothing (or from given starts): best point (d,) and cost."""
-    if starts is None:
+    """One search from nothing (or from given starts): best point (d,) and cost.
+
+    A record with very many samples a period is searched thinned first: its ridge is too long to walk sample by
+    sample, and the thinned one is short.
+    """
+    moving = model.spec.between == "corner"
+    every = int(model.period_s / model.step_s / _SEARCH_SAMPLES)
+    if starts is None and every > 1:
+        small = thinned(model, every)
+        point, _ = one_run(small, rng)
+        starts = model.cube(small.values(point[None]).repeat(3, axis=1)
+                            + np.outer(np.arange(model.space.size) == 4, 0.5 * every * model.step_s * np.arange(-1, 2)))
+    elif starts is None:
         starts = np.concatenate([with_process(model, basins(model, rng)), roamed(model, rng)])
     found = refine(model.costs, with_start(model, starts), rng, spread=spreads(model), rounds=35, population=14,
                    settle=_SETTLED)
-    points, costs = found.points, found.costs
-    for _ in range(_RIDGE_TURNS if model.spec.substeps == 1 else 1):
-        near = along_ridge(model, points[:2]) if model.spec.substeps == 1 else points[:0]
-        best = np.concatenate([with_start(model, np.concatenate([points[:2], near])),
+    points = found.points
+    for _ in range(0 if moving else _RIDGE_TURNS):
+        near = np.concatenate([with_start(model, np.concatenate([points[:2], along_ridge(model, points[:2])])),
                                with_other_start(model, points[0])])
-        last = refine(model.costs, best, rng, spread=spreads(model, 0.4), rounds=45, population=14, settle=_SETTLED)
+        last = refine(model.costs, near, rng, spread=spreads(model, 0.4), rounds=45, population=14, settle=_SETTLED)
         dead = model.values(np.stack([points[0], last.points[0]]))[4]
-        points, costs = last.points, last.costs
+        points = last.points
         if abs(dead[1] - dead[0]) < 0.5 * model.step_s:
             break
-    if model.spec.substeps > 1:
+    if moving:
         # Where the command moves between samples the ridge is a smooth, narrow valley: walk along it.
-        valley = refine(model.costs, with_start(model, points[:2]), rng, spread=spreads(model, 0.4),
-                        rounds=_VALLEY_ROUNDS, population=14, settle=_SETTLED)
-        points = valley.points
+        near = np.concatenate([with_start(model, points[:2]), with_other_start(model, points[0], 1)])
+        points = refine(model.costs, near, rng, spread=spreads(model, 0.4), rounds=_VALLEY_ROUNDS, population=14,
+                        settle=_SETTLED).points
     return polish_smooth(model, with_start(model, points[:1])[0], rng)
+
+
+def thinned(model: Model, every: int) -> Model:
+    """The same model on every so many samples: y is averaged around them, the valve still sees every command.
+
+    The one-step error of a record sampled much faster than its dynamics is all noise; thinned, it shows the valve.
+    """
+    loop = model.loop
+    half = every // 2
+    part = slice(half, loop.samples - half, every)
+    window = np.ones(2 * half + 1) / (2 * half + 1)
+    y = np.convolve(model.context.process_value, window, "same")[part]
+    m = model.spec.substeps
+    command = model.context.command[half * m:]
+    residual = model.context.residual
+    small = Loop(output=loop.output[part], process_value=y,
+                 setpoint=None if loop.setpoint is None else loop.setpoint[part],
+                 used=(np.convolve(model.good(), window, "same") > 0.999)[part],
+                 extras={tag: x[part] for tag, x in loop.extras.items()}, step_s=loop.step_s * every, units=loop.units)
+    rows = small.samples * every * m
+    command = np.concatenate([command[:rows], np.full(max(rows - command.size, 0), command[-1])])
+    return Model(small, replace(model.spec, substeps=every * m), s_max=model.s_max, period_s=model.period_s,
+                 residual=None if residual is None else residual[part], command=command)
 
 
 def polish_smooth(model: Model, point: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:

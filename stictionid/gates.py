@@ -21,6 +21,10 @@ SAMPLES_PER_PERIOD = 10
 _HIGHEST_OUTPUT = 110.0
 # More than this share of samples at the output's own limit is a saturated loop.
 _SATURATED_SHARE = 0.2
+# A record that starts this share of its span away from the setpoint starts with a setpoint step.
+_STEPPED = 0.5
+# Parts of a period over which y is averaged before its slope is taken.
+_PARTS = 60
 
 
 def check(loop: Loop, found: Range) -> None:
@@ -66,21 +70,37 @@ def check(loop: Loop, found: Range) -> None:
 
 
 def _driven_reversals(loop: Loop) -> int:
-    """Reversals of the output in a record whose setpoint moves; 0 where it does not."""
+    """Reversals of the output in a record whose setpoint moves, or that starts away from it; 0 elsewhere."""
     r = loop.setpoint
-    if r is None or np.ptp(r[loop.used]) <= FLAT * max(float(np.abs(r[loop.used]).max()), 1e-30):
+    if r is None:
+        return 0
+    still = np.ptp(r[loop.used]) <= FLAT * max(float(np.abs(r[loop.used]).max()), 1e-30)
+    y = loop.process_value[loop.used]
+    if still and abs(float(r[loop.used][0] - y[0])) < _STEPPED * float(np.ptp(y)):
         return 0
     u = loop.output[loop.used]
     return count_reversals(u, max(0.05 * float(np.ptp(u)), 4.0 * noise_of(u)))
 
 
-def reversal_period_s(loop: Loop, found: Range) -> float:
-    """The time scale of the record in seconds: the median period, or two mean times between reversals without one."""
+def time_scale_s(loop: Loop, found: Range) -> float:
+    """The time scale of the record's swings in seconds: the median period, or less where the loop rests in between.
+
+    A loop that rests between its swings has a long period and fast swings, and these are what a search must resolve:
+    the scale is at most the period of the sine that moves as fast as y does on average. Without two cycles the mean
+    time between reversals takes the place of the period.
+    """
+    length = loop.samples * loop.step_s
     if found.period_median_s is not None and len(found.cycles) >= 2:
-        return found.period_median_s
-    turns = max(_driven_reversals(loop), 1)
-    return float(np.clip(2.0 * loop.samples * loop.step_s / (turns + 1), 10 * loop.step_s,
-                         loop.samples * loop.step_s / 2))
+        period = found.period_median_s
+    else:
+        turns = max(_driven_reversals(loop), 1)
+        period = float(np.clip(2.0 * length / (turns + 1), 10 * loop.step_s, length / 2))
+    block = max(int(period / loop.step_s / _PARTS), 1)
+    y = np.interp(np.arange(loop.samples), np.flatnonzero(loop.used), loop.process_value[loop.used])
+    y = y[:y.size // block * block].reshape(-1, block).mean(axis=1)
+    slope = float(np.std(np.diff(y))) / (block * loop.step_s) if y.size > 2 else 0.0
+    swing = 2.0 * np.pi * float(np.std(y)) / slope if slope else period
+    return float(np.clip(swing, SAMPLES_PER_PERIOD * loop.step_s, period)) if swing < period else period
 
 
 def swing_of(loop: Loop, found: Range) -> float:

@@ -21,11 +21,11 @@ from .errors import CannotTell, UsageError
 from .fit import (
     INTERVAL_LEVEL, Fitted, effective_rows, finish, one_run, process_costs, search, search_model, with_process,
 )
-from .gates import check, reversal_period_s, swing_of
+from .gates import check, swing_of, time_scale_s
 from .loop import Finding, FloatArray, Loop
 from .model import FIRST_ORDER, INTEGRATOR, Evaluated, Model, Spec, skipped
 from .noise import irreducible
-from .oscillation import find_range
+from .oscillation import find_range, noise_of
 from .position import from_position
 from .regression import bic
 from .results import (
@@ -39,6 +39,8 @@ BETWEEN = ("auto", "hold", "corner")
 SUBSTEPS = 8
 # A step of its own must lower the held-out error by this share and BIC by this much (CRITICISM.md section 7).
 _STEP_DROP, _STEP_BIC = 0.03, 20.0
+# Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
+_ROUGH = 2e-3
 # The command is taken as continuous only when that lowers the free-run error by this share.
 _CORNER_GAIN = 0.05
 # A lag beyond this share of the period looks like an integrator; that must then lower the error of differences so much.
@@ -141,7 +143,7 @@ class _Run:
 
     def __init__(self, loop: Loop, found: Range, options: Options, rng: np.random.Generator, tell: Progress) -> None:
         self.loop, self.found, self.options, self.rng, self.tell = loop, found, options, rng, tell
-        self.period_s, self.s_max = reversal_period_s(loop, found), swing_of(loop, found)
+        self.period_s, self.s_max = time_scale_s(loop, found), swing_of(loop, found)
         self.arx_process: tuple[float, tuple[float, ...], float, bool] | None = None
 
     def model(self, spec: Spec) -> Model:
@@ -183,12 +185,17 @@ class _Run:
     def _choose(self, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray]]:
         """Process structure and what the command did between samples, by one search each; the best search so far."""
         best = self._structure(spec)
-        if self.options.between == "auto" and not self._at_noise(best):
+        if self.options.between == "auto" and self._smooth() and not self._at_noise(best):
             self.tell("rebuilding the command between samples", 0.3)
             moving = self._structure(replace(best.spec, between="corner", substeps=SUBSTEPS))
             if moving.increments < (1.0 - _CORNER_GAIN) * best.increments:
                 best = moving
         return best.spec, (best.point[None], np.array([best.cost]))
+
+    def _smooth(self) -> bool:
+        """Whether the command is smooth enough to be rebuilt between samples: a noisy one has no corners to find."""
+        u = self.loop.output[self.loop.used]
+        return noise_of(u) < _ROUGH * float(np.ptp(u))
 
     def _first(self, spec: Spec) -> _Tried:
         model = search_model(self.model(spec))
@@ -301,13 +308,13 @@ class _Run:
                     "share_of_pv_variance": explained, "error_drop": drop}
         said = (f"friction lowers the free-run error from {without:.4g} to {with_rmse:.4g} "
                 f"({100 * drop:.0f} %, {100 * explained:.1f} % of the variance of y)")
-        if fit.agree < 2:
-            return Verdict("undecided", f"the restarts disagree; {said}", 0.3, evidence)
         capped = 0.6 if self.found.reversals < _FEWEST_FOR_TRUST else 0.95
-        if explained >= _STICKS[0] and drop >= _STICKS[1]:
-            return Verdict("stiction", said, min(capped, 0.5 + 2.0 * explained + 0.5 * drop), evidence)
         if explained < _CLEAN[0] or drop < _CLEAN[1]:
             return Verdict("no stiction", said, min(capped, 0.9), evidence)
+        if fit.agree < 2:
+            return Verdict("undecided", f"the restarts disagree; {said}", 0.3, evidence)
+        if explained >= _STICKS[0] and drop >= _STICKS[1]:
+            return Verdict("stiction", said, min(capped, 0.5 + 2.0 * explained + 0.5 * drop), evidence)
         return Verdict("undecided", said, 0.4, evidence)
 
     def _friction_free(self, fit: Fitted) -> float:
@@ -422,7 +429,7 @@ def _cost_map(fit: Fitted) -> CostMap:
     grid = np.stack([S.repeat(J.size), np.tile(J, S.size)])
     values = fit.values[:, None].repeat(grid.shape[1], axis=1)
     values[0], values[1] = grid[0], np.minimum(grid[1], 2.0 * grid[0])
-    costs = fit.model.costs_of(values)
+    costs = search_model(fit.model).costs_of(values)
     rmse = np.sqrt(costs / max(fit.best.rows, 1))
     rmse[grid[1] > 2.0 * grid[0]] = np.nan
     rows = [tuple(None if not np.isfinite(x) else float(x) for x in row) for row in rmse.reshape(S.size, J.size)]

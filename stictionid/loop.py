@@ -45,6 +45,9 @@ class Origin:
 
 
 def _frozen(values: Any, dtype: type = np.float64) -> NDArray[Any]:
+    if isinstance(values, np.ndarray) and values.dtype == dtype and values.ndim == 1 and values.flags.c_contiguous \
+            and not values.flags.writeable:
+        return values  # already ours, or nobody's to change
     array = np.array(values, dtype=dtype, order="C", copy=True).reshape(-1)
     array.setflags(write=False)
     return array

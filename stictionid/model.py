@@ -20,7 +20,7 @@ from . import laws as law_room
 from .between import interval_means, rebuild
 from .effects.contract import Context, Effect
 from .errors import ModelError
-from .loop import FloatArray, Loop
+from .loop import BoolArray, FloatArray, Loop
 from .parameters import Parameter, Space
 from .process import Dynamics, free_run, transient
 from .regression import REJECTED, Shared, whiten, whiten_stack
@@ -110,13 +110,14 @@ class Model:
     """A `Spec` bound to one record: maps points of the unit cube to costs. Not changed after it is made."""
 
     def __init__(self, loop: Loop, spec: Spec, *, s_max: float, period_s: float,
-                 residual: FloatArray | None = None) -> None:
+                 residual: FloatArray | None = None, command: FloatArray | None = None) -> None:
         self.loop, self.spec, self.s_max, self.period_s = loop, spec, s_max, period_s
         self.law = law_room.get(spec.law)
         self.effects: tuple[Effect, ...] = effect_room.in_order(spec.effects)
         self.step_s = loop.step_s
         y = _filled(loop.process_value)
-        command = rebuild(_filled(loop.output), spec.substeps, spec.between)
+        if command is None:
+            command = rebuild(_filled(loop.output), spec.substeps, spec.between)
         self.context = Context(command, y, loop.setpoint, loop.step_s, spec.substeps, period_s,
                                dict(loop.extras), residual)
         self._no_profile = np.zeros(command.size)
@@ -152,9 +153,13 @@ class Model:
             at += count
         return rows
 
+    def good(self) -> BoolArray:
+        """Samples (n,) that may count: used, and with a finite process value."""
+        used = self.loop.used if self.loop.used is not None else np.ones(self.loop.samples, bool)
+        return used & np.isfinite(self.loop.process_value)
+
     def _weights(self) -> FloatArray:
-        used = self.loop.used.copy() if self.loop.used is not None else np.ones(self.loop.samples, bool)
-        good = used & np.isfinite(self.loop.process_value)
+        good = self.good()
         weight = good.copy()
         for lag in range(1, self.taps.size + 1):
             weight[lag:] &= good[:-lag]
@@ -309,9 +314,7 @@ class Model:
                          innovation, sampled, means, int(w.sum()), sse, self._level_weight())
 
     def _level_weight(self) -> FloatArray:
-        good = np.isfinite(self.loop.process_value)
-        if self.loop.used is not None:
-            good &= self.loop.used
+        good = self.good()
         good[:self.skip] = False
         return good.astype(np.float64)
 

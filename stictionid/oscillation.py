@@ -17,6 +17,8 @@ from .results import Cycle, Range
 _HYSTERESIS = 0.3
 # The band is at least this many standard deviations of the sample-to-sample noise.
 _HYSTERESIS_NOISE = 3.0
+# Share of samples at either end of the deviation that sets neither level nor band.
+_TRIM = 0.05
 # Fewer whole cycles than this are no oscillation to judge (gate 0 of CRITICISM.md).
 FEWEST_CYCLES = 3
 # Cycle lengths that scatter more than this around their median are no one oscillation (coefficient of variation).
@@ -87,13 +89,17 @@ def find_range(loop: Loop) -> Range:
     used = loop.used
     if used.sum() < 8:
         return _none(f"only {int(used.sum())} usable samples", unit, reference)
-    e = e - e[used].mean()
+    # A start-up or a setpoint step must neither shift the level of the crossings nor widen the band.
+    low, high = np.quantile(e[used], [_TRIM, 1.0 - _TRIM])
+    core = e[used][(e[used] >= low) & (e[used] <= high)]
+    e = e - core.mean()
+    spread = float(core.std())
     swing_y = float(np.ptp(loop.process_value[used]))
     if swing_y <= FLAT * max(float(np.abs(loop.process_value[used]).max()), 1e-30) or swing_y < 1e-30:
         return _none(f"the process value does not vary (its whole span is {swing_y:.3g})", unit, reference)
     if float(np.ptp(u[used])) <= FLAT * max(float(np.abs(u[used]).max()), 1e-30):
         return _none(f"the controller output is constant at {u[used][0]:g} {unit}", unit, reference)
-    band = max(_HYSTERESIS * float(e[used].std()), _HYSTERESIS_NOISE * noise_of(e[used]))
+    band = max(_HYSTERESIS * spread, _HYSTERESIS_NOISE * noise_of(e[used]))
     reversals = count_reversals(u[used], max(0.1 * float(np.ptp(u[used])), 4.0 * noise_of(u[used])))
     times = crossings(e, band)
     cycles = tuple(
@@ -104,15 +110,15 @@ def find_range(loop: Loop) -> Range:
         return _none("the deviation never completes a cycle", unit, reference, reversals)
     counted = cycles[1:] if len(cycles) > FEWEST_CYCLES else cycles
     periods = np.array([c.period_s for c in counted])
-    spread = float(periods.std() / periods.mean())
+    scatter = float(periods.std() / periods.mean())
     enough = len(counted) >= FEWEST_CYCLES
-    regular = spread <= _REGULAR
+    regular = scatter <= _REGULAR
     if not enough:
-        reason = f"only {len(counted)} whole cycles, {FEWEST_CYCLES} are needed"
+        reason = f"only {len(counted)} whole cycle{'s' * (len(counted) != 1)}, {FEWEST_CYCLES} are needed"
     elif not regular:
-        reason = f"the cycles are irregular: their lengths scatter by {100 * spread:.0f} % of the mean"
+        reason = f"the cycles are irregular: their lengths scatter by {100 * scatter:.0f} % of the mean"
     else:
-        reason = (f"{len(counted)} whole cycles, lengths within {100 * spread:.0f} % of the mean"
+        reason = (f"{len(counted)} whole cycles, lengths within {100 * scatter:.0f} % of the mean"
                   + ("" if reference == "setpoint" else "; no setpoint, so deviations are from the mean of y"))
     return Range(enough and regular, float(periods.max()), float(np.median(periods)),
                  float(max(c.u_swing for c in counted)), cycles, reason, unit, reference, reversals)

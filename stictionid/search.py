@@ -39,11 +39,18 @@ def stratified(rng: np.random.Generator, count: int, dimensions: int) -> FloatAr
 
 
 def swarm(cost: Cost, dimensions: int, rng: np.random.Generator, *, groups: int = 4, particles: int = 24,
-          rounds: int = 30) -> Found:
-    """Independent particle swarms in the unit cube; all their particles are one call of `cost` per round."""
-    x = np.concatenate([stratified(rng, particles, dimensions) for _ in range(groups)])
-    v = 0.25 * (rng.random(x.shape) - 0.5)
+          rounds: int = 30, scouts: int = 0) -> Found:
+    """Independent particle swarms in the unit cube; all their particles are one call of `cost` per round.
+
+    Each swarm starts from the best `particles` of `scouts` stratified points: a basin may be a hundredth of the range.
+    """
+    count = max(scouts, particles)
+    x = np.concatenate([stratified(rng, count, dimensions) for _ in range(groups)])
     c = cost(x)
+    chosen = np.argsort(c.reshape(groups, count), axis=1, kind="stable")[:, :particles]
+    chosen = (chosen + np.arange(groups)[:, None] * count).ravel()
+    x, c = x[chosen], c[chosen]
+    v = 0.25 * (rng.random(x.shape) - 0.5)
     best, best_cost = x.copy(), c.copy()
     group = np.repeat(np.arange(groups), particles)
     for _ in range(rounds):
@@ -58,7 +65,7 @@ def swarm(cost: Cost, dimensions: int, rng: np.random.Generator, *, groups: int 
         better = c < best_cost
         best[better], best_cost[better] = x[better], c[better]
     order = np.argsort(best_cost, kind="stable")
-    return Found(best[order], best_cost[order], (rounds + 1) * x.shape[0])
+    return Found(best[order], best_cost[order], rounds * x.shape[0] + groups * count)
 
 
 def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: FloatArray | float = 0.02,

@@ -17,9 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from .effects import get as get_effect
 from .errors import UsageError
 from .laws import get as get_law
 from .loop import FloatArray, Loop, Origin
+from .process import Dynamics
 
 # Integration step of the continuous loop. Unit: s; METHODS.md section 3 (0.05 s reproduces S_max within 1.7 %).
 FINEST_STEP_S = 0.05
@@ -116,6 +118,32 @@ def _check(setting: Setting) -> None:
         raise UsageError(f"{samples:.3g} samples are more than 20 million", "give a shorter --duration")
 
 
+def _with_effects(setting: Setting) -> Setting:
+    """The setting with every effect that changes the plant's dynamics applied to it.
+
+    Raises UsageError for an unknown effect or parameter, or an effect that this simulator has no place for.
+    """
+    plant = setting.plant
+    for name, given in setting.effects:
+        effect = get_effect(name)
+        known = {p.name: p for p in effect.parameters}
+        for key, value in given.items():
+            if key not in known:
+                raise UsageError(f"effect {name} has no parameter '{key}'",
+                                 "its parameters: " + (", ".join(known) or "none"))
+            if not known[key].low <= value <= known[key].high:
+                raise UsageError(f"{name}: {key} = {value:g} is outside {known[key].low:g} to {known[key].high:g}",
+                                 f"give {known[key].unit or 'a value'} within the range")
+        if effect.dynamics is None:
+            raise UsageError(f"effect {name} can't be simulated yet", "leave it out")
+        theta = np.array([[given.get(p.name, p.neutral)] for p in effect.parameters])
+        start = Dynamics(np.array([plant.time_constant_s]), np.array([plant.dead_time_s]),
+                         np.array([plant.second_time_constant_s]), plant.integrating)
+        changed = effect.dynamics(start, theta)
+        plant = replace(plant, second_time_constant_s=float(changed.second_time_constant_s[0]))
+    return replace(setting, plant=plant)
+
+
 def _fine_step(setting: Setting) -> tuple[float, int]:
     """Integration step in seconds and how many make one sample, so that scans and samples fall on steps."""
     grid = setting.step_s
@@ -179,6 +207,7 @@ def simulate(setting: Setting, *, seed: int = 0) -> Simulation:
     Raises UsageError for values out of range and ModelError for S, J or `law_values` that the law refuses.
     """
     _check(setting)
+    asked, setting = setting, _with_effects(setting)
     law = get_law(setting.law)
     rng = np.random.default_rng(seed)
     fine, per_sample = _fine_step(setting)
@@ -224,7 +253,7 @@ def simulate(setting: Setting, *, seed: int = 0) -> Simulation:
         y = process.advance(place[0, 0] - OPERATING_POINT)
     loop = Loop(output=u_rec, process_value=y_rec, setpoint=r, position=v_rec, step_s=setting.step_s, name="simulated",
                 units={"output": "%", "process_value": "%", "setpoint": "%", "position": "%"}, origin=Origin())
-    return Simulation(loop, _truth(setting, seed))
+    return Simulation(loop, _truth(asked, seed))
 
 
 def _truth(setting: Setting, seed: int) -> dict[str, Any]:

@@ -16,7 +16,18 @@ if TYPE_CHECKING:
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, nothing else there.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, findings or hints on stderr.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace an existing file of another kind.")]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random; same seed, same bytes.")]
+
+
+def _seed(value: int) -> int:
+    from ..errors import UsageError
+
+    if value < 0:
+        raise UsageError(f"--seed {value} is negative", "give a whole number, 0 or more")
+    return value
+
+
+SeedOption = Annotated[int, typer.Option("--seed", callback=_seed,
+                                         help="Seed of everything random; same seed, same bytes.")]
 
 
 def out_console(width: int | None = None) -> Console:

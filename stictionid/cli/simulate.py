@@ -45,7 +45,7 @@ def simulate(
 
     Starts at rest with r = u = y = 50 %. Same seed, same bytes.
 
-    Example: stictionid simulate --preset foptd --S 5 --J 3 --noise 0.05 -o loop.csv
+    Example: stictionid simulate --S 5 --J 3 --noise 0.05 -o loop.csv
     """
     from dataclasses import replace
 

@@ -1,0 +1,126 @@
+"""Time and memory: kernels against their plain twins, whole commands against the imports they need.
+
+Run: python benchmarks/speed.py
+Ratios are taken side by side in one run, best of several, because machines are noisy. Targets: one ARX cost evaluation
+at least 60 times faster than its plain twin; `identify` on 1000 rows under 2.5 times the imports and under 400 MB;
+`--help` under 0.25 s; the first command after install under 20 s; no searched law above 3 ns a sample and candidate.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "tests"))
+IMPORTS = "import numpy, scipy.optimize, pandas, pyarrow, numba"
+
+
+def best(function, repeats: int = 30) -> float:
+    """Shortest of several times, in seconds."""
+    function()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def kernels() -> list[str]:
+    """Per candidate and per 1000 samples: laws, response, ARX and free-run cost, against the plain twin."""
+    import naive
+
+    from stictionid.arx import Arx
+    from stictionid.laws import catalogue
+    from stictionid.model import Model, Spec
+    from stictionid.oscillation import find_range
+    from stictionid.simulate import preset, simulate
+
+    loop = simulate(preset("foptd")).loop
+    found = find_range(loop)
+    model = Model(loop, Spec(), s_max=found.s_max, period_s=found.period_median_s)
+    lanes, rng = 128, np.random.default_rng(0)
+    values = model.values(rng.random((lanes, model.space.size)))
+    arx = Arx(model, 2, (5,))
+    twin = best(lambda: naive.arx_cost(loop.output, loop.process_value, 4.0, 2.0, 2, 5, arx.first), 10)
+    ours = best(lambda: arx.costs(values)) / lanes
+    free = best(lambda: model.costs_of(values)) / lanes
+    print(f"\nper candidate, {loop.samples} samples, {lanes} candidates together")
+    print(f"plain twin of the ARX cost (Python valve, numpy.linalg.lstsq)  {1e6 * twin:8.1f} us")
+    print(f"ARX cost                                                       {1e6 * ours:8.2f} us, {twin / ours:.0f} times")
+    print(f"free-run cost of the base model                                {1e6 * free:8.2f} us, {free / ours:.2f} ARX")
+    slow = []
+    for law in catalogue().values():
+        if law.searchable:
+            table = law.searched_friction(values[0], values[1])
+            state = law.start(float(loop.output[0]), table, np.zeros(lanes))
+            position, profile = np.empty((loop.samples, lanes)), np.zeros(loop.samples)
+            t = best(lambda: law.run(loop.output, table, profile, state.copy(), position)) / lanes / loop.samples  # noqa: B023
+            print(f"law {law.name:12s}                                               {1e9 * t:8.2f} ns a sample")
+            slow += [f"law {law.name} {1e9 * t:.1f} ns"] if 1e9 * t > 3 else []
+    return slow + ([f"ARX cost only {twin / ours:.0f} times faster"] if twin / ours < 60 else [])
+
+
+def command(*arguments: str, cwd: str | None = None) -> tuple[float, float]:
+    """Seconds and MB of one process."""
+    script = ("import resource, subprocess, sys, time\nt = time.perf_counter()\n"
+              "subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)\n"
+              "print(time.perf_counter() - t, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024)")
+    out = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True,
+                         cwd=cwd)
+    seconds, memory = out.stdout.split()
+    return float(seconds), float(memory)
+
+
+def processes() -> list[str]:
+    """Whole commands, alternating with the imports they are measured against."""
+    me = [sys.executable, "-m", "stictionid"]
+    jobs = {
+        "imports": [sys.executable, "-c", IMPORTS],
+        "--help": [*me, "--help"],
+        "identify, held output": [*me, "identify", str(ROOT / "sample_data" / "foptd_scanned.parquet")],
+        "identify, moving output": [*me, "identify", str(ROOT / "sample_data" / "foptd.csv")],
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    memory = dict.fromkeys(jobs, 0.0)
+    for _ in range(7):
+        for name, arguments in jobs.items():
+            t, mb = command(*arguments)
+            seconds[name].append(t)
+            memory[name] = max(memory[name], mb)
+    base, missed = min(seconds["imports"]), []
+    print(f"\nwhole processes, best of 7, 1000 rows; imports: {IMPORTS}")
+    for name, times in seconds.items():
+        ratio = min(times) / base
+        print(f"{name:24s} {min(times):6.2f} s (median {np.median(times):5.2f})  {ratio:5.2f} imports  {memory[name]:5.0f} MB")
+        if name.startswith("identify") and (ratio > 2.5 or memory[name] > 400):
+            missed.append(f"{name}: {ratio:.2f} imports, {memory[name]:.0f} MB")
+    if min(seconds["--help"]) > 0.25:
+        missed.append(f"--help {min(seconds['--help']):.2f} s")
+    return missed
+
+
+def cold() -> list[str]:
+    """The first command after install: an empty kernel cache."""
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copytree(ROOT / "stictionid", Path(folder) / "stictionid", ignore=shutil.ignore_patterns("__pycache__"))
+        t, _ = command(sys.executable, "-m", "stictionid", "identify", str(ROOT / "sample_data" / "foptd.csv"),
+                       cwd=folder)
+    print(f"\nfirst command, nothing compiled yet: {t:.1f} s")
+    return [f"first command {t:.1f} s"] if t > 20 else []
+
+
+if __name__ == "__main__":
+    missed = kernels() + processes() + cold()
+    print("\ntargets missed: " + (", ".join(missed) or "none"))
+    sys.exit(bool(missed))

@@ -1,0 +1,167 @@
+"""`stictionid read`: what was understood of an export, and what was left out, row by reason."""
+
+from typing import Annotated, Any
+
+import typer
+
+from ..historian.options import ReadOptions
+from . import app
+from ._reading import FileArgument, read_file, reads_file
+from ._shared import ForceOption, JsonOption, QuietOption, out_console, print_json, safe, say
+
+_BARS = "▁▂▃▄▅▆▇█"
+_PLAIN_BARS = "_.-~=+*#"
+
+
+@app.command()
+@reads_file
+def read(
+    file: FileArgument,
+    reading: ReadOptions,
+    output: Annotated[
+        str | None, typer.Option("--output", "-o", metavar="CLEAN", help="Write the cleaned loop (.parquet or .csv).")
+    ] = None,
+    save_profile: Annotated[
+        str | None, typer.Option("--save-profile", metavar="SITE.toml", help="Keep what was understood for --profile.")
+    ] = None,
+    json: JsonOption = False,
+    force: ForceOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Show what is understood of an export: roles, time, units, rows by reason, segments, findings.
+
+    Example: stictionid read sample_data/foptd.csv
+    """
+    _check_targets(file, output, save_profile, force)
+    result = read_file(file, reading, quiet=quiet)
+    if output is not None:
+        from ..historian.clean import write_clean
+
+        write_clean(result, output, force=force)
+        say(f"wrote {output}", quiet=quiet)
+    if save_profile is not None:
+        from ..historian.profile import save_profile as save
+
+        save(result, reading, save_profile, force=force)
+        say(f"wrote {save_profile}", quiet=quiet)
+    if json:
+        print_json(_as_json(result))
+    else:
+        _show(result)
+
+
+def _check_targets(file: str, output: str | None, save_profile: str | None, force: bool) -> None:
+    """Refuse places that can't be written before anything is read."""
+    from pathlib import Path
+
+    from ..errors import UsageError
+    from ..files import ensure_writable
+    from ..historian.clean import own_kind
+
+    if output is not None:
+        if not output.lower().endswith((".parquet", ".csv")):
+            raise UsageError(f"-o {output} is neither .parquet nor .csv", "for example -o clean.parquet")
+        if Path(output).exists() and Path(file).exists() and Path(output).samefile(file):
+            raise UsageError(f"-o {output} is the export itself", "choose another -o; the export stays as it is")
+        ensure_writable(output, force=force, kind=own_kind(output))
+    if save_profile is not None:
+        ensure_writable(save_profile, force=force, kind=b"# stictionid")
+
+
+def _as_json(result: Any) -> dict[str, Any]:
+    """The reading as plain JSON types, without the arrays."""
+    from dataclasses import fields
+
+    from ..results import plain
+
+    content = {f.name: getattr(result, f.name) for f in fields(result) if f.name != "loop"}
+    loop = result.loop
+    content |= {
+        "name": loop.name,
+        "samples_used": int(loop.used.sum()),
+        "start": loop.origin.start,
+        "end": loop.origin.end,
+    }
+    content["rows_used"] = result.rows["used"]
+    content["rows_in"] = result.rows["in"]
+    return {"schema": "stictionid.reading/1", **plain(content)}
+
+
+def _show(result: Any) -> None:
+    from rich import box
+    from rich.table import Table
+
+    console = out_console()
+    table = Table(
+        box=box.SIMPLE if console.is_terminal else box.ASCII,
+        show_header=False,
+        title=f"{safe(result.file)}",
+        title_justify="left",
+    )
+    table.add_column("what", no_wrap=True)
+    table.add_column("understood", overflow="fold")
+    for what, text in _lines(result):
+        table.add_row(what, safe(text))
+    console.print(table)
+    rows = Table(box=box.SIMPLE if console.is_terminal else box.ASCII, title="rows", title_justify="left")
+    rows.add_column("reason")
+    rows.add_column("rows", justify="right")
+    rows.add_column("share", justify="right")
+    for reason, count in result.rows.items():
+        rows.add_row(reason, f"{count:,}", f"{100 * count / max(result.rows['in'], 1):.1f} %")
+    console.print(rows)
+
+
+def _lines(result: Any) -> list[tuple[str, str]]:
+    loop = result.loop
+    lines = [("loop", loop.name), ("shape", _shape_text(result))]
+    for role, column in result.columns.items():
+        unit = result.units.get(role, "")
+        why = result.why.get(role, "")
+        lines.append((role.replace("_", " "), f"{column}{f' [{unit}]' if unit else ''}{f' ({why})' if why else ''}"))
+    lines.append(("time format", result.time))
+    lines.append(("from, to", f"{loop.origin.start} to {loop.origin.end}"))
+    lines.append(("step", f"{loop.step_s:.6g} s"))
+    if result.mode_map:
+        lines.append(("modes", ", ".join(f"{word} is {meaning}" for word, meaning in result.mode_map.items())))
+    if result.quality:
+        lines.append(("quality", result.quality))
+    lines.append(("samples", ", ".join(f"{n:,} {what}" for what, n in result.samples.items())))
+    shown = result.segments[:5]
+    more = f", … {len(result.segments) - 5} more" if len(result.segments) > 5 else ""
+    lines.append(("segments", ", ".join(f"{s['samples']:,} from {s['start']}" for s in shown) + more))
+    for role, values in (("trend PV", loop.process_value), ("trend OP", loop.output)):
+        lines.append((role, _trend(values)))
+    if result.unused:
+        lines.append(("not used", ", ".join(result.unused[:12]) + (" …" if len(result.unused) > 12 else "")))
+    return lines
+
+
+def _shape_text(result: Any) -> str:
+    separator = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "pipes", " ": "blanks"}.get(result.separator, "")
+    parts = [
+        result.shape,
+        f"separated by {separator}" if separator else "",
+        f"decimal {'comma' if result.decimal == ',' else 'point'}" if separator else "",
+        result.encoding,
+        f"{result.header_lines} header line{'s' * (result.header_lines != 1)}" if separator else "",
+    ]
+    return ", ".join(p for p in parts if p)
+
+
+def _trend(values: Any, width: int = 48) -> str:
+    """A line of bars over the whole record, with the lowest and the highest value."""
+    import sys
+
+    import numpy as np
+
+    known = values[np.isfinite(values)]
+    low, high = float(known.min()), float(known.max())
+    means = [
+        float(np.mean(p[np.isfinite(p)])) if np.isfinite(p).any() else low
+        for p in np.array_split(values, min(width, values.size))
+    ]
+    encoding = (sys.stdout.encoding or "ascii").lower().replace("-", "")
+    bars = _BARS if encoding.startswith("utf") else _PLAIN_BARS
+    scale = (len(bars) - 1) / (high - low) if high > low else 0.0
+    return "".join(bars[round((m - low) * scale)] for m in means) + f" {low:.5g} to {high:.5g}"

@@ -1,0 +1,79 @@
+"""Historian exports as plants really have them: bytes in, one loop out, with everything that was guessed or left out.
+
+The way of a file: `source` (bytes, unpacking, limits) → `encoding` → `layout` (separator, header, decimal mark) →
+`table` (columns) → `shapes`, `long_shape`, `folder` (wide, long, paired, one file per tag) with `roles`, `assign`,
+`cells`, `states`, `stamps`, `datetext`, `zones`, `clock`, `modes`, `quality` → `align` (tags with stamps of their own)
+→ `assemble` with `window`, `codes`, `grid`, `units`, `masks`, `spoilt`, `texture` → Loop. `rows` is the book in which
+every row of the file is either used or stands under one reason; `reading` runs all this.
+
+Findings (code, severity, meaning):
+
+=================== ================ ==========================================================================
+code                severity         meaning
+=================== ================ ==========================================================================
+averaged            warning          values are means over the interval: slips smeared, J too small
+bad-values          info, warning    rows without a usable PV or OP; long runs split the record
+clipped             warning          PV sits at its highest or lowest value: end of the transmitter's range
+clock-fold          warning          the clock goes back one hour; later rows were moved on
+code-as-number      warning          sentinels or system states written as numbers were blanked
+compressed          warning, serious PV lies on straight lines: slips and reversals are lost, S and J wrong
+damaged-rows        warning          rows with a wrong number of cells
+dead-signal         serious          PV or OP does not vary (relative to its magnitude)
+duplicate-stamps    info, warning    several rows with one stamp; the last one written was kept
+excel-cut           warning          the file ends exactly where a spreadsheet does
+filled-samples      info, warning    at most two missing samples in a row were filled; they do not count
+frozen              info, warning    all signals stand still in a record with live noise; masked
+gaps                warning          longer gaps; the record was split there
+held-values         info             tags recorded on change only, held in between
+irregular-steps     serious          stamps fit no even grid; resampled to the coarsest honest step
+jitter              info, warning    stamps even but for a little, or rounded to a coarse clock
+manual-stretch      info, warning    the controller was in manual, off or tracking; masked
+masked              info, warning    the file itself (a cleaned loop) marks samples as unused
+mode-unknown        info, warning    a mode whose meaning is not known here
+newest-first        info             rows were turned round
+other-valve         info, warning    split range: OP drives the other valve; masked
+out-of-order        warning          the time steps back; rows were sorted
+output-not-percent  warning          OP is no per cent of travel: S and J are in the unit of OP
+output-saturated    info, warning    OP stands at its limit; masked
+oversampled         warning          all signals repeat k times; one row of k was kept
+quantised           warning          PV or OP moves in coarse steps
+re-ranged           serious          level and noise change by one factor: range or unit changed
+resampled           info             the slower tag set the step
+seconds-dropped     warning          stamps without seconds; rows spread over each minute
+short-segments      info             stretches between gaps too short to use
+state-as-text       info             system states where numbers belong
+tag-offset          warning          tags are stamped apart: a dead time read from them is off by as much
+uncertain-quality   info             values marked uncertain were kept
+=================== ================ ==========================================================================
+
+`evidence["caps_verdict"]` is true where a finding forbids a sure verdict; so does severity "serious".
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .options import ReadOptions, options_from
+    from .reading import Reading, loops_in, read, read_frame, read_loop
+
+_HOME = {
+    "ReadOptions": "options",
+    "options_from": "options",
+    "Reading": "reading",
+    "loops_in": "reading",
+    "read": "reading",
+    "read_frame": "reading",
+    "read_loop": "reading",
+}
+
+__all__ = ["ReadOptions", "Reading", "loops_in", "options_from", "read", "read_frame", "read_loop"]
+
+
+def __getattr__(name: str) -> Any:
+    """Public names are loaded on first use: importing this room costs nothing."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f".{_HOME[name]}", __name__), name)

@@ -1,0 +1,262 @@
+"""Aligned series to a loop: window, grid, filling, scaling, masks, segments; every row booked, every choice noted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DataError, UsageError
+from ..loop import BoolArray, Finding, FloatArray
+from . import notes
+from .align import Aligned, resample
+from .codes import blank_codes
+from .grid import Frame, Step, fill, find_step, insert_missing, place_on_grid, split
+from .masks import frozen, manual, saturated
+from .options import ReadOptions
+from .rows import CODE, RowBook
+from .shapes import Shaped
+from .spoilt import ladder, spoilt_findings
+from .table import Table
+from .texture import Signals
+from .units import OTHER, output_unit, to_percent
+from .window import cut_window, stamp_text
+
+IntArray = NDArray[np.int64]
+MIN_SAMPLES = 4
+"""Fewer samples are no record, whatever the method; what identification needs beyond that it says itself."""
+ON_CHANGE_SHARE = 0.3
+"""Share of empty cells from which OP in a wide table counts as written on change only."""
+
+
+@dataclass
+class Assembled:
+    """The parts of a Loop by their names, with times, segments, sample counts by mask, guesses and findings."""
+
+    parts: dict[str, Any]
+    start: str | None
+    end: str | None
+    time_text: str
+    segments: tuple[dict[str, Any], ...]
+    samples: dict[str, int]
+    guesses: list[str] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+
+
+def assemble(shaped: Shaped, aligned: Aligned, options: ReadOptions, book: RowBook, table: Table) -> Assembled:
+    """The loop of aligned series. DataError where nothing usable is left."""
+    frame, guesses, findings = aligned.frame, list[str](), list[Finding]()
+    elapsed = shaped.times is None or shaped.times.elapsed
+    outside = cut_window(frame, options.start, options.end, elapsed=elapsed)
+    for rows in outside:
+        book.mark(rows[rows >= 0], "outside window")
+    if frame.ns.size < MIN_SAMPLES:
+        raise DataError(
+            f"{table.file} has {frame.ns.size} usable rows{' in the window' if options.start or options.end else ''}, "
+            f"fewer than {MIN_SAMPLES}",
+            "check --start and --end" if options.start or options.end else "export a longer window",
+        )
+    findings += notes.order_findings(shaped) + notes.tag_findings(shaped, aligned)
+    findings += blank_codes(frame, options.sentinels, guesses, findings_of_words=shaped.words)
+    step = _even_grid(frame, shaped, aligned, options, book, guesses, findings)
+    unit_found = _scale(frame, shaped, options)
+    if unit_found is not None:
+        findings.append(unit_found)
+    filled = fill(frame, aligned.on_change | _written_on_change(frame))
+    unclear = _mask(frame, filled, shaped, options)
+    findings += notes.mode_findings(unclear, shaped, guesses)
+    loop_arrays = _segments(frame, book, table)
+    _book_missing(frame, book, loop_arrays[0])
+    return _finish(frame, shaped, options, book, step, guesses, findings, loop_arrays, elapsed)
+
+
+def _even_grid(
+    frame: Frame,
+    shaped: Shaped,
+    aligned: Aligned,
+    options: ReadOptions,
+    book: RowBook,
+    guesses: list[str],
+    findings: list[Finding],
+) -> Step:
+    """Samples on an even grid, with what had to be done for it."""
+    step = find_step(frame.ns)
+    if step.kind == "irregular":
+        honest = float(np.quantile(np.diff(frame.ns), 0.9))
+        findings.append(notes.irregular(step, honest, frame))
+        guesses.append(f"irregular stamps resampled to {honest / 1e9:g} s (--step SECONDS on an even export)")
+        old_rows = frame.rows
+        left_out = resample(frame, honest, aligned.on_change)
+        for rows in old_rows:
+            gone = rows[left_out]
+            book.mark(gone[gone >= 0], "resampled")
+        step = Step(honest, "irregular")
+    elif step.kind != "even":
+        findings.append(notes.jitter(step))
+    step = _thin(frame, step, options, book, findings)
+    place = place_on_grid(frame, step)
+    off_grid = frame.reason == CODE["off grid"]
+    if off_grid.any():
+        for rows in frame.rows:
+            gone = rows[off_grid]
+            book.mark(gone[gone >= 0], "off grid")
+        frame.take(~off_grid)
+        place = place[~off_grid]
+    insert_missing(frame, place)
+    if shaped.times is not None and len(frame.starts) > 1:
+        findings.append(notes.gaps(frame, step))
+    return step
+
+
+def _thin(frame: Frame, step: Step, options: ReadOptions, book: RowBook, findings: list[Finding]) -> Step:
+    """Every k-th sample where all signals repeat k times, or where --step asks for a longer step."""
+    every, reason, phase = 1, "repeat", 0
+    if options.step_s is not None and abs(options.step_s * 1e9 / step.ns - 1) > 0.01:
+        every, reason = round(options.step_s * 1e9 / step.ns), "resampled"
+        if every < 1 or abs(every * step.ns / 1e9 / options.step_s - 1) > 0.01:
+            raise UsageError(
+                f"--step {options.step_s:g} is no multiple of the {step.ns / 1e9:g} s between the time stamps",
+                "leave --step out, or give a multiple",
+            )
+    else:
+        every, phase = ladder(frame)
+        if every > 1:
+            findings.append(notes.oversampled(every, step))
+    if every == 1:
+        return step
+    keep = np.arange(phase, frame.ns.size, every)
+    gone = np.ones(frame.ns.size, np.bool_)
+    gone[keep] = False
+    for rows in frame.rows:
+        book.mark(rows[gone][rows[gone] >= 0], reason)
+    frame.take(keep)
+    return Step(step.ns * every, step.kind, step.worst, step.fitting)
+
+
+def _scale(frame: Frame, shaped: Shaped, options: ReadOptions) -> Finding | None:
+    """OP, SP and PV in their final units, in place; the finding when OP is no per cent."""
+    units, finding = shaped.units, None
+    op = frame.values["output"]
+    if options.split is not None:
+        low, high = options.split
+        frame.reason[(frame.reason == 0) & ((op < low) | (op > high))] = CODE["other valve"]
+        op = to_percent(op, options.split)
+        units["output"] = "%"
+    elif options.span_op is not None:
+        op = to_percent(op, options.span_op)
+        units["output"] = "%"
+    else:
+        unit, finding = output_unit(op, units.get("output", ""))
+        units["output"] = unit if unit == "%" or units.get("output", "") in ("", "%") else units["output"]
+    if options.reverse_op:
+        op = 100.0 - op
+    frame.values["output"] = op
+    if options.span_pv is not None:
+        for role in ("process_value", "setpoint"):
+            if role in frame.values:
+                frame.values[role] = to_percent(frame.values[role], options.span_pv)
+                units[role] = "%"
+    return finding
+
+
+def _written_on_change(frame: Frame) -> set[str]:
+    """Held roles of which so many cells are empty that only changes were written."""
+    return {
+        role
+        for role in ("output", "setpoint", "mode")
+        if role in frame.values and ON_CHANGE_SHARE < np.isnan(frame.values[role]).mean() < 1.0
+    }
+
+
+def _mask(frame: Frame, filled: BoolArray, shaped: Shaped, options: ReadOptions) -> dict[str, int]:
+    """Reasons of samples that stay in the loop but don't count, in place; how often unclear modes occur."""
+    off, unclear = manual(frame, shaped.modes)
+    clamp, _ = saturated(frame.values["output"], percent=shaped.units["output"] == "%")
+    for mask, reason in (
+        (filled, "filled"),
+        (frame.values.get("mask", np.ones(filled.size)) == 0, "masked"),
+        (off & (not options.keep_manual), "manual"),
+        (frozen(frame), "frozen"),
+        (clamp, "saturated"),
+    ):
+        frame.reason[mask & (frame.reason == 0)] = CODE[reason]
+    return unclear
+
+
+def _segments(frame: Frame, book: RowBook, table: Table) -> tuple[IntArray, list[int], int]:
+    pv, op = frame.values["process_value"], frame.values["output"]
+    valid = ~(np.isnan(pv) | np.isnan(op))
+    if not valid.any():
+        empty = "PV" if np.isnan(pv).all() else "OP" if np.isnan(op).all() else "PV and OP together"
+        raise DataError(f"{table.file}: no row has a usable number for {empty}", "check the columns with --pv and --op")
+    return split(frame, valid)
+
+
+def _book_missing(frame: Frame, book: RowBook, keep: IntArray) -> None:
+    """Book the rows of every sample: masked ones by their reason, left-out ones as bad or as a short segment."""
+    codes = frame.reason.copy()
+    bad = np.isnan(frame.values["process_value"]) | np.isnan(frame.values["output"])
+    left_out = np.ones(codes.size, np.bool_)
+    left_out[keep] = False
+    codes[left_out & ~bad] = CODE["short segment"]
+    codes[bad] = CODE["bad"]
+    for rows in frame.rows:
+        book.mark_codes(rows, codes)
+
+
+def _finish(
+    frame: Frame,
+    shaped: Shaped,
+    options: ReadOptions,
+    book: RowBook,
+    step: Step,
+    guesses: list[str],
+    findings: list[Finding],
+    kept: tuple[IntArray, list[int], int],
+    elapsed: bool,
+) -> Assembled:
+    keep, starts, short = kept
+    whole = keep.size == frame.ns.size
+
+    def part(values: Any) -> Any:
+        return values if whole else values[keep]
+
+    reason, ns = part(frame.reason), part(frame.ns)
+    arrays: dict[str, FloatArray] = {k: part(v) for k, v in frame.values.items()}
+    used = reason == 0
+    setpoint = arrays.get("setpoint")
+    if setpoint is not None and np.isnan(setpoint).all():
+        setpoint = None
+    step_s = round(step.ns) / 1e9 if step.kind == "even" else step.ns / 1e9
+    units = {k: v for k, v in shaped.units.items() if v and not k.startswith("extra:")}
+    units.setdefault("output", OTHER)
+    findings += notes.short_segments(short)
+    signals = Signals(arrays["output"], arrays["process_value"], setpoint, step_s, tuple(starts))
+    findings += spoilt_findings(signals, name_hints=[*shaped.columns.values(), *shaped.described.values()])
+    parts = {
+        "output": arrays["output"],
+        "process_value": arrays["process_value"],
+        "setpoint": setpoint,
+        "position": arrays.get("position"),
+        "extras": {k[6:]: v for k, v in arrays.items() if k.startswith("extra:")},
+        "step_s": step_s,
+        "used": used,
+        "starts": tuple(starts),
+        "units": units,
+    }
+    zone = shaped.times.zone if shaped.times else None
+    texts = [stamp_text(int(n), elapsed, zone) for n in (ns[0], ns[-1])]
+    segments = tuple(
+        {"start": stamp_text(int(ns[first]), elapsed, zone), "first": first, "samples": end - first}
+        for first, end in zip(starts, [*starts[1:], reason.size], strict=True)
+    )
+    names = {code: name for name, code in CODE.items()}
+    counts = np.bincount(reason, minlength=1)
+    samples = {"total": int(reason.size), "used": int(used.sum())} | {
+        names[c]: int(n) for c, n in enumerate(counts) if c and n
+    }
+    findings += notes.mask_findings(samples)
+    time_text = notes.time_text(shaped, options)
+    return Assembled(parts, texts[0], texts[1], time_text, segments, samples, guesses, findings)

@@ -1,0 +1,115 @@
+"""A folder as one export: one file per tag, or a partitioned Parquet dataset."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..errors import DataError, UsageError
+from .arrow import texts
+from .options import ReadOptions
+from .roles import take_apart
+from .source import Source, open_source
+from .table import Table, read_table, table_from_arrow
+
+_TEXT = (".csv", ".tsv", ".txt", ".gz", ".zip")
+MAX_FILES = 2000
+"""Files of one folder that are read as one export."""
+
+
+def read_folder(folder: Path, options: ReadOptions) -> tuple[Source, Table]:
+    """The one table of a folder's files. UsageError for an empty folder, DataError for files of several tags."""
+    parquet = sorted(
+        p
+        for p in folder.rglob("*.parquet")
+        if not any(part.startswith((".", "_")) for part in p.relative_to(folder).parts)
+    )
+    if parquet:
+        return _dataset(folder, parquet)
+    files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in _TEXT)
+    if not files or len(files) > MAX_FILES:
+        raise UsageError(
+            f"the folder {folder} has {len(files)} exports", "give a file, or a folder with one file per tag"
+        )
+    return _per_tag(folder, files, options)
+
+
+def _dataset(folder: Path, files: list[Path]) -> tuple[Source, Table]:
+    import pyarrow as pa
+    import pyarrow.dataset as ds
+
+    try:
+        table = ds.dataset(folder, format="parquet", partitioning="hive").to_table()
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise DataError(
+            f"{folder} is no readable Parquet dataset: {str(error)[:160]}", "read one of its files"
+        ) from None
+    source = Source(folder.name, "parquet", b"", _digest(files), folder)
+    return source, table_from_arrow(table, folder.name, (f"{len(files)} Parquet files",))
+
+
+def _digest(files: list[Path]) -> str:
+    """One fingerprint of several files: of their names and fingerprints in order."""
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(f"{path.name} {open_source(path).sha256}\n".encode())
+    return digest.hexdigest()
+
+
+def _per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Source, Table]:
+    """One file per tag as a long table of tag, time and value."""
+    import pyarrow as pa
+
+    tags, times, values = [], [], []
+    assumptions: list[str] = []
+    for path in files:
+        table = read_table(open_source(path), replace(options, time=None))
+        if len(table.names) < 2:
+            raise DataError(f"{path} has one column", "each file of the folder needs time and value")
+        tag = next(
+            (
+                n
+                for n in table.names[1:]
+                if take_apart(n).role in ("setpoint", "process_value", "output", "position", "mode")
+            ),
+            path.stem,
+        )
+        if take_apart(tag).loop == "" and take_apart(path.stem).role is not None:
+            tag = path.stem
+        rows = table.rows
+        tags.append(texts([tag] * rows))
+        times.append(table.columns[0].cast(pa.string()))
+        values.append(_pointed(table.columns[1], table.decimal))
+        assumptions += [a for a in table.assumptions if a not in assumptions]
+    joined = [
+        pa.chunked_array(tags),
+        pa.concat_arrays([_flat(t) for t in times]),
+        pa.concat_arrays([_flat(v) for v in values]),
+    ]
+    source = Source(folder.name, "text", b"", _digest(files), folder)
+    return source, Table(
+        folder.name,
+        ("tag", "time", "value"),
+        tuple(pa.chunked_array([c]) if not isinstance(c, pa.ChunkedArray) else c for c in joined),
+        ("", "", ""),
+        ("", "", ""),
+        notes=(f"{len(files)} files, one per tag",),
+        assumptions=tuple(assumptions),
+    )
+
+
+def _pointed(column: Any, decimal: str) -> Any:
+    """Values as text with decimal points: files of one folder may differ, their joint table has one mark."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    text = column.cast(pa.string())
+    if decimal == "," and pa.types.is_string(column.type):
+        text = pc.replace_substring_regex(text, r"^([+\-−]?[\d.]*),(\d.*)$", r"\1.\2")
+    return text
+
+
+def _flat(column: Any) -> Any:
+    return column.combine_chunks() if hasattr(column, "combine_chunks") and not isinstance(column, list) else column

@@ -1,0 +1,29 @@
+"""The loops a file holds, without reading any of them."""
+
+from __future__ import annotations
+
+from .assign import key_of
+from .options import ReadOptions
+from .roles import take_apart
+from .shapes import _kind, _long_columns, _loop_column, loop_names
+from .table import Table
+
+
+def names_of(table: Table, options: ReadOptions) -> tuple[str, ...]:
+    """Names of the loops in a table, in the order of their columns or rows; one loop without a name gives ()."""
+    import pyarrow as pa
+
+    kinds = [_kind(table, i) for i in range(len(table.names))]
+    column = _loop_column(table, kinds)
+    if column >= 0:
+        return tuple(loop_names(table, column))
+    tag, value = _long_columns(table, kinds)
+    names = list(table.names)
+    if tag >= 0 and value >= 0:
+        names = [str(w) for w in table.columns[tag].cast(pa.string()).unique().to_pylist() if w is not None]
+    groups: dict[str, tuple[str, set[str]]] = {}
+    for name in names:
+        found = take_apart(name)
+        if found.role in ("process_value", "output") and found.loop:
+            groups.setdefault(key_of(found.loop), (found.loop, set()))[1].add(found.role)
+    return tuple(name for name, roles in groups.values() if len(roles) == 2)

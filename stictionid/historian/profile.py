@@ -1,0 +1,115 @@
+"""Site profiles: what a site says once about its exports, kept as TOML and applied to every file."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..errors import DataError, UsageError
+from ..files import write_whole
+from .options import ReadOptions
+
+_HEAD = "# stictionid site profile: how exports of this site are read; options on the command line come first\n"
+_NOT_KEPT = ("profile", "no_guess", "start", "end", "loop")
+
+
+def with_profile(options: ReadOptions) -> ReadOptions:
+    """Options with what they leave open taken from their profile. UsageError where absent, DataError where damaged."""
+    path = Path(options.profile or "")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise UsageError(
+            f"profile {path} can't be read: {error.strerror or error}",
+            "write one with stictionid read FILE --save-profile",
+        ) from None
+    except UnicodeDecodeError:
+        raise DataError(
+            f"profile {path} is not UTF-8 text", "write one with stictionid read FILE --save-profile"
+        ) from None
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise DataError(
+            f"profile {path} is no TOML: {error}", "write one with stictionid read FILE --save-profile"
+        ) from None
+    default = ReadOptions()
+    changes = {}
+    for name, value in content.items():
+        if name not in _FIELDS:
+            raise DataError(f"profile {path} has an unknown entry {name!r}", f"known: {', '.join(sorted(_FIELDS))}")
+        if getattr(options, name) == getattr(default, name):
+            changes[name] = _typed(name, value, path)
+    # Once applied the profile is spelt out, so that a study can be re-read without it.
+    return replace(options, profile=None, **changes)
+
+
+_FIELDS = {f.name: str(f.type) for f in dataclasses.fields(ReadOptions) if f.name not in _NOT_KEPT}
+
+
+def _typed(name: str, value: Any, path: Path) -> Any:
+    """A TOML value in the type of its option; DataError where it is another."""
+    kind = _FIELDS[name]
+    if (
+        kind.startswith("tuple[float, float]")
+        and isinstance(value, list)
+        and len(value) == 2
+        and all(isinstance(v, (int, float)) for v in value)
+    ):
+        return (float(value[0]), float(value[1]))
+    if (
+        kind.startswith("tuple[float, ...]")
+        and isinstance(value, list)
+        and all(isinstance(v, (int, float)) for v in value)
+    ):
+        return tuple(float(v) for v in value)
+    if kind.startswith("tuple[str, ...]") and isinstance(value, list) and all(isinstance(v, str) for v in value):
+        return tuple(value)
+    if kind.startswith("dict") and isinstance(value, dict):
+        return {str(k): str(v) for k, v in value.items()}
+    if kind.startswith("bool") and isinstance(value, bool):
+        return value
+    if kind.startswith("float") and isinstance(value, (int, float)) and not isinstance(value, bool):
+        return float(value)
+    if kind.startswith("int") and isinstance(value, int) and not isinstance(value, bool):
+        return value
+    if kind.startswith("str") and isinstance(value, str):
+        return value
+    raise DataError(
+        f"profile {path}: {name} = {value!r} is not a {kind.split(' |')[0]}",
+        "correct the line, or save the profile again",
+    )
+
+
+def save_profile(result: Any, options: ReadOptions, path: str, *, force: bool = False) -> None:
+    """Keep what was said and what was understood of a file: separator, decimal mark, date order, modes.
+
+    Column names are kept only where they carry no loop name, so that the profile fits the site's other loops.
+    """
+    kept = {k: v for k, v in options.said().items() if k not in _NOT_KEPT}
+    if result.separator and result.separator != " ":
+        kept.setdefault("separator", result.separator)
+        kept.setdefault("decimal", result.decimal)
+    if "day/month" in result.time or "month/day" in result.time:
+        kept.setdefault("dayfirst", result.time.startswith("day"))
+    known = {word: meaning for word, meaning in result.mode_map.items() if meaning != "UNKNOWN"}
+    if known:
+        kept["mode_map"] = {**known, **kept.get("mode_map", {})}
+    lines = [_HEAD] + [f"{name} = {_toml(value)}\n" for name, value in kept.items()]
+    write_whole(path, "".join(lines), force=force, kind=b"# stictionid")
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (int, float)):
+        return repr(value)
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{_toml(str(k))} = {_toml(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(v) for v in value) + "]"
+    escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\u{ord(c):04x}" for c in str(value))
+    return f'"{escaped}"'

@@ -1,0 +1,262 @@
+"""Reads an export from first byte to loop: the one place where the parts of this room meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import DataError
+from ..loop import Finding, Loop, Origin
+from .align import Aligned, align
+from .arrow import booleans
+from .assemble import Assembled, assemble
+from .modes import check_map
+from .notes import bad_findings
+from .options import ReadOptions
+from .rows import RowBook
+from .shapes import Shaped, shape_table
+from .source import Source, open_source
+from .table import Table, read_table
+from .units import check_span
+
+EXCEL_ROWS = (1_048_576, 65_536)
+"""Rows of a sheet in Excel since 2007, and before."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What was understood of a file: the loop, and every choice on the way to it.
+
+    `rows` holds rows in, used, and by reason (they add up); `segments` (first, last sample) pairs with start times;
+    `assumptions` what was guessed, each with the option that settles it.
+    """
+
+    loop: Loop
+    file: str
+    sha256: str
+    shape: str
+    columns: dict[str, str]
+    why: dict[str, str]
+    unused: tuple[str, ...]
+    time: str
+    zone: str | None
+    decimal: str
+    separator: str
+    encoding: str
+    header_lines: int
+    step_s: float
+    mode_map: dict[str, str]
+    quality: str
+    units: dict[str, str]
+    rows: dict[str, int]
+    samples: dict[str, int]
+    segments: tuple[dict[str, Any], ...]
+    assumptions: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    descriptions: dict[str, str] = field(default_factory=dict)
+
+
+def read_loop(file: Any, *, options: ReadOptions | None = None) -> Loop:
+    """The loop in a file: path, '-' for standard input, or an object with read().
+
+    UsageError (exit 2) for absent files, unknown loops and options out of range; DataError (exit 3) for content
+    that can't be used.
+    """
+    return read(file, options=options).loop
+
+
+def read(file: Any, *, options: ReadOptions | None = None) -> Reading:
+    """The loop in a file with what was understood, assumed and left out on the way. Errors as `read_loop`."""
+    options = options or ReadOptions()
+    if options.profile is not None:
+        from .profile import with_profile
+
+        options = with_profile(options)
+    _check(options)
+    if not hasattr(file, "read") and str(file) != "-" and Path(file).is_dir():
+        from .folder import read_folder
+
+        source, table = read_folder(Path(file), options)
+    else:
+        source = open_source(file)
+        table = read_table(source, options)
+        source = replace(source, data=b"")  # the columns are all that is needed now; large files need the room
+    return _read_table(source, table, options)
+
+
+def read_frame(frame: Any, *, options: ReadOptions | None = None, name: str = "data frame") -> Reading:
+    """The loop in a pandas data frame, read as a file with the same columns would be."""
+    import pyarrow as pa
+
+    from .table import table_from_arrow
+
+    named = any(n is not None for n in frame.index.names)
+    table = table_from_arrow(pa.Table.from_pandas(frame, preserve_index=named), name)
+    return _read_table(Source(name, "parquet", b"", ""), table, options or ReadOptions())
+
+
+def _check(options: ReadOptions) -> None:
+    for span, flag in ((options.span_pv, "--span-pv"), (options.span_op, "--span-op"), (options.split, "--split")):
+        check_span(span, flag)
+    check_map(options.mode_map)
+
+
+def _read_table(source: Source, table: Table, options: ReadOptions) -> Reading:
+    dropped = {
+        reason: sum(r == reason for _, r, _ in table.dropped)
+        for reason in ("repeated header", "footer", "damaged", "blank")
+    }
+    book = RowBook(table.rows, dropped)
+    if not any(table.names):
+        raise DataError(
+            f"{table.file} has no column names", "name columns by number, for example --time 1 --pv 2 --op 3"
+        )
+    _book_headers(table, book)
+    _book_blank(table, book)
+    shaped = shape_table(table, options, book)
+    aligned: Aligned = align(shaped.series)
+    _book_unaligned(shaped, aligned, book)
+    made: Assembled = assemble(shaped, aligned, options, book, table)
+    guesses = (*table.assumptions, *shaped.guesses, *made.guesses)
+    if options.no_guess and guesses:
+        raise DataError(
+            f"{table.file}: {len(guesses)} assumption{'s' * (len(guesses) > 1)} would be needed, the first: "
+            f"{guesses[0]}",
+            "say it with the option named there, or leave --no-guess out",
+        )
+    return _reading(source, table, shaped, made, options, book, guesses)
+
+
+def _book_unaligned(shaped: Shaped, aligned: Aligned, book: RowBook) -> None:
+    """Rows of tags that no sample stands for: recorded more often than the step of the loop."""
+    if shaped.shape == "wide":
+        return
+    if shaped.shape == "paired" and len(aligned.frame.rows) > 1:
+        # A row holds a sample of every tag, at different times: it is booked by its PV alone.
+        aligned.frame.rows = [aligned.frame.rows[list(shaped.series).index("process_value")]]
+    taken = np.concatenate(aligned.frame.rows)
+    roles = shaped.series if shaped.shape == "long" else ("process_value",)
+    for role in roles:
+        rows = shaped.series[role].rows
+        book.mark(rows[~np.isin(rows, taken)], "resampled")
+
+
+def _book_blank(table: Table, book: RowBook) -> None:
+    """Lines without any content."""
+    import pyarrow.compute as pc
+
+    if min(column.null_count for column in table.columns) == 0:
+        return
+    empty = None
+    for column in table.columns:
+        null = pc.is_null(column)
+        empty = null if empty is None else pc.and_(empty, null)
+    book.mark(booleans(empty), "blank")
+
+
+def _book_headers(table: Table, book: RowBook) -> None:
+    """Rows that repeat the header (pasted pages); their cells turn into empty ones by themselves."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    hits = None
+    for name, column in zip(table.names, table.columns, strict=True):
+        if not name or not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
+            continue
+        same = pc.fill_null(pc.equal(pc.utf8_trim_whitespace(column), name), False)
+        hits = same if hits is None else pc.or_(hits, same)
+    if hits is not None and pc.any(hits).as_py():
+        book.mark(booleans(hits), "repeated header")
+
+
+def _reading(
+    source: Source,
+    table: Table,
+    shaped: Shaped,
+    made: Assembled,
+    options: ReadOptions,
+    book: RowBook,
+    guesses: tuple[str, ...],
+) -> Reading:
+    counts = book.counts()
+    findings = (*made.findings, *bad_findings(counts), *_row_findings(table, counts))
+    if source.path is not None:
+        file: str | None = str(source.path)
+    else:
+        file = None if source.name == "standard input" else source.name
+    name = shaped.assignment.loop or table.attributes.get("loop", "") or Path(source.name).name.split(".")[0] or "loop"
+    columns = {k.removeprefix("extra:"): v for k, v in shaped.columns.items() if v}
+    origin = Origin(
+        file=file,
+        sha256=source.sha256 or None,
+        columns=columns,
+        units=made.parts["units"],
+        rows=counts["in"],
+        start=made.start,
+        end=made.end,
+        findings=findings,
+        options=options.said(),
+    )
+    loop = Loop(**made.parts, name=name, origin=origin)
+    modes = shaped.modes
+    return Reading(
+        loop=loop,
+        file=file or source.name,
+        sha256=source.sha256,
+        shape=shaped.shape,
+        columns=columns,
+        why=dict(shaped.assignment.why),
+        unused=tuple(shaped.assignment.unused),
+        time=made.time_text,
+        zone=shaped.times.zone if shaped.times else None,
+        decimal=table.decimal,
+        separator=table.separator,
+        encoding=table.encoding,
+        header_lines=table.header_lines,
+        step_s=loop.step_s,
+        mode_map=dict(zip(modes.words, modes.meaning, strict=True)) if modes else {},
+        quality=shaped.quality,
+        units=loop.units,
+        rows=counts,
+        samples=made.samples,
+        segments=made.segments,
+        assumptions=guesses,
+        findings=findings,
+        descriptions={k: v for k, v in shaped.described.items() if v},
+    )
+
+
+def _row_findings(table: Table, counts: dict[str, int]) -> list[Finding]:
+    """What the number and the form of rows say."""
+    found = []
+    if counts.get("damaged"):
+        line, _, text = next(d for d in table.dropped if d[1] == "damaged")
+        found.append(
+            Finding(
+                "damaged-rows",
+                "warning",
+                f"{counts['damaged']:,} rows have a wrong number of cells, the first in line {line:,}: {text[:60]!r}",
+                {"rows": counts["damaged"], "line": line},
+            )
+        )
+    if counts["in"] + table.header_lines in EXCEL_ROWS:
+        found.append(
+            Finding(
+                "excel-cut",
+                "warning",
+                f"the file ends exactly where a spreadsheet does ({counts['in']:,} rows): more was probably cut off",
+                {"rows": counts["in"]},
+            )
+        )
+    return found
+
+
+def loops_in(file: Any, *, options: ReadOptions | None = None) -> tuple[str, ...]:
+    """Names of the loops in a file, in order; empty where it holds one loop without a name."""
+    from .listing import names_of
+
+    options = options or ReadOptions()
+    return names_of(read_table(open_source(file), options), options)

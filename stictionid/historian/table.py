@@ -1,0 +1,217 @@
+"""A table as columns: text through pyarrow.csv, Parquet through pyarrow, every line that is no row noted."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..errors import DataError
+from .cells import NULLS
+from .encoding import to_utf8
+from .layout import Layout, find_layout, split_line
+from .options import ReadOptions
+from .source import Source
+
+MAX_DAMAGED_SHARE = 0.5
+"""Share of lines with a wrong number of cells above which the separator is wrong or the file is no table."""
+_FOOTER = re.compile(
+    r"\(?\s*\d*\s*(rows?|records?|lines?|Zeilen|lignes)\b|end of|total|summary|ende\b|---|===|#", re.IGNORECASE
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Columns of an export. `columns` are pyarrow arrays (rows,); `lines` maps a row to its line in the file.
+
+    `dropped` lists lines that are no rows: (line, reason, text) with reason "damaged" or "footer".
+    """
+
+    file: str
+    names: tuple[str, ...]
+    columns: tuple[Any, ...]
+    units: tuple[str, ...]
+    descriptions: tuple[str, ...] = ()
+    first_line: int = 1
+    dropped: tuple[tuple[int, str, str], ...] = ()
+    decimal: str = "."
+    separator: str = ""
+    header_lines: int = 0
+    header_cells: tuple[tuple[str, ...], ...] = ()
+    encoding: str = ""
+    notes: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    attributes: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def rows(self) -> int:
+        """How many rows the columns have."""
+        return len(self.columns[0]) if self.columns else 0
+
+    def line(self, row: int) -> int:
+        """1-based line of the file where row `row` (0-based) stands; lines that are no rows are counted in."""
+        line = self.first_line + row
+        for dropped, _, _ in self.dropped:
+            if dropped <= line:
+                line += 1
+        return line
+
+    def cell(self, row: int, column: int) -> str:
+        """The text of one cell."""
+        return str(self.columns[column][row].as_py())
+
+    def where(self, row: int, column: int) -> str:
+        """File, line and column of a cell, for a refusal."""
+        return f"{self.file}, line {self.line(row):,}, column {self.names[column]!r}"
+
+
+def read_table(source: Source, options: ReadOptions) -> Table:
+    """The one table in a source. DataError where it can't be read as a table."""
+    if source.kind == "parquet":
+        return _parquet(source)
+    text = to_utf8(source.data, source.name, options.encoding)
+    data, data_notes = _html_rows(text.data)
+    layout = find_layout(data, source.name, separator=options.separator, header=options.header, decimal=options.decimal)
+    if layout.separator == " ":
+        data = re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", data))
+        layout = find_layout(data, source.name, separator="\t", header=layout.header_lines, decimal=layout.decimal)
+    assumptions = layout.assumptions + ((f"encoding {text.encoding}",) if text.guessed else ())
+    columns, dropped = _parse(data, layout, source.name)
+    return Table(
+        source.name,
+        layout.names,
+        columns,
+        layout.units,
+        layout.descriptions,
+        layout.first_line,
+        dropped,
+        layout.decimal,
+        layout.separator,
+        layout.header_lines,
+        layout.header_cells,
+        text.encoding,
+        source.notes + data_notes,
+        assumptions,
+    )
+
+
+def _html_rows(data: bytes) -> tuple[bytes, tuple[str, ...]]:
+    """Rows of an HTML table (what some systems save as .xls) as tab-separated text; other text unchanged."""
+    head = data[:2000].lower()
+    if b"<table" not in head and b"<html" not in head:
+        return data, ()
+    from .html_table import rows_of
+
+    return rows_of(data.decode("utf-8", "replace")).encode(), ("HTML table",)
+
+
+def _parse(data: bytes, layout: Layout, name: str) -> tuple[tuple[Any, ...], tuple[tuple[int, str, str], ...]]:
+    """The columns and the lines that have a wrong number of cells."""
+    import pyarrow as pa
+    from pyarrow import csv
+
+    width = len(layout.names)
+    bad: list[tuple[int | None, str]] = []
+
+    def note(row: Any) -> str:
+        bad.append((row.number, row.text))
+        return "skip"
+
+    body = pa.py_buffer(data).slice(layout.offset)
+
+    def read(exact: bool) -> Any:
+        """Exact: blank lines are noted as rows of one cell and every row carries its number, at half the speed."""
+        return csv.read_csv(
+            pa.BufferReader(body),
+            read_options=csv.ReadOptions(
+                use_threads=not exact, block_size=1 << 23, column_names=[str(i) for i in range(width)]
+            ),
+            parse_options=csv.ParseOptions(
+                delimiter=layout.separator, invalid_row_handler=note, ignore_empty_lines=not exact
+            ),
+            convert_options=csv.ConvertOptions(
+                null_values=list(NULLS),
+                strings_can_be_null=True,
+                true_values=[],
+                false_values=[],
+                decimal_point=layout.decimal,
+                check_utf8=False,
+            ),
+        )
+
+    try:
+        table = read(False)
+        lines = data.count(b"\n") + (not data.endswith(b"\n")) - layout.first_line + 1
+        if bad or table.num_rows != lines:
+            bad.clear()
+            table = read(True)
+    except (pa.ArrowInvalid, pa.ArrowException) as error:
+        raise DataError(f"{name} can't be parsed: {str(error)[:200]}", "check --separator and --header") from None
+    dropped = tuple(_dropped(bad, layout, width))
+    damaged = sum(reason == "damaged" for _, reason, _ in dropped)
+    if table.num_rows == 0 or damaged > MAX_DAMAGED_SHARE * (table.num_rows + damaged):
+        line, _, text = dropped[0] if dropped else (layout.first_line, "", "")
+        raise DataError(
+            f"{name}: {damaged:,} of {table.num_rows + damaged:,} rows do not have {width} cells, "
+            f"the first is line {line}: {text[:60]!r}",
+            "check --separator and --header",
+        )
+    return tuple(table.columns), dropped
+
+
+def _dropped(bad: list[tuple[int | None, str]], layout: Layout, width: int) -> Iterator[tuple[int, str, str]]:
+    """Lines without the right number of cells, sorted into footers, repeated headers and damaged rows."""
+    headers = {tuple(c for c in row if c) for row in layout.header_cells}
+    for number, text in bad:
+        line = layout.first_line + (number or 1) - 1
+        stripped = text.strip().strip(layout.separator)
+        if not stripped:
+            yield line, "blank", ""
+        elif tuple(c for c in split_line(stripped, layout.separator) if c) in headers:
+            yield line, "repeated header", stripped
+        elif _FOOTER.match(stripped):
+            yield line, "footer", stripped
+        else:
+            yield line, "damaged", stripped
+
+
+def _parquet(source: Source) -> Table:
+    """A Parquet file as a table; nested columns are left out."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        if source.path is not None and not source.data:
+            table = pq.ParquetFile(source.path, memory_map=True).read()
+        else:
+            table = pq.ParquetFile(pa.BufferReader(source.data)).read()
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise DataError(f"{source.name} is damaged Parquet: {str(error)[:160]}", "write or copy it again") from None
+    return table_from_arrow(table, source.name, source.notes)
+
+
+def table_from_arrow(table: Any, name: str, notes: tuple[str, ...] = ()) -> Table:
+    """An Arrow table (of Parquet or of a data frame) as a Table."""
+    import pyarrow as pa
+
+    if table.num_rows == 0:
+        raise DataError(f"{name} has no rows", "export it again")
+    keep = [i for i, f in enumerate(table.schema) if not pa.types.is_nested(f.type)]
+    fields = [table.schema.field(i) for i in keep]
+    units = tuple((f.metadata or {}).get(b"unit", b"").decode("utf-8", "replace") for f in fields)
+    meta = {
+        k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (table.schema.metadata or {}).items()
+    }
+    from .layout import _unit_in
+
+    return Table(
+        name,
+        tuple(f.name for f in fields),
+        tuple(table.column(i) for i in keep),
+        tuple(u or _unit_in(f.name) for u, f in zip(units, fields, strict=True)),
+        ("",) * len(fields),
+        notes=notes,
+        encoding="",
+        attributes=meta,
+    )

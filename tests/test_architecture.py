@@ -1,0 +1,98 @@
+"""The house: imports run one way, heavy rooms load only where they are used, one file for each law and effect."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "stictionid"
+# Rooms from the ground up: a module may import from rooms further down only (or from its own).
+FLOORS = [
+    {"_version", "errors", "kernels"},
+    {"loop", "files"},
+    {"parameters", "results"},
+    {"process", "regression", "search", "noise"},
+    {"laws"},
+    {"effects", "between"},
+    {"model", "oscillation", "export", "bench"},
+    {"arx", "simulate", "historian", "gates"},
+    {"fit", "position"},
+    {"identify"},
+    {"compare", "diagnose"},
+    {"report", "batch"},
+    {"cli"},
+]
+FLOOR_OF = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}
+
+
+def imports_of(path: Path) -> set[str]:
+    """Top rooms of the package that a file imports, wherever in the file."""
+    found = set()
+    package = ("stictionid", *path.relative_to(PACKAGE).parent.parts)
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = package[: len(package) - node.level + 1]
+            names = [node.module] if node.module else [alias.name for alias in node.names]
+            for name in names:
+                full = (*base, *name.split("."))
+                if len(full) > 1:
+                    found.add(full[1])
+    return found
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_run_downwards(path: Path) -> None:
+    room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    if room in ("__init__", "__main__"):
+        return
+    assert room in FLOOR_OF, f"{room} has no floor: add it to FLOORS"
+    for other in imports_of(path) - {room}:
+        assert FLOOR_OF[other] < FLOOR_OF[room], f"{room} imports {other}, which is not below it"
+
+
+def loaded_by(code: str) -> set[str]:
+    out = subprocess.run([sys.executable, "-c", f"import sys\n{code}\nprint(*sys.modules)"], capture_output=True,
+                         text=True, check=True)
+    return {name.partition(".")[0] for name in out.stdout.split()}
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = "sys.argv = ['stictionid', '--help']\nfrom stictionid.cli import main\n" \
+           "try:\n    main()\nexcept SystemExit:\n    pass"
+    assert not loaded_by(code) & {"numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib"}
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    assert not loaded_by("import stictionid") & {"numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib"}
+
+
+def test_pandas_and_matplotlib_live_in_one_room_each() -> None:
+    for path in PACKAGE.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        room = path.relative_to(PACKAGE).parts[0]
+        assert room == "historian" or "import pandas" not in text, path
+        assert room == "report" or "matplotlib" not in text, path
+
+
+def test_only_the_command_line_prints_or_exits() -> None:
+    for path in PACKAGE.rglob("*.py"):
+        if path.relative_to(PACKAGE).parts[0] in ("cli", "__main__.py"):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                assert node.func.id not in ("print", "exit", "quit"), f"{path} prints or exits"
+
+
+@pytest.mark.parametrize("room", ["laws", "effects"])
+def test_a_law_or_an_effect_is_one_file_that_nobody_else_names(room: str) -> None:
+    """Nothing outside its own file may import a single law or effect: the catalogue finds it."""
+    modules = {p.stem for p in (PACKAGE / room).glob("*.py")} - {"__init__", "contract", "physical"}
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                parts = node.module.split(".")
+                assert not (room in parts and modules & set(parts)), f"{path} imports {node.module}"

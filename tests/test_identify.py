@@ -1,0 +1,167 @@
+"""S and J come back: the paper's loops, the shared loops with nothing hidden, integrators, the paper's own method."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import naive
+import numpy as np
+import pytest
+
+from stictionid.arx import Arx
+from stictionid.errors import UsageError
+from stictionid.fit import search
+from stictionid.historian import read_loop
+from stictionid.identify import Options, identify
+from stictionid.loop import Loop
+from stictionid.model import Model, Spec, rerun
+from stictionid.oscillation import find_range
+from stictionid.results import study_from_json, to_json
+from stictionid.simulate import preset, simulate, with_stiction
+
+ROOT = Path(__file__).parent.parent
+SHARED = ROOT.parent / "shared"
+HIDDEN = SHARED / "hidden_effects"
+needs_hidden = pytest.mark.skipif(not HIDDEN.is_dir(), reason="../shared/hidden_effects is not here")
+
+
+@pytest.mark.parametrize(("name", "S", "J", "e_S", "e_J"), [("foptd", 5.0, 1.5, 0.38, 0.87), ("itptd", 5.0, 3.0, 2.2, 3.4)])
+def test_noise_free_rows_of_the_paper_come_back_closer_than_the_paper(name, S, J, e_S, e_J) -> None:
+    e = identify(simulate(with_stiction(preset(name), S, J)).loop).estimate
+    assert e is not None and e.integrating == (name == "itptd")
+    assert 100 * abs(e.S / S - 1) < e_S and 100 * abs(e.J / J - 1) < e_J
+
+
+@needs_hidden
+@pytest.mark.parametrize("name", ["hidden_01", "hidden_02"])
+def test_loops_with_nothing_hidden(name: str) -> None:
+    truth = json.loads((HIDDEN / "truth.json").read_text())[name]["plant"]
+    study = identify(read_loop(HIDDEN / f"{name}.csv"))
+    e, error = study.estimate, study.steps[-1].error
+    assert e is not None
+    assert pytest.approx(truth["S_pct"], rel=0.01) == e.S and pytest.approx(truth["J_pct"], rel=0.05) == e.J
+    assert error.rmse == pytest.approx(truth["noise_sd"], rel=0.05)
+    assert error.noise_sd == pytest.approx(truth["noise_sd"], rel=0.05)
+    assert study.adequate and study.verdict.stiction == "stiction" and [s.added for s in study.steps] == [None]
+    assert e.from_position is not None and e.from_position.S == pytest.approx(truth["S_pct"], rel=0.01)
+
+
+@needs_hidden
+def test_a_further_lag_becomes_a_step_of_its_own() -> None:
+    study = identify(read_loop(HIDDEN / "hidden_03.csv"))
+    assert [s.added for s in study.steps] == [None, "extra-lag"]
+    assert study.estimate is not None and len(study.estimate.time_constants_s) == 2
+    assert study.steps[1].error.rmse < study.steps[0].error.rmse
+    alone = identify(read_loop(HIDDEN / "hidden_03.csv"), options=Options(base_only=True))
+    assert len(alone.steps) == 1
+
+
+def scanned(S: float = 4.0, J: float = 2.0, noise: float = 0.05, seed: int = 3) -> Loop:
+    base = with_stiction(preset("foptd"), S, J)
+    return simulate(replace(base, noise_sd=noise, controller=replace(base.controller, scan_s=1.0), duration_s=800,
+                            setpoint_moves=((0.0, 5.0), (300.0, -6.0), (550.0, 4.0))), seed=seed).loop
+
+
+def test_the_study_survives_json_and_its_model_runs_again_without_a_search() -> None:
+    loop = scanned()
+    study = identify(loop)
+    assert study_from_json(to_json(study)) == study
+    curves = rerun(loop, study.steps[-1].model)
+    skip = 50
+    error = float(np.sqrt(np.mean(curves.residual[skip:] ** 2)))
+    assert error == pytest.approx(study.steps[-1].error.rmse, rel=0.05)
+    assert np.abs(curves.position - loop.position)[skip:].max() < 0.2
+
+
+def test_the_same_seed_gives_the_same_study() -> None:
+    loop = scanned()
+    assert to_json(identify(loop)) == to_json(identify(loop))
+
+
+@pytest.mark.parametrize("scale", [(-1.0, 100.0), (0.02, -3.0)])
+def test_unit_and_direction_of_the_process_value_do_not_matter(scale: tuple[float, float]) -> None:
+    loop = scanned()
+    gain, offset = scale
+    other = Loop(output=loop.output, process_value=offset + gain * loop.process_value, units=loop.units)
+    one, two = identify(replace(loop, setpoint=None)).estimate, identify(other).estimate
+    assert one and two
+    assert two.S == pytest.approx(one.S, rel=0.01) and two.J == pytest.approx(one.J, abs=0.06 * one.S)
+    assert two.gain == pytest.approx(gain * one.gain, rel=0.03)
+
+
+def test_a_valve_that_does_not_stick_is_not_called_sticking() -> None:
+    base = with_stiction(preset("foptd"), 0.0, 0.0)
+    moves = tuple((80.0 * k, (-1.0) ** k * 4.0) for k in range(10))
+    loop = simulate(replace(base, noise_sd=0.1, controller=replace(base.controller, scan_s=1.0), setpoint_moves=moves,
+                            duration_s=800), seed=1).loop
+    assert identify(loop).verdict.stiction == "no stiction"
+
+
+def test_the_known_plant_is_used_as_given() -> None:
+    study = identify(scanned(), options=Options(fixed={"gain": 3.0, "time_constant_s": 5.0, "dead_time_s": 5.0}))
+    e = study.estimate
+    assert e is not None
+    assert (e.gain, e.time_constants_s, e.dead_time_s) == (3.0, (5.0,), 5.0)
+    assert pytest.approx(4.0, rel=0.02) == e.S and pytest.approx(2.0, rel=0.06) == e.J
+
+
+def test_the_papers_method_searches_the_papers_range_and_reports_its_polynomials() -> None:
+    loop = simulate(with_stiction(preset("foptd"), 5.0, 3.0)).loop
+    study = identify(loop, options=Options(method="arx", order=1, delay=5))
+    e, arx = study.estimate, study.steps[0].model["arx"]
+    assert e is not None and study.range.s_max is not None
+    assert e.S <= study.range.s_max and e.J <= e.S
+    assert pytest.approx(5.0, rel=0.03) == e.S
+    assert arx["delay"] == 5 and len(arx["a"]) == len(arx["b"]) == 1
+
+
+def test_arx_cost_is_the_papers_v_n() -> None:
+    loop = scanned()
+    found = find_range(loop)
+    model = Model(loop, Spec(), s_max=found.s_max, period_s=found.period_median_s)
+    arx = Arx(model, 2, (5,), constant=False)
+    values = np.array([[4.0, 3.0], [2.0, 1.0], [0.0, 0.0], [5.0, 5.0], [5.0, 5.0]])
+    rows = loop.samples - arx.first
+    ours = arx.costs(values)[0] / rows
+    for p in range(2):
+        theirs = naive.arx_cost(loop.output, loop.process_value, values[0, p], values[1, p], 2, 5, arx.first)
+        assert ours[p] == pytest.approx(theirs, rel=1e-6)
+
+
+def test_the_cost_is_never_above_that_of_the_true_parameters() -> None:
+    loop = scanned()
+    found = find_range(loop)
+    model = Model(loop, Spec(), s_max=found.s_max, period_s=found.period_median_s)
+    _, costs = search(model, np.random.default_rng(0))
+    forces = np.linspace(-0.9, 0.9, 7)
+    truth = np.stack([np.full(7, 4.0), np.full(7, 2.0), forces, np.full(7, 5.0), np.full(7, 5.0)])
+    assert costs[0] <= model.costs_of(truth).min() * 1.001
+
+
+@pytest.mark.parametrize("options", [
+    Options(method="magic"), Options(between="never"), Options(law="nobody"), Options(order=9),
+    Options(fixed={"dead_time_s": -1.0}),
+])
+def test_options_that_do_not_exist_are_refused(options: Options) -> None:
+    with pytest.raises(UsageError):
+        identify(scanned(), options=options)
+
+
+@pytest.mark.parametrize(("loop", "code"), [
+    (Loop(output=np.full(300, 40.0), process_value=np.random.default_rng(0).standard_normal(300)), "constant-output"),
+    (Loop(output=np.random.default_rng(0).standard_normal(300) + 50, process_value=np.full(300, 3e-44)), "dead-signal"),
+    (Loop(output=50 + np.sin(np.arange(300) / 1.0), process_value=np.cos(np.arange(300) / 1.0)), "too-slow-sampling"),
+    (Loop(output=50 + np.sin(np.arange(300) / 30.0), process_value=np.cos(np.arange(300) / 30.0)), "too-few-cycles"),
+    (Loop(output=np.arange(30.0), process_value=np.arange(30.0)), "too-short"),
+    (Loop(output=50 * (1 + np.sign(np.sin(np.arange(600) / 9))), process_value=np.sin(np.arange(600) / 9)),
+     "saturated-output"),
+    (Loop(output=400 + 5 * np.sin(np.arange(600) / 9), process_value=np.sin(np.arange(600) / 9),
+          units={"output": "unit of OP"}), "output-not-a-valve"),
+])
+def test_what_the_record_cannot_tell_is_an_abstention_with_its_reason(loop: Loop, code: str) -> None:
+    study = identify(loop)
+    assert study.estimate is None and study.verdict.stiction == "undecided"
+    assert study.verdict.evidence["code"] == code and study.verdict.reason
+    assert study_from_json(to_json(study)) == study

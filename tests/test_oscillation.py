@@ -1,0 +1,61 @@
+"""Period and S_max: whole cycles only, noise does not add crossings, and a clear reason where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stictionid.loop import Loop
+from stictionid.oscillation import count_reversals, find_range
+from stictionid.simulate import preset, simulate, with_stiction
+
+# Five of the sixteen rows of Tables 2 and 3: S, J, the paper's S_max. All rows: benchmarks/paper_tables.py.
+ROWS = [("foptd", 3.5, 3.5, 4.118), ("foptd", 5.0, 3.0, 5.591), ("foptd", 5.0, 1.5, 5.235),
+        ("itptd", 3.5, 3.5, 4.902), ("itptd", 5.0, 2.0, 8.848)]
+
+
+@pytest.mark.parametrize(("name", "S", "J", "s_max"), ROWS)
+def test_s_max_of_the_paper(name: str, S: float, J: float, s_max: float) -> None:
+    found = find_range(simulate(with_stiction(preset(name), S, J)).loop)
+    assert found.oscillating
+    assert found.s_max == pytest.approx(s_max, rel=0.02)
+
+
+def sine(noise: float = 0.0, period: float = 50.0, samples: int = 1000, setpoint: bool = True) -> Loop:
+    t = np.arange(samples)
+    rng = np.random.default_rng(0)
+    y = 10.0 + np.sin(2 * np.pi * t / period) + noise * rng.standard_normal(samples)
+    return Loop(output=50.0 + 2.0 * np.cos(2 * np.pi * t / period), process_value=y,
+                setpoint=np.full(samples, 10.0) if setpoint else None, units={"output": "%"})
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3])
+def test_noise_adds_no_cycles(noise: float) -> None:
+    found = find_range(sine(noise))
+    assert len(found.cycles) == 19
+    assert found.period_median_s == pytest.approx(50.0, rel=0.02)
+    assert found.s_max == pytest.approx(4.0, rel=0.01)
+    assert found.period_s >= found.period_median_s
+
+
+def test_without_setpoint_the_mean_of_y_is_the_reference_and_said() -> None:
+    found = find_range(sine(setpoint=False))
+    assert found.reference == "mean of y" and "mean of y" in found.reason
+
+
+@pytest.mark.parametrize(("loop", "words"), [
+    (Loop(output=np.full(200, 40.0), process_value=np.random.default_rng(0).standard_normal(200)), "constant at 40"),
+    (Loop(output=np.arange(200.0), process_value=np.full(200, 3e-44)), "does not vary"),
+    (sine(samples=120), "only 1 whole cycle,"),
+    (Loop(output=np.ones(3), process_value=np.ones(3)), "3 usable samples"),
+])
+def test_not_oscillating_because(loop: Loop, words: str) -> None:
+    found = find_range(loop)
+    assert not found.oscillating and words in found.reason
+
+
+def test_reversals_are_counted_with_a_threshold() -> None:
+    zigzag = np.array([0, 1, 2, 1, 0, 1, 0.9, 2, 0, 3.0])
+    assert count_reversals(zigzag, 0.5) == 4
+    assert count_reversals(zigzag, 1.5) == 4
+    assert count_reversals(np.zeros(5), 0.1) == 0
