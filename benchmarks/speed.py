@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -65,7 +66,8 @@ def kernels() -> list[str]:
             table = law.searched_friction(values[0], values[1])
             state = law.start(float(loop.output[0]), table, np.zeros(lanes))
             position, profile = np.empty((loop.samples, lanes)), np.zeros(loop.samples)
-            t = best(lambda: law.run(loop.output, table, profile, state.copy(), position)) / lanes / loop.samples  # noqa: B023
+            run = partial(law.run, loop.output, table, profile, state, position)
+            t = best(run) / lanes / loop.samples
             print(f"law {law.name:12s}                                               {1e9 * t:8.2f} ns a sample")
             slow += [f"law {law.name} {1e9 * t:.1f} ns"] if 1e9 * t > 3 else []
     return slow + ([f"ARX cost only {twin / ours:.0f} times faster"] if twin / ours < 60 else [])
@@ -102,7 +104,8 @@ def processes() -> list[str]:
     print(f"\nwhole processes, best of 7, 1000 rows; imports: {IMPORTS}")
     for name, times in seconds.items():
         ratio = min(times) / base
-        print(f"{name:24s} {min(times):6.2f} s (median {np.median(times):5.2f})  {ratio:5.2f} imports  {memory[name]:5.0f} MB")
+        print(f"{name:24s} {min(times):6.2f} s (median {np.median(times):5.2f})  {ratio:5.2f} imports  "
+              f"{memory[name]:5.0f} MB")
         if name.startswith("identify") and (ratio > 2.5 or memory[name] > 400):
             missed.append(f"{name}: {ratio:.2f} imports, {memory[name]:.0f} MB")
     if min(seconds["--help"]) > 0.25:

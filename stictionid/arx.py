@@ -48,7 +48,7 @@ class Arx:
         position = self.model.positions(values)
         if self.command_mean:
             position -= self.command_mean
-        m = self.model.spec.substeps
+        m = self.model.parts
         return position if m == 1 else position.reshape(-1, m, position.shape[1]).mean(axis=1)
 
     def costs(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:

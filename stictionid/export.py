@@ -35,7 +35,8 @@ def write_loop(loop: Loop, path: str | Path, *, force: bool = False) -> None:
     else:
         separator = "," if suffix == ".csv" else "\t"
         lines = [separator.join(columns)]
-        lines += [separator.join(map(_number, row)) for row in zip(*(c.tolist() for c in columns.values()), strict=True)]
+        rows = zip(*(c.tolist() for c in columns.values()), strict=True)
+        lines += [separator.join(map(_number, row)) for row in rows]
         content = ("\n".join(lines) + "\n").encode()
     write_whole(path, content, force=force, kind=_KINDS[suffix])
 

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .arx import Arx
 from .loop import FloatArray, Loop
@@ -42,7 +44,7 @@ AGREE_S, AGREE_J = 0.01, 0.05
 _AGREE_COST, _AGREE_SIGNAL = 0.05, 0.002
 HOLDOUT_BLOCKS = 5
 # Size of the cloud around the optimum from which folds and intervals choose.
-_CLOUD = 240
+_CLOUD = 120
 # Likelihood-ratio threshold for a 90 % interval of a threshold parameter (Hansen 2000; CRITICISM.md section 5).
 INTERVAL_THRESHOLD = 5.94
 INTERVAL_LEVEL = 0.90
@@ -325,9 +327,10 @@ def polish_smooth(model: Model, point: FloatArray, rng: np.random.Generator) -> 
 
 def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.Generator, *,
            rounds: int = 200, holdout: bool = True) -> Fitted:
-    """Last polish of the best points errors and intervals."""
+    """The last polish of the best points, with errors, hold-out and intervals."""
     values = model.values(points)
-    found = refine(model.costs, with_start(model, _distinct(points)[:3]), rng, spread=spreads(model, 0.15), rounds=rounds, population=18, settle=_SETTLED)
+    found = refine(model.costs, with_start(model, _distinct(points)[:3]), rng, spread=spreads(model, 0.15),
+                   rounds=rounds, population=18, settle=_SETTLED)
     top, best_cost = polish_smooth(model, found.points[0], rng)
     agree = agreement(model, points, costs)
     cube, cost = _cloud(model, top, rng)
@@ -335,7 +338,7 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
         top, best_cost = cube[cost.argmin()], float(cost.min())
     best_values = model.values(top[None])[:, 0]
     best = model.evaluate(best_values)
-    held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:_CLOUD // 4]]) if holdout else None
+    held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:_CLOUD // 2]]) if holdout else None
     return Fitted(model, best_values, best_cost, len(points), agree, best, held,
                   _intervals(model, cube, cost, best_cost, best), values[:2].T)
 
@@ -353,21 +356,39 @@ def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
 
 
 def _cloud(model: Model, top: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Points around the optimum, shaped by the points that do nearly as well, and their costs."""
-    d = top.size
-    wide = top + spreads(model, 0.3) * rng.standard_normal((_CLOUD, d)) * np.exp(-2.0 * rng.random((_CLOUD, 1)))
-    cube = np.clip(np.concatenate([top[None], wide]), 0.0, 1.0)
+    """Points around the optimum, shaped by the points that do nearly as well, and their costs.
+
+    Three clouds: all numbers moved together; the break-away (S, initial force) held, since on a sampled command its
+    plateau is far narrower than the rest; and S alone, on a ladder from a millionth of its range up.
+    """
+    movable = np.array([p.high > p.low for p in model.space.parameters])
+    held = movable & ~np.isin(np.arange(top.size), (0, 2))
+    offsets = np.geomspace(1e-6, 0.05, 40)
+    alone = top[None].repeat(2 * offsets.size, axis=0)
+    alone[:, 0] = np.clip(top[0] + np.concatenate([-offsets, offsets]), 0.0, 1.0)
+    parts = [top[None], alone, _adapted(model, top, movable, rng), _adapted(model, top, held, rng)]
+    cube = np.concatenate(parts)
+    return cube, model.costs(cube)
+
+
+def _adapted(model: Model, top: FloatArray, free: NDArray[np.bool_], rng: np.random.Generator) -> FloatArray:
+    """Points (k, d) around `top` in its free numbers, drawn three times from the spread of the best so far."""
+    columns = np.flatnonzero(free)
+    d = columns.size
+    if not d:
+        return top[None]
+    wide = spreads(model, 0.3)[columns] * rng.standard_normal((_CLOUD, d)) * np.exp(-5.0 * rng.random((_CLOUD, 1)))
+    cube = top[None].repeat(_CLOUD, axis=0)
+    cube[:, columns] = np.clip(top[columns] + wide, 0.0, 1.0)
     cost = model.costs(cube)
     for _ in range(3):
-        chosen = np.argsort(cost, kind="stable")[:max(3 * d, _CLOUD // 6)]
-        spread = np.cov(cube[chosen].T) + 1e-14 * np.eye(d)
-        root = np.linalg.cholesky(spread + 1e-12 * np.trace(spread) * np.eye(d))
-        move = 1.7 * rng.standard_normal((_CLOUD, d)) @ root.T
-        # Every third point keeps the break-away as it is: on a sampled command S has a plateau narrower than the rest.
-        move[::3, 0] = move[::3, 2] = 0.0
-        extra = np.clip(top + move, 0.0, 1.0)
-        cube, cost = np.concatenate([cube, extra]), np.concatenate([cost, model.costs(extra)])
-    return cube, cost
+        chosen = cube[np.argsort(cost, kind="stable")[:max(4 * d, _CLOUD // 8)]][:, columns] - top[columns]
+        spread = chosen.T @ chosen / len(chosen)
+        root = np.linalg.cholesky(spread + (1e-10 * np.trace(spread) + 1e-18) * np.eye(d))
+        more = top[None].repeat(_CLOUD, axis=0)
+        more[:, columns] = np.clip(top[columns] + 1.7 * rng.standard_normal((_CLOUD, d)) @ root.T, 0.0, 1.0)
+        cube, cost = np.concatenate([cube, more]), np.concatenate([cost, model.costs(more)])
+    return cube
 
 
 def effective_rows(residual: FloatArray, good: FloatArray) -> float:
@@ -411,7 +432,7 @@ def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
         columns = columns[:, 1:]  # a constant has no differences
     total, rows = 0.0, 0
     fixed = model.spec.fixed.get("gain")
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges.tolist()):
         test = np.zeros(n, bool)
         test[a:b] = True
         test &= model.weight > 0

@@ -46,11 +46,15 @@ class Origin:
 
 def _frozen(values: Any, dtype: type = np.float64) -> NDArray[Any]:
     if isinstance(values, np.ndarray) and values.dtype == dtype and values.ndim == 1 and values.flags.c_contiguous \
-            and not values.flags.writeable:
+            and not values.flags.writeable and not _writable(values.base):
         return values  # already ours, or nobody's to change
     array = np.array(values, dtype=dtype, order="C", copy=True).reshape(-1)
     array.setflags(write=False)
     return array
+
+
+def _writable(base: Any) -> bool:
+    return base is not None and not (isinstance(base, np.ndarray) and not base.flags.writeable)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ Source: paper Eq. 7 to 19; METHODS.md section 4, traps 1, 2, 4 and 5.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -35,6 +36,12 @@ _BLOCK = 1 << 18
 _FEWEST_LANES, _MOST_LANES = 16, 64
 # Samples left out of the cost at the start, as a share of the record and at most this many periods.
 _SKIP_SHARE, _SKIP_PERIODS = 0.05, 0.5
+# Parts of a sample where an effect moves the stem between two values of a held command.
+_FINE_PARTS = 4
+# Rounds after which the model's own y, which some effects follow, has settled.
+_FOLLOWED = 4
+# A start-up transient below this share of its first value on all counted samples is gone. Unit: 1.
+_DEAD = 0.02
 
 FIRST_ORDER, INTEGRATOR = "first-order", "integrator"
 BASE = ("S", "J", "initial_residual_force", "time_constant_s", "dead_time_s")
@@ -111,16 +118,22 @@ class Model:
 
     def __init__(self, loop: Loop, spec: Spec, *, s_max: float, period_s: float,
                  residual: FloatArray | None = None, command: FloatArray | None = None) -> None:
+        # `residual` (n,) is that of the model so far: what effects are looked for in, and what y is cleaned by.
         self.loop, self.spec, self.s_max, self.period_s = loop, spec, s_max, period_s
         self.law = law_room.get(spec.law)
-        self.effects: tuple[Effect, ...] = effect_room.in_order(spec.effects)
+        ordered = effect_room.in_order(spec.effects)
+        self.names = tuple(name for name, _, _ in ordered)
+        self.effects: tuple[Effect, ...] = tuple(effect for _, effect, _ in ordered)
+        self._options = tuple(option for _, _, option in ordered)
         self.step_s = loop.step_s
         y = _filled(loop.process_value)
         if command is None:
             command = rebuild(_filled(loop.output), spec.substeps, spec.between)
-        self.context = Context(command, y, loop.setpoint, loop.step_s, spec.substeps, period_s,
-                               dict(loop.extras), residual)
-        self._no_profile = np.zeros(command.size)
+        fine = any(effect.fine for effect in self.effects)
+        self.parts = max(spec.substeps, _FINE_PARTS) if fine and spec.between == "hold" else spec.substeps
+        self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
+                               dict(loop.extras), residual, None if residual is None else y - residual)
+        self._profile = self._drift_profile()
         self.space = Space(self._axes())
         self._scales = self.space.scales()
         self._slices = self._effect_rows()
@@ -144,6 +157,24 @@ class Model:
         if self.spec.friction_free:
             base[:3] = [replace(p, low=0.0, high=0.0) for p in base[:3]]
         return tuple(base) + tuple(p for e in self.effects for p in e.parameters_for(self.context))
+
+    def _drift_profile(self) -> FloatArray:
+        """How friction changes along the record, per unit of the drift rows; at most one effect may say so."""
+        drifting = [effect for effect in self.effects if effect.profile]
+        if len(drifting) > 1:
+            raise ModelError(f"{drifting[0].name} and {drifting[1].name} both change friction with time",
+                             "keep one of them")
+        command = self.context.command
+        if not drifting:
+            return np.zeros(command.size)
+        assert drifting[0].profile is not None
+        return drifting[0].profile(np.arange(command.size) * self.context.command_step_s)
+
+    def _context(self, option: str) -> Context:
+        """The context as an effect sees it: a measured disturbance sees its own tag only."""
+        if option in self.context.extras:
+            return replace(self.context, extras={option: self.context.extras[option]})
+        return self.context
 
     def _effect_rows(self) -> list[slice]:
         at, rows = len(BASE), []
@@ -191,16 +222,18 @@ class Model:
     def positions(self, values: FloatArray) -> FloatArray:
         """Valve positions (n*substeps, P) in % of travel, stem and trim effects included."""
         table = self.law.searched_friction(values[0], values[1])
-        profile = self._no_profile
         for effect, rows in zip(self.effects, self._slices, strict=True):
             if effect.friction:
-                table, profile = effect.friction(table, profile, values[rows], self.context)
-        position = self.law.positions(self.context.command, table, profile=profile, share=values[2])
+                table = effect.friction(table, values[rows], self.context.command_step_s)
+        position = self.law.positions(self.context.command, table, profile=self._profile, share=values[2])
         if self.spec.between == "corner":
-            position = interval_means(self.context.command, table, profile, position)
+            position = interval_means(self.context.command, table, self._profile, position)
+        repeat = self.loop.samples * self.parts // position.shape[0]
+        if repeat > 1:
+            position = np.repeat(position, repeat, axis=0)
         for effect, rows in zip(self.effects, self._slices, strict=True):
-            if effect.transform:
-                position = effect.transform(position, values[rows], self.context)
+            if effect.run:
+                position = effect.transformed(position, values[rows], self.context)
         return position
 
     def _dynamics(self, values: FloatArray) -> Dynamics:
@@ -217,15 +250,15 @@ class Model:
         The response of the process comes first, then the columns of linear effects, then start-up transients.
         """
         position = self.positions(values) if position is None else position
-        settings = {"step_s": self.step_s, "substeps": self.spec.substeps, "ahead": self.spec.between == "corner"}
+        settings = {"step_s": self.step_s, "substeps": self.parts, "ahead": self.spec.between == "corner"}
         dynamics = self._dynamics(values)
         n = self.loop.samples
         columns: list[FloatArray] = []
-        for effect, rows in zip(self.effects, self._slices, strict=True):
+        for effect, rows, option in zip(self.effects, self._slices, self._options, strict=True):
             if effect.columns:
-                for column in effect.columns(values[rows], self.context):
-                    if effect.load:
-                        column = free_run(np.repeat(column, self.spec.substeps, axis=0), dynamics, **settings)
+                for column in effect.columns(values[rows], self._context(option)):
+                    if option == "load":
+                        column = free_run(np.repeat(column, self.parts, axis=0), dynamics, **settings)
                     columns.append(column)
         # An unknown start dies away with every lag.
         lags = [lag for lag in (dynamics.time_constant_s, dynamics.second_time_constant_s) if lag.any()]
@@ -241,7 +274,7 @@ class Model:
 
     def lanes(self) -> int:
         """How many candidates are evaluated together."""
-        return int(np.clip(_BLOCK // self.context.command.size // 16 * 16, _FEWEST_LANES, _MOST_LANES))
+        return int(np.clip(_BLOCK // (self.loop.samples * self.parts) // 16 * 16, _FEWEST_LANES, _MOST_LANES))
 
     def costs(self, cube: FloatArray) -> FloatArray:
         """Sum of squared residuals (P,) of points (P, d) of the unit cube; inf for a valve that never moves."""
@@ -273,7 +306,16 @@ class Model:
         return out
 
     def evaluate(self, values: FloatArray) -> Evaluated:
-        """One candidate in full, physical values (d,)."""
+        """One candidate in full, physical values (d,); an effect that follows y follows the model's own."""
+        if not any(effect.follows_y for effect in self.effects):
+            return self._evaluate(values)
+        settled = copy(self)
+        for _ in range(_FOLLOWED):
+            found = settled._evaluate(values)
+            settled.context = replace(self.context, guide=found.model)
+        return settled._evaluate(values)
+
+    def _evaluate(self, values: FloatArray) -> Evaluated:
         values = np.asarray(values, dtype=np.float64)
         column = values.reshape(-1, 1)
         position = self.positions(column)
@@ -288,13 +330,16 @@ class Model:
         target = y - (fixed_gain * own[:, 0] if fixed_gain is not None else 0.0)
         free = design[:, 1:] if fixed_gain is not None else design
         filtered, goal = whiten(free, self.taps), whiten(target[:, None], self.taps)[:, 0]
+        k = own.shape[1]
+        lags = 1 + int(bool(self._dynamics(column).second_time_constant_s.any()))
+        # A transient that died before the first counted sample can't be fitted: it would be noise, blown up backwards.
+        dead = [i for i in range(k - lags, k) if np.abs(own[w, i]).max(initial=0.0) < _DEAD]
+        filtered[:, [i - (fixed_gain is not None) for i in dead]] = 0.0
         scale = np.linalg.norm(filtered[w], axis=0)
         scale[scale < 1e-12 * max(scale.max(initial=0.0), 1e-300)] = np.inf
         solution, *_ = np.linalg.lstsq(filtered[w] / scale, goal[w], rcond=1e-12)
         solution = solution / scale
         coefficients = np.concatenate([[fixed_gain], solution]) if fixed_gain is not None else solution
-        k = own.shape[1]
-        lags = 1 + int(bool(self._dynamics(column).second_time_constant_s.any()))
         model = design @ coefficients
         if self.taps.size and self.spec.increments:
             # Differences say nothing about the level: offset and drift come from the level itself.
@@ -303,9 +348,13 @@ class Model:
             tail, *_ = np.linalg.lstsq(shared[level_w], rest, rcond=1e-12)
             coefficients = np.concatenate([coefficients[:k], tail])
             model = design @ coefficients
+        if dead and np.isfinite(self.loop.process_value[0]):
+            # It is shown as what takes the model to the first measured value.
+            coefficients[dead[0]] = y[0] - model[0]
+            model = model + coefficients[dead[0]] * own[:, dead[0]]
         innovation = whiten((y - model)[:, None], self.taps)[:, 0]
         sse = float(np.sum((goal - filtered @ solution)[w] ** 2))
-        m = self.spec.substeps
+        m = self.parts
         sampled = position[::m, 0]
         means = np.append(position[1:, 0], position[-1, 0]).reshape(-1, m).mean(axis=1)
         return Evaluated(self.named(values), float(coefficients[0]), float(coefficients[k]),
@@ -321,13 +370,14 @@ class Model:
     def named(self, values: FloatArray) -> dict[str, float]:
         """Physical values (d,) by name; an effect's parameters carry the effect's name before a colon."""
         names = list(BASE)
-        for effect in self.effects:
-            names += [f"{effect.name}:{p.name}" for p in effect.parameters_for(self.context)]
+        for name, effect in zip(self.names, self.effects, strict=True):
+            names += [f"{name}:{p.name}" for p in effect.parameters_for(self.context)]
         return {name: float(v) for name, v in zip(names, values, strict=True)}
 
     def vector(self, named: dict[str, float]) -> FloatArray:
         """The inverse of `named`; parameters that are missing take their neutral value."""
-        neutral = {f"{e.name}:{p.name}": p.neutral for e in self.effects for p in e.parameters_for(self.context)}
+        neutral = {f"{name}:{p.name}": p.neutral for name, effect in zip(self.names, self.effects, strict=True)
+                   for p in effect.parameters_for(self.context)}
         names = [*BASE, *neutral]
         missing = [name for name in BASE if name not in named]
         if missing:
@@ -357,11 +407,12 @@ def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, Float
 
 
 def rerun(loop: Loop, description: dict[str, Any]) -> Curves:
-    """Run a described model over its record once, without any search."""
+    """Run a described model over its record once, without any search; NaN before the first sample that counts."""
     model, values = rebuild_model(loop, description)
     e = model.evaluate(values)
-    return Curves(loop.time_s, loop.setpoint, loop.output, loop.process_value, e.model, e.residual, e.position,
-                  e.innovation, loop.position)
+    start = np.arange(loop.samples) < model.skip
+    return Curves(loop.time_s, loop.setpoint, loop.output, loop.process_value, np.where(start, np.nan, e.model),
+                  np.where(start, np.nan, e.residual), e.position, np.where(start, np.nan, e.innovation), loop.position)
 
 
 def skipped(loop: Loop, period_s: float) -> int:

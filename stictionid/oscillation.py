@@ -8,6 +8,8 @@ Without a setpoint the mean of y is the reference, and the result says so.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from .loop import FloatArray, Loop
@@ -47,19 +49,19 @@ def crossings(signal: FloatArray, band: float) -> FloatArray:
 
     The crossing counts once the signal has also risen above +band, so noise near zero counts once.
     """
-    low = high = False
+    low = False
     found: list[float] = []
     last_up = -1.0
     for k in range(1, signal.size):
         a, b = signal[k - 1], signal[k]
         if b < -band:
-            low, high = True, False
+            low = True
             last_up = -1.0
         if a < 0.0 <= b and low and last_up < 0.0:
             last_up = k - 1 + a / (a - b)
         if b > band and low:
             found.append(last_up)
-            low, high = False, True
+            low = False
     return np.array([t for t in found if t >= 0.0])
 
 
@@ -67,7 +69,7 @@ def count_reversals(command: FloatArray, threshold: float) -> int:
     """How often the command turns by more than `threshold` (zigzag count)."""
     turns, direction, extreme = 0, 0, float(command[0]) if command.size else 0.0
     for value in command.tolist():
-        if direction >= 0 and value > extreme or direction <= 0 and value < extreme:
+        if (direction >= 0 and value > extreme) or (direction <= 0 and value < extreme):
             if direction == 0 and abs(value - extreme) > threshold:
                 direction = 1 if value > extreme else -1
                 extreme = value
@@ -104,7 +106,7 @@ def find_range(loop: Loop) -> Range:
     times = crossings(e, band)
     cycles = tuple(
         Cycle(float(a * loop.step_s), float((b - a) * loop.step_s), float(np.ptp(u[int(np.ceil(a)):int(b) + 1])))
-        for a, b in zip(times[:-1], times[1:], strict=True) if b - a >= 2
+        for a, b in pairwise(times.tolist()) if b - a >= 2
     )
     if not cycles:
         return _none("the deviation never completes a cycle", unit, reference, reversals)

@@ -14,7 +14,7 @@ from .loop import FloatArray, Loop
 from .model import S_OVER_S_MAX
 from .regression import Shared
 from .results import PositionEstimate
-from .search import refine, swarm
+from .search import Found, refine, swarm
 
 # Samples by which a recorded position may lag the command.
 _LARGEST_LAG = 3
@@ -52,10 +52,18 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
             best[better], gain[better] = cost[better], own[0][better]
         return best, gain
 
-    found = swarm(lambda c: solve(c)[0], 3, rng, groups=3, particles=20, rounds=15)
-    starts = found.points[:1].repeat(3, axis=0)
-    starts[:, 2] = (0.2, 0.5, 0.8)
-    best = refine(lambda c: solve(c)[0], starts, rng, spread=0.02, rounds=40)
+    found = swarm(lambda c: solve(c)[0], 3, rng, groups=2, particles=20, rounds=12, scouts=300)
+    starts = found.points[:1].repeat(4, axis=0)
+    starts[1:, 2] = (0.2, 0.5, 0.8)
+    best = refine(lambda c: solve(c)[0], starts, rng, spread=0.02, rounds=60, settle=1e-3)
+    # S has a plateau on a sampled command; J settles once S is held (as in fit.polish_smooth).
+    S_held, force = best.points[0, 0], best.points[0, 2]
+
+    def along(part: FloatArray) -> FloatArray:
+        return np.stack([np.full(len(part), S_held), part[:, 0], np.full(len(part), force)], axis=1)
+
+    smooth = refine(lambda c: solve(along(c))[0], best.points[:1, 1:2], rng, spread=0.05, rounds=40, settle=1e-6)
+    best = Found(along(smooth.points[:1]), smooth.costs[:1])
     cost, gain = solve(best.points[:1])
     if not np.isfinite(cost[0]):
         return None

@@ -17,11 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from .effects import get as get_effect
 from .errors import UsageError
+from .hidden import hide
 from .laws import get as get_law
 from .loop import FloatArray, Loop, Origin
-from .process import Dynamics
 
 # Integration step of the continuous loop. Unit: s; METHODS.md section 3 (0.05 s reproduces S_max within 1.7 %).
 FINEST_STEP_S = 0.05
@@ -68,7 +67,7 @@ class Setting:
     setpoint_moves: tuple[tuple[float, float], ...] = ((0.0, 5.0),)
     noise_sd: float = 0.0
     quantise: float = 0.0
-    effects: tuple[tuple[str, dict[str, float]], ...] = ()
+    effects: tuple[tuple[str, dict[str, float | str]], ...] = ()
     fine_step_s: float | None = None
 
 
@@ -116,32 +115,6 @@ def _check(setting: Setting) -> None:
     samples = setting.duration_s / setting.step_s
     if samples > 20_000_000:
         raise UsageError(f"{samples:.3g} samples are more than 20 million", "give a shorter --duration")
-
-
-def _with_effects(setting: Setting) -> Setting:
-    """The setting with every effect that changes the plant's dynamics applied to it.
-
-    Raises UsageError for an unknown effect or parameter, or an effect that this simulator has no place for.
-    """
-    plant = setting.plant
-    for name, given in setting.effects:
-        effect = get_effect(name)
-        known = {p.name: p for p in effect.parameters}
-        for key, value in given.items():
-            if key not in known:
-                raise UsageError(f"effect {name} has no parameter '{key}'",
-                                 "its parameters: " + (", ".join(known) or "none"))
-            if not known[key].low <= value <= known[key].high:
-                raise UsageError(f"{name}: {key} = {value:g} is outside {known[key].low:g} to {known[key].high:g}",
-                                 f"give {known[key].unit or 'a value'} within the range")
-        if effect.dynamics is None:
-            raise UsageError(f"effect {name} can't be simulated yet", "leave it out")
-        theta = np.array([[given.get(p.name, p.neutral)] for p in effect.parameters])
-        start = Dynamics(np.array([plant.time_constant_s]), np.array([plant.dead_time_s]),
-                         np.array([plant.second_time_constant_s]), plant.integrating)
-        changed = effect.dynamics(start, theta)
-        plant = replace(plant, second_time_constant_s=float(changed.second_time_constant_s[0]))
-    return replace(setting, plant=plant)
 
 
 def _fine_step(setting: Setting) -> tuple[float, int]:
@@ -207,32 +180,40 @@ def simulate(setting: Setting, *, seed: int = 0) -> Simulation:
     Raises UsageError for values out of range and ModelError for S, J or `law_values` that the law refuses.
     """
     _check(setting)
-    asked, setting = setting, _with_effects(setting)
     law = get_law(setting.law)
     rng = np.random.default_rng(seed)
+    plant = setting.plant
+    time = np.arange(round(setting.duration_s / setting.step_s)) * setting.step_s
+    hidden = hide(setting.effects, S=setting.S, J=setting.J, lags=(plant.time_constant_s, plant.second_time_constant_s),
+                  time_s=time, start=OPERATING_POINT, rng=np.random.default_rng([seed, 1]))
+    setting = replace(setting, plant=replace(plant, second_time_constant_s=hidden.lags[1]))
     fine, per_sample = _fine_step(setting)
-    samples = round(setting.duration_s / setting.step_s)
-    time = np.arange(samples) * setting.step_s
+    samples = time.size
     c = setting.controller
     scan = round(c.scan_s / fine) if c.scan_s else 0
     # Every measurement has noise of its own: each sample, and each scan where the controller scans faster.
     hold = min(scan, per_sample) if scan else per_sample
     noise = (setting.noise_sd * rng.standard_normal(-(-samples * per_sample // hold))).tolist()
-    friction = law.friction(setting.S, setting.J, values=dict(setting.law_values), step_s=fine, held=bool(scan))
+    friction = law.friction(hidden.S, hidden.J, values=dict(setting.law_values), step_s=fine, held=bool(scan))
+    friction = hidden.friction(friction, c.scan_s or fine)
     state = law.start(OPERATING_POINT, friction, np.zeros(1))
     process = _Process(setting.plant, fine)
     command, place, profile = np.full(1, OPERATING_POINT), np.empty((1, 1)), np.zeros(1)
     r_fine = _setpoint(setting, np.arange(samples * per_sample) * fine).tolist()
     r, u_rec, y_rec, v_rec = _setpoint(setting, time), np.empty(samples), np.empty(samples), np.empty(samples)
+    output, load = hidden.output.tolist(), hidden.load.tolist()
+    # The process rests at the operating point whatever the trim makes of it.
+    base = hidden.move(OPERATING_POINT, 0.0, 1e9)
     y, u, total, e_last = 0.0, OPERATING_POINT, 0.0, 0.0
     run_law, due = law.run, False
     run_law(command, friction, profile, state, place)
     for k in range(samples * per_sample):
         sample, part = divmod(k, per_sample)
-        seen = OPERATING_POINT + y + noise[k // hold]
+        true = OPERATING_POINT + y + output[sample]
+        seen = true + noise[k // hold]
         if setting.quantise:
             seen = round(seen / setting.quantise) * setting.quantise
-        e = r_fine[k] - (seen if scan else OPERATING_POINT + y)
+        e = r_fine[k] - (seen if scan else true)
         if not scan or k % scan == 0:
             dt = c.scan_s if scan else fine
             free = total + c.gain / c.integral_time_s * dt * (e if scan else 0.5 * (e + e_last) if k else 0.0)
@@ -246,18 +227,21 @@ def simulate(setting: Setting, *, seed: int = 0) -> Simulation:
             command[0] = u
             due = True
         if due or law.dynamic:
+            profile[0] = hidden.drift(k * fine)
             run_law(command, friction, profile, state, place)
             due = False
         if part == 0:
             y_rec[sample], u_rec[sample], v_rec[sample] = seen, u, place[0, 0]
-        y = process.advance(place[0, 0] - OPERATING_POINT)
+        moved = hidden.move(place[0, 0], y + output[sample], fine)
+        y = process.advance(moved - base + load[sample])
     loop = Loop(output=u_rec, process_value=y_rec, setpoint=r, position=v_rec, step_s=setting.step_s, name="simulated",
+                extras=hidden.extras,
                 units={"output": "%", "process_value": "%", "setpoint": "%", "position": "%"}, origin=Origin())
-    return Simulation(loop, _truth(asked, seed))
+    return Simulation(loop, _truth(setting, plant, seed))
 
 
-def _truth(setting: Setting, seed: int) -> dict[str, Any]:
-    p, c = setting.plant, setting.controller
+def _truth(setting: Setting, p: Plant, seed: int) -> dict[str, Any]:
+    c = setting.controller
     J = setting.S if get_law(setting.law).one_parameter else setting.J
     return {
         "law": setting.law, "law_parameters": dict(setting.law_values), "S": setting.S, "J": J,

@@ -80,7 +80,7 @@ BAD_SIMULATIONS = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "named"), BAD_SIMULATIONS, ids=lambda a: " ".join(a) if isinstance(a, list) else "")
+@pytest.mark.parametrize(("arguments", "named"), BAD_SIMULATIONS, ids=[" ".join(a) for a, _ in BAD_SIMULATIONS])
 def test_simulate_refuses_with_the_value(arguments: list[str], named: str, tmp_path: Path) -> None:
     result = run("simulate", *arguments, "-o", tmp_path / "a.csv")
     refused(result, 2)
@@ -150,7 +150,8 @@ def test_usage_errors_are_exit_2(tmp_path: Path) -> None:
     good = SAMPLE / "foptd.csv"
     for arguments in (["identify", tmp_path / "absent.csv"], ["identify", good, "--law", "nobody"],
                       ["identify", good, "--method", "magic"], ["identify", good, "--between", "never"],
-                      ["identify", good, "-o", tmp_path / "no" / "folder" / "s.json"], ["identify", good, "--op", "nobody"],
+                      ["identify", good, "-o", tmp_path / "no" / "folder" / "s.json"],
+                      ["identify", good, "--op", "nobody"],
                       ["nonsense"], ["identify", good, "--nonsense"], ["identify", good, "--with", "nobody"],
                       ["identify", good, "-o", tmp_path]):
         result = run(*arguments, "--quiet") if arguments[0] == "identify" else run(*arguments)
@@ -176,13 +177,15 @@ def test_a_file_of_another_kind_is_not_overwritten(tmp_path: Path) -> None:
 def test_a_full_disk_is_said(tmp_path: Path) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
-    result = subprocess.run([sys.executable, "-m", "stictionid", "range", str(SAMPLE / "foptd.csv"), "-q"],
-                            stdout=Path("/dev/full").open("w"), stderr=subprocess.PIPE, text=True, timeout=120)
+    with Path("/dev/full").open("w") as full:
+        result = subprocess.run([sys.executable, "-m", "stictionid", "range", str(SAMPLE / "foptd.csv"), "-q"],
+                                stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
     assert result.returncode == 2 and "Traceback" not in result.stderr
 
 
 def test_a_reader_that_closes_the_pipe_is_no_error() -> None:
-    command = f"{sys.executable} -m stictionid range {SAMPLE / 'itptd.parquet'} -q --json | head -c 10; exit ${{PIPESTATUS[0]}}"
+    command = (f"{sys.executable} -m stictionid range {SAMPLE / 'itptd.parquet'} -q --json | head -c 10; "
+               "exit ${PIPESTATUS[0]}")
     result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=120)
     assert result.returncode == 0 and "Traceback" not in result.stderr
 

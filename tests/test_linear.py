@@ -17,7 +17,8 @@ def staircase(samples: int = 40, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("T1", "T2", "dead", "integrating"), [
-    (5.0, 0.0, 2.3, False), (3.0, 1.5, 0.0, False), (0.3, 0.0, 1.0, True), (2.0, 0.5, 4.7, True), (2.0, 2.0, 1.0, False),
+    (5.0, 0.0, 2.3, False), (3.0, 1.5, 0.0, False), (0.3, 0.0, 1.0, True), (2.0, 0.5, 4.7, True),
+    (2.0, 2.0, 1.0, False),
 ])
 def test_response_is_the_exact_one(T1: float, T2: float, dead: float, integrating: bool) -> None:
     position = staircase()
@@ -90,8 +91,8 @@ def test_whitening_is_the_written_filter() -> None:
     np.testing.assert_allclose(regression.whiten(x, taps), naive.filtered(x, taps), rtol=1e-12)
     stacked = np.concatenate([x, 2 * x])
     regression.whiten_stack(stacked, 40, taps)
-    np.testing.assert_allclose(stacked, np.concatenate([naive.filtered(x, taps)] * 2) * np.repeat([[1.0], [2.0]], 40, 0),
-                               rtol=1e-12)
+    once = naive.filtered(x, taps)
+    np.testing.assert_allclose(stacked, np.concatenate([once, 2 * once]), rtol=1e-12)
 
 
 def test_rebuilt_command_meets_the_samples_and_finds_the_corner() -> None:

@@ -13,8 +13,19 @@ from ..historian.options import ReadOptions
 from . import app
 from ._reading import FileArgument, read_file, reads_file
 from ._shared import (
-    ForceOption, JsonOption, Progress, QuietOption, SeedOption, interval, number, out_console, plain_table, print_json,
-    safe, say, warn_when_cold,
+    ForceOption,
+    JsonOption,
+    Progress,
+    QuietOption,
+    SeedOption,
+    interval,
+    number,
+    out_console,
+    plain_table,
+    print_json,
+    safe,
+    say,
+    warn_when_cold,
 )
 
 
@@ -24,8 +35,11 @@ def identify(
     file: FileArgument,
     reading: ReadOptions,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the study as JSON.")] = None,
-    method: Annotated[str, typer.Option(help="auto, or arx (the paper exactly: ARX and particle swarm).")] = "auto",
-    law: Annotated[str, typer.Option(help="Stiction law; see stictionid laws.")] = "chen",
+    method: Annotated[str, typer.Option(help="auto, arx (the paper exactly: ARX and particle swarm), or one of those "
+                                        "it compares itself with: one-parameter, ellipse, polynomial, jelali.")]
+    = "auto",
+    law: Annotated[str | None, typer.Option(help="Stiction law, see stictionid laws; all fits and ranks every one.",
+                                            show_default="chen")] = None,
     with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", help="Put an effect into the "
                                                           "model from the start; repeatable.")] = None,
     base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
@@ -33,8 +47,11 @@ def identify(
     gain: Annotated[float | None, typer.Option(help="Known process gain, units of y per % of travel.")] = None,
     time_constant: Annotated[float | None, typer.Option(help="Known time constant in seconds.")] = None,
     dead_time: Annotated[float | None, typer.Option(help="Known dead time in seconds.")] = None,
-    order: Annotated[int, typer.Option(help="Order n of the ARX model (--method arx).")] = 2,
-    delay: Annotated[int | None, typer.Option(help="Delay of the ARX model in samples; scanned when left out.")] = None,
+    step_test: Annotated[str | None, typer.Option("--step-test", metavar="FILE", help="Open-loop step record: its "
+                                                  "process becomes the fixed plant.")] = None,
+    order: Annotated[int | None, typer.Option(help="Order of the difference equation (arx, jelali, one-parameter, "
+                                              "polynomial).")] = None,
+    delay: Annotated[int | None, typer.Option(help="Its delay in samples; scanned when left out.")] = None,
     seed: SeedOption = 0,
     jobs: Annotated[int, typer.Option(min=1, help="Processes for work that can be split.")] = 1,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
@@ -58,6 +75,8 @@ def identify(
     options = Options(method, law, tuple(with_effect or ()), base_only, between, fixed, seed, order, delay,
                       "stictionid " + shlex.join(sys.argv[1:]))
     options.check()
+    if step_test is not None:
+        options = _with_step_test(options, step_test, reading, quiet)
     loop = read_file(file, reading, quiet=quiet).loop
     warn_when_cold(quiet)
     from ..identify import identify as run
@@ -78,6 +97,29 @@ def identify(
         raise typer.Exit(4)
 
 
+def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) -> Any:
+    """The options with the process of a step record as their fixed plant, and a finding that says so."""
+    from dataclasses import replace
+
+    from ..errors import DataError, UsageError
+    from ..steptest import fit_step
+
+    if options.fixed:
+        given = ", ".join("--" + name.removesuffix("_s").replace("_", "-") for name in options.fixed)
+        raise UsageError(f"--step-test and {given} both fix the process", "give one of them")
+    # A step test is made by hand, and its times are its own.
+    test = read_file(file, replace(reading, keep_manual=True, start=None, end=None), quiet=quiet).loop
+    try:
+        found = fit_step(test)
+    except DataError as error:
+        raise DataError(f"--step-test {file}: {error.message}", error.hint) from None
+    finding = found.finding(Path(file).name)
+    say(f"note: {finding.statement}", quiet=quiet)
+    options = replace(options, fixed=found.fixed, notes=(*options.notes, finding))
+    options.check()
+    return options
+
+
 def show(study: Any, quiet: bool) -> None:
     """The study as tables on stdout, findings on stderr."""
     console = out_console()
@@ -87,6 +129,8 @@ def show(study: Any, quiet: bool) -> None:
         return
     console.print(_estimate_table(study))
     console.print(_error_table(study))
+    if study.laws:
+        console.print(_law_table(study))
     console.print(f"adequate: {'yes' if study.adequate else 'no'}, {study.adequate_reason}")
     for finding in study.steps[-1].findings:
         say(f"{finding.severity}: {finding.statement}", quiet=quiet)
@@ -120,4 +164,16 @@ def _error_table(study: Any) -> Any:
         name = f"+ {step.added}" if step.added else f"base: {study.estimate.law}, {kind}"
         table.add_row(name, number(e.rmse), number(e.rmse_holdout), number(e.noise_sd), number(e.fit_percent, "", 3),
                       f"{step.restarts.agree} of {step.restarts.runs}")
+    return table
+
+
+def _law_table(study: Any) -> Any:
+    """Laws best first; "alike" marks those that the record can't tell from the best."""
+    unit = study.data.units.get("process_value") or "unit of y"
+    remarks = next((f.evidence for f in study.steps[-1].findings if f.code in ("laws-alike", "laws-told-apart")), {})
+    table = plain_table("law", "S %", "J %", "error", "held out", "", title=f"laws, best first; errors in {safe(unit)}")
+    for law in study.laws:
+        marks = ["alike"] * (law.law in remarks.get("alike", ())) + ["kept"] * (law.law == remarks.get("kept"))
+        table.add_row(law.law, number(law.S), number(law.J), number(law.rmse), number(law.rmse_holdout),
+                      ", ".join(marks))
     return table

@@ -98,18 +98,18 @@ def _move(text: str) -> tuple[float, float]:
     raise UsageError(f"--setpoint '{text}' is not TIME:SIZE", "write for example --setpoint 300:5")
 
 
-def _effect(text: str) -> tuple[str, dict[str, float]]:
+def _effect(text: str) -> tuple[str, dict[str, float | str]]:
     from ..errors import UsageError
 
     name, _, rest = text.partition(":")
-    values: dict[str, float] = {}
+    values: dict[str, float | str] = {}
     for part in filter(None, rest.split(",")):
         key, equals, value = part.partition("=")
-        try:
-            values[key.strip()] = float(value)
-        except ValueError:
-            equals = ""
         if not equals:
             raise UsageError(f"--effect '{text}': '{part}' is not par=value",
                              "write for example --effect extra-lag:second_time_constant_s=8")
+        try:
+            values[key.strip()] = float(value)
+        except ValueError:
+            values[key.strip()] = value.strip()
     return name.strip(), values

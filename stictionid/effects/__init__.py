@@ -38,6 +38,20 @@ def get(name: str) -> Effect:
                      + "effects: " + ", ".join(effects))
 
 
-def in_order(names: tuple[str, ...]) -> tuple[Effect, ...]:
-    """Effects in the physical order in which they combine."""
-    return tuple(sorted((get(n) for n in names), key=lambda e: (e.place.value, e.name)))
+def parse(name: str) -> tuple[Effect, str]:
+    """An effect as a study names it, with its variant ("step-disturbance@load") or tag ("measured-disturbance:TAG").
+
+    UsageError for an unknown effect or variant.
+    """
+    plain, mark, variant = name.partition("@")
+    effect = get(plain.partition(":")[0])
+    if mark and variant not in effect.variants:
+        raise UsageError(f"effect {effect.name} has no variant '{variant}'",
+                         "its variants: " + (", ".join(effect.variants) or "none"))
+    return effect, variant if mark else plain.partition(":")[2]
+
+
+def in_order(names: tuple[str, ...]) -> tuple[tuple[str, Effect, str], ...]:
+    """Names, effects and variants or tags in the physical order in which they combine."""
+    found = [(name, *parse(name)) for name in names]
+    return tuple(sorted(found, key=lambda f: (f[1].place.value, f[0])))

@@ -4,11 +4,32 @@ It can't lower a free-run error; it lowers the one-step error. Can't be told fro
 polynomial lies near 1. Source: the paper's C(q) polynomial (Eq. 4), here as AR(p); METHODS.md section 5.
 """
 
-from .contract import Effect, Place
+from __future__ import annotations
+
+import numpy as np
+
+from ..loop import FloatArray
+from ..parameters import Parameter
+from .contract import Disturbance, Effect, Place, Values
+
+_ROOT = Parameter("root", "-", -0.999, 0.999, 0.0, "root of the first-order autoregression")
+_SD = Parameter("innovation_sd", "unit of y", 0.0, 1e9, 0.0, "standard deviation of what drives it")
+
+
+def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
+    white = values["innovation_sd"] * rng.standard_normal(time_s.size)
+    out = np.empty_like(white)
+    level = 0.0
+    for k, w in enumerate(white.tolist()):
+        level = values["root"] * level + w
+        out[k] = level
+    return out, np.zeros_like(out), {}
+
 
 EFFECT = Effect(
     name="coloured-noise", kind="N", place=Place.NOISE, noise="autoregressive",
     summary="the output error is autocorrelated",
     equation="(1 + c1 q^-1 + … + cp q^-p) error(k) = white(k)",
-    source="paper Eq. 4; METHODS.md section 5", confused_with=("random-walk-disturbance",),
+    source="paper Eq. 4; METHODS.md section 5", parameters=(_ROOT, _SD), searched=(),
+    confused_with=("random-walk-disturbance",), disturb=_disturb,
 )

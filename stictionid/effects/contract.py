@@ -2,24 +2,26 @@
 
 An effect is one file in this folder with a constant `EFFECT`. It fills the hooks of its kind and leaves the others:
 
-* F (friction): `friction(table, profile, theta, context)` returns the friction table (ROWS, P) and time profile
-  (n,) with other numbers; it transforms no signal, so every law gets it.
-* T (transform): `transform(position, theta, context)` returns another position (rows, P) on the path from command
-  to process; or `dynamics(dynamics, theta)` returns other process dynamics.
-* L (linear): `columns(theta, context)` returns columns (n, P) for the least squares; their sizes are linear.
+* F (friction): `friction(table, theta, command_step_s)` returns the friction table (ROWS, P) with other numbers; what
+  changes with time does so along `profile(time_s)`. It transforms no signal, so every law gets it.
+* T (transform): `run(signal, y, theta, part_s, state, out)`, a kernel over (rows, P) that carries `state` (states, P)
+  along, so that the closed-loop simulator can call it one row at a time; or `dynamics(dynamics, theta)`, other process
+  dynamics. `y` (rows,) is the process value as its distance from its centre.
+* L (linear): `columns(theta, context)` returns columns (n, P) for the least squares; their sizes are linear. In the
+  variant "load" they enter through the process.
 * N (noise): `noise` names the noise model; it cannot lower a free-run error.
 
-`theta` is (k, P): one row for each parameter in the order of `parameters`. At every parameter's neutral value the
-effect vanishes, so models are nested. `guess(context)` returns starting points (g, k) for the search, and
-`disturb(theta, context, rng)` what the effect adds in a simulation: (at the output (n,), at the load (n,)).
+`theta` is (k, P): one row for each searched parameter, in order. At every parameter's neutral value the effect
+vanishes, so models are nested. `guess(context)` returns starting points (g, k) for the search, `report` the public
+parameters of a fit; `disturb(values, time_s, rng)` is what the effect adds in a simulation, and `setting(values, S, J)`
+its searched parameters (k, 1), S and J where the public ones are others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
 
 import numpy as np
 
@@ -41,7 +43,11 @@ class Place(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What an effect may look at: the record and its grid. Rows are fine steps, samples are every `substeps` rows."""
+    """What an effect may look at: the record and its grid. Rows are fine steps, samples are every `substeps` rows.
+
+    `guide` (n,) is the process value as the model has it: an effect that depends on y must not see the measured one,
+    or it would predict y from itself.
+    """
 
     command: FloatArray
     process_value: FloatArray
@@ -49,8 +55,10 @@ class Context:
     step_s: float
     substeps: int
     period_s: float
+    s_max: float = 1.0
     extras: dict[str, FloatArray] = field(default_factory=dict)
     residual: FloatArray | None = None
+    guide: FloatArray | None = None
 
     @property
     def part_s(self) -> float:
@@ -58,14 +66,19 @@ class Context:
         return self.step_s / self.substeps
 
     @property
+    def command_step_s(self) -> float:
+        """Seconds between two values of the command."""
+        return self.step_s * self.process_value.size / self.command.size
+
+    @property
+    def length_s(self) -> float:
+        """Seconds of the whole record."""
+        return self.process_value.size * self.step_s
+
+    @property
     def time_s(self) -> FloatArray:
         """Seconds at the samples, (n,)."""
         return np.arange(self.process_value.size) * self.step_s
-
-    @property
-    def fine_time_s(self) -> FloatArray:
-        """Seconds at the fine steps, (n*substeps,)."""
-        return np.arange(self.command.size) * self.part_s
 
     @property
     def centre(self) -> float:
@@ -73,9 +86,19 @@ class Context:
         return float(np.mean(self.process_value if self.setpoint is None else self.setpoint))
 
 
+Friction = Callable[[FloatArray, FloatArray, float], FloatArray]
+Values = Mapping[str, float]
+# What an effect adds in a simulation: at the output (n,), at the load (n,), and tags that the record then holds.
+Disturbance = tuple[FloatArray, FloatArray, dict[str, FloatArray]]
+
+
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One physical effect: what it is called, its numbers, its equation, its source, and its hooks."""
+    """One physical effect: what it is called, its numbers, its equation, its source, and its hooks.
+
+    `parameters` are all public ones; `searched` names those that join the search (None: all), the others are linear
+    or follow. `fine` asks for parts of a sample even under a held command; `follows_y` that the kernel uses y.
+    """
 
     name: str
     kind: str
@@ -84,18 +107,40 @@ class Effect:
     equation: str
     source: str
     parameters: tuple[Parameter, ...] = ()
+    searched: tuple[str, ...] | None = None
     confused_with: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
+    variants: tuple[str, ...] = ()
+    fine: bool = False
+    follows_y: bool = False
+    states: int = 0
     limits: Callable[[Context], tuple[Parameter, ...]] | None = None
-    friction: Callable[[FloatArray, FloatArray, FloatArray, Context], tuple[FloatArray, FloatArray]] | None = None
-    transform: Callable[[FloatArray, FloatArray, Context], FloatArray] | None = None
+    friction: Friction | None = None
+    profile: Callable[[FloatArray], FloatArray] | None = None
+    run: Callable[..., None] | None = None
+    start: Callable[[FloatArray, FloatArray], FloatArray] | None = None
     dynamics: Callable[[Dynamics, FloatArray], Dynamics] | None = None
     columns: Callable[[FloatArray, Context], tuple[FloatArray, ...]] | None = None
-    load: bool = False
     noise: str | None = None
     guess: Callable[[Context], FloatArray] | None = None
-    disturb: Callable[[FloatArray, Context, np.random.Generator], tuple[Any, Any]] | None = None
+    report: Callable[[Values, FloatArray, Values], dict[str, float]] | None = None
+    disturb: Callable[[Values, FloatArray, np.random.Generator], Disturbance] | None = None
+    setting: Callable[[Values, float, float], tuple[FloatArray, float, float]] | None = None
 
     def parameters_for(self, context: Context) -> tuple[Parameter, ...]:
-        """The parameters with limits that suit this record (a period between samples and record length, say)."""
-        return self.limits(context) if self.limits else self.parameters
+        """The searched parameters with limits that suit this record."""
+        if self.limits:
+            return self.limits(context)
+        return tuple(p for p in self.parameters if self.searched is None or p.name in self.searched)
+
+    def transformed(self, signal: FloatArray, theta: FloatArray, context: Context) -> FloatArray:
+        """The whole signal (rows, P) through this effect's kernel, from its own start."""
+        assert self.run is not None
+        guide = context.process_value if context.guide is None else context.guide
+        y = np.repeat(guide - context.centre, signal.shape[0] // guide.size)
+        theta = np.ascontiguousarray(theta)
+        state = self.start(signal, theta) if self.start else np.zeros((max(self.states, 1), signal.shape[1]))
+        out = np.empty_like(signal)
+        part_s = context.step_s * context.process_value.size / signal.shape[0]
+        self.run(np.ascontiguousarray(signal), y, theta, part_s, state, out)
+        return out

@@ -9,8 +9,7 @@ re-stick speed stops the valve as a resting command does. Under drift S and J ar
 compares with where the stem stands: the two then differ by the drift of f_d since the stop.
 
 Cannot be told from Chen's law: both give the same positions on every test signal when they start alike. Wrong, like
-Chen's, where the stem comes to rest between scans. The printed 2004 flow chart has not been seen; the equations agree
-with an independent public implementation of it (BDsim 1.0, 2019).
+Chen's, where the stem comes to rest between scans. The printed 2004 flow chart has not been seen.
 
 Source: Kano, Maruta, Kugemoto and Shimizu 2004; METHODS.md section 2.
 """
@@ -147,7 +146,7 @@ LAW = Law(
     equation="stop when du*du_prev <= 0: u_s = u(k-1); stopped: -d (u-u_s) > S -> d = -d, move; d (u-u_s) > J -> move; "
              "moving: u_v = u - d f_d",
     source="Kano, Maruta, Kugemoto and Shimizu 2004",
-    checked="reconstructed (print not seen; the equations agree with the public implementation in BDsim 1.0)",
+    checked="reconstructed (the printed flow chart has not been seen)",
     cannot="a stem that comes to rest between scans of a held command; inertia; viscous friction; cannot be told "
            "from Chen's law",
     run=_run, start=_start, states=6,

@@ -1,0 +1,211 @@
+"""`stictionid laws`: the stiction laws with their equations, sources and limits, and a test bench for each."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from . import app
+from ._shared import ForceOption, JsonOption, QuietOption, out_console, print_json, say
+
+if TYPE_CHECKING:
+    from ..bench import Outcome
+    from ..laws.contract import Law
+
+_KINDS = (".png", ".svg")
+
+
+@app.command(help="List the stiction laws, show one in full, or put one on the valve test bench.\n\n"
+                  "Example: stictionid laws --test choudhury -o bench.png\n\n"
+                  "Example: stictionid laws he --test ramp --S 4 --J 2")
+def laws(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="A law, shown in full.")] = None,
+    test: Annotated[str | None, typer.Option("--test", metavar="NAME", help="Bench: the law to test; or, after a "
+                                             "law, one test's name or 'all'.")] = None,
+    S: Annotated[float, typer.Option("--S", help="Stickband plus deadband on the bench, %.")] = 5.0,
+    J: Annotated[float, typer.Option("--J", help="Slip jump on the bench, %.")] = 3.0,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Picture of the bench to write; .png or "
+                                             ".svg.")] = None,
+    series: Annotated[bool, typer.Option("--series", help="With --json: also the signals of every test.")] = False,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Print the catalogue, a law, or the outcome of its bench."""
+    from ..errors import UsageError
+    from ..laws import catalogue, get
+
+    if test is not None:
+        law, tests = _chosen(name, test)
+        _bench(law, tests, S=S, J=J, out=out, series=series, as_json=as_json, force=force, quiet=quiet)
+        return
+    if out is not None:
+        raise UsageError("-o writes the picture of a bench, and there is none without --test",
+                         f"stictionid laws --test {name or 'chen'} -o {out}")
+    if name is None:
+        _list(list(catalogue().values()), as_json)
+    else:
+        _show(get(name), as_json)
+
+
+def _chosen(name: str | None, test: str) -> tuple[Law, tuple[str, ...]]:
+    """The law and the tests that `[NAME] --test NAME` asks for."""
+    from ..bench import TESTS
+    from ..errors import UsageError
+    from ..laws import get
+
+    if name is None:
+        if test in TESTS:
+            raise UsageError(f"'{test}' is a test, not a law", f"stictionid laws chen --test {test}")
+        return get(test), tuple(TESTS)
+    law = get(name)
+    if test in ("all", law.name):
+        return law, tuple(TESTS)
+    if test not in TESTS:
+        raise UsageError(f"unknown test '{test}'", "tests: all, " + ", ".join(TESTS))
+    return law, (test,)
+
+
+def _table(*columns: str) -> Any:
+    """A table without frames, so that it is plain text wherever it goes."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for column in columns:
+        right = column.endswith("%")
+        table.add_column(column, justify="right" if right else "left", overflow="fold", no_wrap=right)
+    return table
+
+
+def _record(law: Law) -> dict[str, Any]:
+    """A law as the JSON shows it."""
+    return {
+        "name": law.name, "summary": law.summary, "equation": law.equation, "source": law.source,
+        "checked": law.checked, "cannot": law.cannot, "searchable": law.searchable,
+        "one_parameter": law.one_parameter, "parameters": _parameters(law),
+    }
+
+
+def _parameters(law: Law) -> list[dict[str, Any]]:
+    """S and J, or the one parameter, and the law's own."""
+    if law.one_parameter:
+        rows = [{"name": "S", "unit": "%", "low": 0.0, "high": None, "default": None,
+                 "meaning": "the band d = S = J; J is ignored"}]
+    else:
+        limit = "J <= 2 S" if law.searchable else "J <= S"
+        rows = [{"name": "S", "unit": "%", "low": 0.0, "high": None, "default": None,
+                 "meaning": "stickband plus deadband"},
+                {"name": "J", "unit": "%", "low": 0.0, "high": None, "default": None,
+                 "meaning": f"slip jump, {limit}"}]
+    return rows + [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "default": law.defaults[p.name],
+                    "meaning": p.meaning} for p in law.parameters]
+
+
+def _list(found: list[Law], as_json: bool) -> None:
+    if as_json:
+        print_json([_record(law) for law in found])
+        return
+    console = out_console()
+    for law in found:
+        console.print(_facts(law))
+        console.print()
+    console.print("stictionid laws NAME shows one in full, stictionid laws --test NAME puts it on the bench")
+
+
+def _facts(law: Law) -> Any:
+    """Name, parameters, equation, source and limits as rows of two columns."""
+    table = _table("", "")
+    table.show_header = False
+    own = ["S (J = S)"] if law.one_parameter else ["S", "J", *(p.name for p in law.parameters)]
+    for what, value in (
+        ("law", f"{law.name}: {law.summary}"), ("parameters", ", ".join(own)), ("equation", law.equation),
+        ("source", f"{law.source}; {law.checked}"), ("cannot represent", law.cannot),
+        ("used for", "identification and simulation" if law.searchable else "simulation only"),
+    ):
+        table.add_row(what, value)
+    return table
+
+
+def _show(law: Law, as_json: bool) -> None:
+    text = (importlib.import_module(f"..laws.{law.name.replace('-', '_')}", __package__).__doc__ or "").strip()
+    if as_json:
+        print_json({**_record(law), "description": text})
+        return
+    console = out_console()
+    console.print(_facts(law))
+    console.print()
+    parameters = _table("parameter", "unit", "range", "default", "meaning")
+    for p in _parameters(law):
+        low, high = p["low"], p["high"]
+        parameters.add_row(p["name"], p["unit"], f">= {low:g}" if high is None else f"{low:g} to {high:g}",
+                           "-" if p["default"] is None else f"{p['default']:g}", p["meaning"])
+    console.print(parameters)
+    console.print()
+    console.print(_flowing(text))
+
+
+def _flowing(text: str) -> str:
+    """Paragraphs as single lines for the terminal to break; those with indented lines (equations) stay as they are."""
+    parts = text.split("\n\n")
+    return "\n\n".join(part if "\n " in part or part.startswith(" ") else part.replace("\n", " ") for part in parts)
+
+
+def _bench(law: Law, tests: tuple[str, ...], *, S: float, J: float, out: Path | None, series: bool, as_json: bool,
+           force: bool, quiet: bool) -> None:
+    from ..bench import put_on_bench
+    from ..errors import UsageError
+    from ..files import ensure_writable, write_whole
+
+    kind = out.suffix.lower() if out is not None else ""
+    if out is not None:
+        from ..report.valve_figure import PNG_KIND, SVG_KIND
+
+        if kind not in _KINDS:
+            raise UsageError(f"a picture can't be written as '{out.name}'", "end the name after -o in .png or .svg")
+        magic = PNG_KIND if kind == ".png" else SVG_KIND
+        ensure_writable(out, force=force, kind=magic)
+    outcomes = put_on_bench(law, S=S, J=J, tests=tests)
+    used_J = S if law.one_parameter else J
+    if as_json:
+        print_json({"law": law.name, "S": S, "J": used_J, "tests": [o.to_dict(series=series) for o in outcomes],
+                    "failed": [{"test": o.test, "what": e.what} for o in outcomes for e in o.expectations
+                               if not e.holds]})
+    else:
+        _print_bench(law, S, used_J, outcomes)
+    if out is not None:
+        from ..report.valve_figure import valve_figure
+
+        title = f"{law.name}, S = {S:g} %, J = {used_J:g} %"
+        write_whole(out, valve_figure(outcomes, kind=kind[1:], title=title), force=force, kind=magic)
+        say(f"wrote {out}", quiet=quiet)
+
+
+def _print_bench(law: Law, S: float, J: float, outcomes: list[Outcome]) -> None:
+    console = out_console()
+    console.print(f"{law.name}: S = {S:g} %, J = {J:g} %" + (" (one parameter, J = S)" if law.one_parameter else ""))
+    console.print()
+    figures = _table("test", "dead band %", "resolution %", "overshoot %")
+    for o in outcomes:
+        figures.add_row(o.test, _number(o.dead_band), _number(o.resolution), _number(o.overshoot))
+    console.print(figures)
+    console.print("dead band and resolution in % of command, overshoot in % of J; - where a test shows none")
+    console.print()
+    checks = _table("test", "expectation", "found", "ideal", "")
+    for o in outcomes:
+        for e in o.expectations:
+            unit = "" if e.unit == "%" or e.measured is None else f" {e.unit}"
+            checks.add_row(o.test, e.what, _number(e.measured) + unit, _number(e.expected),
+                           "holds" if e.holds else "FAILS")
+    console.print(checks)
+    failed = sum(not e.holds for o in outcomes for e in o.expectations)
+    total = sum(len(o.expectations) for o in outcomes)
+    console.print()
+    console.print(f"{total - failed} of {total} expectations hold" + (f"; {law.name} cannot represent: {law.cannot}"
+                                                                     if failed else ""))
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

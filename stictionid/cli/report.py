@@ -1,0 +1,73 @@
+"""`stictionid report`: studies as markdown with pictures, one HTML page, JSON, or a table on the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from . import app
+from ._shared import ForceOption, JsonOption, QuietOption, out_console, say
+
+
+@app.command(help="Write a report of one or more studies: markdown with pictures, one HTML page, or JSON.\n\n"
+                  "Without -o it prints the result as a table.\n\n"
+                  "Example: stictionid report study.json -o report.html")
+def report(
+    studies: Annotated[list[Path], typer.Argument(metavar="STUDY...", help="Studies written by identify -o.")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Report to write; .md, .html or .json.")] = None,
+    figures: Annotated[str, typer.Option("--figures", help="Pictures beside markdown: svg or png.")] = "svg",
+    data: Annotated[Path | None, typer.Option("--data", help="Data file, when it has moved (one study only).")] = None,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Read the studies, find their data, re-run their models once, and write or print."""
+    from ..errors import UsageError
+    from ..report.write import check_target, write_report
+
+    if data is not None and len(studies) > 1:
+        raise UsageError(f"--data names one file, but there are {len(studies)} studies", "report them one by one")
+    if out is not None:
+        check_target(out, figures=figures, force=force)
+    cases = [_case(path, data) for path in studies]
+    for case in cases:
+        if case.missing:
+            say(f"{case.study.data.name}: {case.missing}", quiet=quiet)
+    if as_json:
+        _print_json(cases)
+    if out is not None:
+        written = write_report(cases, out, figures=figures, force=force)
+        say(f"wrote {out}" + (f" and {len(written) - 1} pictures beside it" if len(written) > 1 else ""), quiet=quiet)
+    elif not as_json:
+        from ..report.terminal import print_case
+
+        console = out_console()
+        for case in cases:
+            print_case(case, console)
+
+
+def _case(path: Path, data: Path | None):
+    from ..errors import DataError, UsageError
+    from ..report.curves import gather
+    from ..results import study_from_json
+
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise DataError(f"{path} is not a study: it is not text", "give a file written by stictionid identify -o") \
+            from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(f"{path} can't be read: {reason}", "give a file written by stictionid identify -o") from None
+    return gather(study_from_json(text), data=data, near=(path.resolve().parent,))
+
+
+def _print_json(cases: list) -> None:
+    import sys
+
+    from ..report.json import report_json
+    from ..report.pictures import pictures
+
+    sys.stdout.write(report_json(cases, [pictures(case) for case in cases]))

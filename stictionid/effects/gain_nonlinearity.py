@@ -1,0 +1,56 @@
+"""Gain nonlinearity: the process gain changes with the process value.
+
+The position's distance from its mean is stretched by 1 + curvature (y - mean SP), so that K stays linear; y is the
+model's own, and an error in the mean only changes the time constant. Over a short travel it can't be told from a curved
+valve characteristic.
+
+Equation: K(y) = K (1 + curvature (y - mean SP)). Source: METHODS.md section 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..kernels import kernel
+from ..loop import FloatArray
+from ..parameters import Parameter
+from .contract import Context, Effect, Place
+
+_CURVATURE = Parameter("curvature", "1 / unit of y", -10.0, 10.0, 0.0, "relative change of the gain")
+# The stretched gain keeps its sign: it stays above this share of the mean one. Unit: 1.
+_LEAST = 0.05
+
+
+@kernel
+def _run(signal, y, theta, part_s, state, out):
+    rows, lanes = signal.shape
+    for k in range(rows):
+        for p in range(lanes):
+            stretch = max(1.0 + theta[0, p] * y[k], _LEAST)
+            out[k, p] = state[0, p] + (signal[k, p] - state[0, p]) * stretch
+
+
+def _start(signal: FloatArray, theta: FloatArray) -> FloatArray:
+    return signal.mean(axis=0, keepdims=True)
+
+
+def _limits(context: Context) -> tuple[Parameter, ...]:
+    reach = float(np.abs(context.process_value - context.centre).max()) or 1.0
+    return (replace(_CURVATURE, low=-0.8 / reach, high=0.8 / reach),)
+
+
+def _guess(context: Context) -> FloatArray:
+    reach = float(np.abs(context.process_value - context.centre).max()) or 1.0
+    return np.array([[-0.5], [-0.15], [0.15], [0.5]]) / reach
+
+
+EFFECT = Effect(
+    name="gain-nonlinearity", kind="T", place=Place.PROCESS,
+    summary="the process gain changes with the process value",
+    equation="K(y) = K (1 + curvature (y - mean SP))",
+    source="METHODS.md section 5", parameters=(_CURVATURE,), confused_with=("valve-characteristic",), follows_y=True,
+    states=1,
+    limits=_limits, run=_run, start=_start, guess=_guess,
+)

@@ -1,0 +1,63 @@
+"""Measured disturbance: another tag of the export drives the process value, through a lag and a dead time.
+
+Lag and dead time are searched, the gain is linear. Which tag is part of the effect's name in a study
+("measured-disturbance:TAG"); `simulate` writes the disturbance as column D1.
+
+Equation: D(s) = gain e^{-dead_time_s s}/(lag_s s + 1) tag(s). Source: METHODS.md section 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..loop import FloatArray
+from ..parameters import Parameter
+from ..process import Dynamics, free_run
+from .contract import Context, Disturbance, Effect, Place, Values
+
+_LAG = Parameter("lag_s", "s", 1e-3, 1e7, 1.0, "lag from the tag to y", log=True)
+_DEAD = Parameter("dead_time_s", "s", 0.0, 1e7, 0.0, "dead time from the tag to y")
+_GAIN = Parameter("gain", "unit of y / unit of tag", -1e9, 1e9, 0.0, "static gain from the tag to y")
+
+
+def _limits(context: Context) -> tuple[Parameter, ...]:
+    return (replace(_LAG, low=0.02 * context.step_s, high=2.0 * context.period_s),
+            replace(_DEAD, high=max(0.5 * context.period_s, 5.0 * context.step_s)))
+
+
+def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
+    tag = next(iter(context.extras.values()))
+    tag = np.where(np.isfinite(tag), tag, np.nanmean(tag))
+    lanes = theta.shape[1]
+    dynamics = Dynamics(theta[0], theta[1], np.zeros(lanes), False)
+    return (free_run(np.repeat(tag[:, None], lanes, axis=1), dynamics, step_s=context.step_s),)
+
+
+def _guess(context: Context) -> FloatArray:
+    lags, deads = np.meshgrid([0.02, 0.1, 0.4], [0.0, 0.1, 0.3])
+    return context.period_s * np.stack([lags.ravel(), deads.ravel()], axis=1)
+
+
+def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
+    return {"lag_s": searched["lag_s"], "dead_time_s": searched["dead_time_s"], "gain": float(sizes[0])}
+
+
+def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
+    """A feed that moves in steps now and then (a random telegraph), written as tag D1."""
+    step = float(time_s[1] - time_s[0])
+    moves = rng.random(time_s.size) < step / max(20.0 * values["lag_s"], 60.0 * step)
+    tag = np.cumsum(np.where(moves, rng.standard_normal(time_s.size), 0.0))
+    dynamics = Dynamics(np.array([values["lag_s"]]), np.array([values["dead_time_s"]]), np.zeros(1), False)
+    wave = values["gain"] * free_run(tag[:, None], dynamics, step_s=step)[:, 0]
+    return wave, np.zeros_like(wave), {"D1": tag}
+
+
+EFFECT = Effect(
+    name="measured-disturbance", kind="L", place=Place.DISTURBANCE,
+    summary="another tag of the export drives the process value",
+    equation="gain e^{-dead_time_s s}/(lag_s s + 1) applied to the tag", source="METHODS.md section 5",
+    parameters=(_LAG, _DEAD, _GAIN), searched=("lag_s", "dead_time_s"), needs=("extra",), limits=_limits,
+    columns=_columns, guess=_guess, report=_report, disturb=_disturb,
+)

@@ -1,0 +1,51 @@
+"""Ramp disturbance: the sensor or the load drifts from a certain time on.
+
+The start is searched, the rate is linear. Can't be told from a random walk, or a step, when small.
+
+Equation: d(t) = rate (t - start_s) for t >= start_s. Source: METHODS.md section 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..loop import FloatArray
+from ..parameters import Parameter
+from .contract import Context, Disturbance, Effect, Place, Values
+
+_START = Parameter("start_s", "s", 0.0, 1e9, 0.0, "when the drift begins")
+_RATE = Parameter("rate", "unit of y / s", -1e6, 1e6, 0.0, "drift (in % of travel / s at the load)")
+_STARTS = 12
+
+
+def _limits(context: Context) -> tuple[Parameter, ...]:
+    return (replace(_START, high=0.95 * context.length_s),)
+
+
+def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
+    return (np.maximum(context.time_s[:, None] - theta[0], 0.0) / context.length_s,)
+
+
+def _guess(context: Context) -> FloatArray:
+    return np.linspace(0.0, 0.9, _STARTS)[:, None] * context.length_s
+
+
+def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
+    return {"start_s": searched["start_s"], "rate": float(sizes[0]) / base["length_s"]}
+
+
+def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
+    ramp = values["rate"] * np.maximum(time_s - values["start_s"], 0.0)
+    return (np.zeros_like(ramp), ramp, {}) if values.get("at") == "load" else (ramp, np.zeros_like(ramp), {})
+
+
+EFFECT = Effect(
+    name="ramp-disturbance", kind="L", place=Place.DISTURBANCE,
+    summary="the sensor or the load drifts from a certain time on",
+    equation="d(t) = rate (t - start_s) for t >= start_s, at the output or at the load",
+    source="METHODS.md section 5", parameters=(_START, _RATE), searched=("start_s",), variants=("output", "load"),
+    confused_with=("step-disturbance", "random-walk-disturbance"), limits=_limits, columns=_columns, guess=_guess,
+    report=_report, disturb=_disturb,
+)

@@ -1,0 +1,32 @@
+"""Random-walk disturbance: a load that wanders without a level.
+
+It can't lower a free-run error; it lowers the one-step error. Differences of the error are stationary, so model and
+data are fitted in differences, with an autoregression for the measurement noise on top. Can't be told from coloured
+noise with a root near 1.
+
+Equation: d(k) = d(k-1) + white(k) with standard deviation innovation_sd a sample. Source: extended ARMAX of Karra and
+Karim, METHODS.md section 5.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..loop import FloatArray
+from ..parameters import Parameter
+from .contract import Disturbance, Effect, Place, Values
+
+_SD = Parameter("innovation_sd", "unit of y", 0.0, 1e9, 0.0, "standard deviation of one step of the walk")
+
+
+def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
+    walk = np.cumsum(values["innovation_sd"] * rng.standard_normal(time_s.size))
+    return walk, np.zeros_like(walk), {}
+
+
+EFFECT = Effect(
+    name="random-walk-disturbance", kind="N", place=Place.NOISE, noise="random-walk",
+    summary="a load that wanders without a level",
+    equation="d(k) = d(k-1) + white(k)", source="Karra and Karim; METHODS.md section 5", parameters=(_SD,),
+    searched=(), confused_with=("coloured-noise",), disturb=_disturb,
+)

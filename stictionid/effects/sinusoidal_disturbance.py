@@ -1,0 +1,64 @@
+"""Sinusoidal disturbance: a steady oscillation from elsewhere adds to the process value.
+
+The period is searched, amplitude and phase are linear. Can't be told from the limit cycle itself when the loop is
+entrained (both then have one period).
+
+Equation: d(t) = amplitude sin(2 pi t / period_s + phase). Source: METHODS.md section 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..loop import FloatArray
+from ..parameters import Parameter
+from .contract import Context, Disturbance, Effect, Place, Values
+
+_PERIOD = Parameter("period_s", "s", 1e-3, 1e7, 60.0, "period of the disturbance", log=True)
+_AMPLITUDE = Parameter("amplitude", "unit of y", 0.0, 1e9, 0.0, "amplitude at the output")
+_PHASE = Parameter("phase", "rad", -7.0, 7.0, 0.0, "phase at the start of the record")
+_LINES = 8
+
+
+def _limits(context: Context) -> tuple[Parameter, ...]:
+    return (replace(_PERIOD, low=2.5 * context.step_s, high=context.length_s, neutral=context.length_s),)
+
+
+def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
+    angle = 2.0 * np.pi * context.time_s[:, None] / theta[0]
+    return np.sin(angle), np.cos(angle)
+
+
+def _guess(context: Context) -> FloatArray:
+    """Periods of the strongest lines in the residual's spectrum."""
+    n = context.process_value.size
+    signal = np.zeros(n) if context.residual is None else np.nan_to_num(context.residual)
+    spectrum = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(n), 4 * n)) ** 2
+    spectrum[:8] = 0.0
+    found = []
+    for _ in range(_LINES):
+        k = int(spectrum.argmax())
+        found.append(4 * n * context.step_s / max(k, 1))
+        spectrum[max(k - 8, 0):k + 9] = 0.0
+    return np.array(found)[:, None]
+
+
+def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
+    return {"period_s": searched["period_s"], "amplitude": float(np.hypot(*sizes)),
+            "phase": float(np.arctan2(sizes[1], sizes[0]))}
+
+
+def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
+    wave = values["amplitude"] * np.sin(2.0 * np.pi * time_s / values["period_s"] + values["phase"])
+    return wave, np.zeros_like(time_s), {}
+
+
+EFFECT = Effect(
+    name="sinusoidal-disturbance", kind="L", place=Place.DISTURBANCE,
+    summary="a steady oscillation from elsewhere adds to the process value",
+    equation="d(t) = amplitude sin(2 pi t / period_s + phase)", source="METHODS.md section 5",
+    parameters=(_PERIOD, _AMPLITUDE, _PHASE), searched=("period_s",), limits=_limits, columns=_columns, guess=_guess,
+    report=_report, disturb=_disturb,
+)

@@ -1,0 +1,34 @@
+"""Slip overshoot: an underdamped stem jumps past the point where friction would stop it.
+
+Equation: at the slip u_v = u_v + K (e - sign(e) f_d); K = 1 is no overshoot, K near 2 an almost undamped stem.
+Source: He and Wang 2010; METHODS.md section 2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..laws.contract import OVERSHOOT
+from ..loop import FloatArray
+from ..parameters import Parameter
+from .contract import Context, Effect, Place
+
+_K = Parameter("overshoot", "-", 1.0, 1.99, 1.0, "length of the slip as a multiple of the plain one")
+
+
+def _friction(table: FloatArray, theta: FloatArray, command_step_s: float) -> FloatArray:
+    table = table.copy()
+    table[OVERSHOOT] = theta[0]
+    return table
+
+
+def _guess(context: Context) -> FloatArray:
+    return np.array([[1.1], [1.3], [1.6]])
+
+
+EFFECT = Effect(
+    name="slip-overshoot", kind="F", place=Place.FRICTION,
+    summary="the stem jumps past its place and waits for the command",
+    equation="at the slip u_v = u_v(k-1) + K (e - sign(e) f_d)",
+    source="He and Wang 2010", parameters=(_K,), friction=_friction, guess=_guess,
+)

@@ -1,0 +1,54 @@
+"""Step disturbance: the process value, or the load, shifts once.
+
+The time is searched, the size is linear. At the output it shifts y at once; a load step enters through the process,
+like the valve. A small one can't be told from a ramp or a random walk.
+
+Equation: d(t) = size for t >= time_s. Source: METHODS.md section 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..loop import FloatArray
+from ..parameters import Parameter
+from .contract import Context, Disturbance, Effect, Place, Values
+
+_TIME = Parameter("time_s", "s", 0.0, 1e9, 0.0, "when the step happens")
+_SIZE = Parameter("size", "unit of y", -1e9, 1e9, 0.0, "size of the step (in % of travel at the load)")
+_TIMES = 24
+
+
+def _limits(context: Context) -> tuple[Parameter, ...]:
+    return (replace(_TIME, low=0.02 * context.length_s, high=0.98 * context.length_s,
+                    neutral=0.98 * context.length_s),)
+
+
+def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
+    # The sample during which it steps gets its share, so that the cost is continuous in the time.
+    return (np.clip((context.time_s[:, None] - theta[0]) / context.step_s + 1.0, 0.0, 1.0),)
+
+
+def _guess(context: Context) -> FloatArray:
+    return np.linspace(0.04, 0.96, _TIMES)[:, None] * context.length_s
+
+
+def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
+    return {"time_s": searched["time_s"], "size": float(sizes[0])}
+
+
+def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
+    step = np.where(time_s >= values["time_s"], values["size"], 0.0)
+    return (np.zeros_like(step), step, {}) if values.get("at") == "load" else (step, np.zeros_like(step), {})
+
+
+EFFECT = Effect(
+    name="step-disturbance", kind="L", place=Place.DISTURBANCE,
+    summary="the process value or the load shifts once",
+    equation="d(t) = size for t >= time_s, at the output or at the load", source="METHODS.md section 5",
+    parameters=(_TIME, _SIZE), searched=("time_s",), variants=("output", "load"),
+    confused_with=("ramp-disturbance", "random-walk-disturbance"), limits=_limits, columns=_columns, guess=_guess,
+    report=_report, disturb=_disturb,
+)

@@ -1,0 +1,50 @@
+"""Stiction drift: stickband and slip jump grow along the record (packing heats up, lubrication goes).
+
+`estimate.S` and `estimate.J` are the values at the start. Wrong where stiction changes in jumps.
+
+Equation: S(t) = S + stickband_growth t/1000 s, J(t) = J + jump_growth t/1000 s. Source: METHODS.md section 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..laws.contract import FD_DRIFT, FS_DRIFT
+from ..loop import FloatArray
+from ..parameters import Parameter
+from .contract import Context, Effect, Place
+
+_SPAN_S = 1000.0
+_S = Parameter("stickband_growth", "% / 1000 s", -100.0, 100.0, 0.0, "growth of S")
+_J = Parameter("jump_growth", "% / 1000 s", -100.0, 100.0, 0.0, "growth of J")
+
+
+def _friction(table: FloatArray, theta: FloatArray, command_step_s: float) -> FloatArray:
+    table = table.copy()
+    table[FS_DRIFT] += 0.5 * (theta[0] + theta[1])
+    table[FD_DRIFT] += 0.5 * (theta[0] - theta[1])
+    return table
+
+
+def _profile(time_s: FloatArray) -> FloatArray:
+    return time_s / _SPAN_S
+
+
+def _limits(context: Context) -> tuple[Parameter, ...]:
+    reach = context.s_max * _SPAN_S / context.length_s
+    return replace(_S, low=-reach, high=reach), replace(_J, low=-0.6 * reach, high=0.6 * reach)
+
+
+def _guess(context: Context) -> FloatArray:
+    return context.s_max * _SPAN_S / context.length_s * np.array([[-0.3, 0.0], [-0.1, 0.0], [0.1, 0.0], [0.3, 0.0]])
+
+
+EFFECT = Effect(
+    name="stiction-drift", kind="F", place=Place.FRICTION,
+    summary="stickband and slip jump grow along the record",
+    equation="S(t) = S + g_S t/1000 s, J(t) = J + g_J t/1000 s",
+    source="METHODS.md section 5", parameters=(_S, _J), limits=_limits, friction=_friction, profile=_profile,
+    guess=_guess,
+)

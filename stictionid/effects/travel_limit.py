@@ -1,0 +1,51 @@
+"""Travel limit: a hard stop holds the stem, and friction starts from there.
+
+Not a clip of the output: a valve at its stop breaks away from the stop when the command has come back by f_s.
+Over a short travel it can't be told from a curved valve characteristic. Source: METHODS.md section 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..laws.contract import LOWER, UPPER
+from ..loop import FloatArray
+from ..parameters import Parameter
+from .contract import Context, Effect, Place
+
+_LOWER = Parameter("lower", "%", -20.0, 120.0, -20.0, "the stem can't close further")
+_UPPER = Parameter("upper", "%", -20.0, 120.0, 120.0, "the stem can't open further")
+
+
+def _friction(table: FloatArray, theta: FloatArray, command_step_s: float) -> FloatArray:
+    table = table.copy()
+    table[LOWER], table[UPPER] = np.minimum(theta[0], theta[1]), np.maximum(theta[0], theta[1])
+    return table
+
+
+def _reach(context: Context) -> tuple[float, float]:
+    low, high = float(context.command.min()), float(context.command.max())
+    return low - 0.6 * context.s_max, high + 0.6 * context.s_max
+
+
+def _limits(context: Context) -> tuple[Parameter, ...]:
+    low, high = _reach(context)
+    middle = float(np.median(context.command))
+    return (replace(_LOWER, low=low, high=middle, neutral=low), replace(_UPPER, low=middle, high=high, neutral=high))
+
+
+def _guess(context: Context) -> FloatArray:
+    low, high = _reach(context)
+    quantiles = np.quantile(context.command, [0.05, 0.15, 0.3, 0.7, 0.85, 0.95])
+    return np.array([[q, high] for q in quantiles[:3]] + [[low, q] for q in quantiles[3:]])
+
+
+EFFECT = Effect(
+    name="travel-limit", kind="T", place=Place.FRICTION,
+    summary="a hard stop holds the stem short of its travel",
+    equation="lower <= u_v <= upper; at a limit the stem is stuck there",
+    source="METHODS.md section 5", parameters=(_LOWER, _UPPER), confused_with=("valve-characteristic",),
+    limits=_limits, friction=_friction, guess=_guess,
+)

@@ -1,0 +1,43 @@
+"""Valve characteristic: flow is not proportional to travel (equal percentage, or its mirror image, quick opening).
+
+Over a short travel it can't be told from a process gain that changes with y.
+
+Equation: 100 (R^{x/100} - 1)/(R - 1), ln R = log_rangeability; for ln R < 0 the mirror image. Source: equal-percentage
+trim, METHODS.md section 5.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..kernels import kernel
+from ..loop import FloatArray
+from ..parameters import Parameter
+from .contract import Context, Effect, Place
+
+_CURVE = Parameter("log_rangeability", "-", -6.0, 6.0, 0.0, "ln R; 0 is linear, negative quick opening")
+
+
+@kernel
+def _run(signal, y, theta, part_s, state, out):
+    rows, lanes = signal.shape
+    for p in range(lanes):
+        # (e^{ax} - 1)/(e^a - 1) for negative a is the mirror image of the positive one.
+        a = theta[0, p]
+        straight = abs(a) < 1e-9
+        scale = 0.0 if straight else 100.0 / np.expm1(a)
+        for k in range(rows):
+            out[k, p] = signal[k, p] if straight else scale * np.expm1(a * 0.01 * signal[k, p])
+
+
+def _guess(context: Context) -> FloatArray:
+    return np.array([[-3.0], [-1.0], [1.0], [3.0]])
+
+
+EFFECT = Effect(
+    name="valve-characteristic", kind="T", place=Place.TRIM,
+    summary="flow is not proportional to travel",
+    equation="100 (R^{x/100} - 1)/(R - 1), ln R = log_rangeability",
+    source="METHODS.md section 5", parameters=(_CURVE,), confused_with=("gain-nonlinearity",), run=_run,
+    guess=_guess,
+)

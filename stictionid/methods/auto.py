@@ -1,0 +1,155 @@
+"""Default method: ARX finds the basin, the free-run error finishes, restarts must agree, the structure is chosen.
+
+Base model: the law asked for, first order with dead time or integrator with lag and dead time, white output noise.
+Decides what the command did between samples and whether the process integrates; adds a further lag as a step of its
+own where the data ask for it. Wrong where something is missing from the model: `diagnose` then looks for it.
+
+Source: METHODS.md section 4, traps 1 to 5; the paper's Eq. 7 to 21 for the ARX part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import CannotTell
+from ..fit import Fitted, one_run, search_model
+from ..loop import FloatArray
+from ..model import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
+from ..oscillation import noise_of
+from ..results import Step
+from ..search import refine
+from .contract import Method, Outcome
+from .run import ADEQUATE, INTEGRATOR_GAIN, LONG_LAG, Run, increment_error
+
+# Parts of a sampling interval when the command moves between samples.
+SUBSTEPS = 8
+# A step of its own must lower the held-out error by this share and BIC by this much (CRITICISM.md section 7).
+_STEP_DROP, _STEP_BIC = 0.03, 20.0
+# Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
+_ROUGH = 2e-3
+# The command is taken as continuous only when that lowers the free-run error by this share.
+_CORNER_GAIN = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class _Tried:
+    """One search with one structure: its best point of the unit cube (d,), cost and curves."""
+
+    spec: Spec
+    point: FloatArray
+    cost: float
+    evaluated: Evaluated | None
+    increments: float
+
+
+def _run(run: Run) -> Outcome:
+    """Base model with its process and between-samples choice, then what the data ask for beyond it."""
+    o = run.options
+    spec = Spec(law=run.law, effects=o.effects, fixed=dict(o.fixed),
+                between="hold" if o.between == "auto" else o.between,
+                substeps=SUBSTEPS if o.between == "corner" else 1)
+    run.tell("searching (S, J)", 0.1)
+    spec, runs = _choose(run, spec)
+    run.tell("restarting until two searches agree", 0.5)
+    fit = run.fit(spec, before=runs)
+    if fit.best.rmse > 0.995 * float(np.std(run.used_y())):
+        raise CannotTell("the best model explains nothing: its free-run error is no smaller than the scatter of y "
+                         "about its mean", "check that OP drives this PV; look at the trend with stictionid read",
+                         code="model-explains-nothing")
+    steps, fits = [run.step(fit, None)], [fit]
+    if not o.base_only and "extra-lag" not in spec.effects and not o.fixed:
+        run.tell("trying a further lag", 0.7)
+        _try_step(run, steps, fits, "extra-lag")
+    adequate, why = run.adequate(steps[-1])
+    return Outcome(tuple(steps), tuple(fits), adequate, why)
+
+
+def _choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray]]:
+    """Process structure and what the command did between samples, by one search each; the best search so far."""
+    if run.options.between != "auto" or not _smooth(run):
+        best = _structure(run, spec)
+    else:
+        run.tell("rebuilding the command between samples", 0.2)
+        best = _structure(run, replace(spec, between="corner", substeps=SUBSTEPS))
+        if not _at_noise(run, best):
+            run.tell("trying a held command", 0.3)
+            held = _structure(run, spec)
+            if best.increments >= (1.0 - _CORNER_GAIN) * held.increments:
+                best = held
+    return best.spec, (best.point[None], np.array([best.cost]))
+
+
+def _smooth(run: Run) -> bool:
+    """Whether the command is smooth enough to be rebuilt between samples: a noisy one has no corners to find."""
+    u = run.loop.output[run.loop.used]
+    return noise_of(u) < _ROUGH * float(np.ptp(u))
+
+
+def _first(run: Run, spec: Spec) -> _Tried:
+    model = search_model(run.model(spec))
+    point, cost = one_run(model, run.rng)
+    if not np.isfinite(cost):
+        return _Tried(spec, point, cost, None, np.inf)
+    e = model.evaluate(model.values(point[None])[:, 0])
+    return _Tried(spec, point, cost, e, increment_error(e))
+
+
+def _structure(run: Run, spec: Spec) -> _Tried:
+    """First order or integrator: where the lag is long, the smaller error of the differences decides.
+
+    Differences are stationary for both, so that neither wins by its own yardstick.
+    """
+    first = _first(run, spec if spec.process == FIRST_ORDER else replace(spec, process=FIRST_ORDER, increments=False))
+    lag = first.evaluated.values["time_constant_s"] if first.evaluated else np.inf
+    if "time_constant_s" in spec.fixed or lag < LONG_LAG * run.period_s:
+        return first
+    run.tell("trying an integrating process", 0.2)
+    second = _first(run, replace(spec, process=INTEGRATOR, increments=True))
+    return second if second.increments < (1.0 - INTEGRATOR_GAIN) * first.increments else first
+
+
+def _at_noise(run: Run, tried: _Tried) -> bool:
+    e = tried.evaluated
+    floor = run.floor(e.position_means, e.values["dead_time_s"]) if e else None
+    return e is not None and floor is not None and e.rmse <= ADEQUATE * floor
+
+
+def _try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str) -> None:
+    """Add `effect` as a step of its own where held-out error and BIC both fall clearly."""
+    before = fits[-1]
+    spec = replace(before.model.spec, effects=(*before.model.spec.effects, effect))
+    model = run.model(spec)
+    guesses = model.effects[[e.name for e in model.effects].index(effect)].guess
+    values = np.array([model.vector(before.best.values)])
+    starts = values.repeat(3, axis=0)
+    if guesses is not None:
+        g = guesses(model.context)
+        starts = values.repeat(len(g), axis=0)
+        at = next(s for s, e in zip(model._slices, model.effects, strict=True) if e.name == effect)
+        starts[:, at] = g
+    coarse = search_model(model)
+    quick = refine(coarse.costs, coarse.cube(starts.T), run.rng, spread=0.02, rounds=40, population=14)
+    if not quick.costs[0] < before.sse * (1.0 - _STEP_DROP):
+        return
+    after = run.fit(spec, quick.points)
+    step = run.step(after, effect)
+    if before.rmse_holdout is None or after.rmse_holdout is None:
+        return
+    drop = 1.0 - after.rmse_holdout / before.rmse_holdout
+    gain = (steps[-1].error.bic or 0.0) - (step.error.bic or 0.0)
+    if drop > _STEP_DROP and gain > _STEP_BIC:
+        steps.append(step)
+        fits.append(after)
+
+
+METHOD = Method(
+    name="auto",
+    summary="ARX finds the basin, the free-run error finishes; structure chosen, restarts must agree",
+    equation="min over (S, J, e0, T, L) of ||y - K g(T, L) * u_v(S, J, e0) - b||^2 from the basins of Eq. 19",
+    source="METHODS.md section 4; paper Eq. 7 to 21",
+    checked="this project's own",
+    cannot="anything missing from the model (see diagnose); J where the slide is short",
+    run=_run, options=frozenset({"law", "effects", "base_only", "between", "fixed"}),
+)

@@ -1,0 +1,74 @@
+"""What an identification method must bring, so that one new file is all it takes.
+
+A method is one file in this folder with a constant `METHOD`. Its `run(run)` gets everything an identification shares
+(record, oscillation, options, random generator, progress; see run.py) and returns an `Outcome`: the steps of the
+study with the fits behind them. The verdict, the comparison with a measured position, the cost map and the study
+around it are made by `identify` for every method alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..fit import Fitted
+from ..results import Step, Verdict
+
+if TYPE_CHECKING:
+    from .run import Run
+
+# Options that a method may or may not have a use for, and how the command line spells them.
+SPELLING = {
+    "law": "--law", "effects": "--with", "base_only": "--base-only", "between": "--between",
+    "fixed": "a fixed plant (--gain, --time-constant, --dead-time, --step-test)", "order": "--order",
+    "delay": "--delay",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """The process in a method's own words, where it is not the one of the free-run model; seconds, gain per %."""
+
+    gain: float
+    time_constants_s: tuple[float, ...]
+    dead_time_s: float
+    integrating: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a method found: steps and fits of equal length, the last ones count.
+
+    A method that has no S and J to give returns no steps and a `verdict` that says why. `gives_jump` is False for a
+    method that says nothing about J; the estimate then holds J = 0 and the interval 0 to S.
+    """
+
+    steps: tuple[Step, ...]
+    fits: tuple[Fitted, ...]
+    adequate: bool
+    reason: str
+    process: Process | None = None
+    verdict: Verdict | None = None
+    gives_jump: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """One identification method: what it does, where it comes from, what it can't see, and which options apply.
+
+    `options` are keys of SPELLING; any other option given with this method is refused. `law` is its default law, and
+    its only one where "law" is not among the options. `gives` names what it estimates.
+    """
+
+    name: str
+    summary: str
+    equation: str
+    source: str
+    checked: str
+    cannot: str
+    run: Callable[[Run], Outcome]
+    options: frozenset[str]
+    law: str = "chen"
+    order: int = 2
+    gives: tuple[str, ...] = ("S", "J")

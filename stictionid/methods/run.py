@@ -1,0 +1,182 @@
+"""What the methods share: one record with its oscillation and options, and the way from a fit to a study's step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..errors import CannotTell
+from ..fit import Fitted, effective_rows, finish, process_costs, search
+from ..gates import swing_of, time_scale_s
+from ..loop import Finding, FloatArray, Loop
+from ..model import FIRST_ORDER, INTEGRATOR, Evaluated, Model, Spec, skipped
+from ..noise import irreducible
+from ..regression import bic
+from ..results import ErrorSummary, ParameterValue, Range, Restarts, Step
+from ..search import refine
+from .contract import Method
+from .options import Options
+
+# Free-run error within this factor of the irreducible noise is adequate (CRITICISM.md section 7, step 1).
+ADEQUATE = 1.05
+# A lag beyond this share of the period looks like an integrator; that must then lower the error of the differences by
+# this share.
+LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
+# Grid of start forces, time constants and dead times (shares of their ranges) for the process of a given valve.
+_FORCES, _LAGS, _DEADS = np.linspace(-0.96, 0.96, 13), np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12)
+
+Progress = Callable[[str, float], None]
+
+
+class Run:
+    """One identification on one stretch: what its stages share. `law` and `order` are the ones to use."""
+
+    def __init__(self, loop: Loop, found: Range, options: Options, method: Method, *, rng: np.random.Generator,
+                 tell: Progress) -> None:
+        self.loop, self.found, self.options, self.rng, self.tell = loop, found, options, rng, tell
+        self.law, self.order = options.law or method.law, options.order or method.order
+        self.period_s, self.s_max = time_scale_s(loop, found), swing_of(loop, found)
+
+    def model(self, spec: Spec) -> Model:
+        """The spec bound to this record."""
+        return Model(self.loop, spec, s_max=self.s_max, period_s=self.period_s)
+
+    def used_y(self) -> FloatArray:
+        """The process values that count (m,)."""
+        return self.loop.process_value[self.loop.used]
+
+    def fit(self, spec: Spec, starts: FloatArray | None = None,
+            before: tuple[FloatArray, FloatArray] | None = None) -> Fitted:
+        """Search, restarts and last polish of one model; CannotTell where no valve model moves."""
+        model = self.model(spec)
+        points, costs = search(model, self.rng, starts=starts, before=before)
+        if not np.isfinite(costs[0]):
+            raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
+                             code="valve-never-moves")
+        return finish(model, points, costs, self.rng)
+
+    def floor(self, position: FloatArray, dead_time_s: float) -> float | None:
+        """Irreducible noise in the unit of y for a valve position (n,), None where the record is too short."""
+        good = np.isfinite(self.loop.process_value) & self.loop.used
+        good[:skipped(self.loop, self.period_s)] = False
+        y = np.where(good, self.loop.process_value, 0.0)
+        return irreducible(y, position, good, int(dead_time_s / self.loop.step_s))
+
+    def delays(self) -> tuple[int, ...]:
+        """Delays in samples that a difference equation tries: the one given, or all up to a third of the period."""
+        if self.options.delay is not None:
+            return (self.options.delay,)
+        period = self.period_s / self.loop.step_s
+        return tuple(range(int(np.clip(0.35 * period, 1, 40)) + 1))
+
+    def step(self, fit: Fitted, added: str | None) -> Step:
+        """A fit as a step of the study: parameters, errors, restarts, findings."""
+        e = fit.best
+        y = self.used_y()
+        floor = self.floor(e.position_means, e.values["dead_time_s"])
+        innovation = float(np.sqrt(fit.sse / max(e.rows - 1, 1)))
+        rows = effective_rows(np.nan_to_num(e.innovation), fit.model.weight)
+        count = fit.model.space.size - len(fit.model.spec.fixed) + fit.model.shared.freedom + len(e.own)
+        span = float(np.linalg.norm(y - y.mean()))
+        fitted = 100.0 * (1.0 - e.rmse * np.sqrt(y.size) / span) if span else None
+        error = ErrorSummary(e.rmse, level_holdout(fit), innovation, fit.rmse_holdout, floor, fitted,
+                             bic(fit.sse * rows / e.rows, rows, count))
+        findings = []
+        if fit.agree < 2 <= fit.runs:
+            findings.append(Finding(
+                "restarts-disagree", "warning",
+                f"only {fit.agree} of {fit.runs} independent searches ended in this optimum: it may be a wrong basin",
+                {"runs": fit.runs, "agree": fit.agree}, (), "METHODS.md section 4, trap 3"))
+        return Step(added, tuple(x.name for x in fit.model.effects), tuple(parameters(fit)), error,
+                    Restarts(fit.runs, fit.agree), tuple(findings), fit.model.describe(fit.values))
+
+    def adequate(self, step: Step) -> tuple[bool, str]:
+        """Whether the step's free-run error is the irreducible noise, and the sentence that says so."""
+        floor, error = step.error.noise_sd, step.error.rmse
+        if floor is None:
+            return False, "the record is too short to estimate its irreducible noise"
+        if error <= ADEQUATE * floor:
+            return True, (f"the free-run error {error:.4g} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible "
+                          f"noise {floor:.4g}: nothing is left to explain")
+        return False, (f"the free-run error {error:.4g} is {error / floor:.3g} times the irreducible noise "
+                       f"{floor:.4g}: something is missing (stictionid compare, stictionid diagnose)")
+
+    def with_valve(self, S: float, J: float, *, law: str | None = None) -> Fitted:
+        """The free-run process that goes best with a valve whose S and J in % are given, which stay as they are.
+
+        For methods that find S and J in another way and still owe a model that runs. First order, or integrator where
+        the lag gets long and the differences of y then fit better. No held-out error and no intervals.
+        """
+        first = self._with_valve(Spec(law=law or self.law), S, J)
+        if first.best.values["time_constant_s"] < LONG_LAG * self.period_s:
+            return first
+        second = self._with_valve(Spec(law=law or self.law, process=INTEGRATOR, increments=True), S, J)
+        better = increment_error(second.best) < (1.0 - INTEGRATOR_GAIN) * increment_error(first.best)
+        return second if better else first
+
+    def _with_valve(self, spec: Spec, S: float, J: float) -> Fitted:
+        model = self.model(spec)
+        T, L = np.meshgrid(_LAGS, _DEADS, indexing="ij")
+        cube = np.zeros((T.size, model.space.size))
+        cube[:, 3], cube[:, 4] = T.ravel(), L.ravel()
+        grid = model.values(cube)
+        grid[0], grid[1] = S, J
+        found: list[tuple[float, FloatArray]] = []
+        for force in _FORCES:
+            grid[2] = force
+            costs = process_costs(model, grid, model.positions(grid[:, :1]))
+            found.append((float(costs.min()), grid[:, int(costs.argmin())].copy()))
+        found.sort(key=lambda f: f[0])
+        if not np.isfinite(found[0][0]):
+            raise CannotTell(f"a valve with S = {S:.4g} % never moves under this command",
+                             "the method's estimate is no valve of this record; use --method auto",
+                             code="valve-never-moves")
+
+        def values_of(points: FloatArray) -> FloatArray:
+            values = model.values(np.concatenate([np.zeros((len(points), 2)), points], axis=1))
+            values[0], values[1] = S, J
+            return values
+
+        starts = model.cube(np.stack([f[1] for f in found[:3]], axis=1))[:, 2:]
+        best = refine(lambda c: model.costs_of(values_of(c)), starts, self.rng, spread=0.03, rounds=60, settle=1e-4)
+        values = values_of(best.points[:1])[:, 0]
+        evaluated = model.evaluate(values)
+        return Fitted(model, values, float(best.costs[0]), 1, 1, evaluated, None, {}, np.array([[S, J]]))
+
+
+def increment_error(e: Evaluated) -> float:
+    """Root mean square of the differences of the free-run residual, in the unit of y."""
+    good = e.counted > 0
+    both = good[1:] & good[:-1]
+    return float(np.sqrt(np.mean(np.diff(np.nan_to_num(e.residual))[both] ** 2)))
+
+
+def level_holdout(fit: Fitted) -> float | None:
+    """Held-out error in the unit of y: as it is, or scaled from the differences that an integrator is fitted in."""
+    if fit.rmse_holdout is None or not fit.model.spec.increments:
+        return fit.rmse_holdout
+    inner = float(np.sqrt(fit.sse / max(fit.best.rows, 1)))
+    return fit.best.rmse * fit.rmse_holdout / inner if inner else fit.rmse_holdout
+
+
+def parameters(fit: Fitted) -> list[ParameterValue]:
+    """The numbers of a fit as rows of the study."""
+    e, model = fit.best, fit.model
+    rows = []
+    for p, (name, value) in zip(model.space.parameters, e.values.items(), strict=True):
+        owner, _, own = name.rpartition(":")
+        span = fit.intervals.get(name)
+        bound = p.at_bound(value / max(e.values["S"], 1e-12) if name == "J" else value)
+        fixed = name in model.spec.fixed
+        rows.append(ParameterValue(owner or None, own, value, "%" if name == "J" else p.unit,
+                                   None if fixed else span, bound and not fixed, True, p.meaning))
+    unit = "unit of y / %" + (" / s" if model.spec.process == INTEGRATOR else "")
+    rows.insert(5, ParameterValue(None, "gain", e.gain, unit, None, False, True, "gain of the process"))
+    rows.insert(6, ParameterValue(None, "offset", e.offset, "unit of y", None, False, True,
+                                  "value of y with the valve at its first position"))
+    return rows
+
+
+__all__ = ["ADEQUATE", "FIRST_ORDER", "INTEGRATOR_GAIN", "LONG_LAG", "Run", "increment_error", "level_holdout",
+           "parameters"]

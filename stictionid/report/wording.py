@@ -1,0 +1,126 @@
+"""How numbers and foreign text are written: rounding, intervals, durations, severity words, harmless one-liners.
+
+Only this file and `facts` decide digits and words, so that terminal, markdown, HTML and alt texts agree.
+"""
+
+from __future__ import annotations
+
+import math
+
+NOTHING = "-"
+
+# Severity bands of S in % of OP span: upper limit of each band and its word. No standard fixes them; anchors are
+# digital positioner precision 0.1 %, EnTech nominal backlash + stiction at most 1 %, cycling from 0.5 % (Ruel, Gerry),
+# 2 % in the Tennessee Eastman benchmark. Source: conventions of the trade, HISTORIAN.md section 1.
+SEVERITY_BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (math.inf, "severe"))
+
+# Longest foreign text (tag, unit, file name) shown in full. Unit: characters; a line of an 80 column terminal.
+LONGEST_NAME = 60
+# Longest foreign sentence shown in full. Unit: characters; about ten lines.
+LONGEST_SENTENCE = 800
+_DIRECTION_MARKS = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+
+
+def clean(text: object, limit: int = LONGEST_SENTENCE) -> str:
+    """Foreign text on one line: control characters and direction marks as escapes, the middle of long ones cut."""
+    shown = "".join(_harmless(c) for c in str(text)[: 2 * limit + 10_000])
+    if len(shown) <= limit:
+        return shown
+    head = (limit - 1) * 2 // 3
+    return f"{shown[:head]}…{shown[-(limit - 1 - head):]}"
+
+
+def name(text: object) -> str:
+    """A tag, unit or file name as `clean` writes it, at most LONGEST_NAME characters."""
+    return clean(text, LONGEST_NAME)
+
+
+def _harmless(c: str) -> str:
+    if c in "\u00a0\u202f\u2009":
+        return " "
+    if c.isprintable() and c not in _DIRECTION_MARKS:
+        return c
+    return c.encode("unicode_escape").decode()
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number with `digits` significant digits; scientific only where plain digits would be silly."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    if value == 0:
+        return "0"
+    size = math.floor(math.log10(abs(value)))
+    if size >= 7 or size < -4:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(digits - 1 - size, 0)}f}"
+
+
+def count(value: int | None) -> str:
+    """A whole number with thousands separated by commas."""
+    return NOTHING if value is None else f"{value:,}"
+
+
+def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
+    """A number and its unit, the unit made harmless."""
+    shown = number(value, digits)
+    return shown if shown == NOTHING or not unit else f"{shown} {name(unit)}"
+
+
+def decimals_for(interval: tuple[float, float] | None, value: float) -> int:
+    """Decimals so that half the interval keeps two significant digits (three digits of the value without one)."""
+    width = abs(interval[1] - interval[0]) / 2 if interval else 0.0
+    if not math.isfinite(width) or width <= 0:
+        return max(0, 2 - math.floor(math.log10(abs(value)))) if value else 2
+    return min(max(0, 1 - math.floor(math.log10(width))), 4)
+
+
+def estimate(value: float, interval: tuple[float, float] | None, unit: str) -> str:
+    """`1.80 % (1.52 to 2.21)`: a value with its interval, digits chosen by the interval."""
+    places = decimals_for(interval, value)
+    shown = f"{value:.{places}f}" + (f" {name(unit)}" if unit else "")
+    if interval is None:
+        return shown
+    return f"{shown} ({interval[0]:.{places}f} to {interval[1]:.{places}f})"
+
+
+def span(interval: tuple[float, float] | None, digits: int = 3) -> str:
+    """`1.52 to 2.21`, or a dash."""
+    return NOTHING if interval is None else f"{number(interval[0], digits)} to {number(interval[1], digits)}"
+
+
+def percent(value: float | None, digits: int = 2) -> str:
+    """A share already in per cent."""
+    return NOTHING if value is None else f"{number(value, digits)} %"
+
+
+def duration(seconds: float | None) -> str:
+    """Seconds, with minutes, hours or days beside them where those read better."""
+    if seconds is None or not math.isfinite(seconds):
+        return NOTHING
+    plain = f"{number(seconds)} s"
+    for size, unit in ((172_800, "days"), (7_200, "h"), (120, "min")):
+        if seconds >= size:
+            return f"{plain} ({number(seconds / {'days': 86400, 'h': 3600, 'min': 60}[unit])} {unit})"
+    return plain
+
+
+def severity(stickband: float) -> str:
+    """The band word for S in % of OP span."""
+    return next(word for limit, word in SEVERITY_BANDS if stickband < limit)
+
+
+def severity_sentence(stickband: float, interval: tuple[float, float] | None) -> str:
+    """`moderate, could be significant`: judged by the interval, not by the number alone."""
+    word = severity(stickband)
+    if interval is None:
+        return f"{word} (no interval, so the band may be wrong)"
+    others = [severity(end) for end in interval if severity(end) != word]
+    return word + (", could be " + " or ".join(dict.fromkeys(others)) if others else "")
+
+
+def sentence(text: str) -> str:
+    """Text that ends in a full stop and starts with a capital."""
+    text = clean(text).strip()
+    if not text:
+        return ""
+    return text[0].upper() + text[1:] + ("" if text[-1] in ".!?" else ".")

@@ -1,0 +1,85 @@
+"""Cases → files: picks the renderer by the extension and writes all files of a report, or none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..errors import UsageError
+from ..files import ensure_writable, write_whole
+from .curves import Case
+
+EXTENSIONS = (".md", ".html", ".json")
+FIGURE_KINDS = ("svg", "png")
+# First bytes of each kind of report, by which an older report may be replaced without --force.
+KINDS = {".md": b"<!-- stictionid report -->", ".html": b"<!doctype html>\n<!-- stictionid report -->",
+         ".json": b'{\n "schema": "stictionid.report/'}
+
+
+def check_target(out: Path, *, figures: str = "svg", force: bool = False) -> None:
+    """Refuse an unknown extension or figure kind, or a place that can't be written, before any work is done."""
+    if out.suffix.lower() not in EXTENSIONS:
+        raise UsageError(f"{out.suffix or 'no extension'!r} is no kind of report", "give -o a name ending in "
+                         + ", ".join(EXTENSIONS))
+    if figures not in FIGURE_KINDS:
+        raise UsageError(f"'{figures}' is no kind of figure", "give --figures svg or --figures png")
+    ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
+
+
+def write_report(cases: Sequence[Case], out: str | Path, *, figures: str = "svg", force: bool = False) -> list[Path]:
+    """Write the report of `cases` to `out` (.md, .html or .json) and return the files written, `out` last.
+
+    Markdown gets its pictures beside it, named after `out`. Raises UsageError where a file can't be written.
+    """
+    out = Path(out)
+    check_target(out, figures=figures, force=force)
+    kind = out.suffix.lower()
+    if kind == ".html":
+        from .html import html
+
+        write_whole(out, html(cases), force=force, kind=KINDS[kind])
+        return [out]
+    from .pictures import pictures
+
+    drawn = [pictures(case) for case in cases]
+    if kind == ".json":
+        from .json import report_json
+
+        write_whole(out, report_json(cases, drawn), force=force, kind=KINDS[kind])
+        return [out]
+    return _write_markdown(cases, drawn, out, figures, force)
+
+
+def _write_markdown(cases: Sequence[Case], drawn: list, out: Path, figures: str, force: bool) -> list[Path]:
+    from .figures import PNG_KIND, figure_bytes
+    from .markdown import markdown
+    from .pictures import comparison
+    from .svg import SVG_KIND
+
+    files: dict[Path, bytes] = {}
+
+    def place(key: str, picture) -> str:
+        path = out.with_name(f"{out.stem}-{key.replace('_', '-')}.{figures}")
+        files[path] = figure_bytes(picture, figures)
+        return path.name
+
+    compared = comparison([c.study for c in cases]) if len(cases) > 1 else None
+    several = len(cases) > 1
+    names = [{key: place(f"{i}-{key}" if several else key, p) for key, p in one.items()}
+             for i, one in enumerate(drawn, 1)]
+    text = markdown(cases, drawn, names, (compared, place("comparison", compared)) if compared else None)
+    figure_kind = PNG_KIND if figures == "png" else SVG_KIND
+    for path in files:
+        ensure_writable(path, force=force, kind=figure_kind)
+    written: list[Path] = []
+    try:
+        for path, content in files.items():
+            new = not path.exists()
+            write_whole(path, content, force=force, kind=figure_kind)
+            written += [path] if new else []
+        write_whole(out, text, force=force, kind=KINDS[".md"])
+    except BaseException:
+        for path in written:
+            path.unlink(missing_ok=True)
+        raise
+    return [*files, out]

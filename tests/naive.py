@@ -1,0 +1,190 @@
+"""Slow, obvious twins of every kernel, written from the equations (METHODS.md, the paper) and not from the kernels.
+
+Plain Python, one sample at a time; nothing here is imported by the package.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+TIE = 1e-9
+
+
+def forces(S, J):
+    """f_s and f_d (paper Eq. 1)."""
+    return (S + J) / 2.0, (S - J) / 2.0
+
+
+def sign(x):
+    """-1, 0 or 1."""
+    return int(x > 0) - int(x < 0)
+
+
+def stenman(command, d):
+    """If |e| > d: u_v = u, else hold."""
+    v, out = command[0], []
+    for u in command:
+        if abs(u - v) > d + TIE:
+            v = u
+        out.append(v)
+    return np.array(out)
+
+
+def he(command, S, J):
+    """If |e| > f_s: u_v = u - sign(e) f_d, else hold: the valve stops at every sample."""
+    f_s, f_d = forces(S, J)
+    v, out = command[0], []
+    for u in command:
+        e = u - v
+        if abs(e) > f_s + TIE:
+            v = u - sign(e) * f_d
+        out.append(v)
+    return np.array(out)
+
+
+def he_wang(command, S, J, K):
+    """If |e| > f_s: u_v = u_v(k-1) + K (e - sign(e) f_d), else hold."""
+    f_s, f_d = forces(S, J)
+    v, out = command[0], []
+    for u in command:
+        e = u - v
+        if abs(e) > f_s + TIE:
+            v = v + K * (e - sign(e) * f_d)
+        out.append(v)
+    return np.array(out)
+
+
+def chen(command, S, J, v=None):
+    """Two-layer tree: stuck -> hold or slip; moving -> slide while the command keeps its direction, else stop."""
+    f_s, f_d = forces(S, J)
+    v = command[0] if v is None else v
+    moving, du_before, before, out = False, 0.0, command[0], []
+    for u in command:
+        du, e = u - before, u - v
+        if moving and du * du_before > 0:
+            v = u - sign(du) * f_d
+        elif abs(e) > f_s + TIE:
+            v, moving = u - sign(e) * f_d, True
+        else:
+            moving = False
+        out.append(v)
+        before, du_before = u, du
+    return np.array(out)
+
+
+def kano(command, S, J, d=1):
+    """Kano 2004 from a friction-consistent start, u_v(0) = u_s - d f_d with u_v(0) = u(0)."""
+    f_d = forces(S, J)[1]
+    v = command[0]
+    u_s, stopped = v + d * f_d, True
+    before, du_before, out = command[0], 0.0, []
+    for u in command:
+        du = u - before
+        if du * du_before <= 0 and not stopped:
+            u_s, stopped = before, True
+        if not stopped:
+            v = u - d * f_d
+        elif -d * (u - u_s) > S + TIE:
+            d, stopped = -d, False
+            v = u - d * f_d
+        elif d * (u - u_s) > J + TIE:
+            stopped = False
+            v = u - d * f_d
+        out.append(v)
+        before, du_before = u, du
+    return np.array(out)
+
+
+def choudhury(command, S, J):
+    """Choudhury 2005 with its known faults; outside 0..100 % it saturates."""
+    f_d = forces(S, J)[1]
+    v, xss, rested = command[0], command[0], True
+    before, du_before, out = command[0], 0.0, []
+    for u in command:
+        du = u - before
+        if u < 0.0 or u > 100.0:
+            v = min(max(u, 0.0), 100.0)
+        elif sign(du) != sign(du_before):
+            xss = before
+            if du == 0.0:
+                rested = True
+        elif abs(u - xss) > (J if rested else S) + TIE and du != 0.0:
+            rested = False
+            v = u - sign(du) * f_d
+        out.append(v)
+        before, du_before = u, du
+    return np.array(out)
+
+
+# Twins of the linear part -------------------------------------------------------------------------------------
+
+
+def response(position, T1, T2, dead, integrating, step, fine=2000):
+    """Response per unit of gain to a held position, by a very fine Euler-free recursion of each lag."""
+    h = step / fine
+    delay = round(dead / h)
+    start = position[0]
+    held = [float(p) - start for p in position for _ in range(fine)]
+    x = z = total = 0.0
+    out = [0.0]
+    a1 = math.exp(-h / T1)
+    a2 = math.exp(-h / T2) if T2 else 0.0
+    for k in range(len(held) - fine):
+        u = held[k - delay] if k >= delay else 0.0
+        before = x
+        x = u + (x - u) * a1
+        mean_x = 0.5 * (before + x)
+        last = z
+        z = mean_x + (z - mean_x) * a2 if T2 else x
+        total += h * (0.5 * (last + z))
+        if (k + 1) % fine == 0:
+            out.append(total if integrating else z)
+    return np.array(out)
+
+
+def least_squares(own, shared, target, weight):
+    """Smallest sum of squares and the coefficients of the own columns, by numpy on the rows that count."""
+    keep = weight > 0
+    design = np.column_stack([*own, shared])[keep]
+    solution, *_ = np.linalg.lstsq(design, target[keep], rcond=None)
+    return float(np.sum((target[keep] - design @ solution) ** 2)), solution[:len(own)]
+
+
+def filtered(columns, taps):
+    """1 + taps[0] q^-1 + … applied row by row."""
+    out = np.array(columns, dtype=float)
+    for k in range(len(columns)):
+        for i, tap in enumerate(taps):
+            if k - 1 - i >= 0:
+                out[k] = out[k] + tap * columns[k - 1 - i]
+    return out
+
+
+def interval_means(command, f_s, position):
+    """Mean position over the part before each row, with the break-away where |e| reaches f_s on the way."""
+    means = [position[0]]
+    for j in range(1, len(command)):
+        du, moved = command[j] - command[j - 1], position[j] - position[j - 1]
+        if moved == 0.0:
+            share = 1.0
+        elif abs(moved - du) < 1e-9:
+            share = 0.0
+        else:
+            force = math.copysign(1.0, moved) * (command[j - 1] - position[j - 1])
+            share = min(max((f_s - force) / abs(du), 0.0), 1.0)
+        rest = 1.0 - share
+        means.append(share * position[j - 1] + rest * (position[j] - 0.5 * rest * du))
+    return np.array(means)
+
+
+def arx_cost(command, process_value, S, J, order, delay, first):
+    """The paper's V_N (Eq. 12 to 19) by numpy.linalg.lstsq over rows first..; deviations from means, u_v(0) = u(0)."""
+    v = np.asarray(chen(command, S, J)) - np.mean(command)
+    y = process_value - process_value[first:].mean()
+    n = len(y)
+    phi = np.column_stack([y[first - i:n - i] for i in range(1, order + 1)]
+                          + [v[first - delay - i:n - delay - i] for i in range(1, order + 1)])
+    theta, *_ = np.linalg.lstsq(phi, y[first:], rcond=None)
+    return float(np.mean((y[first:] - phi @ theta) ** 2))

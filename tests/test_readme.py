@@ -1,0 +1,48 @@
+"""The README: exactly two commands that set everything up, and a walk through whose output is real."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
+
+
+def module():
+    spec = importlib.util.spec_from_file_location("make_readme", ROOT / "docs" / "make_readme.py")
+    assert spec and spec.loader
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
+def test_exactly_two_commands_set_everything_up() -> None:
+    commands = re.findall(r"^```sh\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)
+    assert len(commands) == 2 and all(len(c.splitlines()) == 1 for c in commands)
+    assert "pip install ." in commands[0] and "stictionid identify sample_data/" in commands[0]
+    assert "-m pytest" in commands[1]
+    for name in re.findall(r"sample_data/\S+", commands[0]):
+        assert (ROOT / name).is_file()
+
+
+def test_ci_runs_the_readmes_commands() -> None:
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert "README.md" in script and "```sh" in script
+
+
+def test_the_walk_through_prints_what_the_readme_shows() -> None:
+    compared = 0
+    for shown, today in module().made(TEXT):
+        for a, b in zip(shown.splitlines(), today.splitlines(), strict=True):
+            words_a, words_b = _NUMBER.sub("#", a).split(), _NUMBER.sub("#", b).split()
+            assert words_a == words_b, f"README shows {a!r}, today it is {b!r}"
+            # Numbers may differ in the last digits on another processor, not more.
+            for x, y in zip(_NUMBER.findall(a), _NUMBER.findall(b), strict=True):
+                assert float(x) == pytest.approx(float(y), rel=0.03, abs=0.02), (a, b)
+            compared += 1
+    assert compared > 30

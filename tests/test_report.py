@@ -1,0 +1,276 @@
+"""Reports as markdown, JSON and terminal text: golden files, hostile text, same bytes, and every refusal."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+import study_factory
+
+from stictionid.errors import UsageError
+from stictionid.report.curves import Case
+from stictionid.report.json import report_json
+from stictionid.report.pictures import pictures
+from stictionid.report.write import write_report
+from stictionid.results import to_json
+
+GOLDEN = Path(__file__).parent / "golden"
+KINDS = ("good", "doubtful", "abstained")
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
+# Set to 1 to write the golden files anew after an intended change; read the difference before committing it.
+_REWRITE = os.environ.get("STICTIONID_REWRITE_GOLDEN") == "1"
+
+
+def case(kind: str) -> Case:
+    return getattr(study_factory, kind)()
+
+
+def same_as_golden(text: str, name: str) -> None:
+    """Words must agree exactly, numbers within what another processor may change."""
+    path = GOLDEN / name
+    if _REWRITE:
+        path.write_text(text, encoding="utf-8")
+    expected = path.read_text(encoding="utf-8")
+    for a, b in zip(expected.splitlines(), text.splitlines(), strict=True):
+        assert _NUMBER.sub("#", a).split() == _NUMBER.sub("#", b).split()
+        for x, y in zip(_NUMBER.findall(a), _NUMBER.findall(b), strict=True):
+            assert float(x) == pytest.approx(float(y), rel=0.02, abs=0.02), (a, b)
+
+
+def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONIOENCODING": "utf-8", "COLUMNS": "80"}
+    return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True, text=True,
+                          encoding="utf-8", cwd=cwd, env=environment)
+
+
+def is_one_sentence(out: subprocess.CompletedProcess[str], code: int) -> None:
+    assert out.returncode == code, out.stderr
+    assert out.stdout == ""
+    lines = out.stderr.splitlines()
+    assert lines[0].startswith("stictionid: ") and len(lines) <= 2, out.stderr
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a small simulated record and its study, through the real commands."""
+    folder = tmp_path_factory.mktemp("made")
+    out = run("simulate", "--preset", "foptd", "--S", 4, "--J", 2, "--duration", 250, "--noise", 0.02, "--seed", 3,
+              "-o", "loop.csv", cwd=folder)
+    assert out.returncode == 0, out.stderr
+    out = run("identify", "loop.csv", "-o", "study.json", "--quiet", cwd=folder)
+    assert out.returncode == 0, out.stderr
+    return folder
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_markdown_reads_as_the_golden_file(kind: str, tmp_path: Path) -> None:
+    write_report([case(kind)], tmp_path / "r.md")
+    same_as_golden((tmp_path / "r.md").read_text(encoding="utf-8"), f"report_{kind}.md")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_json_facts_read_as_the_golden_file(kind: str) -> None:
+    one = case(kind)
+    content = json.loads(report_json([one], [pictures(one)]))
+    assert content["schema"] == "stictionid.report/1"
+    study = content["studies"][0]
+    shown = {"facts": study["facts"], "pictures": {k: p["alt"] for k, p in study["pictures"].items()}}
+    same_as_golden(json.dumps(shown, indent=1, ensure_ascii=False), f"report_{kind}.json")
+
+
+def test_json_holds_every_number_a_picture_shows() -> None:
+    one = case("good")
+    study = json.loads(report_json([one], [pictures(one)]))["studies"][0]
+    assert len(study["series"]["process_value"]) == one.loop.samples
+    assert len(study["series"]["model"]) == one.loop.samples
+    for picture in study["pictures"].values():
+        for panel in picture["panels"]:
+            assert panel["lines"] or panel["cells"] or panel["marks"]
+            assert all(len(line["x"]) == len(line["y"]) for line in panel["lines"])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("extension", ["md", "json", "html"])
+def test_the_same_study_gives_the_same_bytes(kind: str, extension: str, tmp_path: Path) -> None:
+    written = []
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        files = write_report([case(kind)], tmp_path / folder / f"r.{extension}")
+        written.append({f.name: f.read_bytes() for f in files})
+    assert written[0] == written[1]
+
+
+def test_png_figures_are_the_same_bytes_and_named_in_the_text(tmp_path: Path) -> None:
+    first = {f.name: f.read_bytes() for f in write_report([case("doubtful")], tmp_path / "r.md", figures="png")}
+    again = {f.name: f.read_bytes() for f in write_report([case("doubtful")], tmp_path / "r.md", figures="png")}
+    assert first == again
+    text = first.pop("r.md").decode()
+    assert first and all(name in text and content[:4] == b"\x89PNG" for name, content in first.items())
+
+
+def test_every_picture_has_an_alternative_that_states_a_finding() -> None:
+    for kind in KINDS:
+        for picture in pictures(case(kind)).values():
+            assert re.search(r"\d", picture.alt) and len(picture.alt) > 30, picture.key
+
+
+def test_hostile_text_stays_text_in_markdown(tmp_path: Path) -> None:
+    write_report([study_factory.hostile()], tmp_path / "r.md")
+    text = (tmp_path / "r.md").read_text(encoding="utf-8")
+    outside = re.sub(r"^(`{3,})sh\n.*?^\1$", "", text.replace("<!-- stictionid report -->", "", 1),
+                     flags=re.DOTALL | re.MULTILINE)
+    assert "<" not in outside and ">" not in outside
+    assert not re.search(r"(?<!\\)\[d", outside) and not re.search(r"(?<!\\)`b", outside)
+    assert max(map(len, text.splitlines())) < 6000
+    no_control_characters(text)
+
+
+def no_control_characters(text: str) -> None:
+    bad = [c for c in text if (ord(c) < 32 and c != "\n") or ord(c) == 127 or "\u202a" <= c <= "\u202e"
+           or "\ud800" <= c <= "\udfff"]
+    assert not bad
+
+
+def test_hostile_text_stays_text_in_svg(tmp_path: Path) -> None:
+    files = [f for f in write_report([study_factory.hostile()], tmp_path / "r.md") if f.suffix == ".svg"]
+    assert len(files) > 5
+    for file in files:
+        text = file.read_text(encoding="utf-8")
+        no_control_characters(text)
+        tree = ElementTree.fromstring(text)
+        names = {element.tag.rpartition("}")[2] for element in tree.iter()}
+        assert not names & {"script", "image", "foreignObject", "a"}
+
+
+def test_hostile_text_stays_text_in_json() -> None:
+    one = study_factory.hostile()
+    text = report_json([one], [pictures(one)])
+    text.encode("utf-8")
+    assert json.loads(text)["studies"][0]["study"]["data"]["name"].startswith("<script>")
+
+
+def test_several_studies_are_compared(tmp_path: Path) -> None:
+    files = write_report([case(kind) for kind in KINDS], tmp_path / "r.md")
+    text = files[-1].read_text(encoding="utf-8")
+    assert text.count("\n## Valve stiction: ") == 3 and "Loops compared" in text
+    assert len({f.name for f in files}) == len(files)
+    with pytest.raises(UsageError):
+        write_report([case("good")], tmp_path / "r.pdf")
+
+
+def test_report_through_a_process(made: Path, tmp_path: Path) -> None:
+    for extension in ("md", "json", "html"):
+        out = run("report", made / "study.json", "-o", tmp_path / f"r.{extension}", cwd=made)
+        assert out.returncode == 0 and out.stdout == "" and f"wrote {tmp_path}" in out.stderr
+    out = run("report", made / "study.json", "--json", cwd=made)
+    assert json.loads(out.stdout)["studies"][0]["study"]["verdict"]["stiction"] == "stiction"
+    assert "pictures beside it" not in run("report", made / "study.json", "-o", tmp_path / "r.json", cwd=made).stderr
+
+
+def test_an_older_report_is_replaced_and_another_file_is_not(made: Path, tmp_path: Path) -> None:
+    target = tmp_path / "r.md"
+    for _ in range(2):
+        assert run("report", made / "study.json", "-o", target, cwd=made).returncode == 0
+    target.write_text("my notes")
+    is_one_sentence(run("report", made / "study.json", "-o", target, cwd=made), 2)
+    assert target.read_text() == "my notes"
+    assert run("report", made / "study.json", "-o", target, "--force", cwd=made).returncode == 0
+
+
+def test_a_place_that_can_not_be_written_is_one_sentence(made: Path, tmp_path: Path) -> None:
+    for target in (tmp_path / "absent" / "r.md", tmp_path, tmp_path / "r.pdf", tmp_path / "r"):
+        is_one_sentence(run("report", made / "study.json", "-o", target, cwd=made), 2)
+    is_one_sentence(run("report", made / "study.json", "-o", tmp_path / "r.md", "--figures", "gif", cwd=made), 2)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_study_that_is_none_is_one_sentence(made: Path, tmp_path: Path) -> None:
+    is_one_sentence(run("report", tmp_path / "absent.json", "-o", tmp_path / "r.md"), 2)
+    (tmp_path / "text.json").write_text("not JSON")
+    is_one_sentence(run("report", tmp_path / "text.json", "-o", tmp_path / "r.md"), 3)
+    (tmp_path / "binary.json").write_bytes(b"\xff\xfe\x00")
+    is_one_sentence(run("report", tmp_path / "binary.json", "-o", tmp_path / "r.md"), 3)
+    newer = json.loads((made / "study.json").read_text()) | {"schema": "stictionid.study/99"}
+    (tmp_path / "newer.json").write_text(json.dumps(newer))
+    is_one_sentence(run("report", tmp_path / "newer.json", "-o", tmp_path / "r.md"), 3)
+    assert not (tmp_path / "r.md").exists()
+
+
+def test_changed_data_are_refused(made: Path, tmp_path: Path) -> None:
+    (tmp_path / "study.json").write_bytes((made / "study.json").read_bytes())
+    (tmp_path / "loop.csv").write_bytes((made / "loop.csv").read_bytes() + b"\n")
+    out = run("report", "study.json", "-o", "r.md", cwd=tmp_path)
+    is_one_sentence(out, 3)
+    assert "has changed since the study" in out.stderr and not (tmp_path / "r.md").exists()
+
+
+def test_missing_data_give_tables_and_say_so(made: Path, tmp_path: Path) -> None:
+    (tmp_path / "study.json").write_bytes((made / "study.json").read_bytes())
+    out = run("report", "study.json", "-o", "r.md", cwd=tmp_path)
+    assert out.returncode == 0 and "were not found" in out.stderr
+    text = (tmp_path / "r.md").read_text(encoding="utf-8")
+    assert "No pictures" in text and "Parameters of the last model" in text and "trend.svg" not in text
+    out = run("report", "study.json", "--data", made / "loop.csv", "-o", "r.md", cwd=tmp_path)
+    assert out.returncode == 0 and "trend.svg" in (tmp_path / "r.md").read_text(encoding="utf-8")
+    is_one_sentence(run("report", "study.json", "--data", "absent.csv", "-o", "r.md", cwd=tmp_path), 3)
+
+
+def test_an_abstained_study_is_a_report_and_exit_0(tmp_path: Path) -> None:
+    study = tmp_path / "study.json"
+    study.write_text(to_json(study_factory.abstained().study), encoding="utf-8")
+    for extension in ("md", "html", "json"):
+        assert run("report", study, "-o", tmp_path / f"r.{extension}").returncode == 0
+    assert "What to do next" in (tmp_path / "r.md").read_text(encoding="utf-8")
+
+
+def on_terminal(one: Case, *, encoding: str = "utf-8", width: int = 80) -> str:
+    """What print_case writes to a file of that encoding."""
+    from rich.console import Console
+
+    from stictionid.report.terminal import print_case
+
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding=encoding, newline="\n")
+    print_case(one, Console(file=stream, width=width, highlight=False, markup=False, emoji=False))
+    stream.flush()
+    return raw.getvalue().decode(encoding)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_terminal_reads_as_the_golden_file(kind: str) -> None:
+    same_as_golden(on_terminal(case(kind)), f"report_{kind}.txt")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii", "cp437", "latin-1"])
+def test_the_terminal_is_plain_and_80_columns_wide(encoding: str) -> None:
+    for one in (*map(case, KINDS), study_factory.hostile()):
+        text = on_terminal(one, encoding=encoding)
+        no_control_characters(text)
+        assert max(map(len, text.splitlines())) <= 80
+    shown = on_terminal(case("good"), encoding=encoding)
+    assert any("\u2801" <= c <= "\u28ff" for c in shown) == (encoding == "utf-8")
+    assert shown.count("|") > 20 and "fails at" in shown
+
+
+def test_the_trend_of_a_flat_or_empty_signal_is_drawn() -> None:
+    import numpy as np
+
+    from stictionid.report.terminal import raster
+
+    assert raster(np.full(50, 3.0), 20, 8, 3.0, 3.0).sum() == 20
+    ramp = raster(np.arange(500.0), 20, 8, 0.0, 499.0)
+    assert ramp.any(axis=0).all() and ramp.any(axis=1).all() and ramp[7, 0] and ramp[0, 19]
+    assert not raster(np.full(50, np.nan), 20, 8, 0.0, 1.0).any()
+
+
+def test_without_out_the_report_is_printed(made: Path) -> None:
+    out = run("report", made / "study.json", cwd=made)
+    assert out.returncode == 0 and "The valve sticks" in out.stdout and "What to do next" in out.stdout
+    no_control_characters(out.stdout)

@@ -1,0 +1,73 @@
+"""Studies of every released schema load for ever; damaged, foreign and newer ones are refused in a sentence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from stictionid.errors import DataError
+from stictionid.results import study_from_json, to_json
+
+GOLDEN = Path(__file__).parent / "golden"
+STUDIES = sorted(GOLDEN.glob("study_schema_*.json"))
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda p: p.name)
+def test_golden_studies_load_and_write_what_they_were(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    study = study_from_json(text)
+    written, kept = json.loads(to_json(study)), json.loads(text)
+    assert contains(written, kept)
+    assert (study.estimate is None) == path.stem.endswith("abstained")
+
+
+def contains(larger: object, smaller: object) -> bool:
+    """Every field of `smaller` stands in `larger` with the same value; later versions may add fields."""
+    if isinstance(smaller, dict):
+        return isinstance(larger, dict) and all(k in larger and contains(larger[k], v) for k, v in smaller.items())
+    if isinstance(smaller, list):
+        return isinstance(larger, list) and len(larger) == len(smaller) and all(map(contains, larger, smaller))
+    return larger == smaller
+
+
+CONTRACT = {
+    "created_by": {"version", "seed", "python", "numpy", "numba"},
+    "data": {"file", "sha256", "columns", "units", "rows", "rows_used", "step_s", "start", "end", "findings"},
+    "range": {"oscillating", "period_s", "period_median_s", "s_max", "cycles", "reason"},
+    "verdict": {"stiction", "reason", "confidence"},
+    "estimate": {"S", "J", "unit", "S_interval", "J_interval", "interval_level", "law", "gain", "time_constants_s",
+                 "dead_time_s", "integrating", "initial_residual_force", "from_position"},
+}
+
+
+def test_a_study_has_every_field_of_the_contract() -> None:
+    study = json.loads((GOLDEN / "study_schema_1.json").read_text(encoding="utf-8"))
+    assert next(iter(study)) == "schema"
+    for part, fields in CONTRACT.items():
+        assert fields <= set(study[part]), part
+    assert {"steps", "laws", "candidates", "missing", "adequate", "adequate_reason"} <= set(study)
+    step = study["steps"][0]
+    assert {"added", "effects", "parameters", "error", "restarts", "findings"} <= set(step)
+    assert {"effect", "name", "value", "unit", "interval", "at_bound", "identifiable"} <= set(step["parameters"][0])
+    assert {"rmse", "rmse_holdout", "rmse_one_step", "rmse_one_step_holdout", "noise_sd", "fit_percent",
+            "bic"} <= set(step["error"])
+    assert {"start_s", "period_s", "u_swing"} <= set(study["range"]["cycles"][0])
+
+
+@pytest.mark.parametrize("text", [
+    "", "{", "[]", "null", "{}", '{"schema": 3}', '{"schema": "something/1"}', '{"schema": "stictionid.study/99"}',
+    '{"schema": "stictionid.study/1"}', '{"schema": "stictionid.study/1", "created_by": 5}', "[" * 100000,
+])
+def test_what_is_no_study_is_refused(text: str) -> None:
+    with pytest.raises(DataError) as refusal:
+        study_from_json(text)
+    assert refusal.value.hint and refusal.value.exit_code == 3
+
+
+def test_one_damaged_field_is_named() -> None:
+    content = json.loads((GOLDEN / "study_schema_1.json").read_text(encoding="utf-8"))
+    content["estimate"]["S"] = "large"
+    with pytest.raises(DataError, match=r"study\.estimate\.S"):
+        study_from_json(json.dumps(content))
