@@ -58,7 +58,8 @@ def kernels() -> list[str]:
     free = best(lambda: model.costs_of(values)) / lanes
     print(f"\nper candidate, {loop.samples} samples, {lanes} candidates together")
     print(f"plain twin of the ARX cost (Python valve, numpy.linalg.lstsq)  {1e6 * twin:8.1f} us")
-    print(f"ARX cost                                                       {1e6 * ours:8.2f} us, {twin / ours:.0f} times")
+    print(f"ARX cost                                                       {1e6 * ours:8.2f} us, "
+          f"{twin / ours:.0f} times")
     print(f"free-run cost of the base model                                {1e6 * free:8.2f} us, {free / ours:.2f} ARX")
     slow = []
     for law in catalogue().values():

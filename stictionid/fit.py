@@ -135,7 +135,7 @@ def process_costs(model: Model, values: FloatArray, position: FloatArray) -> Flo
 
 def with_start(model: Model, points: FloatArray) -> FloatArray:
     """Points (k, d) with the best initial residual force of a ladder: the force decides basins of its own."""
-    ladder = np.linspace(0.02, 0.98, 13)
+    ladder = np.linspace(0.01, 0.99, 33)
     trial = points[:, None, :].repeat(ladder.size + 1, axis=1)
     trial[:, 1:, 2] = ladder
     c = model.costs(trial.reshape(-1, points.shape[1])).reshape(len(points), -1)

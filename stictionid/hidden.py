@@ -30,11 +30,11 @@ class Hidden:
     load: FloatArray
     extras: dict[str, FloatArray]
 
-    def friction(self, table: FloatArray, command_step_s: float) -> FloatArray:
+    def friction(self, table: FloatArray, command_step_s: float, held: bool) -> FloatArray:
         """The friction table with every friction effect in it."""
         for effect, theta in self.valve:
             assert effect.friction is not None
-            table = effect.friction(table, theta, command_step_s)
+            table = effect.friction(table, theta, command_step_s, held)
         return table
 
     def drift(self, time_s: float) -> float:

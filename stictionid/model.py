@@ -41,7 +41,7 @@ _FINE_PARTS = 4
 # Rounds after which the model's own y, which some effects follow, has settled.
 _FOLLOWED = 4
 # A start-up transient below this share of its first value on all counted samples is gone. Unit: 1.
-_DEAD = 0.02
+_DEAD = 1e-4
 
 FIRST_ORDER, INTEGRATOR = "first-order", "integrator"
 BASE = ("S", "J", "initial_residual_force", "time_constant_s", "dead_time_s")
@@ -224,7 +224,8 @@ class Model:
         table = self.law.searched_friction(values[0], values[1])
         for effect, rows in zip(self.effects, self._slices, strict=True):
             if effect.friction:
-                table = effect.friction(table, values[rows], self.context.command_step_s)
+                table = effect.friction(table, values[rows], self.context.command_step_s,
+                                        self.spec.between == "hold")
         position = self.law.positions(self.context.command, table, profile=self._profile, share=values[2])
         if self.spec.between == "corner":
             position = interval_means(self.context.command, table, self._profile, position)
@@ -271,6 +272,16 @@ class Model:
         if filtered and self.taps.size:
             whiten_stack(base, n, self.taps)
         return base, tuple(i * n for i in range(count))
+
+    def sizes_of(self, name: str, values: FloatArray, own: FloatArray) -> FloatArray:
+        """The linear coefficients that belong to one effect, out of all own coefficients of values (d,)."""
+        at = 1
+        for have, effect, rows, option in zip(self.names, self.effects, self._slices, self._options, strict=True):
+            count = len(effect.columns(values[rows, None], self._context(option))) if effect.columns else 0
+            if have == name:
+                return own[at:at + count]
+            at += count
+        raise ModelError(f"the model has no effect {name}", "stictionid effects lists them")
 
     def lanes(self) -> int:
         """How many candidates are evaluated together."""

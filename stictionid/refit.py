@@ -15,7 +15,15 @@ import numpy as np
 from .arx import Arx
 from .effects import parse
 from .fit import (
-    Fitted, along_ridge, basins, polish_smooth, search_model, spreads, with_other_start, with_process, with_start,
+    Fitted,
+    along_ridge,
+    basins,
+    polish_smooth,
+    search_model,
+    spreads,
+    with_other_start,
+    with_process,
+    with_start,
 )
 from .loop import BoolArray, FloatArray
 from .model import BASE, Evaluated, Model, Spec
@@ -24,6 +32,8 @@ from .search import refine, swarm
 
 _WARM, _ROAM, _SCOUTS = 6, 2, 500
 _SETTLED = 1e-4
+# Further polishes go on while each lowers the cost by this share, at most so often.
+_WORTH, _TURNS = 0.01, 4
 LARGEST_ORDER = 8
 BLOCKS = 5
 
@@ -88,16 +98,24 @@ def with_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generat
                    population=14, settle=_SETTLED)
     near = with_start(coarse, found.points[:2])
     if model.spec.between == "hold":
-        near = np.concatenate([near, along_ridge(coarse, found.points[:1]), with_other_start(coarse, found.points[0], 2)])
+        near = np.concatenate([near, along_ridge(coarse, found.points[:1]),
+                               with_other_start(coarse, found.points[0], 2)])
     last = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=60, population=16, settle=_SETTLED)
-    best, _ = polish_smooth(coarse, with_start(coarse, last.points[:1])[0], rng)
+    best, cost = polish_smooth(coarse, with_start(coarse, last.points[:1])[0], rng)
+    for _ in range(_TURNS):
+        again = refine(coarse.costs, with_start(coarse, best[None]), rng, spread=spreads(coarse, 0.2), rounds=60,
+                       population=20, settle=_SETTLED)
+        best, now = polish_smooth(coarse, with_start(coarse, again.points[:1])[0], rng)
+        if now > cost * (1.0 - _WORTH):
+            break
+        cost = now
     final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16, settle=_SETTLED)
     point, cost = polish_smooth(model, final.points[0], rng)
     return model, model.values(point[None])[:, 0], cost
 
 
 def _valve_basins(model: Model, name: str, rng: np.random.Generator) -> FloatArray:
-    """Starts from swarms on the one-step error over valve and effect parameters: it stays local where free run drifts."""
+    """Starts from swarms on the one-step error over valve and effect parameters, which stays local in time."""
     rows = model._slices[model.names.index(name)]
     columns = [0, 1, 2, *range(rows.start, rows.stop)]
     period = model.period_s / model.step_s

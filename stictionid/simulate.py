@@ -195,7 +195,7 @@ def simulate(setting: Setting, *, seed: int = 0) -> Simulation:
     hold = min(scan, per_sample) if scan else per_sample
     noise = (setting.noise_sd * rng.standard_normal(-(-samples * per_sample // hold))).tolist()
     friction = law.friction(hidden.S, hidden.J, values=dict(setting.law_values), step_s=fine, held=bool(scan))
-    friction = hidden.friction(friction, c.scan_s or fine)
+    friction = hidden.friction(friction, c.scan_s or fine, bool(scan))
     state = law.start(OPERATING_POINT, friction, np.zeros(1))
     process = _Process(setting.plant, fine)
     command, place, profile = np.full(1, OPERATING_POINT), np.empty((1, 1)), np.zeros(1)

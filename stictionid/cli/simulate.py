@@ -23,8 +23,10 @@ def simulate(
     = None,
     setpoint: Annotated[list[str] | None, typer.Option(
         help="TIME:SIZE, a setpoint step in seconds and units of r; repeatable; replaces the preset's.")] = None,
-    scan: Annotated[float | None, typer.Option(help="Controller scan in seconds, output held; 0 is continuous.")] = None,
-    noise: Annotated[float | None, typer.Option(help="Standard deviation of the measurement noise, units of y.")] = None,
+    scan: Annotated[float | None, typer.Option(help="Controller scan in seconds, output held; 0 is continuous.")]
+    = None,
+    noise: Annotated[float | None, typer.Option(help="Standard deviation of the measurement noise, units of y.")]
+    = None,
     duration: Annotated[float | None, typer.Option(help="Length in seconds.")] = None,
     step: Annotated[float | None, typer.Option(help="Sampling time of the file in seconds.")] = None,
     quantise: Annotated[float | None, typer.Option(help="Resolution of the PV measurement, units of y.")] = None,

@@ -21,7 +21,7 @@ _UP = Parameter("jump_up", "%", 0.0, 100.0, 0.0, "slip jump of the opening valve
 _DOWN = Parameter("jump_down", "%", 0.0, 100.0, 0.0, "slip jump of the closing valve")
 
 
-def _friction(table: FloatArray, theta: FloatArray, command_step_s: float) -> FloatArray:
+def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
     table = table.copy()
     half = 0.25 * theta[0]
     table[FS_UP] += half

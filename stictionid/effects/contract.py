@@ -2,8 +2,8 @@
 
 An effect is one file in this folder with a constant `EFFECT`. It fills the hooks of its kind and leaves the others:
 
-* F (friction): `friction(table, theta, command_step_s)` returns the friction table (ROWS, P) with other numbers; what
-  changes with time does so along `profile(time_s)`. It transforms no signal, so every law gets it.
+* F (friction): `friction(table, theta, command_step_s, held)` returns the friction table (ROWS, P) with other
+  numbers; what changes with time does so along `profile(time_s)`. It transforms no signal, so every law gets it.
 * T (transform): `run(signal, y, theta, part_s, state, out)`, a kernel over (rows, P) that carries `state` (states, P)
   along, so that the closed-loop simulator can call it one row at a time; or `dynamics(dynamics, theta)`, other process
   dynamics. `y` (rows,) is the process value as its distance from its centre.
@@ -86,7 +86,7 @@ class Context:
         return float(np.mean(self.process_value if self.setpoint is None else self.setpoint))
 
 
-Friction = Callable[[FloatArray, FloatArray, float], FloatArray]
+Friction = Callable[[FloatArray, FloatArray, float, bool], FloatArray]
 Values = Mapping[str, float]
 # What an effect adds in a simulation: at the output (n,), at the load (n,), and tags that the record then holds.
 Disturbance = tuple[FloatArray, FloatArray, dict[str, FloatArray]]

@@ -18,7 +18,7 @@ from .contract import Context, Effect, Place
 _SPEED = Parameter("restick_speed", "% / s", 0.0, 1e4, 0.0, "slowest command a sliding valve follows")
 
 
-def _friction(table: FloatArray, theta: FloatArray, command_step_s: float) -> FloatArray:
+def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
     table = table.copy()
     table[RESTICK] = theta[0] * command_step_s
     return table

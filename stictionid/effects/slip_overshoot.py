@@ -16,7 +16,7 @@ from .contract import Context, Effect, Place
 _K = Parameter("overshoot", "-", 1.0, 1.99, 1.0, "length of the slip as a multiple of the plain one")
 
 
-def _friction(table: FloatArray, theta: FloatArray, command_step_s: float) -> FloatArray:
+def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
     table = table.copy()
     table[OVERSHOOT] = theta[0]
     return table

@@ -2,6 +2,9 @@
 
 `estimate.S` and `estimate.J` are the values at the start. Wrong where stiction changes in jumps.
 
+Under a held command a sliding stem whose kinetic friction grows comes to rest between two scans, so it sticks at every
+sample, as in He's law; where the friction falls it creeps on. Under a moving command nothing of the kind happens.
+
 Equation: S(t) = S + stickband_growth t/1000 s, J(t) = J + jump_growth t/1000 s. Source: METHODS.md section 5.
 """
 
@@ -11,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..laws.contract import FD_DRIFT, FS_DRIFT
+from ..laws.contract import FD_DRIFT, FS_DRIFT, RESTICK
 from ..loop import FloatArray
 from ..parameters import Parameter
 from .contract import Context, Effect, Place
@@ -21,10 +24,12 @@ _S = Parameter("stickband_growth", "% / 1000 s", -100.0, 100.0, 0.0, "growth of 
 _J = Parameter("jump_growth", "% / 1000 s", -100.0, 100.0, 0.0, "growth of J")
 
 
-def _friction(table: FloatArray, theta: FloatArray, command_step_s: float) -> FloatArray:
+def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
     table = table.copy()
     table[FS_DRIFT] += 0.5 * (theta[0] + theta[1])
     table[FD_DRIFT] += 0.5 * (theta[0] - theta[1])
+    if held:
+        table[RESTICK] = np.where(table[FD_DRIFT] > 0.0, np.inf, table[RESTICK])
     return table
 
 

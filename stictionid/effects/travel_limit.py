@@ -19,7 +19,7 @@ _LOWER = Parameter("lower", "%", -20.0, 120.0, -20.0, "the stem can't close furt
 _UPPER = Parameter("upper", "%", -20.0, 120.0, 120.0, "the stem can't open further")
 
 
-def _friction(table: FloatArray, theta: FloatArray, command_step_s: float) -> FloatArray:
+def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
     table = table.copy()
     table[LOWER], table[UPPER] = np.minimum(theta[0], theta[1]), np.maximum(theta[0], theta[1])
     return table

@@ -17,7 +17,18 @@ import numpy as np
 from ..kernels import LANES, kernel
 from ..loop import FloatArray
 from .contract import (
-    FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, OVERSHOOT, RESTICK, TIE, UPPER, Law,
+    FD_DOWN,
+    FD_DRIFT,
+    FD_UP,
+    FS_DOWN,
+    FS_DRIFT,
+    FS_UP,
+    LOWER,
+    OVERSHOOT,
+    RESTICK,
+    TIE,
+    UPPER,
+    Law,
 )
 
 # State rows: stem position, 1 while moving, last command and last change of command (equal in all lanes).

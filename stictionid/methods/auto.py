@@ -17,7 +17,9 @@ from ..errors import CannotTell
 from ..fit import Fitted, one_run, search_model
 from ..loop import FloatArray
 from ..model import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
+from ..noise import autocovariance
 from ..oscillation import noise_of
+from ..regression import whiten
 from ..results import Step
 from ..search import refine
 from .contract import Method, Outcome
@@ -29,6 +31,15 @@ SUBSTEPS = 8
 _STEP_DROP, _STEP_BIC = 0.03, 20.0
 # Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
 _ROUGH = 2e-3
+# Softened differences (1 - q^-1) / (1 - 0.8 q^-1), cut after 14 samples: white for the errors of slips that an
+# integrator adds up together with white noise on y. Plain differences double the noise and leave the slips. Measured
+# on continuous itptd, S = 5, J = 3, noise 0.5 to 1 % of the swing of y: S within 0.8 and J within 1.1 %, against 4.3
+# and 8.8 % with plain differences, 4 and 5 % with a first-order process of long lag.
+SOFT = tuple(0.8**k for k in range(1, 15))
+# Correlation of neighbouring differences below which noise fills them. Unit: 1; white noise has -0.5.
+_NOISY = -0.25
+# A lag beyond this many periods needs no proof that the process integrates. Unit: periods.
+_ENDLESS_LAG = 3.0
 # The command is taken as continuous only when that lowers the free-run error by this share.
 _CORNER_GAIN = 0.05
 
@@ -87,9 +98,9 @@ def _smooth(run: Run) -> bool:
     return noise_of(u) < _ROUGH * float(np.ptp(u))
 
 
-def _first(run: Run, spec: Spec) -> _Tried:
+def _first(run: Run, spec: Spec, rng: np.random.Generator | None = None) -> _Tried:
     model = search_model(run.model(spec))
-    point, cost = one_run(model, run.rng)
+    point, cost = one_run(model, rng or run.rng)
     if not np.isfinite(cost):
         return _Tried(spec, point, cost, None, np.inf)
     e = model.evaluate(model.values(point[None])[:, 0])
@@ -99,15 +110,40 @@ def _first(run: Run, spec: Spec) -> _Tried:
 def _structure(run: Run, spec: Spec) -> _Tried:
     """First order or integrator: where the lag is long, the smaller error of the differences decides.
 
-    Differences are stationary for both, so that neither wins by its own yardstick.
+    Differences are stationary for both, so that neither wins by its own yardstick. Where measurement noise fills
+    them they are softened (see `SOFT`), for the fit of the integrator and for the comparison.
     """
-    first = _first(run, spec if spec.process == FIRST_ORDER else replace(spec, process=FIRST_ORDER, increments=False))
+    plain = spec if spec.process == FIRST_ORDER else replace(spec, process=FIRST_ORDER, increments=False, taps=())
+    first = _first(run, plain)
     lag = first.evaluated.values["time_constant_s"] if first.evaluated else np.inf
     if "time_constant_s" in spec.fixed or lag < LONG_LAG * run.period_s:
         return first
     run.tell("trying an integrating process", 0.2)
-    second = _first(run, replace(spec, process=INTEGRATOR, increments=True))
-    return second if second.increments < (1.0 - INTEGRATOR_GAIN) * first.increments else first
+    second = _first(run, replace(plain, process=INTEGRATOR, increments=True))
+    if second.evaluated is None or not _noise_fills(second.evaluated):
+        return second if second.increments < (1.0 - INTEGRATOR_GAIN) * first.increments else first
+    third = _first(run, replace(second.spec, taps=SOFT))
+    gain = 0.0 if lag > _ENDLESS_LAG * run.period_s else INTEGRATOR_GAIN
+    return third if _soft_error(third) < (1.0 - gain) * _soft_error(first) else first
+
+
+def _noise_fills(e: Evaluated) -> bool:
+    """Whether the differences of the residual are mostly those of white measurement noise (their correlation -1/2)."""
+    r = autocovariance(np.nan_to_num(e.innovation), e.counted > 0, 1)
+    return bool(r[0] > 0 and r[1] < _NOISY * r[0])
+
+
+def _soft_error(tried: _Tried) -> float:
+    """Root mean square of the softened differences of the free-run residual, in the unit of y."""
+    if tried.evaluated is None:
+        return np.inf
+    e = tried.evaluated
+    soft = whiten(np.nan_to_num(e.residual)[:, None], Spec(increments=True, taps=SOFT).whitening())[:, 0]
+    good = e.counted > 0
+    for lag in range(1, len(SOFT) + 2):
+        good[lag:] &= e.counted[:-lag] > 0
+    good[:len(SOFT) + 1] = False
+    return float(np.sqrt(np.mean(soft[good] ** 2))) if good.any() else np.inf
 
 
 def _at_noise(run: Run, tried: _Tried) -> bool:

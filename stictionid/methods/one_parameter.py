@@ -1,10 +1,11 @@
 """One parameter d by a grid: Stenman's law, ARMAX with a delay scan, order by AIC.
 
-Every d of a grid up to S_max gives a valve position (u_v(0) = u(0)); an ARMAX model driven by it is fitted for every
-order, at the delay that the ARX part prefers, and AIC chooses the order. The d with the smallest AIC is the answer,
-after a finer grid around it; S = J = d.
+Every d of a grid up to S_max gives a valve position (u_v(0) = u(0)) and, by least squares without C, a delay and an
+error; the cost is jagged in d, so the grid is fine. For the best tenth an ARMAX model of every order is fitted, and
+AIC chooses the order. The d with the smallest AIC is the answer, after a finer grid around it; S = J = d.
 
-Wrong wherever J differs from S: d then lands between them or beside both. As every method that judges by the one-step
+Wrong wherever J differs from S: d then lands between them or beside both; and where the record does not start right
+after a jump, because u_v(0) = u(0) then locks the valve out of step (METHODS.md section 4, trap 1). As every method that judges by the one-step
 error it takes noise for dynamics when the record is sampled fast.
 
 Source: Srinivasan, Rengaswamy, Narasimhan and Miller 2005; ARMAX is Eq. 4 of the paper.
@@ -24,8 +25,8 @@ from ..model import Model, Spec
 from .contract import Method, Outcome
 from .run import Run
 
-# Points of the first grid over d, and of the finer one between the neighbours of its best point.
-_GRID, _FINE = 40, 21
+# Points of the first grid over d, how many of them get an ARMAX model, and points of the finer grid around the best.
+_GRID, _KEPT, _FINE = 400, 40, 21
 # Orders tried where none is given.
 _ORDERS = (1, 2, 3)
 
@@ -64,7 +65,9 @@ def _scan(model: Model, sizes: FloatArray, orders: tuple[int, ...], delays: tupl
     positions = model.positions(values)
     cost, delay = Arx(model, max(orders), delays).costs(values)
     best: tuple[float, Armax | None] = (0.0, None)
-    for i in np.flatnonzero(np.isfinite(cost)):
+    for i in np.argsort(cost, kind="stable")[:_KEPT]:
+        if not np.isfinite(cost[i]):
+            break
         regression = Regression(model.context.process_value, positions[:, i], good=model.good())
         for order in orders:
             fit = armax(regression, order=order, delay=int(delay[i]), first=first)

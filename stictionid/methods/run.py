@@ -100,7 +100,7 @@ class Run:
             return True, (f"the free-run error {error:.4g} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible "
                           f"noise {floor:.4g}: nothing is left to explain")
         return False, (f"the free-run error {error:.4g} is {error / floor:.3g} times the irreducible noise "
-                       f"{floor:.4g}: something is missing (stictionid compare, stictionid diagnose)")
+                       f"{floor:.4g}: something is missing (stictionid diagnose)")
 
     def with_valve(self, S: float, J: float, *, law: str | None = None) -> Fitted:
         """The free-run process that goes best with a valve whose S and J in % are given, which stay as they are.

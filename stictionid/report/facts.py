@@ -22,7 +22,8 @@ _HEADINGS = {"stiction": "The valve sticks", "no stiction": "No stiction found",
 def facts(study: Study, *, no_pictures: str = "") -> Facts:
     """All facts of one study in reading order; `no_pictures` says why there are none (data not found)."""
     order = (_size, _ladder, _pictures_note(no_pictures), _trends, _valve, _map, _fit, sections.candidates,
-             sections.laws, sections.next_steps, sections.oscillation, sections.data, sections.parameters, sections.method)
+             sections.laws, sections.next_steps, sections.oscillation, sections.data, sections.parameters,
+             sections.method)
     made = tuple(s for make in order if (s := make(study)) is not None)
     name = wording.name(study.data.name)
     return Facts(name, f"Valve stiction: {name}", study.verdict.stiction, headline(study),

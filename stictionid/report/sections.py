@@ -105,7 +105,8 @@ def _for_abstained(study: Study) -> list[str]:
 def oscillation(study: Study) -> Section:
     """Period, largest swing and the cycles behind them."""
     r = study.range
-    rows = ((("oscillating"), "yes" if r.oscillating else "no"), ("longest cycle T (Eq. 20)", wording.duration(r.period_s)),
+    rows = (("oscillating", "yes" if r.oscillating else "no"),
+            ("longest cycle T (Eq. 20)", wording.duration(r.period_s)),
             ("median cycle", wording.duration(r.period_median_s)),
             ("largest swing of OP, S_max (Eq. 21)", wording.with_unit(r.s_max, r.unit)),
             ("whole cycles", wording.count(len(r.cycles))), ("reversals of OP", wording.count(r.reversals)),
@@ -123,7 +124,8 @@ def oscillation(study: Study) -> Section:
 def data(study: Study) -> Section:
     """Where the data came from, how they were understood, and what was noticed while reading."""
     d = study.data
-    rows = [("file", wording.name(d.file or wording.NOTHING)), ("SHA-256", wording.clean(d.sha256 or wording.NOTHING, 80)),
+    rows = [("file", wording.name(d.file or wording.NOTHING)),
+            ("SHA-256", wording.clean(d.sha256 or wording.NOTHING, 80)),
             ("rows in the file", wording.count(d.rows)), ("samples used", wording.count(d.rows_used)),
             ("sampling time", wording.duration(d.step_s)), ("first sample", wording.name(d.start or wording.NOTHING)),
             ("last sample", wording.name(d.end or wording.NOTHING))]

@@ -1,0 +1,42 @@
+"""How commands find a study and its data: the data file by path and sha256, or as given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..errors import DataError, UsageError
+
+StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY", help="Study written by identify -o.")]
+DataArgument = Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Its data file, when it has moved.")]
+
+
+def open_study(path: Path) -> Any:
+    """The study in a file; UsageError where it can't be read, DataError where it is none."""
+    from ..results import study_from_json
+
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise DataError(f"{path} is not a study: it is not text", "give a file written by identify -o") from None
+    except OSError as error:
+        raise UsageError(f"{path} can't be read: {error.strerror}", "give a file written by identify -o") from None
+    return study_from_json(text)
+
+
+def open_data(study: Any, study_path: Path, given: Path | None) -> Any:
+    """The loop a study was made from; DataError when its sha256 has changed, UsageError when it is nowhere."""
+    from ..files import sha256_of
+    from ..historian import options_from, read_loop
+
+    name = study.data.file
+    places = [given] if given else [Path(name), study_path.parent / Path(name).name] if name else []
+    found = next((p for p in places if p is not None and p.is_file()), None)
+    if found is None:
+        raise UsageError(f"the data of the study ({name or 'unnamed'}) are not there", "give the file after the study")
+    if study.data.sha256 and sha256_of(found) != study.data.sha256:
+        raise DataError(f"{found} has changed since the study was made (its sha256 differs)",
+                        "run stictionid identify again, or give the file as it was")
+    return read_loop(found, options=options_from(study.data.options))

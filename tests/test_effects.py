@@ -1,0 +1,165 @@
+"""The effect catalogue: every effect keeps the contract, vanishes at its neutral value, and can be hidden and found."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stictionid.diagnose import add, diagnose
+from stictionid.effects import catalogue, get, parse
+from stictionid.effects.contract import Context
+from stictionid.errors import StictionidError, UsageError
+from stictionid.historian import read_loop
+from stictionid.identify import Options, identify
+from stictionid.laws.contract import neutral_friction
+from stictionid.loop import Loop
+from stictionid.results import study_from_json, to_json
+from stictionid.simulate import preset, simulate, with_stiction
+
+EFFECTS = list(catalogue().values())
+NAMES = {
+    "asymmetric-stiction", "stiction-drift", "re-sticking", "slip-overshoot", "travel-limit", "slew-limit",
+    "valve-characteristic", "gain-nonlinearity", "extra-lag", "sinusoidal-disturbance", "step-disturbance",
+    "ramp-disturbance", "narrow-band-disturbance", "random-walk-disturbance", "coloured-noise", "measured-disturbance",
+}
+SHARED = Path(__file__).parent.parent.parent / "shared" / "hidden_effects"
+needs_hidden = pytest.mark.skipif(not SHARED.is_dir(), reason="../shared/hidden_effects is not here")
+
+
+def context() -> Context:
+    rng = np.random.default_rng(0)
+    t = np.arange(300.0)
+    y = 50 + 2 * np.sin(t / 8 - 1) + 0.1 * rng.standard_normal(300)
+    return Context(50 + 3 * np.sin(t / 8), y, np.full(300, 50.0), 1.0, 1, 50.0, 6.0, {"D1": rng.standard_normal(300)}, 0.1 * rng.standard_normal(300))
+
+
+def base(duration: float = 300.0):
+    setting = with_stiction(preset("foptd"), 4.0, 2.0)
+    return replace(setting, controller=replace(setting.controller, scan_s=1.0), duration_s=duration)
+
+
+def test_the_catalogue_is_the_contracts() -> None:
+    assert set(catalogue()) == NAMES
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
+def test_an_effect_says_what_it_is(effect) -> None:
+    assert effect.kind in "FTLN" and effect.equation and effect.source and effect.summary
+    assert all(p.unit and p.meaning and p.low <= p.neutral <= p.high for p in effect.parameters)
+    assert all(name in NAMES for name in effect.confused_with)
+    for p in effect.parameters_for(context()):
+        assert p.low < p.high and p.low <= p.neutral <= p.high
+    if effect.guess:
+        guesses = effect.guess(context())
+        assert guesses.shape[1] == len(effect.parameters_for(context())) and np.isfinite(guesses).all()
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
+def test_at_its_neutral_value_an_effect_vanishes_from_a_simulation(effect) -> None:
+    given = {"jump_up": 2.0, "jump_down": 2.0} if effect.name == "asymmetric-stiction" else {}
+    plain = simulate(base()).loop
+    hidden = simulate(replace(base(), effects=((effect.name, given),))).loop
+    np.testing.assert_allclose(hidden.process_value, plain.process_value, atol=1e-9)
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.run], ids=lambda e: e.name)
+def test_a_transform_runs_in_pieces_as_it_runs_whole(effect) -> None:
+    c = context()
+    signal = np.stack([c.command, c.command + 1.0], axis=1)
+    parameters = effect.parameters_for(c)
+    theta = np.array([[1.5 * p.low if p.log else 0.6 * p.low + 0.4 * p.high] * 2 for p in parameters])
+    kept = signal.copy()
+    whole = effect.transformed(signal, theta, c)
+    assert np.isfinite(whole).all() and (signal == kept).all() and not np.allclose(whole, signal)
+    state = effect.start(signal, theta) if effect.start else np.zeros((max(effect.states, 1), 2))
+    y = c.process_value - c.centre
+    pieces = []
+    for a, b in ((0, 100), (100, 101), (101, 300)):
+        out = np.empty((b - a, 2))
+        effect.run(signal[a:b], y[a:b], theta, 1.0, state, out)
+        pieces.append(out)
+    assert (np.concatenate(pieces) == whole).all()
+    plain = np.empty((300, 2))
+    state = effect.start(signal, theta) if effect.start else np.zeros((max(effect.states, 1), 2))
+    effect.run.py_func(signal, y, theta, 1.0, state, plain)
+    np.testing.assert_allclose(plain, whole, rtol=1e-12)
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.friction], ids=lambda e: e.name)
+def test_a_friction_effect_leaves_its_input_alone_and_vanishes_when_neutral(effect) -> None:
+    table = neutral_friction([4.0, 3.0], [2.0, 1.0])
+    kept = table.copy()
+    parameters = effect.parameters_for(context())
+    theta = np.array([[p.neutral] * 2 for p in parameters])
+    same = effect.friction(table, theta, 1.0, True)
+    limits = {"travel-limit"}  # its neutral value is a stop out of reach, not an infinite one
+    assert (table == kept).all() and (effect.name in limits or (same == kept).all())
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.columns], ids=lambda e: e.name)
+def test_linear_columns_have_the_records_shape(effect) -> None:
+    c = context()
+    theta = np.array([[0.5 * (p.low + p.high)] * 3 for p in effect.parameters_for(c)])
+    for column in effect.columns(theta, c):
+        assert column.shape == (300, 3) and np.isfinite(column).all()
+
+
+def test_unknown_effects_and_variants_name_what_there_is() -> None:
+    with pytest.raises(UsageError) as refusal:
+        get("extra-lug")
+    assert "extra-lag" in refusal.value.hint
+    with pytest.raises(UsageError):
+        parse("step-disturbance@nowhere")
+
+
+@pytest.mark.parametrize("effects", [
+    (("nobody", {}),), (("extra-lag", {"speed": 1.0}),), (("extra-lag", {"second_time_constant_s": -1.0}),),
+    (("step-disturbance", {"at": "nowhere"}),), (("extra-lag", {}), ("extra-lag", {})),
+])
+def test_a_simulation_refuses_effects_that_make_no_sense(effects) -> None:
+    with pytest.raises(StictionidError) as refusal:
+        simulate(replace(base(), effects=effects))
+    assert refusal.value.hint
+
+
+@needs_hidden
+@pytest.mark.parametrize(("name", "effect"), [("hidden_05", "travel-limit"), ("hidden_08", "step-disturbance@output")])
+def test_a_hidden_effect_is_found_and_the_error_falls_to_the_noise(name: str, effect: str) -> None:
+    plant = json.loads((SHARED / "truth.json").read_text())[name]["plant"]
+    loop = read_loop(SHARED / f"{name}.csv")
+    study = diagnose(loop, identify(loop, options=Options(base_only=True)), apply=True)
+    assert study.missing == (effect,) and study.steps[-1].added == effect and study.adequate
+    assert study.steps[-1].error.rmse <= 1.05 * plant["noise_sd"]
+    assert study.estimate is not None
+    assert pytest.approx(plant["S_pct"], rel=0.01) == study.estimate.S
+    assert pytest.approx(plant["J_pct"], rel=0.05) == study.estimate.J
+    assert study_from_json(to_json(study)) == study
+
+
+def test_nothing_is_invented_in_a_loop_with_nothing_hidden() -> None:
+    setting = replace(base(800.0), noise_sd=0.05, setpoint_moves=((0.0, 5.0), (300.0, -6.0), (550.0, 4.0)))
+    loop = simulate(setting, seed=3).loop
+    study = identify(loop)
+    assert diagnose(loop, study).missing == () and diagnose(loop, study).candidates == ()
+    searched = diagnose(loop, study, everything=True)
+    assert searched.missing == () and len(searched.candidates) > 10
+    assert all(c.delta_bic is not None and c.delta_bic < 10 for c in searched.candidates)
+
+
+def test_add_refuses_what_is_there_already_and_what_it_cannot_have() -> None:
+    setting = replace(base(400.0), noise_sd=0.05)
+    loop = simulate(setting, seed=3).loop
+    study = identify(loop, options=Options(base_only=True))
+    once = add(loop, study, "extra-lag")
+    assert [s.added for s in once.steps] == [None, "extra-lag"]
+    with pytest.raises(UsageError):
+        add(loop, once, "extra-lag")
+    with pytest.raises(UsageError):
+        add(loop, study, "measured-disturbance")
+    dead = identify(Loop(output=np.full(300, 40.0), process_value=np.random.default_rng(0).standard_normal(300)))
+    with pytest.raises(StictionidError):
+        add(loop, dead, "extra-lag")
