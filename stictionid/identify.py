@@ -165,8 +165,8 @@ def _friction_free(run: Run, fit: Fitted) -> float:
 
 def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstimate | None) -> Estimate:
     v = fit.best.values
-    gain, lags, dead, integrating = fit.best.gain, (v["time_constant_s"],), v["dead_time_s"], (
-        fit.model.spec.process == INTEGRATOR)
+    gain, dead, integrating = fit.best.gain, v["dead_time_s"], fit.model.spec.process == INTEGRATOR
+    lags: tuple[float, ...] = (v["time_constant_s"],)
     if "extra-lag:second_time_constant_s" in v:
         lags = (*lags, v["extra-lag:second_time_constant_s"])
     if outcome.process is not None:

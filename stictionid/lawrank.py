@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .fit import Fitted
-from .loop import Finding, FloatArray
+from .loop import BoolArray, Finding, FloatArray
 from .results import LawResult, Step
 
 # Laws with errors this close are alike whatever the test says. Unit: share of the smaller error.
@@ -79,7 +79,7 @@ def _signed_ranks(differences: FloatArray) -> float:
     return float(np.sum(np.sign(differences) * ranks)) / np.sqrt(k * (k + 1) * (2 * k + 1) / 6.0)
 
 
-def _block_means(values: FloatArray, counted: FloatArray, block: int) -> FloatArray:
+def _block_means(values: FloatArray, counted: BoolArray, block: int) -> FloatArray:
     """Means of `values` over blocks of `block` samples in which something counts."""
     whole = values.size // block * block
     weights = counted[:whole].reshape(-1, block).sum(axis=1)

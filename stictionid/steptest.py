@@ -16,9 +16,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import DataError
-from .loop import Finding, FloatArray, Loop
+from .loop import BoolArray, Finding, FloatArray, Loop
 from .oscillation import FLAT, noise_of
 from .process import Dynamics, free_run
 from .regression import Shared
@@ -97,7 +98,7 @@ def fit_step(loop: Loop) -> StepTest:
     return StepTest(float(size[0, 0]), T, L, rmse, explained, int(moves.size), bool(seen))
 
 
-def _moves(loop: Loop, good: FloatArray) -> FloatArray:
+def _moves(loop: Loop, good: BoolArray) -> NDArray[np.intp]:
     """Samples at which the command stepped; DataError where it never does or moves all the time."""
     u = loop.output[good]
     swing = float(np.ptp(u))
@@ -119,7 +120,7 @@ def _response(u: FloatArray, T: FloatArray, L: FloatArray, step_s: float) -> Flo
     return free_run(position, Dynamics(T, L, np.zeros(T.size), False), step_s=step_s)
 
 
-def _search(loop: Loop, u: FloatArray, y: FloatArray, good: FloatArray, *, rest: int) -> tuple[float, float, Shared]:
+def _search(loop: Loop, u: FloatArray, y: FloatArray, good: BoolArray, *, rest: int) -> tuple[float, float, Shared]:
     """Time constant and dead time in seconds with the smallest error; `rest` samples follow the first step."""
     step = loop.step_s
     longest = rest * step

@@ -170,7 +170,10 @@ def _error_table(study: Any) -> Any:
 def _law_table(study: Any) -> Any:
     """Laws best first; "alike" marks those that the record can't tell from the best."""
     unit = study.data.units.get("process_value") or "unit of y"
-    remarks = next((f.evidence for f in study.steps[-1].findings if f.code in ("laws-alike", "laws-told-apart")), {})
+    remarks: dict[str, Any] = {}
+    for finding in study.steps[-1].findings:
+        if finding.code in ("laws-alike", "laws-told-apart"):
+            remarks = finding.evidence
     table = plain_table("law", "S %", "J %", "error", "held out", "", title=f"laws, best first; errors in {safe(unit)}")
     for law in study.laws:
         marks = ["alike"] * (law.law in remarks.get("alike", ())) + ["kept"] * (law.law == remarks.get("kept"))

@@ -29,6 +29,10 @@ from .run import ADEQUATE, INTEGRATOR_GAIN, LONG_LAG, Run, increment_error
 SUBSTEPS = 8
 # A step of its own must lower the held-out error by this share and BIC by this much (CRITICISM.md section 7).
 _STEP_DROP, _STEP_BIC = 0.03, 20.0
+# The law of a valve that rests at every sample, whatever it does while it slides. Taken without `diagnose` looking at
+# its rivals, it must explain the record nearly alone: its error within the second factor of the irreducible noise; a
+# first search beyond the first factor is not followed. (A drifting valve, too, fits better when it may rest: 3 times.)
+_RESTING_LAW, _RESTING_TRIED, _RESTING_TAKEN = "he", 2.5, 1.3
 # Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
 _ROUGH = 2e-3
 # Softened differences (1 - q^-1) / (1 - 0.8 q^-1), cut after 14 samples: white for the errors of slips that an
@@ -42,6 +46,8 @@ _NOISY = -0.25
 _ENDLESS_LAG = 3.0
 # The command is taken as continuous only when that lowers the free-run error by this share.
 _CORNER_GAIN = 0.05
+# Below this share of the period a lag is no integrator in disguise.
+_ANY_LAG = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +76,9 @@ def _run(run: Run) -> Outcome:
                          "about its mean", "check that OP drives this PV; look at the trend with stictionid read",
                          code="model-explains-nothing")
     steps, fits = [run.step(fit, None)], [fit]
+    if not o.base_only and "re-sticking" not in spec.effects:
+        run.tell("trying a valve that rests between scans", 0.6)
+        _try_resting(run, steps, fits)
     if not o.base_only and "extra-lag" not in spec.effects and not o.fixed:
         run.tell("trying a further lag", 0.7)
         _try_step(run, steps, fits, "extra-lag")
@@ -108,7 +117,7 @@ def _first(run: Run, spec: Spec, rng: np.random.Generator | None = None) -> _Tri
 
 
 def _structure(run: Run, spec: Spec) -> _Tried:
-    """First order or integrator: where the lag is long, the smaller error of the differences decides.
+    """First order or integrator: where the lag is long, or leaves errors, the smaller error of the differences decides.
 
     Differences are stationary for both, so that neither wins by its own yardstick. Where measurement noise fills
     them they are softened (see `SOFT`), for the fit of the integrator and for the comparison.
@@ -116,7 +125,9 @@ def _structure(run: Run, spec: Spec) -> _Tried:
     plain = spec if spec.process == FIRST_ORDER else replace(spec, process=FIRST_ORDER, increments=False, taps=())
     first = _first(run, plain)
     lag = first.evaluated.values["time_constant_s"] if first.evaluated else np.inf
-    if "time_constant_s" in spec.fixed or lag < LONG_LAG * run.period_s:
+    if "time_constant_s" in spec.fixed or lag < _ANY_LAG * run.period_s:
+        return first
+    if lag < LONG_LAG * run.period_s and _at_noise(run, first):
         return first
     run.tell("trying an integrating process", 0.2)
     second = _first(run, replace(plain, process=INTEGRATOR, increments=True))
@@ -150,6 +161,46 @@ def _at_noise(run: Run, tried: _Tried) -> bool:
     e = tried.evaluated
     floor = run.floor(e.position_means, e.values["dead_time_s"]) if e else None
     return e is not None and floor is not None and e.rmse <= ADEQUATE * floor
+
+
+def _try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
+    """Re-sticking as a step of its own, where a held command leaves errors and the valve may rest between its scans.
+
+    A resting valve has its own basin in S, J and even in the process, which no search from the sliding one reaches;
+    so the search starts where the law that rests at every sample (the effect's other end) ends.
+    """
+    before = fits[-1]
+    spec = before.model.spec
+    if spec.between != "hold" or before.model.law.sliding_state is None or run.adequate(steps[-1])[0]:
+        return
+    resting = _structure(run, replace(spec, law=_RESTING_LAW))
+    floor = steps[-1].error.noise_sd
+    if resting.evaluated is None or floor is None or resting.evaluated.rmse > _RESTING_TRIED * floor:
+        return
+    found = run.fit(resting.spec, before=(resting.point[None], np.array([resting.cost])))
+    spec = replace(resting.spec, law=run.law, effects=(*spec.effects, "re-sticking"))
+    model = run.model(spec)
+    at = next(rows for rows, name in zip(model._slices, model.names, strict=True) if name == "re-sticking")
+    guess = model.effects[model.names.index("re-sticking")].guess
+    assert guess is not None
+    speeds = guess(model.context)
+    starts = np.array([model.vector(found.best.values)]).repeat(len(speeds), axis=0)
+    starts[:, at] = speeds
+    after = run.fit(spec, model.cube(starts.T))
+    step = run.step(after, "re-sticking")
+    was, now = steps[-1].error.rmse_holdout, step.error.rmse_holdout
+    if was is None or now is None or now > (1.0 - _STEP_DROP) * was:
+        return
+    if step.error.rmse > _RESTING_TAKEN * (step.error.noise_sd or 0.0):
+        return
+    # Criteria of levels and of differences can't be compared; a change of structure must lower the error clearly.
+    if spec.whitening().tolist() == before.model.spec.whitening().tolist():
+        better = (steps[-1].error.bic or 0.0) - (step.error.bic or 0.0) > _STEP_BIC
+    else:
+        better = now < (1.0 - 3.0 * _STEP_DROP) * was
+    if better:
+        steps.append(step)
+        fits.append(after)
 
 
 def _try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str) -> None:

@@ -1,9 +1,9 @@
 """Jelali: a first guess from an ellipse or a relay, then pattern search over (S, J) with separable least squares.
 
 The guess for S is the width along OP of the ellipse through the filtered PV-OP plot, or, as for a valve that switches
-like a relay with hysteresis, the swing of the command over a cycle; the one with the smaller cost starts. A pattern
-search polls the eight neighbours of the best point and halves its mesh when none is better; for each point the
-linear model follows by least squares (ARX with a scan of the delay and a constant), u_v(0) = u(0).
+like a relay with hysteresis, the swing of the command over a cycle; each is tried with several J, and the best few
+start. A pattern search polls the eight neighbours of the best point and halves its mesh when none is better; for each
+point the linear model follows by least squares (ARX with a scan of the delay and a constant), u_v(0) = u(0).
 
 Wrong where the guess lies in another basin than the answer: a pattern search does not leave the one it starts in.
 With noise the one-step error pulls J low (METHODS.md section 4, trap 2).
@@ -32,6 +32,8 @@ _SHARES = np.linspace(0.1, 1.0, 10)
 _FIRST_MESH, _LAST_MESH = 0.1, 1e-4
 _POLL = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j], dtype=np.float64)
 _MOST_ROUNDS = 200
+# Pattern searches made, from as many of the best first guesses.
+_STARTS = 6
 
 
 def _run(run: Run) -> Outcome:
@@ -54,9 +56,10 @@ def _run(run: Run) -> Outcome:
     if not np.isfinite(first).any():
         raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
                          code="valve-never-moves")
-    chosen = int(first.argmin())
     run.tell("pattern search", 0.4)
-    best, value = _pattern_search(cost, starts[chosen], float(first[chosen]), run.s_max)
+    order = np.argsort(first, kind="stable")[:_STARTS]
+    ends = [(*_pattern_search(cost, starts[i], float(first[i]), run.s_max), int(i)) for i in order]
+    best, value, chosen = min(ends, key=lambda end: end[1])
     fit = run.with_valve(float(best[0]), float(best[1]))
     step = run.step(fit, None)
     step = replace(step, error=replace(step.error, rmse_one_step=float(np.sqrt(value / max(arx.shared.rows, 1)))),

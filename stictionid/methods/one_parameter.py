@@ -5,8 +5,8 @@ error; the cost is jagged in d, so the grid is fine. For the best tenth an ARMAX
 AIC chooses the order. The d with the smallest AIC is the answer, after a finer grid around it; S = J = d.
 
 Wrong wherever J differs from S: d then lands between them or beside both; and where the record does not start right
-after a jump, because u_v(0) = u(0) then locks the valve out of step (METHODS.md section 4, trap 1). As every method that judges by the one-step
-error it takes noise for dynamics when the record is sampled fast.
+after a jump, because u_v(0) = u(0) then locks the valve out of step (METHODS.md section 4, trap 1). As every method
+that judges by the one-step error it takes noise for dynamics when the record is sampled fast.
 
 Source: Srinivasan, Rengaswamy, Narasimhan and Miller 2005; ARMAX is Eq. 4 of the paper.
 """

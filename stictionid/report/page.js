@@ -86,7 +86,8 @@
   };
 
   Trend.prototype.view = function (from, to) {
-    var last = this.n - 1, span = Math.min(Math.max(to - from, Math.min(FEWEST, last)), last);
+    // Whole samples only: the bounds index the arrays.
+    var last = this.n - 1, span = Math.min(Math.max(Math.round(to - from), Math.min(FEWEST, last)), last);
     from = Math.min(Math.max(Math.round((from + to - span) / 2), 0), last - span);
     this.from = from; this.to = from + span; this.later();
   };

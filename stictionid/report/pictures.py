@@ -270,6 +270,12 @@ def candidates(study: Study) -> Picture | None:
                           (Line("drop", "model", drops, np.arange(len(names), dtype=float), "bars"),), names=names),))
 
 
+def _severity_rules(largest: float) -> tuple[Rule, ...]:
+    """Where each severity band begins, up to a little above the largest S."""
+    begins = zip(wording.SEVERITY_BANDS[:-1], wording.SEVERITY_BANDS[1:], strict=True)
+    return tuple(Rule("x", limit, word, "bound") for (limit, _), (_, word) in begins if limit < 1.2 * largest)
+
+
 def comparison(studies: Sequence[Study]) -> Picture | None:
     """S of several loops with its interval, on one axis."""
     known = [(wording.clean(s.data.name, 30), s.estimate) for s in studies if s.estimate is not None]
@@ -282,8 +288,8 @@ def comparison(studies: Sequence[Study]) -> Picture | None:
             lines.append(Line("interval of S", "model", np.array(e.S_interval), np.array([float(i)] * 2)))
     worst = max(known, key=lambda pair: pair[1].S)
     return Picture("comparison", "S of all loops", f"{worst[0]} has the largest S, {wording.number(worst[1].S)} "
-                   f"{wording.name(worst[1].unit)}.", "Cross: S, line: its interval; dashed: severity bands.",
+                   f"{wording.name(worst[1].unit)}.", "Cross: S, line: its interval; dashed: where each "
+                   "severity band begins.",
                    (Panel("S, % of OP span", "", tuple(lines), marks=tuple(marks),
-                          rules=tuple(Rule("x", limit, word, "bound") for limit, word in wording.SEVERITY_BANDS
-                                      if limit < max(e.S for _, e in known) * 1.2),
+                          rules=(Rule("x", 0.0), *_severity_rules(max(e.S for _, e in known))),
                           names=tuple(n for n, _ in known)),))

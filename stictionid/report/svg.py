@@ -10,7 +10,7 @@ from html import escape
 import numpy as np
 
 from ..loop import FloatArray
-from . import axes, palette
+from . import axes, palette, wording
 from .axes import Axis
 from .picture import Band, Line, Panel, Picture
 
@@ -23,6 +23,8 @@ _TEXT = 12.5
 _CHARACTER = 6.9
 # Distance of arrow heads along a curve. Unit: px.
 _ARROW_EVERY = 95.0
+# Most of a picture's width that names of bars may take. Unit: 1; longer names are cut in the middle.
+_WIDEST_NAMES = 0.42
 SVG_KIND = b"<!-- stictionid figure -->"
 
 
@@ -82,6 +84,11 @@ def _safe(text: str) -> str:
     return escape("".join(c for c in text if c >= " " and not "\ud800" <= c <= "\udfff" and c not in "\ufffe\uffff"))
 
 
+def _cut(text: str, room: float) -> str:
+    """Text for the picture itself, the middle left out where it is longer than `room` px."""
+    return _safe(wording.clean(text, max(int(room / _CHARACTER), 6)))
+
+
 def _body(picture: Picture, width: int, prefix: str) -> tuple[str, int]:
     named = max((len(p.names) for p in picture.panels), default=0)
     base = 46 + 26 * named if named else _HEIGHT_WIDE if picture.wide else _HEIGHT_SQUARE
@@ -100,7 +107,7 @@ def _body(picture: Picture, width: int, prefix: str) -> tuple[str, int]:
 def _panel(panel: Panel, width: int, top: float, height: float, key: str, last: bool) -> tuple[str, int]:
     """One panel from `top` on, and where the next one starts."""
     legend, rows = _legend(panel, width, top)
-    left = max(_LEFT, 12 + _CHARACTER * max((len(n) for n in panel.names), default=0))
+    left = min(max(_LEFT, 12 + _CHARACTER * max((len(n) for n in panel.names), default=0)), _WIDEST_NAMES * width)
     y0 = top + (_TOP - 18) + 18 * rows
     y1 = y0 + height
     x = Axis(*axes.limits(panel, "x"), left, width - _RIGHT, panel.log_x)
@@ -124,10 +131,10 @@ def _panel(panel: Panel, width: int, top: float, height: float, key: str, last: 
     bottom = y1 + (_BOTTOM if panel.x_label else _GAP)
     if panel.x_label:
         parts.append(f'<text x="{(left + width - _RIGHT) / 2:.0f}" y="{y1 + 34:.0f}" text-anchor="middle">'
-                     f"{_safe(panel.x_label)}</text>")
+                     f"{_cut(panel.x_label, width - left)}</text>")
     if panel.y_label:
         parts.append(f'<text transform="translate(14 {(y0 + y1) / 2:.0f}) rotate(-90)" text-anchor="middle">'
-                     f"{_safe(panel.y_label)}</text>")
+                     f"{_cut(panel.y_label, height + _GAP)}</text>")
     return "".join(parts), round(bottom)
 
 
@@ -135,7 +142,7 @@ def _legend(panel: Panel, width: int, top: float) -> tuple[str, int]:
     """Samples of each line with its name, wrapped; and how many rows that took."""
     entries: list[tuple[str, str, str]] = []
     for line in panel.lines:
-        entry = (line.name, line.role, "dot" if line.style == "points" else "line")
+        entry = (line.name, line.role, {"points": "dot", "bars": "bar"}.get(line.style, "line"))
         if entry not in entries:
             entries.append(entry)
     seen = {b.role for b in panel.bands}
@@ -151,7 +158,7 @@ def _legend(panel: Panel, width: int, top: float) -> tuple[str, int]:
             at, row = float(_LEFT), row + 1
         y = top + 13 + 18 * row
         parts.append(_sample(kind, role, at, y))
-        parts.append(f'<text x="{at + 30:.0f}" y="{y + 4:.0f}">{_safe(name)}</text>')
+        parts.append(f'<text x="{at + 30:.0f}" y="{y + 4:.0f}">{_cut(name, width - at - 30)}</text>')
         at += size
     return "".join(parts), row + 1 if entries else 0
 
@@ -159,6 +166,8 @@ def _legend(panel: Panel, width: int, top: float) -> tuple[str, int]:
 def _sample(kind: str, role: str, at: float, y: float) -> str:
     if kind == "band":
         return f'<rect class="b-{role}" x="{at:.0f}" y="{y - 6:.0f}" width="24" height="12"/>'
+    if kind == "bar":
+        return f'<rect class="f-{role}" x="{at:.0f}" y="{y - 5:.0f}" width="24" height="10"/>'
     if kind == "dot":
         return f'<circle class="f-{role}" cx="{at + 12:.0f}" cy="{y:.0f}" r="4"/>'
     if kind == "box":
@@ -185,8 +194,8 @@ def _grid(panel: Panel, x: Axis, y: Axis, last: bool) -> str:
             label = f"{value:g}" if x.log else axes.tick_text(value, step)
             parts.append(f'<text x="{at:.1f}" y="{bottom + 16:.1f}" text-anchor="middle">{label}</text>')
     if panel.names:
-        parts += [f'<text x="{x.start - 6:.0f}" y="{float(y.at(i)) + 4:.1f}" text-anchor="end">{_safe(name)}</text>'
-                  for i, name in enumerate(panel.names)]
+        parts += [f'<text x="{x.start - 6:.0f}" y="{float(y.at(i)) + 4:.1f}" text-anchor="end">'
+                  f"{_cut(name, x.start - 8)}</text>" for i, name in enumerate(panel.names)]
         return "".join(parts)
     up = axes.ticks(y.low, y.high, max(2, int((bottom - top) / 34)))
     step = up[1] - up[0] if len(up) > 1 else 1.0

@@ -1,0 +1,223 @@
+"""The HTML page in a real browser: opens from disk, zooms, toggles, dark, on a phone, on paper, and by axe's rules.
+
+Needs Debian's chromium and chromium-driver, and the Python package selenium; axe's rules need axe-core-python. Where
+one is absent the tests skip and say which.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import study_factory
+
+from stictionid.report.write import write_report
+
+_PHONE, _DESK, _A4 = 375, 1000, 794  # px; A4 at 96 dots per inch
+_CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+_DRIVER = shutil.which("chromedriver")
+_MISSING = [name for name, there in (("chromium", _CHROMIUM), ("chromium-driver", _DRIVER),
+                                     ("selenium", importlib.util.find_spec("selenium"))) if not there]
+pytestmark = pytest.mark.skipif(bool(_MISSING), reason=f"no {', '.join(_MISSING)} on this machine")
+PAGES = ("good", "doubtful", "abstained", "hostile", "several")
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pages")
+    for kind in PAGES[:-1]:
+        write_report([getattr(study_factory, kind)()], folder / f"{kind}.html")
+    write_report([study_factory.good(), study_factory.doubtful(), study_factory.abstained()], folder / "several.html")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(_CHROMIUM)
+    for flag in ("headless", "no-sandbox", "disable-gpu", "no-first-run", "disable-background-networking",
+                 "disable-component-update", "disable-sync", "disable-dev-shm-usage",
+                 f"user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(f"--{flag}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=Service(str(_DRIVER)))
+    driver.execute_cdp_cmd("Network.enable", {})
+    driver.execute_cdp_cmd("Network.emulateNetworkConditions", {"offline": True, "latency": 0, "downloadThroughput": 0,
+                                                                "uploadThroughput": 0})
+    yield driver
+    driver.quit()
+
+
+def show(browser: Any, path: Path, *, width: int = _DESK, dark: bool = False, media: str = "") -> None:
+    """Open a page from disk at a width, with the wanted colour scheme and medium."""
+    scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": media, "features": scheme})
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride",
+                            {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False})
+    browser.get(path.as_uri())
+    frame(browser)
+
+
+def frame(browser: Any) -> None:
+    """Wait until what was asked for is drawn."""
+    browser.execute_async_script("const done = arguments[0];"
+                                 "requestAnimationFrame(() => requestAnimationFrame(done));")
+
+
+def trend(browser: Any) -> dict[str, str]:
+    return browser.execute_script("return {...document.querySelector('.trend').dataset}")
+
+
+def press(browser: Any, key: str) -> dict[str, str]:
+    from selenium.webdriver.common.by import By
+
+    browser.find_element(By.CSS_SELECTOR, ".plot").send_keys(key)
+    frame(browser)
+    return trend(browser)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_opens_from_disk_offline_without_a_word_on_the_console(browser: Any, pages: Path, page: str) -> None:
+    show(browser, pages / f"{page}.html")
+    assert browser.get_log("browser") == []
+    loaded = browser.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
+    assert not [name for name in loaded if not name.startswith("data:")]
+    assert browser.execute_script("return document.documentElement.lang") == "en"
+
+
+@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("width", [_PHONE, _A4, _DESK])
+def test_nothing_is_wider_than_the_screen(browser: Any, pages: Path, page: str, width: int) -> None:
+    show(browser, pages / f"{page}.html", width=width)
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_paper_shows_whole_static_pictures(browser: Any, pages: Path, page: str) -> None:
+    show(browser, pages / f"{page}.html", width=688, media="print")  # A4 less its margins
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= 688
+    heights = browser.execute_script("return [...document.querySelectorAll('figure')].map(f => f.offsetHeight)")
+    assert max(heights, default=0) < 1000  # px; a page less its margins is 1,016
+    visible = browser.execute_script("return [...document.querySelectorAll('.trend')].filter(e => e.offsetHeight)"
+                                     ".length")
+    assert visible == 0
+    shown = browser.execute_script("return [...document.querySelectorAll('figure.static .desk')]"
+                                   ".every(e => e.offsetHeight > 0)")
+    assert shown
+
+
+def test_zoom_by_keyboard_buttons_and_drag(browser: Any, pages: Path) -> None:
+    from selenium.webdriver import ActionChains, Keys
+    from selenium.webdriver.common.by import By
+
+    show(browser, pages / "good.html")
+    assert (trend(browser)["from"], trend(browser)["to"]) == ("0", "599")
+    closer = press(browser, "+")
+    assert int(closer["to"]) - int(closer["from"]) in (299, 300)
+    assert press(browser, Keys.HOME)["to"] == "599"
+    browser.find_element(By.CSS_SELECTOR, "[data-do=in]").click()
+    frame(browser)
+    assert int(trend(browser)["to"]) - int(trend(browser)["from"]) < 310
+    browser.find_element(By.CSS_SELECTOR, "[data-do=all]").click()
+    canvas = browser.find_element(By.CSS_SELECTOR, ".trend canvas")
+    ActionChains(browser).move_to_element_with_offset(canvas, -200, 0).click_and_hold().move_by_offset(200, 0) \
+        .release().perform()
+    frame(browser)
+    dragged = trend(browser)
+    assert 0 < int(dragged["from"]) < int(dragged["to"]) < 599
+    ActionChains(browser).double_click(canvas).perform()
+    frame(browser)
+    assert (trend(browser)["from"], trend(browser)["to"]) == ("0", "599")
+
+
+def test_the_cursor_reads_time_values_and_failing_stretches(browser: Any, pages: Path) -> None:
+    from selenium.webdriver import Keys
+    from selenium.webdriver.common.by import By
+
+    show(browser, pages / "good.html")
+    first, second = press(browser, Keys.ARROW_RIGHT), press(browser, Keys.ARROW_RIGHT)
+    assert int(second["cursor"]) == int(first["cursor"]) + 1
+    text = browser.find_element(By.CSS_SELECTOR, ".trend output").text
+    assert re.search(r"At 30[01] s, 2024-03-01 06:05:0[01]: SP 50.5 m³/h, PV [\d.]+ m³/h, model", text)
+    for _ in range(200):
+        if int(press(browser, Keys.ARROW_RIGHT)["cursor"]) > 485:
+            break
+    assert "the model fails here" in browser.find_element(By.CSS_SELECTOR, ".trend output").text
+
+
+def test_signals_are_switched_off_and_on(browser: Any, pages: Path) -> None:
+    from selenium.webdriver.common.by import By
+
+    show(browser, pages / "good.html")
+    assert trend(browser)["on"] == "SP,PV,model,OP,measured position,inferred position"
+    before = int(trend(browser)["drawn"])
+    for box in browser.find_elements(By.CSS_SELECTOR, ".trend input")[:2]:
+        box.click()
+    frame(browser)
+    assert trend(browser)["on"] == "model,OP,measured position,inferred position"
+    assert int(trend(browser)["drawn"]) < before
+
+
+def test_dark_mode_changes_ground_and_curves(browser: Any, pages: Path) -> None:
+    ground, ink = [], []
+    for dark in (False, True):
+        show(browser, pages / "good.html", dark=dark)
+        ground.append(browser.execute_script("return getComputedStyle(document.body).backgroundColor"))
+        ink.append(trend(browser)["ink"])
+    assert ground[0] == "rgb(255, 255, 255)" and ground[1] == "rgb(20, 25, 31)" and ink[0] != ink[1]
+
+
+def test_a_long_record_is_thinned_to_the_pixels(browser: Any, tmp_path: Path) -> None:
+    write_report([study_factory.good(60_000)], tmp_path / "r.html")
+    show(browser, tmp_path / "r.html")
+    assert 2_000 < int(trend(browser)["drawn"]) < 2 * 6 * _DESK
+    whole = int(trend(browser)["drawn"])
+    for _ in range(10):
+        closer = press(browser, "+")
+    assert int(closer["drawn"]) < whole and int(closer["to"]) - int(closer["from"]) < 70
+
+
+def test_hostile_text_runs_nothing(browser: Any, pages: Path) -> None:
+    show(browser, pages / "hostile.html")
+    assert browser.execute_script("return document.querySelectorAll('script').length") == 2
+    assert browser.execute_script("return document.querySelectorAll('main a[href^=javascript], iframe, img').length") == 0
+    assert "<script>alert" in browser.execute_script("return document.querySelector('h1').textContent")
+    text = (pages / "hostile.html").read_text(encoding="utf-8")
+    assert "<script>alert" not in text and "\u202e" not in text and "\x1b" not in text
+
+
+def test_the_comparison_sorts_and_filters(browser: Any, pages: Path) -> None:
+    from selenium.webdriver.common.by import By
+
+    show(browser, pages / "several.html")
+    names = "return [...document.querySelectorAll('#all tbody tr')].filter(r => r.offsetHeight)" \
+            ".map(r => r.cells[0].textContent)"
+    assert browser.execute_script(names) == ["FIC101", "LIC7", "TIC9"]
+    head = browser.find_elements(By.CSS_SELECTOR, "#all thead button")[2]
+    head.click()
+    assert browser.execute_script(names) == ["LIC7", "FIC101", "TIC9"]
+    assert head.find_element(By.XPATH, "..").get_attribute("aria-sort") == "ascending"
+    browser.find_element(By.ID, "filter").send_keys("undecided")
+    assert browser.execute_script(names) == ["LIC7", "TIC9"]
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("page", PAGES)
+def test_axe_finds_nothing_serious(browser: Any, pages: Path, page: str, dark: bool) -> None:
+    if importlib.util.find_spec("axe_core_python") is None:
+        pytest.skip("no axe-core-python on this machine")
+    from axe_core_python.selenium import Axe
+
+    show(browser, pages / f"{page}.html", dark=dark)
+    found = Axe().run(browser)
+    bad = [(v["id"], v["nodes"][0]["html"][:200]) for v in found["violations"] if v["impact"] in ("serious", "critical")]
+    assert not bad
+    assert len(found["passes"]) > 15
