@@ -64,7 +64,8 @@ def main() -> int:
                        for _ in range(3)]
                 t, cpu, mb = min(r[0] for r in run), min(r[1] for r in run), max(r[2] for r in run)
                 size = out.stat().st_size / 1e6
-                print(f"{rows:7,} rows  {kind:5s} {t:6.2f} s  {cpu:6.2f} s of processor  {mb:5.0f} MB  {size:6.2f} MB written")
+                print(f"{rows:7,} rows  {kind:5s} {t:6.2f} s  {cpu:6.2f} s of processor  {mb:5.0f} MB  "
+                      f"{size:6.2f} MB written")
                 late = t > seconds or (memory is not None and mb > memory)
                 heavy = kind == "html" and weight is not None and size > weight
                 missed += [f"{rows} {kind}"] if late or heavy else []

@@ -1,12 +1,12 @@
 """Which stiction law a record prefers, when it can't tell them apart, and how far S and J move between them.
 
 Laws are ranked by their held-out free-run error. Two laws are alike on a record when their errors differ by less
-than a hundredth, or when now the one and now the other has the smaller squared error, period by period, so that
-Wilcoxon's signed ranks of the differences do not decide: a paired comparison of models that are not nested, which one
-odd period (a start-up, a disturbance) can't turn.
+than a hundredth, or when now the one and now the other has the smaller squared error, quarter period by quarter, so
+that Wilcoxon's signed ranks of the differences do not decide: a paired comparison of models that are not nested, which
+one odd period (a start-up, a disturbance) can't turn.
 
 Wrong where all laws miss the same thing (a further lag, a disturbance): the ranking then says which law hides it best.
-Source: Wilcoxon 1945, signed ranks with the normal approximation; blocks of one period because a residual is not white.
+Source: Wilcoxon 1945, signed ranks with the normal approximation; blocks because a residual is not white.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ ALIKE_SHARE = 0.01
 ALIKE_ERRORS = 1.96
 # Fewest blocks from which a standard error is taken.
 _FEWEST_BLOCKS = 4
+# Blocks in one period: short enough for a few periods to decide, long enough to hold a slip and what follows it.
+_BLOCKS_PER_PERIOD = 4
 PREFERRED = "chen"
 
 
@@ -42,14 +44,15 @@ class Ranking:
 def rank(fits: Mapping[str, tuple[Step, Fitted]], *, period: int) -> Ranking:
     """Rank the last step and fit of each law; `period` is in samples and sets the blocks of the comparison.
 
-    The best is kept, or the default law where it can't be told from the best. Laws that were not held out rank by
-    their error on all samples.
+    The best is kept, or the default law where its error is the same within `ALIKE_SHARE`. Laws that were not held out
+    rank by their error on all samples.
     """
     errors = {name: _error(step) for name, (step, _) in fits.items()}
     order = sorted(fits, key=lambda name: (errors[name], name != PREFERRED, name))
     best = order[0]
     alike = tuple(n for n in order if n == best or _alike(fits[best][1], fits[n][1], errors[best], errors[n], period))
-    keep = PREFERRED if PREFERRED in alike else best
+    tied = PREFERRED in fits and errors[PREFERRED] <= (1.0 + ALIKE_SHARE) * errors[best]
+    keep = PREFERRED if tied else best
     laws = tuple(LawResult(n, fits[n][1].best.values["S"], fits[n][1].best.values["J"],
                            fits[n][0].error.rmse_holdout, fits[n][0].error.rmse) for n in order)
     return Ranking(laws, keep, alike, _finding(laws, alike, keep))
@@ -65,7 +68,7 @@ def _alike(best: Fitted, other: Fitted, best_error: float, other_error: float, p
     counted = (best.best.counted > 0) & (other.best.counted > 0)
     difference = np.where(counted, np.nan_to_num(other.best.residual) ** 2 - np.nan_to_num(best.best.residual) ** 2,
                           0.0)
-    means = _block_means(difference, counted, period)
+    means = _block_means(difference, counted, max(period // _BLOCKS_PER_PERIOD, 1))
     if means.size < _FEWEST_BLOCKS:
         return False
     return abs(_signed_ranks(means)) < ALIKE_ERRORS

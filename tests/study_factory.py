@@ -170,7 +170,8 @@ def hostile() -> Case:
     """Every foreign text of a study replaced by HOSTILE."""
     case = good(240)
     s = case.study
-    data = replace(s.data, file=HOSTILE, sha256=HOSTILE, columns=dict.fromkeys(s.data.columns, HOSTILE) | {HOSTILE: "a"},
+    data = replace(s.data, file=HOSTILE, sha256=HOSTILE,
+                   columns=dict.fromkeys(s.data.columns, HOSTILE) | {HOSTILE: "a"},
                    units=dict.fromkeys(s.data.units, HOSTILE), start=HOSTILE, end=HOSTILE, name=HOSTILE,
                    findings=(Finding(HOSTILE, HOSTILE, HOSTILE, {HOSTILE: HOSTILE}, (HOSTILE,), HOSTILE),),
                    options={HOSTILE: HOSTILE})

@@ -188,7 +188,8 @@ def test_a_long_record_is_thinned_to_the_pixels(browser: Any, tmp_path: Path) ->
 def test_hostile_text_runs_nothing(browser: Any, pages: Path) -> None:
     show(browser, pages / "hostile.html")
     assert browser.execute_script("return document.querySelectorAll('script').length") == 2
-    assert browser.execute_script("return document.querySelectorAll('main a[href^=javascript], iframe, img').length") == 0
+    made = "return document.querySelectorAll('main a[href^=javascript], iframe, img').length"
+    assert browser.execute_script(made) == 0
     assert "<script>alert" in browser.execute_script("return document.querySelector('h1').textContent")
     text = (pages / "hostile.html").read_text(encoding="utf-8")
     assert "<script>alert" not in text and "\u202e" not in text and "\x1b" not in text
@@ -218,6 +219,7 @@ def test_axe_finds_nothing_serious(browser: Any, pages: Path, page: str, dark: b
 
     show(browser, pages / f"{page}.html", dark=dark)
     found = Axe().run(browser)
-    bad = [(v["id"], v["nodes"][0]["html"][:200]) for v in found["violations"] if v["impact"] in ("serious", "critical")]
+    bad = [(v["id"], v["nodes"][0]["html"][:200]) for v in found["violations"]
+           if v["impact"] in ("serious", "critical")]
     assert not bad
     assert len(found["passes"]) > 15

@@ -55,7 +55,8 @@ def _page(title: str, body: str, version: str) -> str:
             f'<link rel="icon" href="data:,">\n<title>{_safe(title)}</title>\n<style>{style}</style></head>\n'
             '<body><a class="skip" href="#main">Skip to the result</a>\n'
             f'<svg class="pic" width="0" height="0" aria-hidden="true" focusable="false">{svg.HATCH}</svg>\n'
-            f'<main id="main">{body}\n<footer>Made by stictionid {_safe(wording.name(version))}. This page needs no network.</footer>'
+            f'<main id="main">{body}\n<footer>Made by stictionid {_safe(wording.name(version))}. '
+            "This page needs no network.</footer>"
             f"</main>\n<script>{script}</script></body></html>\n")
 
 
