@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arx import Arx
+from .descent import descend
 from .loop import FloatArray, Loop
 from .model import BASE, INTEGRATOR, Evaluated, Model
 from .regression import whiten
-from .search import refine, swarm
+from .search import Found, refine, swarm
 
 GROUPS = 3
 _PARTICLES, _ROUNDS, _SCOUTS = 20, 12, 300
@@ -43,6 +44,11 @@ AGREE_S, AGREE_J = 0.01, 0.05
 # Their costs must agree as well: -2 ln LR, or a share of the cost where the record is noise-free.
 _AGREE_COST, _AGREE_SIGNAL = 0.05, 0.002
 HOLDOUT_BLOCKS = 5
+# Costs that differ by less than this share are those of one valve path; where the path ends is looked for on a ladder.
+_SAME_PATH = 1e-9
+_PLATEAU_LADDER = np.geomspace(1e-6, 0.05, 30)
+# Neighbouring minima of a command rebuilt between samples, in parts of a sample of dead time, and how often to look.
+_BESIDE, _BESIDE_TURNS = (-2.0, -1.0, 1.0, 2.0), 3
 # Size of the cloud around the optimum from which folds and intervals choose.
 _CLOUD = 120
 # Likelihood-ratio threshold for a 90 % interval of a threshold parameter (Hansen 2000; CRITICISM.md section 5).
@@ -266,8 +272,8 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
                             + np.outer(np.arange(model.space.size) == 4, 0.5 * every * model.step_s * np.arange(-1, 2)))
     elif starts is None:
         starts = np.concatenate([with_process(model, basins(model, rng)), roamed(model, rng)])
-    found = refine(model.costs, with_start(model, starts), rng, spread=spreads(model), rounds=35, population=14,
-                   settle=_SETTLED)
+    found = refine(model.costs, with_start(model, starts), rng, spread=spreads(model), rounds=12 if moving else 35,
+                   population=14, settle=_SETTLED)
     points = found.points
     for _ in range(0 if moving else _RIDGE_TURNS):
         near = np.concatenate([with_start(model, np.concatenate([points[:2], along_ridge(model, points[:2])])),
@@ -279,9 +285,11 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
             break
     if moving:
         # Where the command moves between samples the ridge is a smooth, narrow valley: walk along it.
+        points = descend(model.residuals, model.costs, with_start(model, points), spread=1e-3 * movable(model), turns=6,
+                         settle=1e-2).points
         near = np.concatenate([with_start(model, points[:2]), with_other_start(model, points[0], 1)])
-        points = refine(model.costs, near, rng, spread=spreads(model, 0.4), rounds=_VALLEY_ROUNDS, population=14,
-                        settle=_SETTLED).points
+        found = descend(model.residuals, model.costs, near, spread=1e-3 * movable(model))
+        return found.points[0], float(found.costs[0])
     return polish_smooth(model, with_start(model, points[:1])[0], rng)
 
 
@@ -308,39 +316,106 @@ def thinned(model: Model, every: int) -> Model:
                  residual=None if residual is None else residual[part], command=command)
 
 
+def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
+    """Point (d,) moved to the middle of the break-away forces that give the very same valve path.
+
+    A held command jumps over every force between two of its values, so that a range of f_s, with f_d and e(0) as they
+    are, explains the record equally well; its middle is the answer with the smallest error to expect.
+    """
+    if model.law.one_parameter or not movable(model)[:3].all():
+        return point
+    values = model.values(point[None])[:, 0]
+    fs = 0.5 * (values[0] + values[1])
+    cost = float(model.costs(point[None])[0])
+    same = cost * (1.0 + _SAME_PATH) + _SAME_PATH * _SAME_PATH * model.shared.target_energy
+
+    def alike(moves: FloatArray) -> NDArray[np.bool_]:
+        trial = values[:, None].repeat(moves.size, axis=1)
+        trial[0] += moves
+        trial[1] += moves
+        trial[2] *= fs / (fs + moves)
+        inside = ((np.abs(trial[2]) <= 1.0) & (trial[1] >= 0.0) & (trial[1] <= 2.0 * trial[0])
+                  & (trial[0] <= model.space.parameters[0].high))
+        trial[:, ~inside] = values[:, None]
+        return (model.costs_of(trial) <= same) & inside
+
+    ends = []
+    for sign in (-1.0, 1.0):
+        ladder = fs * _PLATEAU_LADDER
+        low, high = 0.0, float(ladder[-1])
+        for _ in range(2):
+            flat = alike(sign * ladder)
+            first = int(np.argmin(flat)) if not flat.all() else ladder.size - 1
+            low, high = (float(ladder[first - 1]) if first else low), float(ladder[first])
+            ladder = np.linspace(low, high, ladder.size + 1)[1:]
+        ends.append(sign * low)
+    move = 0.5 * (ends[0] + ends[1])
+    moved = values.copy()
+    moved[:2] += move
+    moved[2] *= fs / (fs + move)
+    found = model.cube(moved[:, None])[0]
+    return found if float(model.costs(found[None])[0]) <= same else point
+
+
+def movable(model: Model) -> FloatArray:
+    """1 for parameters that may move, 0 for those that are fixed (d,)."""
+    return np.array([float(p.high > p.low) for p in model.space.parameters])
+
+
 def polish_smooth(model: Model, point: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:
     """Point (d,) polished with the break-away as it is: S has a plateau narrower than anything else, and holding it
     lets J, the process and the effects settle in a smooth cost."""
-    free = np.array([i for i, p in enumerate(model.space.parameters) if i not in (0, 2) and p.high > p.low])
-
-    def cost(part: FloatArray) -> FloatArray:
-        cube = point[None].repeat(len(part), 0)
-        cube[:, free] = part
-        return model.costs(cube)
-
-    found = refine(cost, point[None, free], rng, spread=spreads(model, 0.3)[free], rounds=60, population=12,
-                   settle=0.1 * _SETTLED)
-    best = point.copy()
-    best[free] = found.points[0]
-    return best, float(found.costs[0])
+    held = movable(model)
+    held[[0, 2]] = 0.0
+    found = descend(model.residuals, model.costs, point[None], spread=1e-3 * held)
+    return found.points[0], float(found.costs[0])
 
 
 def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.Generator, *,
            rounds: int = 200, holdout: bool = True) -> Fitted:
     """The last polish of the best points, with errors, hold-out and intervals."""
     values = model.values(points)
-    found = refine(model.costs, with_start(model, _distinct(points)[:3]), rng, spread=spreads(model, 0.15),
-                   rounds=rounds, population=18, settle=_SETTLED)
+    near = with_start(model, _distinct(points)[:3])
+    if model.spec.between == "corner":
+        found = _beside(model, descend(model.residuals, model.costs, near, spread=1e-3 * movable(model), turns=40))
+    else:
+        found = refine(model.costs, near, rng, spread=spreads(model, 0.15), rounds=rounds, population=18,
+                       settle=_SETTLED)
     top, best_cost = polish_smooth(model, found.points[0], rng)
     agree = agreement(model, points, costs)
     cube, cost = _cloud(model, top, rng)
     if cost.min() < best_cost:
         top, best_cost = cube[cost.argmin()], float(cost.min())
+    if model.spec.between == "hold":
+        top = middle_of_plateau(model, top)
+        best_cost = float(model.costs(top[None])[0])
+        cube, cost = np.concatenate([top[None], cube]), np.append(best_cost, cost)
     best_values = model.values(top[None])[:, 0]
     best = model.evaluate(best_values)
     held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:_CLOUD // 2]]) if holdout else None
     return Fitted(model, best_values, best_cost, len(points), agree, best, held,
                   _intervals(model, cube, cost, best_cost, best), values[:2].T)
+
+
+def _beside(model: Model, found: Found) -> Found:
+    """The best minimum (1, d) among those a few parts of a sample of dead time away.
+
+    The rebuilt command is known on a grid of parts, so that each part of dead time may hold a minimum of its own.
+    """
+    dead, part = model.space.parameters[4], model.step_s / model.spec.substeps
+    if dead.high <= dead.low:
+        return found
+    step, held = movable(model) * 1e-3, movable(model) * 1e-3
+    held[4] = 0.0
+    for _ in range(_BESIDE_TURNS):
+        starts = found.points[:1].repeat(len(_BESIDE), axis=0)
+        starts[:, 4] = np.clip(starts[:, 4] + np.array(_BESIDE) * part / (dead.high - dead.low), 0.0, 1.0)
+        shifted = descend(model.residuals, model.costs, starts, spread=held, turns=8, settle=1e-2)
+        more = descend(model.residuals, model.costs, shifted.points[:2], spread=step, turns=40)
+        if not more.costs[0] < found.costs[0] * (1.0 - _SETTLED):
+            break
+        found = more
+    return found
 
 
 def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
@@ -349,7 +424,7 @@ def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
     close = np.abs(S - S[0]) <= AGREE_S * S[0]
     close &= np.abs(J - J[0]) <= AGREE_J * S[0]
     ratio = costs / max(costs[0], 1e-300)
-    alike = (ratio <= 1.0 + _AGREE_COST) | (model.shared.rows * np.log(ratio) <= 2.0)
+    alike = (ratio <= 1.0 + _AGREE_COST) | (model.shared.rows * np.log(np.maximum(ratio, 1e-300)) <= 2.0)
     # Errors that differ by less than this share of the signal are alike in any real record.
     alike |= np.sqrt(costs) - np.sqrt(costs[0]) <= _AGREE_SIGNAL * np.sqrt(model.shared.target_energy)
     return int((close & alike).sum())

@@ -304,17 +304,34 @@ class Model:
                 out[a:a + block] = self.shared.costs(base, offsets)
         return out
 
-    def _fixed_gain_costs(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
-        """Costs with the gain of the process given: the response joins the target instead of the columns."""
+    def residuals(self, cube: FloatArray) -> FloatArray:
+        """Weighted residuals (n, P) of points (P, d) after their linear part was fitted; what descent is made of.
+
+        Zero where a sample does not count; not a number for a valve that never moves.
+        """
+        values = self.values(cube)
+        out = np.empty((self.loop.samples, values.shape[1]))
+        block = self.lanes()
+        for a in range(0, out.shape[1], block):
+            base, offsets = self.responses(values[:, a:a + block])
+            out[:, a:a + block] = (self._fixed_gain_residuals(base, offsets) if "gain" in self.spec.fixed
+                                   else self.shared.residuals(base, offsets))
+        return out
+
+    def _fixed_gain_residuals(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
+        """Residuals with the gain of the process given: the response joins the target instead of the columns."""
         n, w = self.loop.samples, self.weight
-        out = np.full(base.shape[1], REJECTED)
-        for p in range(out.size):
+        out = np.full((n, base.shape[1]), REJECTED)
+        for p in range(base.shape[1]):
             own = np.stack([base[o:o + n, p] for o in offsets[1:]], axis=1)
             if np.ptp(base[:n, p][w > 0]) > 0:
                 rest = self.target - self.spec.fixed["gain"] * base[:n, p]
                 # The transient joins the shared columns: it is the only other column of this candidate's own.
-                out[p] = Shared.prepare(rest, np.concatenate([self.shared.basis, own], axis=1), w).target_energy
+                out[:, p] = Shared.prepare(rest, np.concatenate([self.shared.basis, own], axis=1), w).target
         return out
+
+    def _fixed_gain_costs(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
+        return np.einsum("np,np->p", r := self._fixed_gain_residuals(base, offsets), r)
 
     def evaluate(self, values: FloatArray) -> Evaluated:
         """One candidate in full, physical values (d,); an effect that follows y follows the model's own."""

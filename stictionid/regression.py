@@ -179,6 +179,18 @@ class Shared:
         _solve(squares, cross, self.target_energy, cost, sizes)
         return cost, sizes
 
+    def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,)) -> FloatArray:
+        """Residuals (n, P) of each candidate after the fit of `solve`, 0 where a row does not count."""
+        n = self.target.size
+        cost, sizes = self.solve(base, offsets)
+        out = np.repeat(self.target[:, None], base.shape[1], axis=1)
+        for o, size in zip(offsets, sizes, strict=True):
+            out -= base[o:o + n] * size
+        out *= self.weight[:, None]
+        out -= self.basis @ (self.basis.T @ out)
+        out[:, ~np.isfinite(cost)] = REJECTED
+        return out
+
 
 @kernel
 def _solve(squares, cross, energy, cost, sizes):

@@ -19,8 +19,9 @@ Cost = Callable[[FloatArray], FloatArray]
 _INERTIA, _PULL = 0.7298, 1.49618
 # A population whose step has shrunk below this share of the range has converged. Unit: 1.
 _SMALLEST_STEP = 1e-5
-# Rounds without progress after which a polish is done.
-_PATIENCE = 14
+# Rounds without progress after which a polish may be done; it is when half its population also lies within this many
+# times `settle` of its best: a population that has not yet found the direction of a narrow valley makes no progress.
+_PATIENCE, _FLAT = 14, 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,7 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
     """Polish every start (k, d) by its own covariance matrix adaptation; all populations are one call a round.
 
     `spread` is the first standard deviation, as a share of the range, for all or per dimension (d,). A start whose
-    best cost fell by less than the share `settle` over `_PATIENCE` rounds is done.
+    best cost fell by less than the share `settle` over `_PATIENCE` rounds is done once its population is as flat.
     """
     k, d = starts.shape
     lam = population or max(12, 4 + int(3 * np.log(d)) * 2)
@@ -96,7 +97,7 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
     best, best_cost = np.clip(starts, 0.0, 1.0).copy(), cost(np.clip(starts, 0.0, 1.0))
     spent = k
     live = np.arange(k)
-    history = [best_cost.copy()]
+    history, middle = [best_cost.copy()], np.full(k, np.inf)
     for turn in range(rounds):
         values, vectors = np.linalg.eigh(cov[live])
         root = np.sqrt(np.maximum(values, 1e-20))
@@ -109,6 +110,7 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
         order = np.argsort(c, axis=1, kind="stable")
         for i, g in enumerate(live):
             picked = order[i, :mu]
+            middle[g] = c[i, picked[-1]]
             if c[i, order[i, 0]] < best_cost[g]:
                 best_cost[g], best[g] = c[i, order[i, 0]], trial[i, order[i, 0]] * scale
             if not np.isfinite(c[i, picked[-1]]):
@@ -129,7 +131,8 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
         history.append(best_cost.copy())
         going = widest > _SMALLEST_STEP
         if settle and len(history) > _PATIENCE:
-            going &= best_cost < history[-1 - _PATIENCE] * (1.0 - settle)
+            moving = best_cost < history[-1 - _PATIENCE] * (1.0 - settle)
+            going &= moving | (middle > best_cost * (1.0 + _FLAT * settle))
         live = live[going[live]]
         if live.size == 0:
             break

@@ -1,0 +1,99 @@
+"""Local descent for many starts at once: Gauss-Newton with differences of the residuals, a ladder of dampings a turn.
+
+The free-run cost is a sum of squares that is smooth but for the instants where the valve breaks away. Along its narrow
+valleys (S against dead time, J against gain) a population needs hundreds of evaluations to learn a direction that
+the derivatives of the residuals show at once. Differences are taken over a share of the range that shrinks only when
+nothing is gained, so that small steps of the cost are looked across. Works in the unit cube, like `search`.
+
+Wrong where the cost has steps larger than the differences (S under a held command): search there first.
+Source: Levenberg 1944, Marquardt 1963; residuals after the linear part was fitted are those of variable projection
+(Golub and Pereyra 1973).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .loop import FloatArray
+from .search import Cost, Found
+
+Residuals = Callable[[FloatArray], FloatArray]
+# Dampings tried in every turn, as shares of the diagonal. Unit: 1.
+_DAMPINGS = np.array([1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0])
+# Differences below this share of the range are lost in rounding. Unit: 1.
+_FINEST = 1e-7
+_SHRINK = 0.1
+
+
+def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: FloatArray | float = 1e-3,
+            turns: int = 20, settle: float = 1e-5) -> Found:
+    """Polish every start (k, d); best points and costs (k,), best first.
+
+    `residuals` maps points (P, d) to (n, P), `cost` to (P,). `spread` is the first difference as a share of the range,
+    for all or per dimension; a start whose cost falls by less than the share `settle` with finer differences, too, is
+    done. Dimensions of spread 0 stay as they are.
+    """
+    points = np.clip(starts, 0.0, 1.0).copy()
+    k, d = points.shape
+    spread = np.broadcast_to(np.asarray(spread, float), d)
+    free = np.flatnonzero(spread > 0)
+    costs = cost(points)
+    spent = k
+    if not free.size:
+        order = np.argsort(costs, kind="stable")
+        return Found(points[order], costs[order], spent)
+    step = spread[free] * np.ones((k, 1))
+    live = np.flatnonzero(np.isfinite(costs))
+    for _ in range(turns):
+        if not live.size:
+            break
+        slopes, now = _slopes(residuals, points[live], free, step[live])
+        spent += live.size * (2 * free.size + 1)
+        trial = points[live, None, :].repeat(_DAMPINGS.size, axis=1)
+        for i in range(live.size):
+            trial[i][:, free] += _moves(slopes[i], now[i])
+        trial = np.clip(trial, 0.0, 1.0)
+        c = cost(trial.reshape(-1, d)).reshape(live.size, -1)
+        spent += c.size
+        going = np.ones(live.size, bool)
+        for i, g in enumerate(live):
+            best = int(np.argmin(c[i]))
+            gained = costs[g] - c[i, best] if np.isfinite(c[i, best]) else 0.0
+            if gained > 0.0:
+                points[g], costs[g] = trial[i, best], c[i, best]
+            if gained <= settle * costs[g]:
+                step[g] *= _SHRINK
+                going[i] = (step[g] > _FINEST).all()
+        live = live[going]
+    order = np.argsort(costs, kind="stable")
+    return Found(points[order], costs[order], spent)
+
+
+def _slopes(residuals: Residuals, points: FloatArray, free: FloatArray, step: FloatArray) -> tuple[FloatArray,
+                                                                                                  FloatArray]:
+    """Derivatives (k, n, f) of the residuals along the free dimensions, by central differences, and residuals (k, n).
+
+    At a bound the difference is taken to the inside only.
+    """
+    k, f = points.shape[0], free.size
+    trial = points[:, None, :].repeat(2 * f + 1, axis=1)
+    for j, column in enumerate(free):
+        trial[:, 1 + j, column] = np.minimum(points[:, column] + step[:, j], 1.0)
+        trial[:, 1 + f + j, column] = np.maximum(points[:, column] - step[:, j], 0.0)
+    r = residuals(trial.reshape(-1, points.shape[1]))
+    r = np.where(np.isfinite(r), r, 0.0).reshape(r.shape[0], k, 2 * f + 1)
+    width = np.stack([trial[:, 1 + j, c] - trial[:, 1 + f + j, c] for j, c in enumerate(free)], axis=1)
+    slopes = (r[:, :, 1:f + 1] - r[:, :, f + 1:]) / np.maximum(width, 1e-300)
+    return np.moveaxis(slopes, 1, 0), np.ascontiguousarray(r[:, :, 0].T)
+
+
+def _moves(slopes: FloatArray, now: FloatArray) -> FloatArray:
+    """Steps (dampings, f) that lower the squared residuals (n,) by their slopes (n, f)."""
+    normal, pull = slopes.T @ slopes, slopes.T @ now
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal / size / size[:, None]
+    values, vectors = np.linalg.eigh(scaled)
+    along = vectors.T @ (pull / size)
+    return -(along / (np.maximum(values, 0.0) + _DAMPINGS[:, None])) @ vectors.T / size
