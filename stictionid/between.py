@@ -70,7 +70,7 @@ def _means(command, fs_up, fs_down, drift, profile, position, out):
         out[0, p] = position[0, p]
     for j in range(1, rows):
         du = command[j] - command[j - 1]
-        size = abs(du) if du != 0.0 else 1.0
+        part = 1.0 / abs(du) if du != 0.0 else 1.0
         before_u = command[j - 1]
         w = profile[j]
         now_row = position[j]
@@ -80,12 +80,13 @@ def _means(command, fs_up, fs_down, drift, profile, position, out):
             before = before_row[p]
             now = now_row[p]
             moved = now - before
-            up = moved > 0.0
-            limit = (fs_up[p] if up else fs_down[p]) + drift[p] * w
             e = before_u - before
-            force = e if up else -e
-            share = (limit - force) / size
-            share = min(max(share, 0.0), 1.0)
+            up_left = fs_up[p] - e
+            down_left = fs_down[p] + e
+            left = (up_left if moved > 0.0 else down_left) + drift[p] * w
+            share = left * part
+            share = 0.0 if share < 0.0 else share
+            share = 1.0 if share > 1.0 else share
             share = 0.0 if abs(moved - du) < 1e-9 else share
             share = 1.0 if moved == 0.0 else share
             rest = 1.0 - share

@@ -22,9 +22,8 @@ from .search import Cost, Found
 Residuals = Callable[[FloatArray], FloatArray]
 # Dampings tried in every turn, as shares of the diagonal. Unit: 1.
 _DAMPINGS = np.array([1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0])
-# Differences below this share of the range are lost in rounding. Unit: 1.
-_FINEST = 1e-7
-_SHRINK = 0.1
+# Differences shrink by this factor after a turn that gains nothing; after so many such turns in a row a start is done.
+_SHRINK, _IDLE = 0.03, 2
 
 
 def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: FloatArray | float = 1e-3,
@@ -45,6 +44,7 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
         order = np.argsort(costs, kind="stable")
         return Found(points[order], costs[order], spent)
     step = spread[free] * np.ones((k, 1))
+    idle = np.zeros(k, np.int64)
     live = np.flatnonzero(np.isfinite(costs))
     for _ in range(turns):
         if not live.size:
@@ -65,7 +65,10 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
                 points[g], costs[g] = trial[i, best], c[i, best]
             if gained <= settle * costs[g]:
                 step[g] *= _SHRINK
-                going[i] = (step[g] > _FINEST).all()
+                idle[g] += 1
+                going[i] = idle[g] < _IDLE
+            else:
+                idle[g] = 0
         live = live[going]
     order = np.argsort(costs, kind="stable")
     return Found(points[order], costs[order], spent)

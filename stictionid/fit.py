@@ -35,6 +35,8 @@ _ROAMERS, _ROAM_ROUNDS = 1, 25
 _RIDGE_POINTS, _RIDGE_S, _RIDGE_SAMPLES = 161, 0.12, 5
 _RIDGE_J = (None, 0.3, 0.9)
 _RIDGE_KEPT = 6
+# Turns of descent that tell which of the points beside the best deserve a population, and how many get one.
+_GLANCE, _KEPT = 3, 3
 # A polish has settled when its cost falls by less than this share in a dozen rounds. Unit: 1.
 _SETTLED = 1e-4
 # Points closer than this in S and J (share of the range) need only one last polish.
@@ -278,6 +280,7 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
     for _ in range(0 if moving else _RIDGE_TURNS):
         near = np.concatenate([with_start(model, np.concatenate([points[:2], along_ridge(model, points[:2])])),
                                with_other_start(model, points[0])])
+        near = descend(model.residuals, model.costs, near, spread=1e-3 * movable(model), turns=_GLANCE).points[:_KEPT]
         last = refine(model.costs, near, rng, spread=spreads(model, 0.4), rounds=45, population=14, settle=_SETTLED)
         dead = model.values(np.stack([points[0], last.points[0]]))[4]
         points = last.points

@@ -17,8 +17,9 @@ import numpy as np
 from . import lawrank
 from . import methods as method_room
 from ._version import __version__
+from .descent import descend
 from .errors import CannotTell
-from .fit import INTERVAL_LEVEL, Fitted, process_costs, search_model
+from .fit import INTERVAL_LEVEL, Fitted, movable, process_costs, search_model
 from .gates import check, swing_of
 from .loop import Finding, Loop
 from .methods.contract import Method, Outcome
@@ -38,7 +39,6 @@ from .results import (
     Study,
     Verdict,
 )
-from .search import refine
 
 # Share of PV's variance that friction must explain, and drop of the error, for "stiction"; below the second pair
 # "no stiction" (provisional calibration on METHODS.md section 4's real records).
@@ -157,7 +157,7 @@ def _friction_free(run: Run, fit: Fitted) -> float:
         cube[:, 5:] = model.cube(fit.values[:, None])[0, 5:]
     costs = process_costs(model, model.values(cube), model.positions(model.values(cube[:1])))
     starts = cube[np.argsort(costs, kind="stable")[:3]]
-    found = refine(model.costs, starts, run.rng, spread=0.03, rounds=40)
+    found = descend(model.residuals, model.costs, starts, spread=1e-3 * movable(model))
     if not np.isfinite(found.costs[0]):
         return float(np.std(run.used_y()))
     return model.evaluate(model.values(found.points[:1])[:, 0]).rmse

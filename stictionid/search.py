@@ -107,26 +107,30 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
         y = (trial - mean[live, None, :]) / sigma[live, None, None]
         c = cost((trial * scale).reshape(-1, d)).reshape(live.size, lam)
         spent += c.size
-        order = np.argsort(c, axis=1, kind="stable")
-        for i, g in enumerate(live):
-            picked = order[i, :mu]
-            middle[g] = c[i, picked[-1]]
-            if c[i, order[i, 0]] < best_cost[g]:
-                best_cost[g], best[g] = c[i, order[i, 0]], trial[i, order[i, 0]] * scale
-            if not np.isfinite(c[i, picked[-1]]):
-                sigma[g] *= 0.7
-                continue
-            step = w @ y[i, picked]
-            mean[g] = np.clip(mean[g] + sigma[g] * step, 0.0, top)
-            inverse = vectors[i] @ ((vectors[i].T @ step) / root[i])
+        order = np.argsort(c, axis=1, kind="stable")[:, :mu]
+        ranked = np.take_along_axis(c, order, axis=1)
+        middle[live] = ranked[:, -1]
+        better = ranked[:, 0] < best_cost[live]
+        best_cost[live[better]] = ranked[better, 0]
+        best[live[better]] = trial[better, order[better, 0]] * scale
+        rejected = ~np.isfinite(ranked[:, -1])
+        sigma[live[rejected]] *= 0.7
+        ok = ~rejected
+        g = live[ok]
+        if g.size:
+            picked = np.take_along_axis(y[ok], order[ok][:, :, None], axis=1)
+            step = np.einsum("m,kmd->kd", w, picked)
+            mean[g] = np.clip(mean[g] + sigma[g, None] * step, 0.0, top)
+            inverse = np.einsum("kij,kj->ki", vectors[ok], np.einsum("kij,ki->kj", vectors[ok], step) / root[ok])
             path_s[g] = (1 - cs) * path_s[g] + np.sqrt(cs * (2 - cs) * mueff) * inverse
-            length = float(np.linalg.norm(path_s[g]))
+            length = np.sqrt(np.einsum("kd,kd->k", path_s[g], path_s[g]))
             quiet = length / np.sqrt(1 - (1 - cs) ** (2 * (turn + 1))) < (1.4 + 2 / (d + 1)) * chi
-            path_c[g] = (1 - cc) * path_c[g] + quiet * np.sqrt(cc * (2 - cc) * mueff) * step
-            spread_mu = (y[i, picked].T * w) @ y[i, picked]
-            keep = 1 - c1 - cmu + (0.0 if quiet else c1 * cc * (2 - cc))
-            cov[g] = keep * cov[g] + c1 * np.outer(path_c[g], path_c[g]) + cmu * spread_mu
-            sigma[g] *= float(np.exp(np.clip((cs / damps) * (length / chi - 1), -1.0, 1.0)))
+            path_c[g] = (1 - cc) * path_c[g] + (quiet * np.sqrt(cc * (2 - cc) * mueff))[:, None] * step
+            spread_mu = np.einsum("m,kmi,kmj->kij", w, picked, picked)
+            keep = 1 - c1 - cmu + np.where(quiet, 0.0, c1 * cc * (2 - cc))
+            cov[g] = (keep[:, None, None] * cov[g] + c1 * path_c[g][:, :, None] * path_c[g][:, None, :]
+                      + cmu * spread_mu)
+            sigma[g] *= np.exp(np.clip((cs / damps) * (length / chi - 1), -1.0, 1.0))
         widest = sigma * np.sqrt(np.maximum(np.einsum("kii->ki", cov).max(axis=1), 1e-30)) * scale.max()
         history.append(best_cost.copy())
         going = widest > _SMALLEST_STEP
