@@ -60,6 +60,12 @@ def check(loop: Loop, found: Range) -> None:
         raise CannotTell(
             f"too little movement: {len(counted)} whole cycles ({FEWEST_CYCLES} are needed) and no setpoint moves that "
             f"make the valve reverse {FEWEST_REVERSALS} times", "give a longer record", code="too-few-cycles")
+    turns = max(found.reversals, _driven_reversals(loop))
+    if turns < FEWEST_REVERSALS:
+        raise CannotTell(
+            f"the controller output reverses only {turns} times by more than its noise, {FEWEST_REVERSALS} are needed: "
+            "a valve that hardly reverses shows no friction", "give a longer record, or one with setpoint moves",
+            code="hardly-reverses")
     if enough and found.period_median_s is not None:
         per = found.period_median_s / loop.step_s
         if per < SAMPLES_PER_PERIOD:

@@ -17,9 +17,8 @@ import numpy as np
 from . import lawrank
 from . import methods as method_room
 from ._version import __version__
-from .descent import descend
 from .errors import CannotTell
-from .fit import INTERVAL_LEVEL, Fitted, movable, process_costs, search_model
+from .fit import INTERVAL_LEVEL, Fitted, search_model
 from .gates import check, swing_of
 from .loop import Finding, Loop
 from .methods.contract import Method, Outcome
@@ -39,12 +38,10 @@ from .results import (
     Study,
     Verdict,
 )
+from .severity import severity
+from .verdict import judge
 
-# Share of PV's variance that friction must explain, and drop of the error, for "stiction"; below the second pair
-# "no stiction" (provisional calibration on METHODS.md section 4's real records).
-_STICKS, _CLEAN = (0.02, 0.15), (0.005, 0.05)
 _MAP_S, _MAP_J = 41, 31
-_FEWEST_FOR_TRUST = 10
 
 Progress = Callable[[str, float], None]
 
@@ -79,11 +76,13 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     last = outcome.fits[-1]
     unit = loop.unit("output", "%")
     position = from_position(piece, law=run.law, s_max=swing_of(piece, found), rng=run.rng)
-    verdict = _verdict(run, last)
+    verdict, _ = judge(run, last)
+    estimate = _estimate(last, unit, outcome, position)
+    meaning = severity(piece, estimate, last.best.residual, last.best.position)
     tell("done", 1.0)
-    return Study(_made(options), _data(loop, piece, notes), found, verdict,
-                 _estimate(last, unit, outcome, position), outcome.steps, laws=laws, adequate=outcome.adequate,
-                 adequate_reason=outcome.reason, cost_map=_cost_map(last), command=options.command)
+    return Study(_made(options), _data(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
+                 adequate=outcome.adequate, adequate_reason=outcome.reason, cost_map=_cost_map(last),
+                 command=options.command, severity=meaning)
 
 
 def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:
@@ -122,45 +121,6 @@ def _whole(loop: Loop) -> tuple[Loop, tuple[Finding, ...]]:
     return piece, (Finding("longest-segment", "info",
                            f"the record has {len(loop.starts)} stretches; the longest, {piece.samples} of "
                            f"{loop.samples} samples, is used", {"segments": len(loop.starts)}),)
-
-
-def _verdict(run: Run, fit: Fitted) -> Verdict:
-    """The best model without friction against the best one with it."""
-    run.tell("comparing with a valve that does not stick", 0.85)
-    free = _friction_free(run, fit)
-    y = run.used_y()
-    variance = float(np.var(y))
-    with_rmse, without = fit.best.rmse, free
-    explained = (without**2 - with_rmse**2) / variance if variance else 0.0
-    drop = 1.0 - with_rmse / without if without else 0.0
-    evidence = {"rmse_without_friction": without, "rmse_with_friction": with_rmse,
-                "share_of_pv_variance": explained, "error_drop": drop}
-    said = (f"friction lowers the free-run error from {without:.4g} to {with_rmse:.4g} "
-            f"({100 * drop:.0f} %, {100 * explained:.1f} % of the variance of y)")
-    capped = 0.6 if run.found.reversals < _FEWEST_FOR_TRUST else 0.95
-    if explained < _CLEAN[0] or drop < _CLEAN[1]:
-        return Verdict("no stiction", said, min(capped, 0.9), evidence)
-    if fit.agree < 2 <= fit.runs:
-        return Verdict("undecided", f"the restarts disagree; {said}", 0.3, evidence)
-    if explained >= _STICKS[0] and drop >= _STICKS[1]:
-        return Verdict("stiction", said, min(capped, 0.5 + 2.0 * explained + 0.5 * drop), evidence)
-    return Verdict("undecided", said, 0.4, evidence)
-
-
-def _friction_free(run: Run, fit: Fitted) -> float:
-    """Free-run error of the same model with S = J = 0, its process searched anew."""
-    model = run.model(replace(fit.model.spec, friction_free=True))
-    T, L = np.meshgrid(np.linspace(0.05, 0.95, 24), np.linspace(0.0, 0.95, 20), indexing="ij")
-    cube = np.zeros((T.size, model.space.size))
-    cube[:, 3], cube[:, 4] = T.ravel(), L.ravel()
-    if model.space.size > 5:
-        cube[:, 5:] = model.cube(fit.values[:, None])[0, 5:]
-    costs = process_costs(model, model.values(cube), model.positions(model.values(cube[:1])))
-    starts = cube[np.argsort(costs, kind="stable")[:3]]
-    found = descend(model.residuals, model.costs, starts, spread=1e-3 * movable(model))
-    if not np.isfinite(found.costs[0]):
-        return float(np.std(run.used_y()))
-    return model.evaluate(model.values(found.points[:1])[:, 0]).rmse
 
 
 def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstimate | None) -> Estimate:

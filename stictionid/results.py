@@ -118,6 +118,27 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
+class Severity:
+    """What the friction means for the plant: band of S (and the bands its interval touches), and the loop repaired.
+
+    `pv_sd` and `pv_sd_repaired` in the unit of y, `share_of_pv_variance` what the valve causes, travel in % a day,
+    the PI law read from the record; null where the loop could not be run again, and `statement` says why.
+    """
+
+    band: str | None
+    band_interval: tuple[str, ...]
+    pv_sd: float
+    pv_sd_repaired: float | None
+    share_of_pv_variance: float | None
+    travel_per_day: float
+    travel_per_day_repaired: float | None
+    controller_gain: float | None
+    integral_time_s: float | None
+    statement: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
 class ParameterValue:
     """One fitted number; `effect` is null for the base model (valve law and process)."""
 
@@ -224,6 +245,7 @@ class Study:
     adequate_reason: str = ""
     cost_map: CostMap | None = None
     command: str = ""
+    severity: Severity | None = None
     schema: str = SCHEMA
 
 

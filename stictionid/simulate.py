@@ -171,8 +171,10 @@ def _setpoint(setting: Setting, time: FloatArray) -> FloatArray:
     return r
 
 
-def simulate(setting: Setting, *, seed: int = 0) -> Simulation:
+def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None = None) -> Simulation:
     """Run the closed loop of `setting` and sample it; the same seed gives the same record.
+
+    `disturbance` (n,), in the unit of y, is added to the process value: what a neighbouring loop sends over.
 
     Starts at rest with r = u = y = 50. The recorded u at a sample is the output just after the controller used
     that sample. A scanning controller sees the noisy, quantised y; a continuous one sees the process itself, because
@@ -201,7 +203,11 @@ def simulate(setting: Setting, *, seed: int = 0) -> Simulation:
     command, place, profile = np.full(1, OPERATING_POINT), np.empty((1, 1)), np.zeros(1)
     r_fine = _setpoint(setting, np.arange(samples * per_sample) * fine).tolist()
     r, u_rec, y_rec, v_rec = _setpoint(setting, time), np.empty(samples), np.empty(samples), np.empty(samples)
-    output, load = hidden.output.tolist(), hidden.load.tolist()
+    if disturbance is not None and np.shape(disturbance) != time.shape:
+        raise UsageError(f"the disturbance has {np.size(disturbance)} samples, the record {time.size}",
+                         "give one number a sample")
+    output = (hidden.output if disturbance is None else hidden.output + disturbance).tolist()
+    load = hidden.load.tolist()
     # The process rests at the operating point whatever the trim makes of it.
     base = hidden.move(OPERATING_POINT, 0.0, 1e9)
     y, u, total, e_last = 0.0, OPERATING_POINT, 0.0, 0.0
