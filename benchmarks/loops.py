@@ -94,7 +94,8 @@ def sticky(seed: int, *, colour: float = 0.0, samples: int = 1200) -> Known:
         plant, effects, _ = _process(rng)
         S = float(np.exp(rng.uniform(np.log(0.5), np.log(8.0))))
         J = S * float(rng.uniform(0.1, 1.2))
-        c = _tuned(plant, rng, float(rng.integers(0, 2)))
+        # Noise with a memory has a meaning between scans only where the controller scans.
+        c = _tuned(plant, rng, 1.0 if colour else float(rng.integers(0, 2)))
         setting = Setting(plant, c, S, J, duration_s=float(samples), setpoint_moves=((0.0, float(rng.uniform(-5, 5))),),
                           effects=effects)
         share = float(np.exp(rng.uniform(np.log(0.005), np.log(0.05))))

@@ -49,7 +49,7 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
     for _ in range(turns):
         if not live.size:
             break
-        slopes, now = _slopes(residuals, points[live], free, step[live])
+        slopes, now = slopes_at(residuals, points[live], free, step[live])
         spent += live.size * (2 * free.size + 1)
         trial = points[live, None, :].repeat(_DAMPINGS.size, axis=1)
         for i in range(live.size):
@@ -74,8 +74,8 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
     return Found(points[order], costs[order], spent)
 
 
-def _slopes(residuals: Residuals, points: FloatArray, free: FloatArray, step: FloatArray) -> tuple[FloatArray,
-                                                                                                  FloatArray]:
+def slopes_at(residuals: Residuals, points: FloatArray, free: FloatArray,
+              step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Derivatives (k, n, f) of the residuals along the free dimensions, by central differences, and residuals (k, n).
 
     At a bound the difference is taken to the inside only.

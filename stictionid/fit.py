@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arx import Arx
-from .descent import descend
+from .descent import descend, slopes_at
 from .loop import FloatArray, Loop
 from .model import BASE, INTEGRATOR, Evaluated, Model
 from .regression import whiten
@@ -49,8 +49,10 @@ HOLDOUT_BLOCKS = 5
 # Costs that differ by less than this share are those of one valve path; where the path ends is looked for on a ladder.
 _SAME_PATH = 1e-9
 _PLATEAU_LADDER = np.geomspace(1e-6, 0.05, 30)
+# Difference for the slopes behind the rays, and how far along them is looked, as shares of the range.
+_RAY_DIFFERENCE, _RAY_LADDER = 1e-4, np.geomspace(1e-5, 0.5, 26)
 # Neighbouring minima of a command rebuilt between samples, in parts of a sample of dead time, and how often to look.
-_BESIDE, _BESIDE_TURNS = (-2.0, -1.0, 1.0, 2.0), 3
+_BESIDE, _BESIDE_TURNS = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0), 4
 # Size of the cloud around the optimum from which folds and intervals choose.
 _CLOUD = 120
 # Likelihood-ratio threshold for a 90 % interval of a threshold parameter (Hansen 2000; CRITICISM.md section 5).
@@ -413,7 +415,7 @@ def _beside(model: Model, found: Found) -> Found:
     for _ in range(_BESIDE_TURNS):
         starts = found.points[:1].repeat(len(_BESIDE), axis=0)
         starts[:, 4] = np.clip(starts[:, 4] + np.array(_BESIDE) * part / (dead.high - dead.low), 0.0, 1.0)
-        shifted = descend(model.residuals, model.costs, starts, spread=held, turns=8, settle=1e-2)
+        shifted = descend(model.residuals, model.costs, starts, spread=held, turns=5, settle=1e-2)
         more = descend(model.residuals, model.costs, shifted.points[:2], spread=step, turns=40)
         if not more.costs[0] < found.costs[0] * (1.0 - _SETTLED):
             break
@@ -433,20 +435,47 @@ def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
     return int((close & alike).sum())
 
 
+def region(model: Model, top: FloatArray, rng: np.random.Generator) -> dict[str, tuple[float, float]]:
+    """Intervals of all numbers of a model around a point (d,) that has been polished."""
+    cube, cost = _cloud(model, top, rng)
+    best = int(cost.argmin())
+    return _intervals(model, cube, cost, float(cost[best]), model.evaluate(model.values(cube[best:best + 1])[:, 0]))
+
+
 def _cloud(model: Model, top: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Points around the optimum, shaped by the points that do nearly as well, and their costs.
 
-    Three clouds: all numbers moved together; the break-away (S, initial force) held, since on a sampled command its
-    plateau is far narrower than the rest; and S alone, on a ladder from a millionth of its range up.
+    Rays along which one number moves and the others follow; a cloud of all numbers together; and one with the
+    break-away (S, initial force) held, since on a sampled command its plateau is far narrower than the rest.
     """
     movable = np.array([p.high > p.low for p in model.space.parameters])
     held = movable & ~np.isin(np.arange(top.size), (0, 2))
-    offsets = np.geomspace(1e-6, 0.05, 40)
-    alone = top[None].repeat(2 * offsets.size, axis=0)
-    alone[:, 0] = np.clip(top[0] + np.concatenate([-offsets, offsets]), 0.0, 1.0)
-    parts = [top[None], alone, _adapted(model, top, movable, rng), _adapted(model, top, held, rng)]
+    parts = [top[None], _rays(model, top), _adapted(model, top, movable, rng), _adapted(model, top, held, rng)]
     cube = np.concatenate(parts)
     return cube, model.costs(cube)
+
+
+def _rays(model: Model, top: FloatArray) -> FloatArray:
+    """Points (k, d) along the directions in which a number moves while the others follow it at least cost.
+
+    The direction of each number is its column of the covariance that the slopes of the residuals give; a wide ladder
+    both ways finds where the cost leaves it. A held command adds the direction of its plateau (f_s alone).
+    """
+    free = np.flatnonzero(movable(model) > 0)
+    slopes = slopes_at(model.residuals, top[None], free, np.full((1, free.size), _RAY_DIFFERENCE))[0][0]
+    normal = slopes.T @ slopes
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    values, vectors = np.linalg.eigh(normal / size / size[:, None])
+    spread = (vectors / np.maximum(values, 1e-9 * values[-1])) @ vectors.T / size / size[:, None]
+    directions = []
+    for j in range(free.size):
+        ray = np.zeros(top.size)
+        ray[free] = spread[:, j] / max(abs(spread[j, j]), 1e-300)
+        directions += [ray, np.eye(top.size)[free[j]]]
+    ladder = np.concatenate([-_RAY_LADDER, _RAY_LADDER])
+    points = top + ladder[:, None, None] * np.array(directions)
+    inside = ((points >= 0.0) & (points <= 1.0)).all(axis=2)
+    return points[inside]
 
 
 def _adapted(model: Model, top: FloatArray, free: NDArray[np.bool_], rng: np.random.Generator) -> FloatArray:

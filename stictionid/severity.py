@@ -29,7 +29,7 @@ _PARTS = 6
 
 @dataclass(frozen=True, slots=True)
 class ControllerLaw:
-    """A PI law read from r, y and u: gain in % per unit of y, integral time in s, share of the variance of u explained."""
+    """A PI law read from r, y and u: gain in % per unit of y, integral time in s, share of u's variance explained."""
 
     gain: float
     integral_time_s: float

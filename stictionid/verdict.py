@@ -14,7 +14,7 @@ Source: METHODS.md section 4 ("stiction or not"); CRITICISM.md sections 3 to 7.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,13 +22,13 @@ import numpy as np
 from .descent import descend
 from .effects import parse
 from .fit import Fitted, movable, process_costs
-from .loop import BoolArray, FloatArray
+from .loop import FloatArray
 from .methods.run import Run
 from .model import FIRST_ORDER, INTEGRATOR, Model, Spec
-from .noise import autoregression
 from .results import Verdict
+from .whitened import TURNS, WORTH, Whitened, noise_taps, whitened, with_taps
 
-_ORDER, _TURNS, _BLOCKS = 8, 4, 5
+_BLOCKS = 5
 _LAG = "extra-lag"
 # Likelihood ratio and blocks won above which friction is in the record, below which it is not; and the share of the
 # variance of y that it must explain (or, for a clear ratio, the share by which the one-step error must fall).
@@ -38,23 +38,6 @@ _EXPLAINED, _CLEAR, _CLEAR_DROP = 0.03, 200.0, 0.08
 _NOTHING, _NOTHING_DROP = 0.02, 0.05
 # Fewer reversals of the output than this cap the confidence (CRITICISM.md section 7, gate 0).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
-
-
-@dataclass(frozen=True, slots=True)
-class Whitened:
-    """A model with its noise: its values (d,), free-run error, and innovations (n,) with the samples that count."""
-
-    model: Model
-    values: FloatArray
-    rmse: float
-    innovation: FloatArray
-    good: BoolArray
-    order: int
-
-    @property
-    def innovation_sd(self) -> float:
-        """Standard deviation of the innovations, in the unit of y."""
-        return float(np.sqrt(np.mean(self.innovation[self.good] ** 2)))
 
 
 def judge(run: Run, fit: Fitted) -> tuple[Verdict, Whitened]:
@@ -113,14 +96,14 @@ def friction_free(run: Run, spec: Spec) -> Whitened:
 def _whitened_free(run: Run, spec: Spec) -> Whitened:
     """Whitened and searched anew in turns: a wrong noise model bends the process of a model that lacks something."""
     model, values = _free(run, spec)
-    best = _with_taps(model, values, np.empty(0))
-    for _ in range(_TURNS):
-        taps = _noise_taps(best)
+    best = with_taps(model, values, np.empty(0))
+    for _ in range(TURNS):
+        taps = noise_taps(best)
         if np.array_equal(taps, best.model.spec.taps):
             break
         model, values = _free(run, replace(spec, taps=tuple(taps)))
-        now = _with_taps(model, values, taps)
-        if now.innovation_sd > 0.999 * best.innovation_sd:
+        now = with_taps(model, values, taps)
+        if now.innovation_sd > WORTH * best.innovation_sd:
             break
         best = replace(now, rmse=best.rmse)
     return best
@@ -140,45 +123,3 @@ def _free(run: Run, spec: Spec) -> tuple[Model, FloatArray]:
     order = np.argsort(costs, kind="stable")
     found = descend(model.residuals, model.costs, cube[order[[0, 3, 10]]], spread=1e-3 * movable(model))
     return model, model.values(found.points[:1])[:, 0]
-
-
-def whitened(model: Model, values: FloatArray) -> Whitened:
-    """A model at its optimum (d,), completed with the autoregression that its residual asks for, refitted with it."""
-    best = _with_taps(model, values, np.asarray(model.spec.taps))
-    rmse = best.rmse
-    for _ in range(_TURNS):
-        taps = _noise_taps(best)
-        if np.array_equal(taps, best.model.spec.taps):
-            break
-        white = Model(model.loop, replace(model.spec, taps=tuple(taps)), s_max=model.s_max, period_s=model.period_s)
-        found = descend(white.residuals, white.costs, white.cube(best.values[:, None]), spread=1e-3 * movable(white))
-        now = _with_taps(white, white.values(found.points[:1])[:, 0], taps)
-        if now.innovation_sd > 0.999 * best.innovation_sd:
-            break
-        best = now
-    return replace(best, rmse=rmse)
-
-
-def _noise_taps(w: Whitened) -> FloatArray:
-    """Autoregression of the free-run residual, in differences where the model is fitted in them."""
-    e = w.model.evaluate(w.values)
-    residual, good = np.nan_to_num(e.residual), e.counted > 0
-    if w.model.spec.increments:
-        residual = np.diff(residual, prepend=residual[0])
-        good = good & np.roll(good, 1)
-    return autoregression(residual, good, _ORDER)
-
-
-def _with_taps(model: Model, values: FloatArray, taps: FloatArray) -> Whitened:
-    e = model.evaluate(values)
-    polynomial = np.concatenate([[1.0], taps])
-    if model.spec.increments:
-        polynomial = np.convolve(polynomial, [1.0, -1.0])
-    residual = np.nan_to_num(e.residual)
-    innovation = np.convolve(residual, polynomial)[:residual.size]
-    counted = e.counted > 0
-    good = counted.copy()
-    for lag in range(1, polynomial.size):
-        good[lag:] &= counted[:-lag]
-    good[:model.skip + polynomial.size] = False
-    return Whitened(model, values, e.rmse, innovation, good, taps.size)

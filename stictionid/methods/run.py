@@ -99,6 +99,11 @@ class Run:
         if error <= ADEQUATE * floor:
             return True, (f"the free-run error {error:.4g} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible "
                           f"noise {floor:.4g}: nothing is left to explain")
+        one_step = step.error.rmse_one_step
+        if step.model and step.model.get("taps") and one_step is not None and one_step <= ADEQUATE * floor:
+            return True, (f"the one-step error {one_step:.4g}, noise model included, is within "
+                          f"{100 * (ADEQUATE - 1):.0f} % of the irreducible noise {floor:.4g}: nothing is left to "
+                          "explain")
         return False, (f"the free-run error {error:.4g} is {error / floor:.3g} times the irreducible noise "
                        f"{floor:.4g}: something is missing (stictionid diagnose)")
 
@@ -153,8 +158,8 @@ def increment_error(e: Evaluated) -> float:
 
 
 def level_holdout(fit: Fitted) -> float | None:
-    """Held-out error in the unit of y: as it is, or scaled from the differences that an integrator is fitted in."""
-    if fit.rmse_holdout is None or not fit.model.spec.increments:
+    """Held-out error in the unit of y: as it is, or scaled from the prewhitened form that the model is fitted in."""
+    if fit.rmse_holdout is None or not fit.model.spec.whitening().size:
         return fit.rmse_holdout
     inner = float(np.sqrt(fit.sse / max(fit.best.rows, 1)))
     return fit.best.rmse * fit.rmse_holdout / inner if inner else fit.rmse_holdout
