@@ -120,15 +120,31 @@ def with_process(model: Model, starts: FloatArray) -> FloatArray:
     """Starts (k, d) with the best time constant and dead time of a grid on the free-run cost, best start first."""
     T, L = np.meshgrid(np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12), indexing="ij")
     grid = np.stack([T.ravel(), L.ravel()], axis=1)
+    further = _further_lags(model)
     out, costs = starts.copy(), np.empty(len(starts))
     for i, start in enumerate(starts):
         values = model.values(start[None])
         position = model.positions(values)
-        points = start[None].repeat(len(grid), 0)
-        points[:, 3:5] = grid
+        times = len(further[0][1]) if further else 1
+        points = start[None].repeat(len(grid) * times, 0)
+        points[:, 3:5] = np.tile(grid, (times, 1))
+        for rows, guesses in further[:1]:
+            points[:, rows] = guesses.repeat(len(grid), axis=0)
         c = process_costs(model, model.values(points), position)
         out[i], costs[i] = points[c.argmin()], c.min()
     return out[np.argsort(costs, kind="stable")]
+
+
+def _further_lags(model: Model) -> list[tuple[slice, FloatArray]]:
+    """Columns of the unit cube and guesses (g, k) of every effect that adds dynamics: they join the process's grid."""
+    found = []
+    for effect, rows in zip(model.effects, model._slices, strict=True):
+        if effect.dynamics and effect.guess:
+            values = np.array([p.neutral for p in model.space.parameters])[:, None].repeat(
+                len(guesses := effect.guess(model.context)), axis=1)
+            values[rows] = guesses.T
+            found.append((rows, model.cube(values)[:, rows]))
+    return found
 
 
 def process_costs(model: Model, values: FloatArray, position: FloatArray) -> FloatArray:

@@ -36,6 +36,8 @@ _STICKS, _CLEAN, _WON = 40.0, 15.0, 4
 _EXPLAINED, _CLEAR, _CLEAR_DROP = 0.03, 200.0, 0.08
 # Below these shares friction explains nothing that matters.
 _NOTHING, _NOTHING_DROP = 0.02, 0.05
+# Below this share it does not matter, whatever the one-step errors say short of a clear ratio.
+_IRRELEVANT = 0.005
 # Fewer reversals of the output than this cap the confidence (CRITICISM.md section 7, gate 0).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 
@@ -76,7 +78,8 @@ def _answer(ratio: float, won: int, explained: float, drop: float, one_step: flo
     if ratio >= _STICKS and won >= _WON and enough:
         return "stiction", 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
     nothing = explained < _NOTHING or drop < _NOTHING_DROP
-    if (ratio < _CLEAN or won < _WON) and nothing:
+    irrelevant = explained < _IRRELEVANT and ratio < _CLEAR
+    if ((ratio < _CLEAN or won < _WON) and nothing) or irrelevant:
         return "no stiction", 0.6 + 0.4 * float(np.clip(1.0 - ratio / _CLEAN, 0.0, 0.9))
     return "undecided", 0.4
 

@@ -20,10 +20,9 @@ from ..loop import FloatArray
 from ..model import FIRST_ORDER, INTEGRATOR, Evaluated, Model, Spec
 from ..noise import autocovariance
 from ..oscillation import noise_of
-from ..regression import whiten
 from ..results import Step
 from ..search import Found
-from ..whitened import whitened
+from ..whitened import Whitened, whitened
 from .contract import Method, Outcome
 from .run import ADEQUATE, INTEGRATOR_GAIN, LONG_LAG, Run, increment_error, parameters
 
@@ -48,8 +47,9 @@ _ROUGH = 2e-3
 SOFT = tuple(0.8**k for k in range(1, 15))
 # Correlation of neighbouring differences below which noise fills them. Unit: 1; white noise has -0.5.
 _NOISY = -0.25
-# A lag beyond this many periods needs no proof that the process integrates. Unit: periods.
-_ENDLESS_LAG = 3.0
+# A lag beyond this many periods needs no proof that the process integrates: the integrator may even predict this much
+# worse, because its slips add up their errors. Units: periods, 1.
+_ENDLESS_LAG, _ENDLESS_LOSS = 3.0, 0.05
 # The command is taken as continuous only when that lowers the free-run error by this share.
 _CORNER_GAIN = 0.05
 # A noise of its own has no root beyond this: slower, it is a disturbance. Unit: 1.
@@ -146,10 +146,10 @@ def _first(run: Run, spec: Spec, rng: np.random.Generator | None = None) -> _Tri
 
 
 def _structure(run: Run, spec: Spec) -> _Tried:
-    """First order or integrator: where the lag is long, or leaves errors, the smaller error of the differences decides.
+    """First order or integrator: where the lag is long, or leaves errors, the smaller one-step error decides.
 
-    Differences are stationary for both, so that neither wins by its own yardstick. Where measurement noise fills
-    them they are softened (see `SOFT`), for the fit of the integrator and for the comparison.
+    Each is completed with a noise model of its own, so that neither wins by its own yardstick. Where measurement noise
+    fills the differences they are softened (see `SOFT`) for the fit of the integrator.
     """
     plain = spec if spec.process == FIRST_ORDER else replace(spec, process=FIRST_ORDER, increments=False, taps=())
     first = _first(run, plain)
@@ -160,30 +160,29 @@ def _structure(run: Run, spec: Spec) -> _Tried:
         return first
     run.tell("trying an integrating process", 0.2)
     second = _first(run, replace(plain, process=INTEGRATOR, increments=True))
-    if second.evaluated is None or not _noise_fills(second.evaluated):
-        return second if second.increments < (1.0 - INTEGRATOR_GAIN) * first.increments else first
-    third = _first(run, replace(second.spec, taps=SOFT))
-    gain = 0.0 if lag > _ENDLESS_LAG * run.period_s else INTEGRATOR_GAIN
-    return third if _soft_error(third) < (1.0 - gain) * _soft_error(first) else first
+    if second.evaluated is not None and _noise_fills(second.evaluated):
+        second = _first(run, replace(second.spec, taps=SOFT))
+    gain = -_ENDLESS_LOSS if lag > _ENDLESS_LAG * run.period_s else INTEGRATOR_GAIN
+    return second if _one_step(run, second) < (1.0 - gain) * _one_step(run, first) else first
+
+
+def _one_step(run: Run, tried: _Tried) -> float:
+    """One-step error of a search with a noise model of its own: what levels and differences can be compared by.
+
+    An autoregression on differences can't undo the differencing of white noise, so integrators may stay in levels.
+    """
+    if tried.evaluated is None:
+        return np.inf
+    models = [run.model(replace(tried.spec, taps=(), increments=False))]
+    if tried.spec.increments:
+        models.append(run.model(replace(tried.spec, taps=())))
+    return min(whitened(m, m.vector(tried.evaluated.values)).innovation_sd for m in models)
 
 
 def _noise_fills(e: Evaluated) -> bool:
     """Whether the differences of the residual are mostly those of white measurement noise (their correlation -1/2)."""
     r = autocovariance(np.nan_to_num(e.innovation), e.counted > 0, 1)
     return bool(r[0] > 0 and r[1] < _NOISY * r[0])
-
-
-def _soft_error(tried: _Tried) -> float:
-    """Root mean square of the softened differences of the free-run residual, in the unit of y."""
-    if tried.evaluated is None:
-        return np.inf
-    e = tried.evaluated
-    soft = whiten(np.nan_to_num(e.residual)[:, None], Spec(increments=True, taps=SOFT).whitening())[:, 0]
-    good = e.counted > 0
-    for lag in range(1, len(SOFT) + 2):
-        good[lag:] &= e.counted[:-lag] > 0
-    good[:len(SOFT) + 1] = False
-    return float(np.sqrt(np.mean(soft[good] ** 2))) if good.any() else np.inf
 
 
 def _at_noise(run: Run, tried: _Tried) -> bool:
@@ -235,26 +234,48 @@ def _try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
 def _try_noise(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     """An autoregression of the output error as a step of its own, where nothing but noise is left to explain.
 
-    That is where the one-step error with it reaches what a free linear model of y and valve position reaches. Slow
-    waves (a root near 1, a narrow band) are left to `diagnose`: drift and disturbances look like noise, too.
+    That is where the one-step error with it reaches what a free linear model of y and valve position reaches. Noise
+    taken for white bends the process, and through it S, J and the order; so all of them are searched anew with it.
+    Slow waves (a root near 1) are left to `diagnose`: drift and disturbances look like noise, too.
     """
     before = fits[-1]
     spec = before.model.spec
     if spec.taps or NOISE in spec.effects:
         return
     local = whitened(before.model, before.values)
-    floor = steps[-1].error.noise_sd
-    if not local.order or floor is None or local.innovation_sd > ADEQUATE * floor:
+    if not local.order or _slowest(local) > _SLOWEST_ROOT:
         return
-    if np.abs(np.roots(np.concatenate([[1.0], local.model.spec.taps]))).max() > _SLOWEST_ROOT:
+    base = tuple(name for name in fits[0].model.spec.effects)
+    found = _noisy(run, replace(spec, effects=(*base, NOISE)), local)
+    some, made = [run.step(found, NOISE)], [found]
+    if _LAG not in base:
+        _try_step(run, some, made, _LAG)
+    last = whitened(made[-1].model, made[-1].values)
+    floor = run.floor(made[-1].best.position_means, made[-1].best.values["dead_time_s"])
+    if floor is None or last.innovation_sd > ADEQUATE * floor or _slowest(last) > _SLOWEST_ROOT:
         return
-    noisy = replace(spec, effects=(*spec.effects, NOISE), taps=tuple(local.model.spec.taps))
-    start = run.model(noisy).cube(local.values[:, None])
-    after = run.fit(noisy, before=(start, run.model(noisy).costs(start)))
-    step = run.step(after, NOISE)
-    if (steps[-1].error.bic or 0.0) - (step.error.bic or 0.0) > _STEP_BIC:
-        steps.append(step)
-        fits.append(after)
+    if last.order:
+        made[-1] = _noisy(run, made[-1].model.spec, last)
+        some[-1] = run.step(made[-1], some[-1].added)
+    one_step, now = fits[-1].sse / max(fits[-1].best.rows, 1), made[-1].sse / max(made[-1].best.rows, 1)
+    rows, more = made[-1].best.rows, len(made[-1].values) - len(fits[-1].values) + last.order
+    if rows * float(np.log(one_step / now)) - more * float(np.log(rows)) > _STEP_BIC:
+        # What was added for white noise gives way to what coloured noise asks for.
+        steps[1:], fits[1:] = some, made
+
+
+def _noisy(run: Run, spec: Spec, noise: Whitened) -> Fitted:
+    """The fit of a spec with the noise model of a whitened model, from that model's own point and from nothing."""
+    noisy = replace(spec, taps=tuple(noise.model.spec.taps))
+    model = run.model(noisy)
+    start = model.cube(model.vector(noise.model.named(noise.values))[:, None])
+    local = descend(model.residuals, model.costs, start, spread=1e-3 * movable(model))
+    return run.fit(noisy, before=(local.points, local.costs))
+
+
+def _slowest(noise: Whitened) -> float:
+    """The largest root of a noise model, by modulus."""
+    return float(np.abs(np.roots(np.concatenate([[1.0], noise.model.spec.taps]))).max()) if noise.order else 0.0
 
 
 def _try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str) -> None:
