@@ -135,14 +135,8 @@ def reads_file(command: Callable[..., Any]) -> Callable[..., Any]:
 def collect(said: dict[str, Any]) -> ReadOptions:
     """The values of the options as ReadOptions; UsageError for one that can't be read."""
     decimal = said["decimal"]
-    if decimal not in (None, ".", ","):
-        raise UsageError(f"--decimal {decimal!r} is no decimal mark", "use . or ,")
     step = said["step"]
-    if step is not None and not 0 < step < float("inf"):
-        raise UsageError(f"--step {step:g} is not a positive number of seconds", "for example --step 1")
     separator = _SEPARATORS.get(said["separator"] or "", said["separator"])
-    if separator is not None and len(separator) != 1:
-        raise UsageError(f"--separator {separator!r} is not one character", "use , ; | tab or space")
     return ReadOptions(
         sp=said["sp"],
         pv=said["pv"],

@@ -51,7 +51,7 @@ def decimal_evidence(cells: list[str]) -> tuple[str, str, str]:
 
 
 def to_numbers(column: Any, decimal: str = ".") -> Numbers:
-    """A pyarrow column of any type as numbers; infinities become NaN."""
+    """A pyarrow column of any type as numbers; infinities and absurd magnitudes become NaN."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -118,9 +118,15 @@ def check_thousands(column: Any, decimal: str, where: str) -> None:
         )
 
 
+LARGEST, SMALLEST = 1e100, 1e-100
+"""Magnitudes beyond which a number is no measurement: larger ones are no value, smaller ones are zero. Squares and
+ratios of what remains stay inside double precision."""
+
+
 def _finite(values: FloatArray) -> FloatArray:
-    infinite: BoolArray = np.isinf(values)
-    if infinite.any():
-        values = values.copy()
-        values[infinite] = np.nan
+    size = np.abs(values)
+    large: BoolArray = size > LARGEST
+    small: BoolArray = (size < SMALLEST) & (size > 0)
+    if large.any() or small.any():
+        values = np.where(large, np.nan, np.where(small, 0.0, values))
     return values

@@ -11,7 +11,7 @@ from ..errors import DataError, UsageError
 from .arrow import texts
 from .options import ReadOptions
 from .roles import take_apart
-from .source import Source, open_source
+from .source import Source, in_short, open_source
 from .table import Table, read_table, table_from_arrow
 
 _TEXT = (".csv", ".tsv", ".txt", ".gz", ".zip")
@@ -44,7 +44,7 @@ def _dataset(folder: Path, files: list[Path]) -> tuple[Source, Table]:
         table = ds.dataset(folder, format="parquet", partitioning="hive").to_table()
     except (pa.ArrowException, OSError, ValueError) as error:
         raise DataError(
-            f"{folder} is no readable Parquet dataset: {str(error)[:160]}", "read one of its files"
+            f"{folder} is no readable Parquet dataset: {in_short(error)}", "read one of its files"
         ) from None
     source = Source(folder.name, "parquet", b"", _digest(files), folder)
     return source, table_from_arrow(table, folder.name, (f"{len(files)} Parquet files",))

@@ -6,6 +6,7 @@ A tag is a loop's name and a suffix (FIC101.SP, \\\\SERVER\\FIC101.PV, 2411FIC20
 from __future__ import annotations
 
 import difflib
+import functools
 import re
 from dataclasses import dataclass
 
@@ -90,6 +91,7 @@ class Tag:
     why: str
 
 
+@functools.lru_cache(maxsize=20_000)
 def tidy(name: str) -> str:
     """A column name without unit, quotes, case and separators."""
     bare = re.sub(r"[\[(][^\])]*[\])]\s*$", "", name.strip().strip("\"'")).strip()
@@ -102,6 +104,7 @@ def role_of(name: str) -> str | None:
     return take_apart(name).role
 
 
+@functools.lru_cache(maxsize=20_000)
 def take_apart(name: str) -> Tag:
     """Role and loop of a column name, by its suffix, by its whole text, or by its instrument letters."""
     bare = re.sub(r"[\[(][^\])]*[\])]\s*$", "", name.strip().strip("\"'")).strip()
@@ -153,7 +156,7 @@ def pick(names: tuple[str, ...], wanted: str, option: str, file: str) -> int:
     alike = [i for i, n in enumerate(names) if tidy(n) == tidy(wanted) or n.strip().lower() == wanted.strip().lower()]
     if len(alike) == 1:
         return alike[0]
-    if wanted.strip().isdigit() and 1 <= int(wanted) <= len(names):
+    if wanted.strip().isdecimal() and len(wanted) < 10 and 1 <= int(wanted) <= len(names):
         return int(wanted) - 1
     near = difflib.get_close_matches(wanted, names, n=1, cutoff=0.5)
     more = f"; nearest: {near[0]!r}" if near else ""

@@ -106,6 +106,11 @@ def _digest(stream: Any) -> str:
     return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
+def in_short(error: Exception) -> str:
+    """What a library says about damage, on one line."""
+    return " ".join(str(error).split())[:160] or type(error).__name__
+
+
 def _kind(start: bytes) -> str:
     return next((kind for magic, kind in _KINDS if start.startswith(magic)), "text")
 
@@ -152,7 +157,7 @@ def _gunzip(data: bytes, name: str) -> bytes:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
             return _unpack(stream, len(data), name)
     except (OSError, EOFError, zlib.error) as error:
-        raise DataError(f"{name} is damaged gzip: {error}", "copy or export it again") from None
+        raise DataError(f"{name} is damaged gzip: {in_short(error)}", "copy or export it again") from None
 
 
 def _unzip(data: bytes, name: str) -> tuple[bytes, str]:
@@ -171,8 +176,9 @@ def _unzip(data: bytes, name: str) -> tuple[bytes, str]:
                 )
             with archive.open(members[0]) as stream:
                 return _unpack(stream, len(data), name), members[0].filename
-    except (zipfile.BadZipFile, EOFError, zlib.error, NotImplementedError, RuntimeError) as error:
-        raise DataError(f"{name} can't be unpacked: {error}", "unpack it by hand and give the file") from None
+    except (zipfile.BadZipFile, OSError, EOFError, zlib.error, NotImplementedError, RuntimeError, ValueError,
+            LookupError) as error:
+        raise DataError(f"{name} can't be unpacked: {in_short(error)}", "unpack it by hand and give the file") from None
 
 
 def _unpack(stream: Any, packed: int, name: str) -> bytes:

@@ -85,8 +85,7 @@ def parse_times(
     kind = column.type
     if pa.types.is_timestamp(kind):
         zone = kind.tz
-        values = column.cast(pa.timestamp("ns", zone)).cast(pa.int64())
-        ns, valid = integers(values)
+        ns, valid = _in_ns(column)
         return Times(
             ns,
             valid,
@@ -102,7 +101,8 @@ def parse_times(
     if not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
         raise DataError(f"{where}: {kind} is no time", "name the time column with --time")
     text: TextTimes = parse_text(column, dayfirst=dayfirst, time_format=time_format, where=where)
-    return Times(text.ns, text.valid, False, text.text, text.zone, text.assumptions, _first_bad(text.valid))
+    valid = text.valid & (text.ns > EARLIEST_NS) & (text.ns < LATEST_NS)
+    return Times(np.where(valid, text.ns, 0), valid, False, text.text, text.zone, text.assumptions, _first_bad(valid))
 
 
 def _first_bad(valid: BoolArray) -> int:
@@ -132,11 +132,26 @@ def _joined(parts: list[Any]) -> Any:
     return pc.binary_join_element_wise(date.cast(pa.string()), clock.cast(pa.string()), " ")
 
 
+EARLIEST_NS, LATEST_NS = -2_240_000_000 * SECOND, 6_900_000_000 * SECOND
+"""1899 to 2188, or 71 years before and 218 after an arbitrary zero: differences of such stamps fit 64 bits."""
+_PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+
+
+def _in_ns(column: Any) -> tuple[IntArray, BoolArray]:
+    """Arrow time stamps of any unit in ns, and which of them are there and of this age."""
+    import pyarrow as pa
+
+    per_second = _PER_SECOND[column.type.unit]
+    whole, valid = integers(column.cast(pa.int64()))
+    valid = valid & (whole > EARLIEST_NS // SECOND * per_second) & (whole < LATEST_NS // SECOND * per_second)
+    return np.where(valid, whole, 0) * (SECOND // per_second), valid
+
+
 def _dates_or_clock(column: Any, where: str) -> Times:
     import pyarrow as pa
 
     if pa.types.is_date(column.type):
-        ns, valid = integers(column.cast(pa.timestamp("ns")).cast(pa.int64()))
+        ns, valid = _in_ns(column.cast(pa.timestamp("s")))
         return Times(ns, valid, False, "dates without a time of day", first_bad=_first_bad(valid))
     ns, valid = integers(column.cast(pa.time64("ns")).cast(pa.int64()))
     # A clock without dates starts again at midnight: each step back of more than half a day is a new day.
@@ -155,7 +170,7 @@ def _numeric(column: Any, name: str, unit: str, time_format: str | None, where: 
     import pyarrow as pa
 
     if pa.types.is_integer(column.type):
-        whole, valid = integers(column.cast(pa.int64()))
+        whole, valid = integers(column.cast(pa.int64(), safe=False))
         numbers = whole.astype(np.float64)
     else:
         numbers = floats(column)
@@ -224,17 +239,19 @@ def _scaled(
     words, scale, offset = kind
     elapsed = bool(np.isnan(offset))
     zero = 0 if elapsed else int(offset)
+    seconds = numbers * scale + zero
+    valid = valid & (seconds > EARLIEST_NS / SECOND) & (seconds < LATEST_NS / SECOND)
+    numbers, whole = np.where(valid, numbers, 0.0), None if whole is None else np.where(valid, whole, 0)
     if whole is not None and scale <= 1.0:
         # Whole numbers scaled as whole numbers: a nanosecond epoch does not fit a float, nor 1601 a 64-bit nanosecond.
         per_second = round(1 / scale)
         ns = (whole - np.int64(-zero * per_second) if zero else whole) * np.int64(SECOND // per_second)
     else:
         unit_ns = scale * SECOND
-        ns = np.rint(numbers * unit_ns).astype(np.int64)
+        ns = np.rint(np.where(valid, numbers * unit_ns + float(zero) * SECOND, 0.0)).astype(np.int64)
         if scale >= 60.0:
             # Days in a float hold about a microsecond, in text often less: to the millisecond it is a clock again.
             ns = np.rint(ns / 1e6).astype(np.int64) * 1_000_000
-        ns = ns + zero * SECOND
     return Times(
         ns,
         valid,

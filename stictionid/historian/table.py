@@ -12,7 +12,7 @@ from .cells import NULLS
 from .encoding import to_utf8
 from .layout import Layout, find_layout, split_line
 from .options import ReadOptions
-from .source import Source
+from .source import Source, in_short
 
 MAX_DAMAGED_SHARE = 0.5
 """Share of lines with a wrong number of cells above which the separator is wrong or the file is no table."""
@@ -147,7 +147,7 @@ def _parse(data: bytes, layout: Layout, name: str) -> tuple[tuple[Any, ...], tup
             bad.clear()
             table = read(True)
     except (pa.ArrowInvalid, pa.ArrowException) as error:
-        raise DataError(f"{name} can't be parsed: {str(error)[:200]}", "check --separator and --header") from None
+        raise DataError(f"{name} can't be parsed: {in_short(error)}", "check --separator and --header") from None
     dropped = tuple(_dropped(bad, layout, width))
     damaged = sum(reason == "damaged" for _, reason, _ in dropped)
     if table.num_rows == 0 or damaged > MAX_DAMAGED_SHARE * (table.num_rows + damaged):
@@ -187,7 +187,7 @@ def _parquet(source: Source) -> Table:
         else:
             table = pq.ParquetFile(pa.BufferReader(source.data)).read()
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise DataError(f"{source.name} is damaged Parquet: {str(error)[:160]}", "write or copy it again") from None
+        raise DataError(f"{source.name} is damaged Parquet: {in_short(error)}", "write or copy it again") from None
     return table_from_arrow(table, source.name, source.notes)
 
 
@@ -199,6 +199,12 @@ def table_from_arrow(table: Any, name: str, notes: tuple[str, ...] = ()) -> Tabl
         raise DataError(f"{name} has no rows", "export it again")
     keep = [i for i, f in enumerate(table.schema) if not pa.types.is_nested(f.type)]
     fields = [table.schema.field(i) for i in keep]
+    for i, one in zip(keep, fields, strict=True):
+        if pa.types.is_string(one.type) or pa.types.is_large_string(one.type) or pa.types.is_dictionary(one.type):
+            try:
+                table.column(i).validate(full=True)
+            except pa.ArrowException:
+                raise DataError(f"{name}, column {one.name!r}: its text is damaged", "write or copy it again") from None
     units = tuple((f.metadata or {}).get(b"unit", b"").decode("utf-8", "replace") for f in fields)
     meta = {
         k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (table.schema.metadata or {}).items()

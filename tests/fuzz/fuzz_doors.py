@@ -6,6 +6,7 @@ refusal of one sentence; everything else is raised as it is, or as `Broken`.
 
 from __future__ import annotations
 
+import copy
 import functools
 import io
 import json
@@ -19,6 +20,7 @@ from pathlib import Path
 import fuzz_inputs as make
 
 from stictionid.errors import StictionidError
+from stictionid.historian.options import ReadOptions
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 
@@ -101,6 +103,20 @@ def _make_options(rng: random.Random) -> bytes:
     return json.dumps({"seed": rng.randrange(len(make.seeds())), "options": options}).encode()
 
 
+def _said(data: bytes) -> None:
+    """Reading options as a study keeps them: the file was written by anyone."""
+    from stictionid.historian import options_from, read
+
+    _check(read(io.BytesIO(make.seeds()[0]), options=options_from(json.loads(data))))
+
+
+def _make_said(rng: random.Random) -> bytes:
+    names = [*ReadOptions().__slots__, "no such option"]  # type: ignore[attr-defined]
+    names = [n for n in names if n != "profile"]
+    values = (*_JSON, *_TEXTS, 1, 0.5, [0, 100], [0.0, float("inf")], {"1": "AUTO"}, {"1": 1}, ["SP"], [50.0])
+    return json.dumps({rng.choice(names): rng.choice(values) for _ in range(rng.choice((1, 1, 2)))}).encode()
+
+
 def _profile(data: bytes) -> None:
     from stictionid.historian import ReadOptions, read
 
@@ -111,7 +127,7 @@ def _profile(data: bytes) -> None:
 
 
 _PROFILE = b'# stictionid site profile\nseparator = ","\ndecimal = "."\ndayfirst = true\nspan_op = [0, 100]\n' \
-           b'mode_map = { "1" = "AUTO", "2" = "MAN" }\nsentinels = [-9999, 1e30]\nextra = ["SP"]\nheader = 1\n'
+           b'mode_map = { "11" = "AUTO", "22" = "MAN" }\nsentinels = [-9999, 1e30]\nheader = 1\n'
 
 
 def _folder(data: bytes) -> None:
@@ -127,8 +143,10 @@ def _folder(data: bytes) -> None:
 
 def _make_folder(rng: random.Random) -> bytes:
     files = []
-    for _ in range(rng.choice((1, 2, 2, 3))):
-        stamps, cells = make._stamps(rng, 12), make._signal(rng, 12)
+    shared = make._stamps(rng, 12)
+    for _ in range(rng.choice((2, 2, 3))):
+        stamps = shared if rng.random() < 0.8 else make._stamps(rng, 12)
+        cells = make.signal(rng, 12, sane=rng.random() < 0.8)
         sep = rng.choice(",;\t")
         text = f"Time{sep}Value\n" + "".join(f"{s}{sep}{c}\n" for s, c in zip(stamps, cells, strict=True))
         files.append(text.encode("utf-8", "replace"))
@@ -172,7 +190,7 @@ def _make_study(rng: random.Random) -> bytes:
         if rng.random() < 0.2:
             del node[key]
         else:
-            node[key] = rng.choice(_JSON)
+            node[key] = copy.deepcopy(rng.choice(_JSON))
         if not content:
             break
     return json.dumps(content).encode("utf-8", "replace")
@@ -204,16 +222,17 @@ def _make_noise(rng: random.Random) -> bytes:
 
 
 DOORS = {
-    "text, damaged bytes": Door(_make_bytes, _read, 30),
-    "text, random tables": Door(make.text_table, _read, 22),
+    "text, damaged bytes": Door(_make_bytes, _read, 22),
+    "text, random tables": Door(make.text_table, _read, 20),
     "text, packed or encoded": Door(_make_packed, _read, 12),
-    "text, noise": Door(_make_noise, _read, 12),
-    "Parquet, damaged bytes": Door(lambda rng: make.damage(rng, rng.choice(_parquets()), 3), _read, 10),
+    "text, noise": Door(_make_noise, _read, 16),
+    "Parquet, damaged bytes": Door(lambda rng: make.damage(rng, rng.choice(_parquets()), 3), _read, 12),
     "Parquet, random tables": Door(make.arrow_table, _read, 6),
     "folder, one file per tag": Door(_make_folder, _folder, 1),
     "options": Door(_make_options, _options, 4),
     "site profile": Door(lambda rng: make.damage(rng, _PROFILE, 3), _profile, 3),
-    "study JSON": Door(_make_study, _study, 10),
+    "options kept in a study": Door(_make_said, _said, 2),
+    "study JSON": Door(_make_study, _study, 12),
 }
 """Every door by its name; executions are dealt out by `share`."""
 

@@ -60,7 +60,7 @@ def seeds() -> tuple[bytes, ...]:
         "time,SP,PV,OP,Quality\n" + "\n".join(f"{x},{192 if i % 5 else 0}" for i, x in enumerate(lines[1:])) + "\n",
         "loop," + lines[0] + "\n" + "\n".join(f"A{i % 2},{x}" for i, x in enumerate(lines[1:])) + "\n",
         "\n".join([lines[0], *reversed(lines[1:])]) + "\n",
-        wide(record(rows=90)), wide(record(rows=90), stamp=lambda m: m.strftime("%H:%M:%S")),
+        wide(record(rows=40)), wide(record(rows=70), stamp=lambda m: m.strftime("%H:%M:%S")),
     ]
     return tuple(t.encode() for t in texts)
 
@@ -134,7 +134,7 @@ def damage(rng: random.Random, data: bytes, most: int = 6) -> bytes:
 
 def _stamps(rng: random.Random, rows: int) -> list[str]:
     step = rng.choice((0.1, 1, 1, 1, 10, 60, 3600))
-    style = rng.choice((
+    style = rng.choice(("%Y-%m-%d %H:%M:%S", "epoch", "count")) if rng.random() < 0.4 else rng.choice((
         "%Y-%m-%d %H:%M:%S", "%Y-%m-%dT%H:%M:%SZ", "%d/%m/%Y %H:%M:%S", "%m/%d/%y %I:%M %p", "%d.%m.%Y %H:%M",
         "%d %B %Y %H:%M:%S", "%Y%m%d %H%M%S", "%H:%M:%S", "%Y-%m-%d", "epoch", "ms", "filetime", "serial", "count"))
     found = []
@@ -158,8 +158,9 @@ def _stamps(rng: random.Random, rows: int) -> list[str]:
     return found
 
 
-def _signal(rng: random.Random, rows: int) -> list[str]:
-    kind = rng.randrange(12)
+def signal(rng: random.Random, rows: int, sane: bool = False) -> list[str]:
+    """Cells of one column: measurements, or anything else a column may hold."""
+    kind = rng.randrange(8, 12) if sane else rng.randrange(12)
     if kind == 0:
         return ["50"] * rows
     if kind == 1:
@@ -175,7 +176,7 @@ def _signal(rng: random.Random, rows: int) -> list[str]:
         return [rng.choice(("MAN", "AUTO", "CAS", "3", "手动", "")) for _ in range(rows)]
     if kind == 6:
         return [f"{rng.uniform(0, 9999):,.2f}" for _ in range(rows)]
-    digits = rng.choice((0, 1, 3, 6, 17))
+    digits = rng.choice((1, 3) if sane else (0, 1, 3, 6, 17))
     level, size = rng.choice((0, 50, 1250, -5)), rng.choice((0.1, 3, 100))
     cells = [f"{level + size * rng.uniform(-1, 1):.{digits}f}" for _ in range(rows)]
     return [comma(c) for c in cells] if kind == 7 else cells
@@ -183,13 +184,14 @@ def _signal(rng: random.Random, rows: int) -> list[str]:
 
 def table(rng: random.Random) -> tuple[list[str], list[list[str]]]:
     """Names and columns of a random table, some of it sensible."""
-    rows, width = rng.choice((0, 1, 3, 5, 12, 12, 25, 70)), rng.choice((1, 2, 3, 3, 4, 4, 5, 7))
-    if rng.random() < 0.6:
+    rows, width = rng.choice((0, 2, 5, 12, 12, 12, 25, 25, 70)), rng.choice((1, 3, 3, 4, 4, 4, 5, 7))
+    if rng.random() < 0.8:
         names = ["time", "SP", "PV", "OP", *(rng.choice(NAMES) for _ in range(3))][: max(width, 3)]
     else:
         names = [rng.choice(NAMES) for _ in range(width)]
-    columns = [_stamps(rng, rows) if ("t" in n.lower() and rng.random() < 0.8) or rng.random() < 0.05
-               else _signal(rng, rows) for n in names]
+    sane = rng.random() < 0.6
+    columns = [_stamps(rng, rows) if ("t" in n.lower() and (sane or rng.random() < 0.8)) or rng.random() < 0.05
+               else signal(rng, rows, sane and rng.random() < 0.9) for n in names]
     for _ in range(rng.choice((0, 0, 1, 3, 8)) if rows else 0):
         rng.choice(columns)[rng.randrange(rows)] = rng.choice(TOKENS)
     return names, columns
@@ -201,7 +203,7 @@ def text_table(rng: random.Random) -> bytes:
     sep, end = rng.choice((",", ",", ";", "\t", "|", " ")), rng.choice(("\n", "\n", "\r\n", "\r"))
     quote = rng.random() < 0.15
     lines = [names] * rng.choice((1, 1, 1, 1, 0, 2)) + [list(row) for row in zip(*columns, strict=True)]
-    for extra in range(rng.choice((0, 0, 0, 1, 3))):
+    for extra in range(rng.choice((0, 0, 0, 0, 0, 1, 3))):
         lines.insert(extra, [rng.choice(TOKENS) for _ in range(rng.choice((1, 2, len(names))))])
     text = end.join(sep.join(f'"{c}"' if quote else c for c in row) for row in lines) + rng.choice((end, ""))
     return text.encode("utf-8", "replace")
@@ -218,7 +220,7 @@ def arrow_table(rng: random.Random) -> bytes:
     rows = len(columns[0]) if columns else 0
     arrays = []
     for name, cells in zip(names, columns, strict=True):
-        kind = rng.randrange(16) if "t" not in name.lower() else rng.choice((0, 1, 1, 1, 2, 3, 14))
+        kind = rng.choice((15, 12, 0, 5)) if name in ("SP", "PV", "OP") and rng.random() < 0.7 else rng.randrange(16) if "t" not in name.lower() else rng.choice((0, 1, 1, 1, 2, 3))
         if kind in (0, 4):
             array = pa.array(cells, pa.string())
         elif kind in (1, 2):
