@@ -235,6 +235,9 @@ def _finish(
     findings += notes.short_segments(short)
     signals = Signals(arrays["output"], arrays["process_value"], setpoint, step_s, tuple(starts))
     findings += spoilt_findings(signals, name_hints=[*shaped.columns.values(), *shaped.described.values()])
+    for array in (*arrays.values(), used):
+        if array.base is None:
+            array.setflags(write=False)  # nobody else holds it: the loop need not copy it
     parts = {
         "output": arrays["output"],
         "process_value": arrays["process_value"],

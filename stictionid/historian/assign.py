@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import DataError, UsageError
+from .cells import shown
 from .options import ReadOptions
 from .roles import Tag, listing, pick, take_apart, tidy
 
@@ -86,7 +87,7 @@ def _refuse_shared(index: dict[str, int], skip: set[int], names: tuple[str, ...]
     for role, column in index.items():
         if column in seen:
             raise DataError(
-                f"{file}: column {names[column]!r} would be both {seen[column].replace('_', ' ')} and "
+                f"{file}: column {shown(names[column])} would be both {seen[column].replace('_', ' ')} and "
                 f"{role.replace('_', ' ')}",
                 "give each role a column of its own (--sp --pv --op --position --time)",
             )
@@ -116,7 +117,7 @@ def _choose_loop(
         ]
         if len(match) != 1:
             raise UsageError(
-                f"{file} has no loop {options.loop!r}",
+                f"{file} has no loop {shown(options.loop)}",
                 f"loops found: {listing([g['name'] or '(no name)' for g in full.values()])}"
                 if full
                 else f"no loop was found; columns: {listing(names)}",
@@ -153,7 +154,7 @@ def _complete(found: Assignment, tags: dict[int, Tag], group: str) -> None:
         choice = sorted(choice, key=lambda c: (c[1].rank, c[0]))
         if len(choice) > 1 and choice[0][1].rank == choice[1][1].rank and role in ("process_value", "output"):
             raise DataError(
-                f"{role.replace('_', ' ')} may be {choice[0][1].name!r} or {choice[1][1].name!r}",
+                f"{role.replace('_', ' ')} may be {shown(choice[0][1].name)} or {shown(choice[1][1].name)}",
                 f"choose with {_FLAG[role]}",
             )
         column, tag = choice[0]
@@ -161,4 +162,4 @@ def _complete(found: Assignment, tags: dict[int, Tag], group: str) -> None:
         found.why[role] = tag.why
         word = tag.why.partition("'")[2].rstrip("'")
         if word not in SURE:
-            found.guesses.append(f"{role.replace('_', ' ')} is {tag.name!r}, by its {tag.why} ({_FLAG[role]})")
+            found.guesses.append(f"{role.replace('_', ' ')} is {shown(tag.name)}, by its {tag.why} ({_FLAG[role]})")

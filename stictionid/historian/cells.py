@@ -37,6 +37,12 @@ class Numbers:
     first_word_row: int = -1
 
 
+def shown(cell: object, limit: int = 60) -> str:
+    """A cell as it stands, in quotes, cut where it is too long for a sentence."""
+    text = str(cell)
+    return repr(text if len(text) <= limit else text[:limit] + "…")
+
+
 def decimal_evidence(cells: list[str]) -> tuple[str, str, str]:
     """One example each of a cell with a decimal point, with a decimal comma, and of one that may be either."""
     found = {"point": "", "comma": "", "open": ""}
@@ -98,8 +104,11 @@ def _normalised(text: Any, decimal: str) -> Any:
     return pc.replace_substring_regex(text, _UNIT_TAIL, r"\1")
 
 
-def check_thousands(column: Any, decimal: str, where: str) -> None:
-    """Refuse a text column whose commas may be thousands or decimals, when the sample did not settle it."""
+def check_thousands(column: Any, decimal: str, place: Any) -> None:
+    """Refuse a text column whose commas may be thousands or decimals, when the sample did not settle it.
+
+    `place` turns a row into the words for file, line and column.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -110,12 +119,22 @@ def check_thousands(column: Any, decimal: str, where: str) -> None:
         return
     point, comma, unclear = decimal_evidence([str(c) for c in commas.slice(0, 20000).to_pylist()])
     if comma:
-        raise DataError(f"{where}: {comma!r} has a decimal comma where other cells have none", "say --decimal ,")
+        raise DataError(
+            f"{place(_row_of(column, comma))}: {shown(comma)} has a decimal comma where other cells have none",
+            "say --decimal ,",
+        )
     dotted = pc.any(pc.fill_null(pc.match_substring_regex(column, r"\d\.\d"), False)).as_py()
     if unclear and not point and not dotted:
         raise DataError(
-            f"{where}: {unclear!r} may be a thousand or a decimal fraction", "say --decimal . or --decimal ,"
+            f"{place(_row_of(column, unclear))}: {shown(unclear)} may be a thousand or a decimal fraction",
+            "say --decimal . or --decimal ,",
         )
+
+
+def _row_of(column: Any, cell: str) -> int:
+    import pyarrow.compute as pc
+
+    return int(pc.index(column, cell).as_py())
 
 
 LARGEST, SMALLEST = 1e100, 1e-100

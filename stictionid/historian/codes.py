@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..loop import BoolArray, Finding
+from .cells import shown
 from .grid import Frame
 from .states import NUMERIC_STATES, SENTINELS
 
@@ -70,7 +71,7 @@ def _guessed(values: np.ndarray) -> BoolArray:
 
 
 def _words_finding(role: str, words: dict[str, int]) -> Finding:
-    listed = ", ".join(f"{w!r} ({c})" for w, c in list(words.items())[:5])
+    listed = ", ".join(f"{shown(w)} ({c})" for w, c in list(words.items())[:5])
     total = sum(words.values())
     return Finding(
         "state-as-text",

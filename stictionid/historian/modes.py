@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import UsageError
 from ..loop import FloatArray
 from .arrow import floats
-from .cells import NULLS
+from .cells import NULLS, shown
 from .states import is_state
 
 WORDS = {
@@ -64,7 +64,7 @@ def check_map(mode_map: dict[str, str]) -> None:
     """Refuse a map to anything but the four meanings."""
     for key, value in mode_map.items():
         if value.upper() not in WORDS:
-            raise UsageError(f"mode {key!r} is mapped to {value!r}", f"use one of {', '.join(WORDS)}")
+            raise UsageError(f"mode {shown(key)} is mapped to {shown(value)}", f"use one of {', '.join(WORDS)}")
 
 
 def read_modes(column: Any, mode_map: dict[str, str]) -> Modes:

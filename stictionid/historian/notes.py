@@ -6,6 +6,7 @@ import numpy as np
 
 from ..loop import Finding
 from .align import Aligned
+from .cells import shown
 from .grid import Frame, Step
 from .options import ReadOptions
 from .shapes import Shaped
@@ -182,7 +183,7 @@ def mode_findings(unclear: dict[str, int], shaped: Shaped, guesses: list[str]) -
     listed = ", ".join(f"{w} ({c:,} samples)" for w, c in unclear.items())
     word = next(iter(unclear))
     guesses.append(
-        f"mode {listed} in {column!r} has no known meaning: "
+        f"mode {listed} in {shown(column)} has no known meaning: "
         f"taken as controlling where OP moves (--mode-map {word}=AUTO)"
     )
     constant = shaped.modes is not None and len(shaped.modes.words) == 1
@@ -190,7 +191,7 @@ def mode_findings(unclear: dict[str, int], shaped: Shaped, guesses: list[str]) -
         Finding(
             "mode-unknown",
             "info" if constant else "warning",
-            f"{column!r} has modes of unknown meaning, {listed}: samples count where OP moves; "
+            f"{shown(column)} has modes of unknown meaning, {listed}: samples count where OP moves; "
             f"say what they mean with --mode-map {word}=AUTO",
             {"modes": unclear},
             source="HISTORIAN.md section 2",

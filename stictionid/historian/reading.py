@@ -13,6 +13,7 @@ from ..loop import Finding, Loop, Origin
 from .align import Aligned, align
 from .arrow import booleans
 from .assemble import Assembled, assemble
+from .cells import shown
 from .modes import check_map
 from .notes import bad_findings
 from .options import ReadOptions
@@ -251,7 +252,7 @@ def _row_findings(table: Table, counts: dict[str, int]) -> list[Finding]:
             Finding(
                 "damaged-rows",
                 "warning",
-                f"{counts['damaged']:,} rows have a wrong number of cells, the first in line {line:,}: {text[:60]!r}",
+                f"{counts['damaged']:,} rows have a wrong number of cells, the first in line {line:,}: {shown(text)}",
                 {"rows": counts["damaged"], "line": line},
             )
         )

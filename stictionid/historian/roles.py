@@ -11,6 +11,7 @@ import re
 from dataclasses import dataclass
 
 from ..errors import DataError
+from .cells import shown
 
 _WORDS = {
     "setpoint": """
@@ -159,9 +160,9 @@ def pick(names: tuple[str, ...], wanted: str, option: str, file: str) -> int:
     if wanted.strip().isdecimal() and len(wanted) < 10 and 1 <= int(wanted) <= len(names):
         return int(wanted) - 1
     near = difflib.get_close_matches(wanted, names, n=1, cutoff=0.5)
-    more = f"; nearest: {near[0]!r}" if near else ""
+    more = f"; nearest: {shown(near[0])}" if near else ""
     kind = "more than one column" if alike else "no column"
-    raise DataError(f"{file} has {kind} {wanted!r} for {option}{more}", f"columns: {listing(names)}")
+    raise DataError(f"{file} has {kind} {shown(wanted)} for {option}{more}", f"columns: {listing(names)}")
 
 
 def listing(names: tuple[str, ...] | list[str], most: int = 12) -> str:

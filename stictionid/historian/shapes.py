@@ -11,7 +11,7 @@ from ..errors import DataError, UsageError
 from ..loop import FloatArray
 from .arrow import booleans
 from .assign import Assignment, assign
-from .cells import check_thousands, to_numbers
+from .cells import check_thousands, shown, to_numbers
 from .clock import Order, put_in_order
 from .datetext import looks_like_time
 from .modes import Modes, read_modes
@@ -63,7 +63,7 @@ def shape_table(table: Table, options: ReadOptions, book: RowBook) -> Shaped:
     tag_column, value_column = _long_columns(table, kinds)
     shape = options.shape
     if shape not in (None, "wide", "long", "paired"):
-        raise UsageError(f"shape {shape!r} is unknown", "one of wide, long, paired")
+        raise UsageError(f"shape {shown(shape)} is unknown", "one of wide, long, paired")
     times = [i for i, k in enumerate(kinds) if k in ("time", "date", "clock")]
     if shape == "long" or (shape is None and tag_column >= 0 and value_column >= 0):
         from .long_shape import shape_long
@@ -163,18 +163,17 @@ def _time_columns(table: Table, kinds: list[str], options: ReadOptions) -> list[
 
 def times_of(table: Table, columns: list[int], options: ReadOptions) -> Times:
     """The stamps of one or two columns, in the zone that was said."""
-    where = f"{table.file}, column {table.names[columns[0]]!r}"
     times = parse_times(
         [table.columns[i] for i in columns],
         table.names[columns[0]],
         table.units[columns[0]],
         dayfirst=options.dayfirst,
         time_format=options.time_format,
-        where=where,
+        place=table.place(columns[0]),
     )
     if not times.valid.any():
         raise DataError(
-            f"{table.where(0, columns[0])}: {table.cell(0, columns[0])!r} is no time",
+            f"{table.where(0, columns[0])}: {shown(table.cell(0, columns[0]))} is no time",
             "name the time column with --time, or give --step SECONDS",
         )
     return times
@@ -254,7 +253,7 @@ def _fill_wide(
             values = shaped.modes.codes
         else:
             if options.decimal is None:
-                check_thousands(table.columns[column], table.decimal, f"{table.file}, column {name!r}")
+                check_thousands(table.columns[column], table.decimal, table.place(column))
             numbers = to_numbers(table.columns[column], table.decimal)
             values = numbers.values
             shaped.words[role] = numbers.words
@@ -324,7 +323,7 @@ def _loop_rows(table: Table, kinds: list[str], options: ReadOptions, book: RowBo
             f"{table.file} holds {len(loops)} loops: {listing(loops)}", f"choose one with --loop {loops[0]}"
         )
     if options.loop not in loops:
-        raise UsageError(f"{table.file} has no loop {options.loop!r}", f"loops found: {listing(loops)}")
+        raise UsageError(f"{table.file} has no loop {shown(options.loop)}", f"loops found: {listing(loops)}")
     wanted = pc.fill_null(pc.equal(table.columns[column].cast(pa.string()), options.loop), False)
     mask = booleans(wanted)
     book.mark(~mask, "other loop")

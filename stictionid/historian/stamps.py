@@ -6,6 +6,7 @@ elapsed time, epoch (s, ms, µs, ns), Excel serials or FILETIME, told apart by t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,9 +16,12 @@ from numpy.typing import NDArray
 from ..errors import DataError, UsageError
 from ..loop import BoolArray
 from .arrow import floats, integers
+from .cells import shown
 from .datetext import TextTimes, parse_text
 
 IntArray = NDArray[np.int64]
+Place = Callable[[int], str]
+"""Words for file, line and column of a row."""
 SECOND = 1_000_000_000
 """Nanoseconds per second."""
 _EXCEL_EPOCH_S = -2_209_161_600
@@ -74,7 +78,7 @@ class Times:
 
 
 def parse_times(
-    columns: list[Any], name: str, unit: str, *, dayfirst: bool | None, time_format: str | None, where: str
+    columns: list[Any], name: str, unit: str, *, dayfirst: bool | None, time_format: str | None, place: Place
 ) -> Times:
     """The stamps in one column, or in a date and a clock column. DataError where days and months can't be told."""
     import pyarrow as pa
@@ -95,12 +99,12 @@ def parse_times(
             first_bad=_first_bad(valid),
         )
     if pa.types.is_date(kind) or pa.types.is_time(kind):
-        return _dates_or_clock(column, where)
+        return _dates_or_clock(column)
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
-        return _numeric(column, name, unit, time_format, where)
+        return _numeric(column, name, unit, time_format, place)
     if not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
-        raise DataError(f"{where}: {kind} is no time", "name the time column with --time")
-    text: TextTimes = parse_text(column, dayfirst=dayfirst, time_format=time_format, where=where)
+        raise DataError(f"{place(0)}: {kind} is no time", "name the time column with --time")
+    text: TextTimes = parse_text(column, dayfirst=dayfirst, time_format=time_format, place=place)
     valid = text.valid & (text.ns > EARLIEST_NS) & (text.ns < LATEST_NS)
     return Times(np.where(valid, text.ns, 0), valid, False, text.text, text.zone, text.assumptions, _first_bad(valid))
 
@@ -147,7 +151,7 @@ def _in_ns(column: Any) -> tuple[IntArray, BoolArray]:
     return np.where(valid, whole, 0) * (SECOND // per_second), valid
 
 
-def _dates_or_clock(column: Any, where: str) -> Times:
+def _dates_or_clock(column: Any) -> Times:
     import pyarrow as pa
 
     if pa.types.is_date(column.type):
@@ -166,7 +170,7 @@ def _dates_or_clock(column: Any, where: str) -> Times:
     )
 
 
-def _numeric(column: Any, name: str, unit: str, time_format: str | None, where: str) -> Times:
+def _numeric(column: Any, name: str, unit: str, time_format: str | None, place: Place) -> Times:
     import pyarrow as pa
 
     if pa.types.is_integer(column.type):
@@ -178,7 +182,7 @@ def _numeric(column: Any, name: str, unit: str, time_format: str | None, where: 
         numbers = np.where(valid, numbers, 0.0)
         whole = None
     if not valid.any():
-        raise DataError(f"{where}: no time stamp at all", "name the time column with --time, or give --step SECONDS")
+        raise DataError(f"{place(0)}: no time stamp at all", "name the time column with --time, or give --step SECONDS")
     return _scaled(numbers, whole, valid, _numeric_kind(numbers[valid], name, unit, time_format))
 
 
@@ -200,7 +204,7 @@ def _numeric_kind(
     said = _unit_of(name, unit)
     if 1.9e7 < middle < 2.2e7 and time_format is None and not said:
         raise DataError(
-            f"the time column {name!r} holds dates like {middle:.0f} without a time of day",
+            f"the time column {shown(name)} holds dates like {middle:.0f} without a time of day",
             "export the time of day as well, or give --step SECONDS",
         )
     steps = np.diff(numbers[:100_000])

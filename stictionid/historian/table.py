@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import DataError
-from .cells import NULLS
+from .cells import NULLS, shown
 from .encoding import to_utf8
 from .layout import Layout, find_layout, split_line
 from .options import ReadOptions
 from .source import Source, in_short
 
+MIN_THREADED_BYTES = 1 << 20
+"""Text from which on it is parsed by several threads."""
 MAX_DAMAGED_SHARE = 0.5
 """Share of lines with a wrong number of cells above which the separator is wrong or the file is no table."""
 _FOOTER = re.compile(
@@ -62,8 +64,14 @@ class Table:
         return str(self.columns[column][row].as_py())
 
     def where(self, row: int, column: int) -> str:
-        """File, line and column of a cell, for a refusal."""
-        return f"{self.file}, line {self.line(row):,}, column {self.names[column]!r}"
+        """File, line (of text; row of Parquet) and column of a cell, for a refusal."""
+        name = self.names[column] or str(column + 1)
+        at = f"line {self.line(row):,}" if self.separator else f"row {row + 1:,}"
+        return f"{self.file}, {at}, column {shown(name)}"
+
+    def place(self, column: int) -> Callable[[int], str]:
+        """`where` of one column: a function of the row."""
+        return lambda row: self.where(row, column)
 
 
 def read_table(source: Source, options: ReadOptions) -> Table:
@@ -141,9 +149,10 @@ def _parse(data: bytes, layout: Layout, name: str) -> tuple[tuple[Any, ...], tup
         )
 
     try:
-        table = read(False)
+        # Small files are read once, exactly: a pool of threads would cost them more than the second look.
+        table = read(len(data) < MIN_THREADED_BYTES)
         lines = data.count(b"\n") + (not data.endswith(b"\n")) - layout.first_line + 1
-        if bad or table.num_rows != lines:
+        if len(data) >= MIN_THREADED_BYTES and (bad or table.num_rows != lines):
             bad.clear()
             table = read(True)
     except (pa.ArrowInvalid, pa.ArrowException) as error:
@@ -154,7 +163,7 @@ def _parse(data: bytes, layout: Layout, name: str) -> tuple[tuple[Any, ...], tup
         line, _, text = dropped[0] if dropped else (layout.first_line, "", "")
         raise DataError(
             f"{name}: {damaged:,} of {table.num_rows + damaged:,} rows do not have {width} cells, "
-            f"the first is line {line}: {text[:60]!r}",
+            f"the first is line {line}: {shown(text)}",
             "check --separator and --header",
         )
     return tuple(table.columns), dropped
@@ -204,7 +213,9 @@ def table_from_arrow(table: Any, name: str, notes: tuple[str, ...] = ()) -> Tabl
             try:
                 table.column(i).validate(full=True)
             except pa.ArrowException:
-                raise DataError(f"{name}, column {one.name!r}: its text is damaged", "write or copy it again") from None
+                raise DataError(
+                    f"{name}, column {shown(one.name)}: its text is damaged", "write or copy it again"
+                ) from None
     units = tuple((f.metadata or {}).get(b"unit", b"").decode("utf-8", "replace") for f in fields)
     meta = {
         k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (table.schema.metadata or {}).items()

@@ -11,6 +11,8 @@ PERCENT_LOW, PERCENT_HIGH = -6.9, 106.9
 """Range of a controller output in per cent; many systems drive -5 to 105 or -6.9 to 106.9 (Honeywell)."""
 MIN_CENTRE_RATIO = 0.5
 """A signal whose mean is nearer to zero than this share of its standard deviation is normalised, not a per cent."""
+MAX_SPAN = 1e12
+"""Largest bound of a span, and its inverse the smallest width: beyond that no instrument has a range."""
 OTHER = "unit of OP"
 _RANGES = (
     (0.0, 1.0),
@@ -29,7 +31,7 @@ _RANGES = (
 
 def check_span(span: tuple[float, float] | None, flag: str) -> None:
     """UsageError for a span that is empty or upside down."""
-    if span is not None and not (np.isfinite(span).all() and span[1] > span[0]):
+    if span is not None and not (max(map(abs, span)) <= MAX_SPAN and span[1] - span[0] >= 1 / MAX_SPAN):
         raise UsageError(
             f"{flag} {span[0]:g},{span[1]:g} is no range", f"give LO,HI with LO below HI, for example {flag} 0,100"
         )
