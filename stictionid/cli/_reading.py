@@ -79,6 +79,10 @@ NoGuess = Annotated[bool, _option("Every assumption is an error.", "--no-guess")
 Profile = Annotated[
     str | None, _option("Site profile written by read --save-profile.", "--profile", metavar="SITE.toml")
 ]
+Limit = Annotated[
+    list[str] | None,
+    _option("Raise a limit: rows, columns, line, file or unpacked; repeatable.", "--limit", metavar="WHAT=SIZE"),
+]
 
 _OPTIONS: tuple[tuple[str, Any, Any], ...] = (
     ("sp", Sp, None),
@@ -110,6 +114,7 @@ _OPTIONS: tuple[tuple[str, Any, Any], ...] = (
     ("keep_manual", KeepManual, False),
     ("no_guess", NoGuess, False),
     ("profile", Profile, None),
+    ("limit", Limit, None),
 )
 _SEPARATORS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";", "pipe": "|"}
 
@@ -167,6 +172,7 @@ def collect(said: dict[str, Any]) -> ReadOptions:
         sentinels=tuple(said["sentinel"] or ()),
         keep_manual=said["keep_manual"],
         profile=said["profile"],
+        limit=tuple(said["limit"] or ()),
     )
 
 

@@ -52,6 +52,7 @@ class ReadOptions:
     sentinels: tuple[float, ...] = ()
     keep_manual: bool = False
     profile: str | None = None
+    limit: tuple[str, ...] = ()
 
     def said(self) -> dict[str, Any]:
         """The options that differ from the defaults, as plain JSON types: what `Origin.options` remembers."""

@@ -13,7 +13,7 @@ from ..files import write_whole
 from .options import ReadOptions, typed
 
 _HEAD = "# stictionid site profile: how exports of this site are read; options on the command line come first\n"
-_NOT_KEPT = ("profile", "no_guess", "start", "end", "loop")
+_NOT_KEPT = ("profile", "no_guess", "start", "end", "loop", "limit")
 
 
 def with_profile(options: ReadOptions) -> ReadOptions:

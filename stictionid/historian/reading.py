@@ -14,6 +14,7 @@ from .align import Aligned, align
 from .arrow import booleans
 from .assemble import Assembled, assemble
 from .cells import shown
+from .limits import limits_from
 from .modes import check_map
 from .notes import bad_findings
 from .options import ReadOptions
@@ -84,8 +85,10 @@ def read(file: Any, *, options: ReadOptions | None = None) -> Reading:
 
         source, table = read_folder(Path(file), options)
     else:
-        source = open_source(file)
+        source = open_source(file, limits_from(options.limit))
         table = read_table(source, options)
+        if not source.sha256:
+            source = replace(source, sha256=table.sha256)
         source = replace(source, data=b"")  # the columns are all that is needed now; large files need the room
     return _read_table(source, table, options)
 
@@ -273,4 +276,4 @@ def loops_in(file: Any, *, options: ReadOptions | None = None) -> tuple[str, ...
     from .listing import names_of
 
     options = options or ReadOptions()
-    return names_of(read_table(open_source(file), options), options)
+    return names_of(read_table(open_source(file, limits_from(options.limit)), options), options)

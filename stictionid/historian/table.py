@@ -9,8 +9,9 @@ from typing import Any
 
 from ..errors import DataError
 from .cells import NULLS, shown
-from .encoding import to_utf8
+from .encoding import Text, to_utf8
 from .layout import Layout, find_layout, split_line
+from .limits import Limits, limits_from
 from .options import ReadOptions
 from .source import Source, in_short
 
@@ -45,6 +46,7 @@ class Table:
     notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     attributes: dict[str, str] = field(default_factory=dict)
+    sha256: str = ""
 
     @property
     def rows(self) -> int:
@@ -75,17 +77,43 @@ class Table:
 
 
 def read_table(source: Source, options: ReadOptions) -> Table:
-    """The one table in a source. DataError where it can't be read as a table."""
+    """The one table in a source. DataError where it can't be read as a table, or is above a limit."""
+    limits = limits_from(options.limit)
     if source.kind == "parquet":
-        return _parquet(source)
+        from .parquet import read_parquet
+
+        return read_parquet(source, options, limits)
+    if not source.data and source.path is not None:
+        from .streamed import read_streamed
+
+        return read_streamed(source, options, limits)
+    return text_table(source, options, limits)
+
+
+def text_table(source: Source, options: ReadOptions, limits: Limits) -> Table:
+    """The table in a text that is held whole."""
     text = to_utf8(source.data, source.name, options.encoding)
     data, data_notes = _html_rows(text.data)
     layout = find_layout(data, source.name, separator=options.separator, header=options.header, decimal=options.decimal)
     if layout.separator == " ":
         data = re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", data))
         layout = find_layout(data, source.name, separator="\t", header=layout.header_lines, decimal=layout.decimal)
-    assumptions = layout.assumptions + ((f"encoding {text.encoding}",) if text.guessed else ())
-    columns, dropped = _parse(data, layout, source.name)
+    limits.check("columns", len(layout.names), source.name)
+    limits.check("rows", data.count(b"\n"), source.name, "cut it into pieces")
+    piece, dropped = parse(data, layout, source.name)
+    refuse_damage(piece.num_rows, dropped, layout, source.name)
+    return as_table(source, layout, tuple(piece.columns), dropped, text, data_notes)
+
+
+def as_table(
+    source: Source,
+    layout: Layout,
+    columns: tuple[Any, ...],
+    dropped: tuple[tuple[int, str, str], ...],
+    text: Text,
+    notes: tuple[str, ...] = (),
+) -> Table:
+    """Parsed columns with everything that is known about them."""
     return Table(
         source.name,
         layout.names,
@@ -99,8 +127,8 @@ def read_table(source: Source, options: ReadOptions) -> Table:
         layout.header_lines,
         layout.header_cells,
         text.encoding,
-        source.notes + data_notes,
-        assumptions,
+        source.notes + notes,
+        layout.assumptions + ((f"encoding {text.encoding} (--encoding NAME)",) if text.guessed else ()),
     )
 
 
@@ -114,8 +142,13 @@ def _html_rows(data: bytes) -> tuple[bytes, tuple[str, ...]]:
     return rows_of(data.decode("utf-8", "replace")).encode(), ("HTML table",)
 
 
-def _parse(data: bytes, layout: Layout, name: str) -> tuple[tuple[Any, ...], tuple[tuple[int, str, str], ...]]:
-    """The columns and the lines that have a wrong number of cells."""
+def parse(
+    data: bytes, layout: Layout, name: str, wanted: list[int] | None = None, types: dict[str, Any] | None = None
+) -> tuple[Any, tuple[tuple[int, str, str], ...]]:
+    """An Arrow table of the columns (named by number; only the wanted ones) and the lines that are no rows.
+
+    `types` are those that earlier pieces of the file had; where a cell does not fit them they are found anew.
+    """
     import pyarrow as pa
     from pyarrow import csv
 
@@ -128,8 +161,9 @@ def _parse(data: bytes, layout: Layout, name: str) -> tuple[tuple[Any, ...], tup
 
     body = pa.py_buffer(data).slice(layout.offset)
 
-    def read(exact: bool) -> Any:
+    def read(exact: bool, types: dict[str, Any] | None) -> Any:
         """Exact: blank lines are noted as rows of one cell and every row carries its number, at half the speed."""
+        bad.clear()
         return csv.read_csv(
             pa.BufferReader(body),
             read_options=csv.ReadOptions(
@@ -145,28 +179,39 @@ def _parse(data: bytes, layout: Layout, name: str) -> tuple[tuple[Any, ...], tup
                 false_values=[],
                 decimal_point=layout.decimal,
                 check_utf8=False,
+                include_columns=None if wanted is None else [str(i) for i in wanted],
+                column_types=types,
             ),
         )
 
     try:
         # Small files are read once, exactly: a pool of threads would cost them more than the second look.
-        table = read(len(data) < MIN_THREADED_BYTES)
-        lines = data.count(b"\n") + (not data.endswith(b"\n")) - layout.first_line + 1
-        if len(data) >= MIN_THREADED_BYTES and (bad or table.num_rows != lines):
-            bad.clear()
-            table = read(True)
+        small = len(data) < MIN_THREADED_BYTES
+        try:
+            table = read(small, types)
+        except pa.ArrowInvalid:
+            if types is None:
+                raise
+            types = None
+            table = read(small, types)
+        lines = data.count(b"\n", layout.offset) + (not data.endswith(b"\n"))
+        if not small and (bad or table.num_rows != lines):
+            table = read(True, types)
     except (pa.ArrowInvalid, pa.ArrowException) as error:
         raise DataError(f"{name} can't be parsed: {in_short(error)}", "check --separator and --header") from None
-    dropped = tuple(_dropped(bad, layout, width))
+    return table, tuple(_dropped(bad, layout, width))
+
+
+def refuse_damage(rows: int, dropped: tuple[tuple[int, str, str], ...], layout: Layout, name: str) -> None:
+    """DataError where most lines do not have the right number of cells."""
     damaged = sum(reason == "damaged" for _, reason, _ in dropped)
-    if table.num_rows == 0 or damaged > MAX_DAMAGED_SHARE * (table.num_rows + damaged):
-        line, _, text = dropped[0] if dropped else (layout.first_line, "", "")
+    if rows == 0 or damaged > MAX_DAMAGED_SHARE * (rows + damaged):
+        line, _, text = next((d for d in dropped if d[1] == "damaged"), (layout.first_line, "", ""))
         raise DataError(
-            f"{name}: {damaged:,} of {table.num_rows + damaged:,} rows do not have {width} cells, "
+            f"{name}: {damaged:,} of {rows + damaged:,} rows do not have {len(layout.names)} cells, "
             f"the first is line {line}: {shown(text)}",
             "check --separator and --header",
         )
-    return tuple(table.columns), dropped
 
 
 def _dropped(bad: list[tuple[int | None, str]], layout: Layout, width: int) -> Iterator[tuple[int, str, str]]:
@@ -183,21 +228,6 @@ def _dropped(bad: list[tuple[int | None, str]], layout: Layout, width: int) -> I
             yield line, "footer", stripped
         else:
             yield line, "damaged", stripped
-
-
-def _parquet(source: Source) -> Table:
-    """A Parquet file as a table; nested columns are left out."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        if source.path is not None and not source.data:
-            table = pq.ParquetFile(source.path, memory_map=True).read()
-        else:
-            table = pq.ParquetFile(pa.BufferReader(source.data)).read()
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise DataError(f"{source.name} is damaged Parquet: {in_short(error)}", "write or copy it again") from None
-    return table_from_arrow(table, source.name, source.notes)
 
 
 def table_from_arrow(table: Any, name: str, notes: tuple[str, ...] = ()) -> Table:
