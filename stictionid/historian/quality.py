@@ -65,7 +65,7 @@ def read_quality(column: Any, name: str, kind: str | None) -> Quality:
     empty = np.isnan(values)
     none = np.zeros(values.size, np.bool_)
     if kind == "opc":
-        bits = np.where(empty, 0, values).astype(np.int64) & OPC_MASK
+        bits = np.where(empty | (values < 0) | (values > 0xFFFF), 0, values).astype(np.int64) & OPC_MASK
         return Quality((bits != OPC_GOOD) & (bits != OPC_UNCERTAIN), bits == OPC_UNCERTAIN, "OPC codes", kind is None)
     if kind == "phd":
         return Quality(~(values >= MIN_PHD_CONFIDENCE), none, "PHD confidence")
