@@ -74,12 +74,12 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     except CannotTell as reason:
         return _abstained(loop, found, options, reason)
     if outcome.verdict is not None:
-        return Study(_made(options), _data(loop, piece, notes), found, outcome.verdict, None,
+        return Study(_made(options), _data(loop, piece, notes), found, _capped(outcome.verdict, loop), None,
                      command=options.command)
     last = outcome.fits[-1]
     unit = loop.unit("output", "%")
     position = from_position(piece, law=run.law, s_max=swing_of(piece, found), rng=run.rng)
-    verdict = _verdict(run, last)
+    verdict = _capped(_verdict(run, last), loop)
     tell("done", 1.0)
     return Study(_made(options), _data(loop, piece, notes), found, verdict,
                  _estimate(last, unit, outcome, position), outcome.steps, laws=laws, adequate=outcome.adequate,
@@ -145,6 +145,15 @@ def _verdict(run: Run, fit: Fitted) -> Verdict:
     if explained >= _STICKS[0] and drop >= _STICKS[1]:
         return Verdict("stiction", said, min(capped, 0.5 + 2.0 * explained + 0.5 * drop), evidence)
     return Verdict("undecided", said, 0.4, evidence)
+
+
+def _capped(verdict: Verdict, loop: Loop) -> Verdict:
+    """No sure verdict where reading found what forbids one: compressed, averaged, re-ranged, irregular records."""
+    why = next((f for f in loop.origin.findings if f.severity == "serious" or f.evidence.get("caps_verdict")), None)
+    if why is None or verdict.stiction == "undecided":
+        return verdict
+    return replace(verdict, stiction="undecided", reason=f"{why.statement}; otherwise: {verdict.reason}",
+                   confidence=min(verdict.confidence, 0.4), evidence={**verdict.evidence, "capped_by": why.code})
 
 
 def _friction_free(run: Run, fit: Fitted) -> float:
