@@ -75,6 +75,7 @@ Sentinel = Annotated[
     list[float] | None, _option("Number that means no value; repeatable.", "--sentinel", metavar="VALUE")
 ]
 KeepManual = Annotated[bool, _option("Use samples in manual as well.", "--keep-manual")]
+KeepStartup = Annotated[bool, _option("Use samples of a start-up or shut-down as well.", "--keep-startup")]
 NoGuess = Annotated[bool, _option("Every assumption is an error.", "--no-guess")]
 Profile = Annotated[
     str | None, _option("Site profile written by read --save-profile.", "--profile", metavar="SITE.toml")
@@ -112,6 +113,7 @@ _OPTIONS: tuple[tuple[str, Any, Any], ...] = (
     ("mode_map", ModeMap, None),
     ("sentinel", Sentinel, None),
     ("keep_manual", KeepManual, False),
+    ("keep_startup", KeepStartup, False),
     ("no_guess", NoGuess, False),
     ("profile", Profile, None),
     ("limit", Limit, None),
@@ -171,6 +173,7 @@ def collect(said: dict[str, Any]) -> ReadOptions:
         mode_map=_map(said["mode_map"] or []),
         sentinels=tuple(said["sentinel"] or ()),
         keep_manual=said["keep_manual"],
+        keep_startup=said["keep_startup"],
         profile=said["profile"],
         limit=tuple(said["limit"] or ()),
     )

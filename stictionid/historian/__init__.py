@@ -41,7 +41,9 @@ re-ranged           serious          level and noise change by one factor: range
 resampled           info             the slower tag set the step
 seconds-dropped     warning          stamps without seconds; rows spread over each minute
 short-segments      info             stretches between gaps too short to use
+start-up            info, warning    PV on its way to (or from) where the record is run; masked
 state-as-text       info             system states where numbers belong
+swapped-roles       serious          PV and SP, or PV and OP, look as if they stood in each other's columns
 tag-offset          warning          tags are stamped apart: a dead time read from them is off by as much
 uncertain-quality   info             values marked uncertain were kept
 =================== ================ ==========================================================================

@@ -14,7 +14,8 @@ from . import notes
 from .align import Aligned, resample
 from .codes import blank_codes
 from .grid import Frame, Step, fill, find_step, insert_missing, place_on_grid, split
-from .masks import frozen, manual, saturated
+from .masks import frozen, manual, saturated, startup
+from .modes import fractions
 from .options import ReadOptions
 from .rows import CODE, RowBook
 from .shapes import Shaped
@@ -178,6 +179,7 @@ def _mask(frame: Frame, filled: BoolArray, shaped: Shaped, options: ReadOptions)
         (filled, "filled"),
         (frame.values.get("mask", np.ones(filled.size)) == 0, "masked"),
         (off & (not options.keep_manual), "manual"),
+        (startup(frame) if not options.keep_startup else np.zeros(filled.size, np.bool_), "start-up"),
         (frozen(frame), "frozen"),
         (clamp, "saturated"),
     ):
@@ -234,7 +236,11 @@ def _finish(
     units.setdefault("output", OTHER)
     findings += notes.short_segments(short)
     signals = Signals(arrays["output"], arrays["process_value"], setpoint, step_s, tuple(starts))
-    findings += spoilt_findings(signals, name_hints=[*shaped.columns.values(), *shaped.described.values()])
+    hints = [*shaped.columns.values(), *shaped.described.values()]
+    modes = shaped.modes
+    spoilt = spoilt_findings(signals, name_hints=hints, names=shaped.columns, fractions=fractions(modes))
+    findings += spoilt
+    guesses += [f"roles as named, though {f.statement}" for f in spoilt if f.code == "swapped-roles"]
     for array in (*arrays.values(), used):
         if array.base is None:
             array.setflags(write=False)  # nobody else holds it: the loop need not copy it

@@ -86,6 +86,14 @@ def read_modes(column: Any, mode_map: dict[str, str]) -> Modes:
     return Modes(codes, words, tuple(meaning_of(w, mode_map) for w in words))
 
 
+def fractions(modes: Modes | None) -> float:
+    """Share of rows whose mode is a number but no whole one: means of codes, which no controller writes."""
+    if modes is None:
+        return 0.0
+    odd = [i for i, w in enumerate(modes.words) if (n := _number(w)) is not None and abs(n) < 1e9 and n != int(n)]
+    return float(np.isin(modes.codes, odd).mean()) if odd else 0.0
+
+
 def _word(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 

@@ -15,6 +15,8 @@ MAX_INNOCENT_JITTER = 0.02
 """Jitter below this share of the step is information only."""
 MAX_INNOCENT_MASK = 0.1
 """Share of samples left out above which it is a warning."""
+MAX_MASK = 0.5
+"""Share of frozen, filled or saturated samples above which no verdict is sure."""
 MAX_OFFSET_S = 1e-6
 """Offsets between tags below a microsecond are rounding."""
 
@@ -217,7 +219,8 @@ def mask_findings(samples: dict[str, int]) -> list[Finding]:
     """Stretches that stay in the loop but do not count."""
     words = {
         "manual": "the controller is in manual",
-        "saturated": "OP stands at its limit",
+        "start-up": "PV is far from where the record is run, and on its way there or away (--keep-startup)",
+        "saturated": "OP stands at its limit: what the valve does there says nothing about S and J",
         "frozen": "every signal stands still (frozen record)",
         "filled": "a missing value was filled in",
         "other valve": "OP drives the other valve",
@@ -225,6 +228,7 @@ def mask_findings(samples: dict[str, int]) -> list[Finding]:
     }
     codes = {
         "manual": "manual-stretch",
+        "start-up": "start-up",
         "saturated": "output-saturated",
         "frozen": "frozen",
         "filled": "filled-samples",
@@ -240,10 +244,13 @@ def mask_findings(samples: dict[str, int]) -> list[Finding]:
                     codes[reason],
                     "warning" if share > MAX_INNOCENT_MASK else "info",
                     f"{count:,} samples ({100 * share:.1f} %) do not count: {words[reason]}",
-                    {"samples": count, "share": share},
+                    {"samples": count, "share": share, "caps_verdict": share > MAX_MASK and reason in _CAPPING},
                 )
             )
     return found
+
+
+_CAPPING = ("frozen", "filled", "saturated")
 
 
 def bad_findings(rows: dict[str, int]) -> list[Finding]:

@@ -51,6 +51,7 @@ class ReadOptions:
     quality_kind: str | None = None
     sentinels: tuple[float, ...] = ()
     keep_manual: bool = False
+    keep_startup: bool = False
     profile: str | None = None
     limit: tuple[str, ...] = ()
 

@@ -222,11 +222,11 @@ def _make_noise(rng: random.Random) -> bytes:
 
 
 DOORS = {
-    "text, damaged bytes": Door(_make_bytes, _read, 22),
-    "text, random tables": Door(make.text_table, _read, 20),
-    "text, packed or encoded": Door(_make_packed, _read, 12),
-    "text, noise": Door(_make_noise, _read, 16),
-    "Parquet, damaged bytes": Door(lambda rng: make.damage(rng, rng.choice(_parquets()), 3), _read, 12),
+    "text, damaged bytes": Door(_make_bytes, _read, 18),
+    "text, random tables": Door(make.text_table, _read, 17),
+    "text, packed or encoded": Door(_make_packed, _read, 11),
+    "text, noise": Door(_make_noise, _read, 20),
+    "Parquet, damaged bytes": Door(lambda rng: make.damage(rng, rng.choice(_parquets()), 3), _read, 17),
     "Parquet, random tables": Door(make.arrow_table, _read, 6),
     "folder, one file per tag": Door(_make_folder, _folder, 1),
     "options": Door(_make_options, _options, 4),

@@ -1,0 +1,83 @@
+"""Records that are spoilt as a whole: start-ups, swapped columns, averages; what caps the verdict does so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from historian_files import R_STAMP, Record, iso, record, wide
+
+from stictionid.historian import ReadOptions, read
+
+R = record(rows=400)
+SAMPLES = Path(__file__).resolve().parents[1] / "sample_data"
+
+
+def _read(tmp_path, content, **options):
+    path = tmp_path / "export.csv"
+    path.write_text(content)
+    return read(path, options=ReadOptions(**options))
+
+
+def _find(reading, code):
+    return next((f for f in reading.findings if f.code == code), None)
+
+
+@pytest.mark.parametrize("at_end", [False, True])
+def test_start_up_and_shut_down_are_masked_and_can_be_kept(tmp_path, at_end):
+    stamps = [R_STAMP + timedelta(seconds=i) for i in range(440)]
+    ramp = [f"{v:.3f}" for v in np.concatenate([np.full(20, 3.0), np.linspace(3.0, 46.0, 20)])]
+    order = slice(None, None, -1) if at_end else slice(None)
+    columns = [(head + body[order])[order] for head, body in
+               ((["50.0"] * 40, R.sp), (ramp, R.pv), (["0.00"] * 30 + ["5.00"] * 10, R.op))]
+    text = wide(Record(stamps, *columns))
+    reading = _read(tmp_path, text)
+    assert reading.rows["start-up"] == 40 and reading.rows["used"] == 400
+    assert reading.loop.used[order][40:].all() and not reading.loop.used[order][:40].any()
+    assert _find(reading, "start-up").evidence["share"] == pytest.approx(40 / 440)
+    assert "start-up" not in _read(tmp_path, text, keep_startup=True).rows
+
+
+def test_a_setpoint_step_at_the_start_is_no_start_up():
+    assert read(SAMPLES / "tank.csv").loop.used.all()
+
+
+def test_setpoint_and_process_value_in_each_others_columns(tmp_path):
+    crossed = Record(R.stamps, R.pv, R.sp, R.op)
+    finding = _find(_read(tmp_path, wide(crossed)), "swapped-roles")
+    assert finding.severity == "serious" and "FIC101.SP" in finding.statement and "--sp" in finding.statement
+    assert _find(_read(tmp_path, wide(R)), "swapped-roles") is None
+
+
+@pytest.mark.parametrize("name", ["foptd.csv", "foptd_scanned.parquet"])
+def test_output_and_process_value_in_each_others_columns(name):
+    assert _find(read(SAMPLES / name), "swapped-roles") is None
+    crossed = _find(read(SAMPLES / name, options=ReadOptions(pv="OP", op="PV")), "swapped-roles")
+    assert crossed is not None and crossed.evidence["caps_verdict"]
+
+
+def test_mode_codes_that_are_no_whole_numbers_give_averages_away(tmp_path):
+    codes = [2 if i % 50 else 1.4 for i in range(400)]
+    text = "time,SP,PV,OP,MODE\n" + "".join(
+        f"{iso(m)},{R.sp[i]},{R.pv[i]},{R.op[i]},{codes[i]}\n" for i, m in enumerate(R.stamps))
+    finding = _find(_read(tmp_path, text, mode_map={"2": "AUTO", "1.4": "AUTO"}), "averaged")
+    assert finding.evidence["fractions_share"] == pytest.approx(8 / 400)
+
+
+def test_what_caps_the_verdict_does_cap_it(tmp_path):
+    from stictionid.identify import _capped
+    from stictionid.loop import Finding
+    from stictionid.results import Verdict
+
+    loop = _read(tmp_path, wide(R)).loop
+    sure = Verdict("stiction", "because", 0.9)
+    assert _capped(sure, loop) == sure
+    averaged = Finding("averaged", "warning", "b", {"caps_verdict": True})
+    for finding in (Finding("irregular-steps", "serious", "a"), averaged):
+        spoilt = replace(loop, origin=replace(loop.origin, findings=(finding,)))
+        capped = _capped(sure, spoilt)
+        assert capped.stiction == "undecided" and capped.confidence < 0.5
+        assert capped.evidence["capped_by"] == finding.code and "because" in capped.reason
