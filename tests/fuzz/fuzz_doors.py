@@ -83,21 +83,27 @@ def _options(data: bytes) -> None:
     _check(read(io.BytesIO(make.seeds()[content["seed"]]), options=collect(said)))
 
 
-_TEXTS = (*make.TOKENS, "0,100", "100,0", "4,20", "nan,1", "0,inf", "-inf,inf", "1e308,-1e308", "0,1e-320", "50,50.0001",
-          "14:00:05", "5", "1e9", "-5", "dmy", "iso", "epoch", "excel", "excel1904", "filetime", "seconds", "wide", "long",
-          "paired", "cp1252", "utf-16", "gbk", "idna", "base64", "rot13", "unicode_escape", "Europe/Berlin", "UTC", "../x",
-          "America/Chicago", "+02:00", "tab", "space", "1", "2", "3", "4", "99", "FIC101", "A1", "1=AUTO", "x=MAN", "=")
+_TEXTS = (
+    *make.TOKENS, "0,100", "100,0", "4,20", "nan,1", "0,inf", "-inf,inf", "1e308,-1e308", "0,1e-320", "50,50.0001",
+    "14:00:05", "5", "1e9", "-5", "dmy", "iso", "epoch", "excel", "excel1904", "filetime", "seconds", "wide", "long",
+    "paired", "cp1252", "utf-16", "gbk", "idna", "base64", "rot13", "unicode_escape", "Europe/Berlin", "UTC", "../x",
+    "America/Chicago", "+02:00", "tab", "space", "1", "2", "3", "4", "99", "FIC101", "A1", "1=AUTO", "x=MAN", "=",
+)
+_TEXT_OPTIONS = (
+    "sp", "pv", "op", "position", "time", "mode", "quality", "loop", "span_pv", "span_op", "split", "start", "end",
+    "decimal", "zone", "time_format", "encoding", "separator", "shape",
+)
 
 
 def _make_options(rng: random.Random) -> bytes:
-    texts = "sp pv op position time mode quality loop span_pv span_op split start end decimal zone time_format " \
-            "encoding separator shape".split()
-    options: dict[str, object] = {name: rng.choice(_TEXTS) for name in rng.sample(texts, rng.choice((1, 1, 2, 4)))}
+    names = rng.sample(_TEXT_OPTIONS, rng.choice((1, 1, 2, 4)))
+    options: dict[str, object] = {name: rng.choice(_TEXTS) for name in names}
     for name, values in (("step", (1.0, 2.0, 0.1, 1e-12, 1e12, 1e300, -1.0, float("nan"), 5e-324)),
                          ("header", (0, 1, 2, 50, 10**9)), ("dayfirst", (True, False)), ("reverse_op", (True,)),
                          ("keep_manual", (True,)), ("no_guess", (True,)), ("extra", (["SP"], ["TI7", "3"], [""])),
                          ("mode_map", (["1=AUTO"], ["MAN=AUTO"], ["=x"], ["a"], ["AUTO=off"])),
-                         ("sentinel", ([50.0], [float("nan")], [1e308], [0.0, -1.0]))):
+                         ("limit", (["rows=5"], ["line=9"], ["rows"], ["file=1e99"], ["columns=2"], ["unpacked=0"])),
+                         ("keep_startup", (True,)), ("sentinel", ([50.0], [float("nan")], [1e308], [0.0, -1.0]))):
         if rng.random() < 0.12:
             options[name] = rng.choice(values)
     return json.dumps({"seed": rng.randrange(len(make.seeds())), "options": options}).encode()
@@ -172,7 +178,8 @@ def _studies() -> tuple[bytes, ...]:
     return tuple(p.read_bytes() for p in sorted(GOLDEN.glob("study_schema_*.json")))
 
 
-_JSON = (None, True, 0, -1, 1e308, 10**400, "", "x", "\ud800", [], {}, [None], {"a": []}, float("nan"), [[[]]], "0" * 50)
+_JSON = (None, True, 0, -1, 1e308, 10**400, "", "x", "\ud800", [], {}, [None], {"a": []}, float("nan"), [[[]]],
+         "0" * 50)
 
 
 def _make_study(rng: random.Random) -> bytes:
@@ -182,7 +189,8 @@ def _make_study(rng: random.Random) -> bytes:
     for _ in range(rng.choice((1, 1, 2, 5))):
         node = content
         for _ in range(rng.randrange(6)):
-            inner = [v for v in (node.values() if isinstance(node, dict) else node) if isinstance(v, (dict, list)) and v]
+            below = node.values() if isinstance(node, dict) else node
+            inner = [v for v in below if isinstance(v, (dict, list)) and v]
             if not inner or rng.random() < 0.2:
                 break
             node = rng.choice(inner)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from historian_files import comma, epoch, excel_serial, filetime, html, long, paired, record, wide  # noqa: E402
+from historian_files import comma, epoch, excel_serial, filetime, html, long, paired, record, wide
 
 TOKENS = (
     "Bad Input", "#N/A", "", " ", "NaN", "inf", "-inf", "1e400", "-9999", "253", "1E+30", "1,5", "1.234,5", "1 234,5",
@@ -52,7 +52,7 @@ def seeds() -> tuple[bytes, ...]:
         wide(r, stamp=excel_serial), wide(r, stamp=lambda m: m.strftime("%d-%b-%y %I:%M:%S %p")),
         wide(r, names="date,clock,SP,PV,OP", stamp=lambda m: m.strftime("%Y-%m-%d,%H:%M:%S")),
         wide(r, names="time_s,SP,PV,OP", stamp=lambda m: str((m - r.stamps[0]).seconds)),
-        wide(r, stamp=lambda m: m.strftime("%Y-%m-%d %H:%M")), wide(r, sep="  ", names="date,clock,SP,PV,OP"),
+        wide(record(rows=40, step=10), stamp=lambda m: m.strftime("%Y-%m-%d %H:%M")), wide(r, sep="  ", names="date,clock,SP,PV,OP"),
         wide(r, names=None, above=("timestamp,FIC101.SP,FIC101.PV,FIC101.OP", ",%,m3/h,%", ",set,flow,valve")),
         wide(r, above=("Plant historian export", "Server: HIST01", ""), below=("", "(14 rows affected)")),
         long(r), long(r, header="TagName;DateTime;Value", sep=";"), paired(r), html(r),
@@ -220,7 +220,10 @@ def arrow_table(rng: random.Random) -> bytes:
     rows = len(columns[0]) if columns else 0
     arrays = []
     for name, cells in zip(names, columns, strict=True):
-        kind = rng.choice((15, 12, 0, 5)) if name in ("SP", "PV", "OP") and rng.random() < 0.7 else rng.randrange(16) if "t" not in name.lower() else rng.choice((0, 1, 1, 1, 2, 3))
+        if name in ("SP", "PV", "OP") and rng.random() < 0.7:
+            kind = rng.choice((15, 12, 0, 5))
+        else:
+            kind = rng.randrange(16) if "t" not in name.lower() else rng.choice((0, 1, 1, 1, 2, 3))
         if kind in (0, 4):
             array = pa.array(cells, pa.string())
         elif kind in (1, 2):
@@ -254,10 +257,9 @@ def arrow_table(rng: random.Random) -> bytes:
                                 pa.array(draw.integers(0, 86_400, rows), pa.int32()).cast(pa.time32("s"))))
         else:
             array = pa.array(50 + np.round(draw.standard_normal(rows), 3))
-        if rows and rng.random() < 0.2 and not pa.types.is_nested(array.type) and not pa.types.is_dictionary(array.type):
+        if rows and rng.random() < 0.2 and (pa.types.is_string(array.type) or pa.types.is_floating(array.type)):
             mask = draw.random(rows) < rng.choice((0.1, 0.9))
-            array = pa.array([None if m else v for v, m in zip(array.to_pylist(), mask, strict=True)], array.type) \
-                if pa.types.is_string(array.type) or pa.types.is_floating(array.type) else array
+            array = pa.array([None if m else v for v, m in zip(array.to_pylist(), mask, strict=True)], array.type)
         arrays.append(array)
     sink = io.BytesIO()
     schema = pa.schema([pa.field(n, a.type) for n, a in zip(names, arrays, strict=True)])
