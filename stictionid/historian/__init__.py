@@ -34,6 +34,7 @@ newest-first        info             rows were turned round
 other-valve         info, warning    split range: OP drives the other valve; masked
 out-of-order        warning          the time steps back; rows were sorted
 output-not-percent  warning          OP is no per cent of travel: S and J are in the unit of OP
+output-perhaps-ma   info             OP stays within 4 to 20 and was taken as %
 output-saturated    info, warning    OP stands at its limit; masked
 oversampled         warning          all signals repeat k times; one row of k was kept
 quantised           warning          PV or OP moves in coarse steps

@@ -65,6 +65,8 @@ def assemble(shaped: Shaped, aligned: Aligned, options: ReadOptions, book: RowBo
     unit_found = _scale(frame, shaped, options)
     if unit_found is not None:
         findings.append(unit_found)
+        if unit_found.code == "output-perhaps-ma":
+            guesses.append("OP taken as %, though it could be mA (--span-op 4,20 or --span-op 0,100)")
     filled = fill(frame, aligned.on_change | _written_on_change(frame))
     unclear = _mask(frame, filled, shaped, options)
     findings += notes.mode_findings(unclear, shaped, guesses)
@@ -107,7 +109,7 @@ def _even_grid(
         place = place[~off_grid]
     insert_missing(frame, place)
     if shaped.times is not None and len(frame.starts) > 1:
-        findings.append(notes.gaps(frame, step))
+        findings.append(notes.gaps(frame, step, naive=not shaped.times.elapsed and shaped.times.zone is None))
     return step
 
 

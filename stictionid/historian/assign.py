@@ -66,6 +66,13 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
     for role, flag in (("process_value", "--pv"), ("output", "--op")):
         if role not in found.index:
             words = {"process_value": "process value (PV)", "output": "controller output (OP)"}[role]
+            for other, i in found.index.items():
+                if take_apart(names[i]).role == role:
+                    raise DataError(
+                        f"{file}: column {shown(names[i])} would be both {role.replace('_', ' ')} (by its name) and "
+                        f"{other.replace('_', ' ')} (said with {_FLAG[other]})",
+                        f"name another column with {flag}; columns: {listing(names)}",
+                    )
             raise DataError(f"{file} has no column for the {words}", f"name it with {flag}; columns: {listing(names)}")
     _refuse_shared(found.index, skip, names, file)
     used = set(found.index.values()) | set(found.extras.values()) | skip

@@ -95,7 +95,7 @@ def _add(
         raise DataError(f"{table.file}: tag {shown(shaped.columns[role])} has no rows with a time", "export it again")
     own = values[keep]
     if modes is not None:
-        shaped.modes = read_modes(modes, options.mode_map)
+        shaped.modes = read_modes(modes, options.mode_map, shaped.columns[role])
         own = shaped.modes.codes[times.valid[mine]]
     order, _ = order_of(times, options, keep)
     shaped.orders.append(order)

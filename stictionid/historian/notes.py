@@ -34,7 +34,7 @@ def order_findings(shaped: Shaped) -> list[Finding]:
             Finding(
                 "out-of-order",
                 "warning",
-                f"the time steps back {moved:,} times; rows were sorted",
+                f"the time steps back {_times(moved)}; rows were sorted",
                 {"steps_back": moved},
             )
         )
@@ -43,7 +43,8 @@ def order_findings(shaped: Shaped) -> list[Finding]:
             Finding(
                 "duplicate-stamps",
                 "warning" if duplicates > 10 else "info",
-                f"{duplicates:,} rows repeat a time stamp; the one written last was kept",
+                f"{duplicates:,} row{'s repeat' if duplicates > 1 else ' repeats'} a time stamp; "
+                "the one written last was kept",
                 {"rows": duplicates},
             )
         )
@@ -71,6 +72,10 @@ def order_findings(shaped: Shaped) -> list[Finding]:
         )
         shaped.guesses.append("a step back of one hour taken for the end of daylight saving time (--zone NAME)")
     return found
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count:,} times"
 
 
 def tag_findings(shaped: Shaped, aligned: Aligned) -> list[Finding]:
@@ -137,16 +142,18 @@ def jitter(step: Step) -> Finding:
     )
 
 
-def gaps(frame: Frame, step: Step) -> Finding:
+def gaps(frame: Frame, step: Step, naive: bool) -> Finding:
     """Where the record was split."""
     count = len(frame.starts) - 1
     at = frame.starts[1:]
     lengths = [(int(frame.ns[i]) - int(frame.ns[i - 1])) / 1e9 for i in at]
+    hour = naive and any(abs(length - 3600.0 - step.ns / 1e9) < 0.5 * step.ns / 1e9 for length in lengths)
     return Finding(
         "gaps",
         "warning",
         f"{count} gap{'s' * (count > 1)} of more than two samples, longest {max(lengths):g} s: the record was split, "
-        "never joined",
+        "never joined"
+        + ("; one of them is an hour: perhaps the clock was put forward (--zone NAME tells)" if hour else ""),
         {"gaps": count, "longest_s": max(lengths), "step_s": step.ns / 1e9},
     )
 

@@ -36,7 +36,8 @@ _WORDS = {
     "mode": """
         mode, mode actual, mode act, modeact, ma, mode pv, auto man, automan,
         am, betriebsart, режим, 模式, block mode,
-        ctrl mode, controller mode, mode cv, automan
+        ctrl mode, controller mode, mode cv, automan, auto, in auto, auto on, is auto, auto mode, automatik, automatic,
+        man, manual, in manual, hand, manuell, авто, ручн, 自动, 手动
     """,
     "time": """
         time, timestamp, time stamp, datetime, date time, t, t s, time s, zeit, zeitstempel, zeitpunkt, datum zeit,

@@ -249,14 +249,15 @@ def _fill_wide(
         shaped.units[role] = table.units[column]
         shaped.described[role] = table.descriptions[column] if table.descriptions else ""
         if role == "mode":
-            shaped.modes = read_modes(table.columns[column], options.mode_map)
+            shaped.modes = read_modes(table.columns[column], options.mode_map, name)
             values = shaped.modes.codes
         else:
             if options.decimal is None:
                 check_thousands(table.columns[column], table.decimal, table.place(column))
             numbers = to_numbers(table.columns[column], table.decimal)
             values = numbers.values
-            shaped.words[role] = numbers.words
+            # A header that is repeated within the data is booked as such.
+            shaped.words[role] = {w: c for w, c in numbers.words.items() if w != name.strip()}
             quality = _quality_for(column, table, quality_columns, options)
             if quality is not None:
                 values = _apply_quality(values, quality, shaped, book, role)

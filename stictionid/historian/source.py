@@ -80,7 +80,7 @@ def open_source(file: Any, limits: Limits | None = None) -> Source:
         if not path.exists():
             raise UsageError(f"{path} does not exist", "check the spelling; ls shows what is there")
         with open(path, "rb") as stream:
-            start = stream.read(_BLOCK)
+            start = stream.read(_BLOCK + 1)
             size = os.fstat(stream.fileno()).st_size
             limits.check("file", size, path.name, "cut it into pieces")
             kind = _kind(start)
