@@ -237,7 +237,7 @@ def table_from_arrow(table: Any, name: str, notes: tuple[str, ...] = ()) -> Tabl
     if table.num_rows == 0:
         raise DataError(f"{name} has no rows", "export it again")
     try:
-        [str(f.type) for f in table.schema]
+        [(f.name, f.type.tz if pa.types.is_timestamp(f.type) else "") for f in table.schema]
     except UnicodeDecodeError:
         raise DataError(f"{name} is damaged Parquet: its schema is not text", "write or copy it again") from None
     keep = [i for i, f in enumerate(table.schema) if not pa.types.is_nested(f.type)]
