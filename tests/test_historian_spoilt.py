@@ -81,3 +81,64 @@ def test_what_caps_the_verdict_does_cap_it(tmp_path):
         capped = _capped(sure, spoilt)
         assert capped.stiction == "undecided" and capped.confidence < 0.5
         assert capped.evidence["capped_by"] == finding.code and "because" in capped.reason
+
+
+def _file(cells, names="time,SP,PV,OP"):
+    return names + "\n" + "".join(f"{iso(m)},{cells(i)}\n" for i, m in enumerate(R.stamps))
+
+
+def test_of_rows_with_one_stamp_the_good_one_wins(tmp_path):
+    lines = ["time,SP,PV,OP,Quality"]
+    for i, m in enumerate(R.stamps):
+        lines.append(f"{iso(m)},{R.sp[i]},{R.pv[i]},{R.op[i]},Good")
+        if i % 50 == 7:
+            lines.append(f"{iso(m)},{R.sp[i]},99.9,{R.op[i]},Bad")
+    reading = _read(tmp_path, "\n".join(lines) + "\n")
+    np.testing.assert_array_equal(reading.loop.process_value, R.numbers("pv"))
+    assert reading.rows == {"in": 408, "used": 400, "duplicate": 8}
+    long = ["Tag,Time,Value,Quality"]
+    for i, m in enumerate(R.stamps):
+        long += [f"A.{t},{iso(m)},{getattr(R, t.lower())[i]},Good" for t in ("PV", "OP")] + [f"A.PV,{iso(m)},7,Bad"]
+    reading = _read(tmp_path, "\n".join(long) + "\n")
+    np.testing.assert_array_equal(reading.loop.process_value, R.numbers("pv"))
+
+
+@pytest.mark.parametrize("code", ["0", "-1"])
+def test_failed_reads_written_as_zero_or_minus_one(tmp_path, code):
+    reading = _read(tmp_path, _file(lambda i: f"{R.sp[i]},{code if i % 61 == 5 else R.pv[i]},{R.op[i]}"))
+    assert reading.rows["filled"] == 7 and any("--sentinel" in a for a in reading.assumptions)
+    stood = _read(tmp_path, _file(lambda i: f"{R.sp[i]},{0 if 100 < i < 120 else R.pv[i]},{R.op[i]}"))
+    assert stood.loop.process_value[110] == 0.0
+
+
+@pytest.mark.parametrize("name, true, false, manual", [
+    ("AUTO", "EIN", "AUS", False), ("auto", "TRUE", "FALSE", False), ("in_manual", "1", "0", True),
+    ("Hand", "ja", "nein", True), ("自动", "是", "否", False)])
+def test_flags_as_modes_in_several_languages(tmp_path, name, true, false, manual):
+    names = f"time,SP,PV,OP,{name}"
+    reading = _read(tmp_path, _file(
+        lambda i: f"{R.sp[i]},{R.pv[i]},{R.op[i]},{true if (i >= 100) != manual else false}", names))
+    assert reading.rows["manual"] == 100 and not reading.loop.used[:100].any() and reading.loop.used[100:].all()
+
+
+def test_milliamperes_are_asked_for(tmp_path):
+    text = _file(lambda i: f"{R.sp[i]},{R.pv[i]},{4 + 0.16 * float(R.op[i]):.4f}")
+    reading = _read(tmp_path, text)
+    assert "--span-op 4,20" in _find(reading, "output-perhaps-ma").statement and reading.loop.units["output"] == "%"
+    said = _read(tmp_path, text, span_op=(4.0, 20.0))
+    assert not said.assumptions
+    np.testing.assert_allclose(said.loop.output, R.numbers("op"), atol=0.01)
+
+
+def test_an_hour_that_is_missing_is_said_and_a_zone_joins_it(tmp_path):
+    first = R_STAMP.replace(month=3, hour=1, minute=55)
+    stamps = [first + timedelta(seconds=i + 3600 * (i >= 300)) for i in range(400)]
+    text = wide(Record(stamps, R.sp, R.pv, R.op))
+    assert "--zone" in _find(_read(tmp_path, text), "gaps").statement
+    assert _read(tmp_path, text, zone="Europe/Berlin").loop.starts == (0,)
+
+
+def test_a_cascade_slave_without_a_setpoint_is_told_where_it_is(tmp_path):
+    reading = _read(tmp_path, _file(lambda i: f"{R.pv[i]},{R.op[i]},CAS,{R.sp[i]}",
+                                    "time,FIC1.PV,FIC1.OP,FIC1.MODE,LIC2.OP"))
+    assert "--sp LIC2.OP" in _find(reading, "setpoint-absent").statement

@@ -19,7 +19,7 @@ code-as-number      warning          sentinels or system states written as numbe
 compressed          warning, serious PV lies on straight lines: slips and reversals are lost, S and J wrong
 damaged-rows        warning          rows with a wrong number of cells
 dead-signal         serious          PV or OP does not vary (relative to its magnitude)
-duplicate-stamps    info, warning    several rows with one stamp; the last one written was kept
+duplicate-stamps    info, warning    several rows with one stamp; the good one written last was kept
 excel-cut           warning          the file ends exactly where a spreadsheet does
 filled-samples      info, warning    at most two missing samples in a row were filled; they do not count
 frozen              info, warning    all signals stand still in a record with live noise; masked
@@ -41,6 +41,7 @@ quantised           warning          PV or OP moves in coarse steps
 re-ranged           serious          level and noise change by one factor: range or unit changed
 resampled           info             the slower tag set the step
 seconds-dropped     warning          stamps without seconds; rows spread over each minute
+setpoint-absent     info             a cascade slave without a setpoint: it is its master's output
 short-segments      info             stretches between gaps too short to use
 start-up            info, warning    PV on its way to (or from) where the record is run; masked
 state-as-text       info             system states where numbers belong

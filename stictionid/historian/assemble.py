@@ -59,7 +59,7 @@ def assemble(shaped: Shaped, aligned: Aligned, options: ReadOptions, book: RowBo
             f"fewer than {MIN_SAMPLES}",
             "check --start and --end" if options.start or options.end else "export a longer window",
         )
-    findings += notes.order_findings(shaped) + notes.tag_findings(shaped, aligned)
+    findings += notes.order_findings(shaped) + notes.tag_findings(shaped, aligned) + notes.setpoint_findings(shaped)
     findings += blank_codes(frame, options.sentinels, guesses, findings_of_words=shaped.words)
     step = _even_grid(frame, shaped, aligned, options, book, guesses, findings)
     unit_found = _scale(frame, shaped, options)

@@ -97,7 +97,7 @@ def _add(
     if modes is not None:
         shaped.modes = read_modes(modes, options.mode_map, shaped.columns[role])
         own = shaped.modes.codes[times.valid[mine]]
-    order, _ = order_of(times, options, keep)
+    order, _ = order_of(times, options, keep, lambda: (~np.isnan(own)).astype(np.float64))
     shaped.orders.append(order)
     book.mark(keep[order.duplicates], "duplicate")
     shaped.series[role] = Series(order.ns, own[order.index], keep[order.index])

@@ -9,6 +9,7 @@ from .align import Aligned
 from .cells import shown
 from .grid import Frame, Step
 from .options import ReadOptions
+from .roles import take_apart
 from .shapes import Shaped
 
 MAX_INNOCENT_JITTER = 0.02
@@ -44,7 +45,7 @@ def order_findings(shaped: Shaped) -> list[Finding]:
                 "duplicate-stamps",
                 "warning" if duplicates > 10 else "info",
                 f"{duplicates:,} row{'s repeat' if duplicates > 1 else ' repeats'} a time stamp; "
-                "the one written last was kept",
+                "the good one written last was kept",
                 {"rows": duplicates},
             )
         )
@@ -116,6 +117,24 @@ def tag_findings(shaped: Shaped, aligned: Aligned) -> list[Finding]:
             )
         )
     return found
+
+
+def setpoint_findings(shaped: Shaped) -> list[Finding]:
+    """A cascade slave without a setpoint: it is the output of its master, which may stand in the same file."""
+    modes = shaped.modes
+    if "setpoint" in shaped.series or modes is None or "CAS" not in modes.meaning:
+        return []
+    masters = [n for n in shaped.assignment.unused if take_apart(n).role == "output"]
+    listed = f", perhaps {shown(masters[0])} (--sp {masters[0]})" if masters else " (--sp TAG)"
+    return [
+        Finding(
+            "setpoint-absent",
+            "info",
+            f"no setpoint, and the loop runs in cascade: its setpoint is the output of its master{listed}",
+            {"candidates": masters[:5]},
+            source="HISTORIAN.md 3.18",
+        )
+    ]
 
 
 def irregular(step: Step, honest: float, frame: Frame) -> Finding:

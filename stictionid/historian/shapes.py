@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -179,12 +180,13 @@ def times_of(table: Table, columns: list[int], options: ReadOptions) -> Times:
     return times
 
 
-def order_of(times: Times, options: ReadOptions, keep: IntArray) -> tuple[Order, Times]:
-    """Rows `keep` in time order, after the zone."""
+def order_of(
+    times: Times, options: ReadOptions, keep: IntArray, worth: Callable[[], FloatArray] | None = None
+) -> tuple[Order, Times]:
+    """Rows `keep` in time order, after the zone; `worth` gives how good each of them is, for those with one stamp."""
     times = apply_zone(times, options.zone, keep)
-    order = put_in_order(
-        times.ns[keep], elapsed=times.elapsed, zoned=options.zone is not None or times.zone is not None
-    )
+    zoned = options.zone is not None or times.zone is not None
+    order = put_in_order(times.ns[keep], elapsed=times.elapsed, zoned=zoned, worth=worth)
     return order, times
 
 
@@ -212,7 +214,9 @@ def _shape_wide(table: Table, kinds: list[str], options: ReadOptions, book: RowB
         shaped.columns["time"] = "+".join(table.names[i] or f"column {i + 1}" for i in time_columns)
         book.mark(~times.valid, "no time")
         keep = np.flatnonzero(times.valid) if rows is None else rows[times.valid[rows]]
-        order, times = order_of(times, options, keep)
+        order, times = order_of(
+            times, options, keep, lambda: _worth(table, assignment, quality_columns - {mask}, options)[keep]
+        )
         shaped.times, shaped.orders = times, [order]
         shaped.guesses += times.assumptions
         book.mark(keep[order.duplicates], "duplicate")
@@ -225,6 +229,17 @@ def _shape_wide(table: Table, kinds: list[str], options: ReadOptions, book: RowB
         # Written by `read -o`: samples that stay in the record but do not count.
         shaped.series["mask"] = Series(ns, to_numbers(table.columns[mask]).values[index], index)
     return shaped
+
+
+def _worth(table: Table, assignment: Assignment, quality_columns: set[int], options: ReadOptions) -> FloatArray:
+    """How many of PV and OP each row has (n,), bad quality counted as nothing."""
+    found = np.zeros(table.rows)
+    for role in ("process_value", "output"):
+        column = assignment.index[role]
+        quality = _quality_for(column, table, quality_columns, options)
+        there = ~np.isnan(to_numbers(table.columns[column], table.decimal).values)
+        found += there if quality is None else there & ~quality.bad
+    return found
 
 
 def _fill_wide(

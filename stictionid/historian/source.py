@@ -212,7 +212,8 @@ def pieces(source: Source, limits: Limits) -> Iterator[tuple[bytes, str]]:
     try:
         with open(source.path, "rb") as stream:
             at_start = os.fstat(stream.fileno())
-            while block := stream.read(PIECE_BYTES):
+            # Not beyond the size it had: a file that grows as fast as it is read would never end.
+            while before + len(left) <= at_start.st_size and (block := stream.read(PIECE_BYTES)):
                 digest.update(block)
                 block = left + block
                 _check_lines(block, source.name, limits, before)
