@@ -136,7 +136,8 @@ def _verdict(run: Run, fit: Fitted) -> Verdict:
     evidence = {"rmse_without_friction": without, "rmse_with_friction": with_rmse,
                 "share_of_pv_variance": explained, "error_drop": drop}
     said = (f"friction lowers the free-run error from {without:.4g} to {with_rmse:.4g} "
-            f"({100 * drop:.0f} %, {100 * explained:.1f} % of the variance of y)")
+            f"({100 * drop:.0f} %, {100 * explained:.1f} % of the variance of y)") if drop > 0 else (
+            f"friction does not lower the free-run error ({with_rmse:.4g} with it, {without:.4g} without)")
     capped = 0.6 if run.found.reversals < _FEWEST_FOR_TRUST else 0.95
     if explained < _CLEAN[0] or drop < _CLEAN[1]:
         return Verdict("no stiction", said, min(capped, 0.9), evidence)

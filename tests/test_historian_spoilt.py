@@ -142,3 +142,11 @@ def test_a_cascade_slave_without_a_setpoint_is_told_where_it_is(tmp_path):
     reading = _read(tmp_path, _file(lambda i: f"{R.pv[i]},{R.op[i]},CAS,{R.sp[i]}",
                                     "time,FIC1.PV,FIC1.OP,FIC1.MODE,LIC2.OP"))
     assert "--sp LIC2.OP" in _find(reading, "setpoint-absent").statement
+
+
+@pytest.mark.parametrize("role", ["output", "setpoint"])
+def test_one_tag_exported_twice(tmp_path, role):
+    twice = [f"{100 - 2 * float(v):.2f}" for v in R.op]
+    cells = (lambda i: f"{R.sp[i]},{twice[i]},{R.op[i]}") if role == "output" else (
+        lambda i: f"{twice[i]},{R.op[i]},{R.pv[i]}")
+    assert _find(_read(tmp_path, _file(cells), span_op=(0.0, 100.0)), "identical-signals").evidence["role"] == role

@@ -25,6 +25,7 @@ filled-samples      info, warning    at most two missing samples in a row were f
 frozen              info, warning    all signals stand still in a record with live noise; masked
 gaps                warning          longer gaps; the record was split there
 held-values         info             tags recorded on change only, held in between
+identical-signals   serious          PV is OP or SP in another unit: one tag exported twice
 irregular-steps     serious          stamps fit no even grid; resampled to the coarsest honest step
 jitter              info, warning    stamps even but for a little, or rounded to a coarse clock
 manual-stretch      info, warning    the controller was in manual, off or tracking; masked

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..loop import Finding, FloatArray
 from .grid import Frame
-from .texture import Signals, averaged, clipped, compressed, quantised, re_ranged, swapped
+from .texture import Signals, averaged, clipped, compressed, identical, quantised, re_ranged, swapped
 
 MIN_LADDER_CHANGES = 20
 """Changes needed before "always at the same phase" means anything."""
@@ -50,7 +50,7 @@ def spoilt_findings(
         return found
     part = loop.head(MAX_JUDGED)
     for finding in (
-        swapped(part, names),
+        identical(part, names) or swapped(part, names),
         compressed(part),
         averaged(part, name_hints, fractions),
         re_ranged(loop),

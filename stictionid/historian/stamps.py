@@ -178,7 +178,7 @@ def _numeric(column: Any, name: str, unit: str, time_format: str | None, place: 
         numbers = whole.astype(np.float64)
     else:
         numbers = floats(column)
-        valid = np.isfinite(numbers)
+        valid = np.abs(numbers) < 1e20  # a FILETIME is 1e17; False for NaN as well
         numbers = np.where(valid, numbers, 0.0)
         whole = None
     if not valid.any():

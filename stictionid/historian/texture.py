@@ -50,6 +50,8 @@ MAX_BLOCKS = 1000
 """Blocks of 100 samples from which the median of a long record is taken."""
 MIN_RANGE_RATIO = 1.4
 """Ratio of levels before and after a jump from which a changed range is suspected."""
+MIN_IDENTICAL, SAME = 50, 1e-9
+"""Samples from which on, and share of the range up to which, two signals are one and the same."""
 MAX_SETPOINT_MOVES, MIN_PV_MOVES = 0.05, 0.5
 """Shares of samples at which a setpoint at most, and a measurement at least, changes."""
 MIN_CROSSED_FIT, MAX_RIGHT_FIT = 0.98, 0.9
@@ -141,6 +143,27 @@ def swapped(loop: Signals, names: dict[str, str]) -> Finding | None:
     right, crossed = _obeys(op, pv, sp), _obeys(pv, op, sp)
     if crossed > MIN_CROSSED_FIT and right < MAX_RIGHT_FIT:
         return _swapped("process_value", "output", "--pv --op", names, {"fit": right, "fit_crossed": crossed})
+    return None
+
+
+def identical(loop: Signals, names: dict[str, str]) -> Finding | None:
+    """PV that is OP or SP times a number plus a number to the last digit: the same tag twice."""
+    for role, other in (("output", loop.output), ("setpoint", loop.setpoint)):
+        if other is None:
+            continue
+        good = np.isfinite(loop.process_value) & np.isfinite(other)
+        y, x = loop.process_value[good], other[good]
+        if y.size < MIN_IDENTICAL or np.ptp(y) == 0 or np.ptp(x) == 0:
+            continue
+        y, x = (y - y.mean()) / np.ptp(y), (x - x.mean()) / np.ptp(x)
+        if float(np.abs(y - x * float(x @ y) / float(x @ x)).max()) < SAME:
+            return Finding(
+                "identical-signals",
+                "serious",
+                f"process value {shown(names.get('process_value', 'PV'))} is {role} {shown(names.get(role, role))} in "
+                "another unit, to the last digit: one tag was exported twice, and S and J would mean nothing",
+                {"role": role, "caps_verdict": True},
+            )
     return None
 
 
