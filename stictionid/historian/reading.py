@@ -216,6 +216,7 @@ def _reading(
         end=made.end,
         findings=findings,
         options=options.said(),
+        segment_starts=tuple(s["start"] for s in made.segments),
     )
     loop = Loop(**made.parts, name=name, origin=origin)
     modes = shaped.modes
