@@ -62,7 +62,7 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
     for i in _flags_like_mode(tags, names):
         del tags[i]
     group = _choose_loop(tags, found, names, options, file)
-    _complete(found, tags, group)
+    _complete(found, tags, group, options.roles)
     for role, flag in (("process_value", "--pv"), ("output", "--op")):
         if role not in found.index:
             words = {"process_value": "process value (PV)", "output": "controller output (OP)"}[role]
@@ -144,7 +144,7 @@ def _choose_loop(
     return ""
 
 
-def _complete(found: Assignment, tags: dict[int, Tag], group: str) -> None:
+def _complete(found: Assignment, tags: dict[int, Tag], group: str, known: dict[str, str]) -> None:
     """Take the roles not yet said from the chosen loop, else from what has no loop or is the only one of its kind."""
     digits = "".join(c for c in group if c.isdigit())
     for role in _OPTIONS:
@@ -168,5 +168,5 @@ def _complete(found: Assignment, tags: dict[int, Tag], group: str) -> None:
         found.index[role] = column
         found.why[role] = tag.why
         word = tag.why.partition("'")[2].rstrip("'")
-        if word not in SURE:
+        if word not in SURE and known.get(tag.why) != role:
             found.guesses.append(f"{role.replace('_', ' ')} is {shown(tag.name)}, by its {tag.why} ({_FLAG[role]})")

@@ -19,7 +19,9 @@ class ReadOptions:
     `sp pv op position time mode quality extra` are column names or 1-based column numbers. `step_s` seconds.
     `span_pv`, `span_op`, `split` are (low, high) in the unit of the column. `start`, `end` are time stamps, or
     seconds since the first row. `dayfirst` True, False, or None to decide over the whole file. `mode_map` sends
-    a mode as written to AUTO, CAS, MAN or OFF. `sentinels` are numbers that mean "no value".
+    a mode as written to AUTO, CAS, MAN or OFF. `roles` sends the reason of a guess, as `Reading.why` words it
+    ("suffix 'mv'"), to the role it stands for on this site: profiles keep it. `sentinels` are numbers that mean
+    "no value". `limit` raises limits, for example "rows=1e8".
     """
 
     sp: str | None = None
@@ -54,6 +56,7 @@ class ReadOptions:
     keep_startup: bool = False
     profile: str | None = None
     limit: tuple[str, ...] = ()
+    roles: dict[str, str] = field(default_factory=dict)
 
     def said(self) -> dict[str, Any]:
         """The options that differ from the defaults, as plain JSON types: what `Origin.options` remembers."""

@@ -11,8 +11,10 @@ from typing import Any
 from ..errors import DataError, UsageError
 from ..files import write_whole
 from .options import ReadOptions, typed
+from .roles import take_apart
 
 _HEAD = "# stictionid site profile: how exports of this site are read; options on the command line come first\n"
+_FORMATS = (("Excel", "excel"), ("excel1904", "excel1904"), ("FILETIME", "filetime"), ("epoch", "epoch"))
 _NOT_KEPT = ("profile", "no_guess", "start", "end", "loop", "limit")
 
 
@@ -59,6 +61,19 @@ def save_profile(result: Any, options: ReadOptions, path: str, *, force: bool = 
     Column names are kept only where they carry no loop name, so that the profile fits the site's other loops.
     """
     kept = {k: v for k, v in options.said().items() if k not in _NOT_KEPT}
+    for name in ("sp", "pv", "op", "position", "mode", "quality", "time", "extra"):
+        tags = kept.get(name, ())
+        if any(take_apart(tag).loop for tag in ([tags] if isinstance(tags, str) else tags)):
+            del kept[name]
+    guessed = " ".join(result.assumptions)
+    roles = {why: role for role, why in result.why.items() if f"by its {why} (" in guessed}
+    if roles:
+        kept["roles"] = {**roles, **kept.get("roles", {})}
+    if "(--encoding NAME)" in guessed:
+        kept.setdefault("encoding", result.encoding.removesuffix(" without a mark"))
+    if "(--time-format)" in guessed:
+        kept.setdefault("time_format", next((w for s, w in _FORMATS if s in result.time), None))
+        kept = {k: v for k, v in kept.items() if v is not None}
     if result.separator and result.separator != " ":
         kept.setdefault("separator", result.separator)
         kept.setdefault("decimal", result.decimal)

@@ -183,7 +183,8 @@ def _numeric(column: Any, name: str, unit: str, time_format: str | None, place: 
         whole = None
     if not valid.any():
         raise DataError(f"{place(0)}: no time stamp at all", "name the time column with --time, or give --step SECONDS")
-    return _scaled(numbers, whole, valid, _numeric_kind(numbers[valid], name, unit, time_format))
+    return _scaled(numbers, whole, valid, _numeric_kind(numbers[valid], name, unit, time_format),
+                   time_format is not None)
 
 
 def _numeric_kind(
@@ -238,7 +239,7 @@ def _unit_of(name: str, unit: str) -> str | None:
 
 
 def _scaled(
-    numbers: NDArray[np.float64], whole: IntArray | None, valid: BoolArray, kind: tuple[str, float, float]
+    numbers: NDArray[np.float64], whole: IntArray | None, valid: BoolArray, kind: tuple[str, float, float], said: bool
 ) -> Times:
     words, scale, offset = kind
     elapsed = bool(np.isnan(offset))
@@ -262,6 +263,6 @@ def _scaled(
         elapsed,
         words,
         None if elapsed or not words.startswith("epoch") else "UTC",
-        () if elapsed else (f"time column read as {words} (--time-format)",),
+        () if elapsed or said else (f"time column read as {words} (--time-format)",),
         _first_bad(valid),
     )
