@@ -57,7 +57,8 @@ def make_wide(path: Path, size: float) -> None:
     others = [",".join(f"{v:.3f}" for v in rng.uniform(0, 999, 60)) for _ in range(500)]
     first, block, written = np.datetime64("2024-05-01T00:00:00"), 20_000, 0
     with open(path, "w", encoding="ascii") as file:
-        file.write(",".join(["timestamp", "FIC101.SP", "FIC101.PV", "FIC101.OP", *(f"TI{i}" for i in range(60))]) + "\n")
+        names = ["timestamp", "FIC101.SP", "FIC101.PV", "FIC101.OP", *(f"TI{i}" for i in range(60))]
+        file.write(",".join(names) + "\n")
         for begin in range(0, 1 << 40, block):
             t = np.arange(begin, begin + block)
             stamps = np.datetime_as_string(first + t.astype("timedelta64[s]"))

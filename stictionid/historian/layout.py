@@ -103,7 +103,12 @@ def split_line(line: str, separator: str) -> list[str]:
         row = next(csv.reader([line], delimiter=separator), [])
     except csv.Error:
         row = line.split(separator)
-    return [_EXCEL_TEXT.sub(r"\1", cell.strip().strip("\u00a0")) for cell in row]
+    return [_bare_cell(cell.strip()) for cell in row]
+
+
+def _bare_cell(cell: str) -> str:
+    """A cell without Excel's ="…" around it."""
+    return _EXCEL_TEXT.sub(r"\1", cell) if cell.startswith('="') else cell
 
 
 def _first_lines(data: bytes) -> list[str]:

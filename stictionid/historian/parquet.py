@@ -14,6 +14,8 @@ from .source import Source, in_short
 from .table import Table, table_from_arrow
 from .wanted import wanted_columns, without_others
 
+FEW_ROWS = 50_000
+"""Rows up to which one thread reads faster than several."""
 HEAD_ROWS = 5000
 """First rows by which the wanted columns are found."""
 MANY_COLUMNS = 12
@@ -43,7 +45,8 @@ def read_parquet(source: Source, options: ReadOptions, limits: Limits) -> Table:
             wanted, kinds = wanted_columns(part, options)
         names = plain if wanted is None else [plain[i] for i in sorted(wanted)]
         limits.check("unpacked", _unpacked(footer, schema, names), source.name, "give a file with fewer columns")
-        table = file.read(columns=names if len(set(schema.names)) == len(schema.names) else None)
+        several = len(set(schema.names)) < len(schema.names)
+        table = file.read(columns=None if several else names, use_threads=footer.num_rows > FEW_ROWS)
         _check_words(table, source.name, limits)
     except StopIteration:
         raise DataError(f"{source.name} has no rows", "export it again") from None

@@ -160,6 +160,7 @@ def parse(
         return "skip"
 
     body = pa.py_buffer(data).slice(layout.offset)
+    block = min(1 << 23, len(data) + 64)  # it is allocated whole, whatever the file needs
 
     def read(exact: bool, types: dict[str, Any] | None) -> Any:
         """Exact: blank lines are noted as rows of one cell and every row carries its number, at half the speed."""
@@ -167,7 +168,7 @@ def parse(
         return csv.read_csv(
             pa.BufferReader(body),
             read_options=csv.ReadOptions(
-                use_threads=not exact, block_size=1 << 23, column_names=[str(i) for i in range(width)]
+                use_threads=not exact, block_size=block, column_names=[str(i) for i in range(width)]
             ),
             parse_options=csv.ParseOptions(
                 delimiter=layout.separator, invalid_row_handler=note, ignore_empty_lines=not exact
