@@ -136,3 +136,21 @@ def test_pieces_keep_to_the_limits_and_notice_a_change(tmp_path, small_pieces, m
                 more.write("2024-05-31 16:00:00,5,5,5\n")
                 if more.tell() > 1_000_000:
                     break
+
+
+def test_loops_are_listed_without_reading_all(tmp_path, small_pieces):
+    from stictionid.historian import loops_in
+
+    wide_columns = {"time": pa.array(R.stamps)}
+    wide_columns |= {f"F{i}.{t}": R.numbers(t.lower()) for i in range(6) for t in ("SP", "PV", "OP")}
+    pq.write_table(pa.table(wide_columns), tmp_path / "a.parquet")
+    six = tuple(f"F{i}" for i in range(6))
+    assert loops_in(tmp_path / "a.parquet") == six
+    path = tmp_path / "a.csv"
+    path.write_text(",".join(wide_columns) + "\n" + "".join(
+        f"{m}," + ",".join([f"{R.sp[i]},{R.pv[i]},{R.op[i]}"] * 6) + "\n" for i, m in enumerate(R.stamps)))
+    assert loops_in(path) == six
+    rows = [f"{loop},{m},{R.pv[i]},{R.op[i]}" for loop in ("A", "B") for i, m in enumerate(R.stamps)]
+    path.write_text("loop,time,PV,OP\n" + "\n".join(rows) + "\n")
+    assert loops_in(path) == ("A", "B")
+    np.testing.assert_array_equal(read(path, options=ReadOptions(loop="B")).loop.process_value, R.numbers("pv"))

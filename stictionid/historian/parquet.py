@@ -12,7 +12,7 @@ from .limits import Limits
 from .options import ReadOptions
 from .source import Source, in_short
 from .table import Table, table_from_arrow
-from .wanted import wanted_columns, without_others
+from .wanted import by_rows, wanted_columns, without_others
 
 FEW_ROWS = 50_000
 """Rows up to which one thread reads faster than several."""
@@ -22,8 +22,11 @@ MANY_COLUMNS = 12
 """Columns from which on it pays to look first and read fewer."""
 
 
-def read_parquet(source: Source, options: ReadOptions, limits: Limits) -> Table:
-    """The table in a Parquet file with the columns that the loop needs. DataError where damaged or above a limit."""
+def read_parquet(source: Source, options: ReadOptions, limits: Limits, *, loops: bool = False) -> Table:
+    """The table in a Parquet file with the columns that the loop needs. DataError where damaged or above a limit.
+
+    With `loops` the first rows are enough where columns name the loops.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -42,7 +45,9 @@ def read_parquet(source: Source, options: ReadOptions, limits: Limits) -> Table:
         if len(plain) > MANY_COLUMNS and len(set(schema.names)) == len(schema.names) and footer.num_rows:
             head = pa.Table.from_batches([next(file.iter_batches(HEAD_ROWS, columns=plain))])
             part = table_from_arrow(head, source.name, source.notes)
-            wanted, kinds = wanted_columns(part, options)
+            if loops and not by_rows(part):
+                return part
+            wanted, kinds = (None, []) if loops else wanted_columns(part, options)
         names = plain if wanted is None else [plain[i] for i in sorted(wanted)]
         limits.check("unpacked", _unpacked(footer, schema, names), source.name, "give a file with fewer columns")
         several = len(set(schema.names)) < len(schema.names)

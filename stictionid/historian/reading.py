@@ -277,4 +277,4 @@ def loops_in(file: Any, *, options: ReadOptions | None = None) -> tuple[str, ...
     from .listing import names_of
 
     options = options or ReadOptions()
-    return names_of(read_table(open_source(file, limits_from(options.limit)), options), options)
+    return names_of(read_table(open_source(file, limits_from(options.limit)), options, loops=True), options)

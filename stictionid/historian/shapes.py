@@ -78,7 +78,7 @@ def shape_table(table: Table, options: ReadOptions, book: RowBook) -> Shaped:
         from .long_shape import shape_paired
 
         if not any(kinds[i] != "clock" for i in times):
-            raise DataError(f"{table.file} has no time columns to pair values with", "leave --shape out, or give --step")
+            raise DataError(f"{table.file} has no time columns to pair values with", "leave --shape out")
         return shape_paired(table, options, book, [i for i in times if kinds[i] != "clock"], kinds)
     return _shape_wide(table, kinds, options, book)
 

@@ -11,17 +11,18 @@ from .encoding import to_utf8
 from .layout import find_layout
 from .limits import Limits
 from .options import ReadOptions
+from .shapes import _kind
 from .source import Source, pieces
 from .table import Table, as_table, parse, refuse_damage, text_table
-from .wanted import wanted_columns, without_others
+from .wanted import by_rows, wanted_columns, without_others
 
 HEAD_BYTES = 4 << 20
 """First bytes of a large file by which its layout and its wanted columns are found."""
 _UTF8 = ("ascii", "utf-8")
 
 
-def read_streamed(source: Source, options: ReadOptions, limits: Limits) -> Table:
-    """The table in a large text file, with only the columns that the loop needs.
+def read_streamed(source: Source, options: ReadOptions, limits: Limits, *, loops: bool = False) -> Table:
+    """The table in a large text file, with only the columns that the loop needs; with `loops` see `read_parquet`.
 
     DataError where its encoding or its separator can't be read in pieces and it is too large to be held whole.
     """
@@ -38,7 +39,13 @@ def read_streamed(source: Source, options: ReadOptions, limits: Limits) -> Table
     limits.check("columns", len(layout.names), source.name)
     first, _ = parse(text.data, layout, source.name)
     part = as_table(source, layout, tuple(first.columns), (), text)
-    wanted, kinds = wanted_columns(part, options)
+    if loops and not by_rows(part):
+        return part
+    wanted: set[int] | None
+    if loops:
+        wanted, kinds = None, [_kind(part, i) for i in range(len(part.names))]
+    else:
+        wanted, kinds = wanted_columns(part, options)
     columns = sorted(range(len(layout.names)) if wanted is None else wanted)
     return _pieces(source, limits, columns, kinds, part, len(head) - len(text.data))
 

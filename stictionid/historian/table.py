@@ -76,17 +76,20 @@ class Table:
         return lambda row: self.where(row, column)
 
 
-def read_table(source: Source, options: ReadOptions) -> Table:
-    """The one table in a source. DataError where it can't be read as a table, or is above a limit."""
+def read_table(source: Source, options: ReadOptions, *, loops: bool = False) -> Table:
+    """The one table in a source; with `loops` only as much as it takes to name the loops in it.
+
+    DataError where it can't be read as a table, or is above a limit.
+    """
     limits = limits_from(options.limit)
     if source.kind == "parquet":
         from .parquet import read_parquet
 
-        return read_parquet(source, options, limits)
+        return read_parquet(source, options, limits, loops=loops)
     if not source.data and source.path is not None:
         from .streamed import read_streamed
 
-        return read_streamed(source, options, limits)
+        return read_streamed(source, options, limits, loops=loops)
     return text_table(source, options, limits)
 
 

@@ -32,6 +32,12 @@ def wanted_columns(head: Table, options: ReadOptions) -> tuple[set[int] | None, 
     return (times | quality | named | set(found.index.values()) | set(found.extras.values())) - {-1}, kinds
 
 
+def by_rows(head: Table) -> bool:
+    """Whether rows, not columns, say which loop a value belongs to."""
+    kinds = [_kind(head, i) for i in range(len(head.names))]
+    return _loop_column(head, kinds) >= 0 or min(_long_columns(head, kinds)) >= 0
+
+
 def without_others(table: Table, columns: dict[int, Any], kinds: list[str], rows: int) -> Table:
     """The table with the columns given; the others keep their names and kinds but hold nothing."""
     import pyarrow as pa
