@@ -334,7 +334,7 @@ def _loop_rows(table: Table, kinds: list[str], options: ReadOptions, book: RowBo
     if column < 0:
         return None
     loops = loop_names(table, column)
-    if len(loops) == 1 and options.loop in (None, loops[0]):
+    if not loops or (len(loops) == 1 and options.loop in (None, loops[0])):
         return None
     if options.loop is None:
         raise UsageError(
