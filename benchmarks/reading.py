@@ -1,6 +1,7 @@
 """Reading 2.6 million rows of four tags (one per second for 30 days): time and peak memory, one process each.
 
 Run: python benchmarks/reading.py [rows]
+     python benchmarks/reading.py --wide GIGABYTES      a CSV of 64 columns of which four are wanted, read in pieces
 """
 
 from __future__ import annotations
@@ -48,6 +49,38 @@ def make(folder: Path, rows: int) -> tuple[Path, Path]:
     return folder / "loop.csv", folder / "loop.parquet"
 
 
+def make_wide(path: Path, size: float) -> None:
+    """A loop and 60 other tags, so many rows that the file has `size` bytes."""
+    import numpy as np
+
+    rng = np.random.default_rng(1)
+    others = [",".join(f"{v:.3f}" for v in rng.uniform(0, 999, 60)) for _ in range(500)]
+    first, block, written = np.datetime64("2024-05-01T00:00:00"), 20_000, 0
+    with open(path, "w", encoding="ascii") as file:
+        names = ["timestamp", "FIC101.SP", "FIC101.PV", "FIC101.OP", *(f"TI{i}" for i in range(60))]
+        file.write(",".join(names) + "\n")
+        for begin in range(0, 1 << 40, block):
+            t = np.arange(begin, begin + block)
+            stamps = np.datetime_as_string(first + t.astype("timedelta64[s]"))
+            pv = np.round(50 + 2 * np.sign(np.sin(t / 40)) + 0.2 * rng.standard_normal(block), 3)
+            op = np.round(42 + 3 * np.arcsin(np.sin(t / 40 + 1)) + 0.05 * rng.standard_normal(block), 3)
+            rows = zip(stamps, pv, op, strict=True)
+            text = "\n".join(f"{s},50.0,{y},{u},{others[i % 500]}" for i, (s, y, u) in enumerate(rows))
+            written += file.write(text + "\n")
+            if written >= size:
+                return
+
+
+def wide(gigabytes: float) -> None:
+    """Time and memory of reading a large wide file."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "wide.csv"
+        make_wide(path, gigabytes * 1e9)
+        result = measure(JOBS["stictionid, CSV"].format(csv=path))
+        print(f"CSV of {path.stat().st_size / 1e9:.2f} GB, {result['rows']:,.0f} rows x 64 columns, four wanted: "
+              f"{result['seconds']:.1f} s, peak {result['mb']:.0f} MB")
+
+
 def measure(code: str) -> dict[str, float]:
     """Seconds inside the process (imports included) and its peak memory in MB."""
     program = (
@@ -62,6 +95,9 @@ def measure(code: str) -> dict[str, float]:
 
 def main() -> None:
     """Print the table; exit 1 when a limit is missed."""
+    if len(sys.argv) > 2 and sys.argv[1] == "--wide":
+        wide(float(sys.argv[2]))
+        return
     rows = int(sys.argv[1]) if len(sys.argv) > 1 else ROWS
     missed = False
     with tempfile.TemporaryDirectory() as folder:

@@ -39,7 +39,7 @@ from .results import (
     Verdict,
 )
 from .severity import severity
-from .verdict import judge
+from .verdict import capped, judge
 
 _MAP_S, _MAP_J = 41, 31
 
@@ -71,12 +71,12 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     except CannotTell as reason:
         return _abstained(loop, found, options, reason)
     if outcome.verdict is not None:
-        return Study(_made(options), _data(loop, piece, notes), found, outcome.verdict, None,
+        return Study(_made(options), _data(loop, piece, notes), found, capped(outcome.verdict, loop), None,
                      command=options.command)
     last = outcome.fits[-1]
     unit = loop.unit("output", "%")
     position = from_position(piece, law=run.law, s_max=swing_of(piece, found), rng=run.rng)
-    verdict, _ = judge(run, last)
+    verdict = capped(judge(run, last), loop)
     estimate = _estimate(last, unit, outcome, position)
     meaning = severity(piece, estimate, last.best.residual, last.best.position)
     tell("done", 1.0)

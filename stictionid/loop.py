@@ -31,7 +31,10 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where a loop came from and how it was understood; everything `report` needs to find and re-read it."""
+    """Where a loop came from and how it was understood; everything `report` needs to find and re-read it.
+
+    `segment_starts` are the stamps of the first sample of every segment: a Loop's own time leaves the gaps out.
+    """
 
     file: str | None = None
     sha256: str | None = None
@@ -42,6 +45,7 @@ class Origin:
     end: str | None = None
     findings: tuple[Finding, ...] = ()
     options: dict[str, Any] = field(default_factory=dict)
+    segment_starts: tuple[str, ...] = ()
 
 
 def _frozen(values: Any, dtype: type = np.float64) -> NDArray[Any]:

@@ -289,7 +289,7 @@ def study_from_json(text: str) -> Study:
                         "update stictionid")
     try:
         return typing.cast(Study, _build(Study, content, "study"))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         raise DataError(f"the study is damaged: {error}", "run stictionid identify again") from None
 
 

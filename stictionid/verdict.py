@@ -22,7 +22,7 @@ import numpy as np
 from .descent import descend
 from .effects import parse
 from .fit import Fitted, movable, process_costs
-from .loop import FloatArray
+from .loop import FloatArray, Loop
 from .methods.run import Run
 from .model import FIRST_ORDER, INTEGRATOR, Model, Spec
 from .results import Verdict
@@ -42,8 +42,8 @@ _IRRELEVANT = 0.005
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 
 
-def judge(run: Run, fit: Fitted) -> tuple[Verdict, Whitened]:
-    """The verdict on one fit, and the friction-free model it was compared with."""
+def judge(run: Run, fit: Fitted) -> Verdict:
+    """The verdict on one fit."""
     run.tell("comparing with a valve that does not stick", 0.85)
     sticking = whitened(fit.model, fit.values)
     free = friction_free(run, fit.model.spec)
@@ -69,7 +69,16 @@ def judge(run: Run, fit: Fitted) -> tuple[Verdict, Whitened]:
     few = run.found.reversals < _FEWEST_FOR_TRUST
     if few and answer != "undecided":
         said += f"; the output reverses only {run.found.reversals} times, so this is not sure"
-    return Verdict(answer, said, min(confidence, _CAPPED if few else _SUREST), evidence), free
+    return Verdict(answer, said, min(confidence, _CAPPED if few else _SUREST), evidence)
+
+
+def capped(verdict: Verdict, loop: Loop) -> Verdict:
+    """No sure verdict where reading found what forbids one: compressed, averaged, re-ranged, irregular records."""
+    why = next((f for f in loop.origin.findings if f.severity == "serious" or f.evidence.get("caps_verdict")), None)
+    if why is None or verdict.stiction == "undecided":
+        return verdict
+    return replace(verdict, stiction="undecided", reason=f"{why.statement}; otherwise: {verdict.reason}",
+                   confidence=min(verdict.confidence, 0.4), evidence={**verdict.evidence, "capped_by": why.code})
 
 
 def _answer(ratio: float, won: int, explained: float, drop: float, one_step: float) -> tuple[str, float]:

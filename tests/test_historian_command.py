@@ -112,6 +112,25 @@ def test_profile_is_saved_and_applied(tmp_path):
     assert _run("read", path, "--profile", tmp_path / "none.toml").returncode == 2
 
 
+def test_a_site_sets_itself_up_once(tmp_path):
+    """What one export had to have guessed is no guess for the next loop's when the profile is applied."""
+    def export(name, loop):
+        path = tmp_path / name
+        text = wide(R, sep=";", cell=comma, names=f"Zeit,{loop}.SV,{loop}.PV,{loop}.MV,{loop}.Größe",
+                    stamp=lambda m: m.replace(day=3).strftime("%d.%m.%Y %H:%M:%S"))
+        lines = text.splitlines()
+        path.write_bytes("\n".join([lines[0], *(f"{line};1,5" for line in lines[1:])]).encode("cp1252") + b"\n")
+        return path
+
+    first, second, profile = export("a.csv", "FIC101"), export("b.csv", "PIC7"), tmp_path / "site.toml"
+    assert _run("read", first, "--no-guess").returncode == 3
+    assert _run("read", first, "--pv", "FIC101.PV", "--save-profile", profile).returncode == 0
+    assert "FIC101" not in profile.read_text(encoding="utf-8")
+    done = _run("read", second, "--no-guess", "--profile", profile, "--json")
+    assert done.returncode == 0, done.stderr.decode()
+    assert json.loads(done.stdout)["assumptions"] == []
+
+
 def test_help_shows_an_example_that_runs_and_stays_light():
     done = subprocess.run(
         [sys.executable, "-X", "importtime", "-m", "stictionid", "read", "--help"],

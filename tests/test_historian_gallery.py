@@ -183,6 +183,24 @@ def test_reads_the_same_arrays(tmp_path, name):
     _same(_read(tmp_path, content, options), r)
 
 
+TWELVE = (
+    "plain csv", "semicolons and decimal commas", "tabs and decimal commas", "quoted decimal commas", "pipes",
+    "utf-16 excel unicode text", "long", "paired", "html called xls", "month in russian", "excel text cells",
+    "epoch milliseconds", "newest first",
+)
+
+
+def test_twelve_shapes_and_locales_give_the_same_bits(tmp_path):
+    """Bytes of the arrays, not values: a parser that rounds differently in one shape would show here."""
+    seen = set()
+    for name in TWELVE:
+        content, options = SAME[name]
+        loop = _read(tmp_path, content, options).loop
+        seen.add((loop.process_value.tobytes(), loop.output.tobytes(), loop.setpoint.tobytes(), loop.used.tobytes(),
+                  loop.starts))
+    assert len(TWELVE) >= 12 and len(seen) == 1
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_finds_the_roles_by_the_vendors_names(tmp_path, name):
     _same(_read(tmp_path, wide(R, names=NAMES[name])))

@@ -63,13 +63,13 @@ CASES = {
         BOTH_DAYS,
         {},
         DataError,
-        ["04/03/2024 14:00:00", "column 'timestamp'", "--dayfirst or --monthfirst"],
+        ["04/03/2024 14:00:00", "line 2", "column 'timestamp'", "--dayfirst or --monthfirst"],
     ),
     "contradicting dates": (
         _with_cell(wide(R, stamp=lambda m: m.strftime("%d/%m/%Y %H:%M:%S")), 60, 0, "05/31/2024 14:00:59"),
         {},
         DataError,
-        ["day first", "month first"],
+        ["day first", "month first", "line 2,", "line 61", "column 'timestamp'", "31/05/2024", "05/31/2024"],
     ),
     "wrong date order said": (
         wide(R, stamp=lambda m: m.strftime("%d/%m/%Y %H:%M:%S")),
@@ -77,7 +77,7 @@ CASES = {
         DataError,
         ["--dayfirst"],
     ),
-    "thousands or decimals": (EITHER, {}, DataError, ["1,250", "--decimal"]),
+    "thousands or decimals": (EITHER, {}, DataError, ["1,250", "line 2", "column 'PV'", "--decimal"]),
     "commas between commas": (wide(R, cell=comma), {}, DataError, ["decimal commas"]),
     "no header": (wide(R, names=None), {}, DataError, ["no column for the process value", "--pv"]),
     "no time": (

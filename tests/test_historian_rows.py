@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 
 import numpy as np
-from historian_files import long, record, wide
+from historian_files import long, paired, record, wide
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -13,7 +13,9 @@ from stictionid.errors import StictionidError
 from stictionid.historian import ReadOptions, read
 
 R = record(rows=90)
-WIDE, LONG = wide(R).splitlines(), long(R).splitlines()
+WIDE, LONG, PAIRED = wide(R).splitlines(), long(R).splitlines(), paired(R).splitlines()
+GRADED = [f"{line},{'Quality' if i == 0 else 'Bad' if i % 11 == 0 else 'Good'}" for i, line in enumerate(WIDE)]
+SHAPES = {"wide": WIDE, "long": LONG, "paired": PAIRED, "graded": GRADED}
 
 # The first row stays whole: one damaged beyond recognition can't be told from a header line (and is shown as one).
 DAMAGE = st.lists(
@@ -52,12 +54,13 @@ def _damaged(lines: list[str], damage) -> list[str]:
     return lines
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(damage=DAMAGE, in_long=st.booleans(), start=st.sampled_from([None, "20"]))
-def test_rows_add_up_under_random_damage(damage, in_long, start):
-    lines = _damaged(LONG if in_long else WIDE, damage)
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(damage=DAMAGE, shape=st.sampled_from(list(SHAPES)), start=st.sampled_from([None, "20"]), step=st.sampled_from(
+    [None, 2.0]))
+def test_rows_add_up_under_random_damage(damage, shape, start, step):
+    lines = _damaged(SHAPES[shape], damage)
     try:
-        reading = read(io.BytesIO(("\n".join(lines) + "\n").encode()), options=ReadOptions(start=start))
+        reading = read(io.BytesIO(("\n".join(lines) + "\n").encode()), options=ReadOptions(start=start, step_s=step))
     except StictionidError as refusal:
         assert refusal.message and "\n" not in refusal.message
         return

@@ -75,9 +75,14 @@ Sentinel = Annotated[
     list[float] | None, _option("Number that means no value; repeatable.", "--sentinel", metavar="VALUE")
 ]
 KeepManual = Annotated[bool, _option("Use samples in manual as well.", "--keep-manual")]
+KeepStartup = Annotated[bool, _option("Use samples of a start-up or shut-down as well.", "--keep-startup")]
 NoGuess = Annotated[bool, _option("Every assumption is an error.", "--no-guess")]
 Profile = Annotated[
     str | None, _option("Site profile written by read --save-profile.", "--profile", metavar="SITE.toml")
+]
+Limit = Annotated[
+    list[str] | None,
+    _option("Raise a limit: rows, columns, line, file or unpacked; repeatable.", "--limit", metavar="WHAT=SIZE"),
 ]
 
 _OPTIONS: tuple[tuple[str, Any, Any], ...] = (
@@ -108,8 +113,10 @@ _OPTIONS: tuple[tuple[str, Any, Any], ...] = (
     ("mode_map", ModeMap, None),
     ("sentinel", Sentinel, None),
     ("keep_manual", KeepManual, False),
+    ("keep_startup", KeepStartup, False),
     ("no_guess", NoGuess, False),
     ("profile", Profile, None),
+    ("limit", Limit, None),
 )
 _SEPARATORS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";", "pipe": "|"}
 
@@ -135,14 +142,8 @@ def reads_file(command: Callable[..., Any]) -> Callable[..., Any]:
 def collect(said: dict[str, Any]) -> ReadOptions:
     """The values of the options as ReadOptions; UsageError for one that can't be read."""
     decimal = said["decimal"]
-    if decimal not in (None, ".", ","):
-        raise UsageError(f"--decimal {decimal!r} is no decimal mark", "use . or ,")
     step = said["step"]
-    if step is not None and not 0 < step < float("inf"):
-        raise UsageError(f"--step {step:g} is not a positive number of seconds", "for example --step 1")
     separator = _SEPARATORS.get(said["separator"] or "", said["separator"])
-    if separator is not None and len(separator) != 1:
-        raise UsageError(f"--separator {separator!r} is not one character", "use , ; | tab or space")
     return ReadOptions(
         sp=said["sp"],
         pv=said["pv"],
@@ -172,7 +173,9 @@ def collect(said: dict[str, Any]) -> ReadOptions:
         mode_map=_map(said["mode_map"] or []),
         sentinels=tuple(said["sentinel"] or ()),
         keep_manual=said["keep_manual"],
+        keep_startup=said["keep_startup"],
         profile=said["profile"],
+        limit=tuple(said["limit"] or ()),
     )
 
 

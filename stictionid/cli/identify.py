@@ -108,7 +108,8 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
         given = ", ".join("--" + name.removesuffix("_s").replace("_", "-") for name in options.fixed)
         raise UsageError(f"--step-test and {given} both fix the process", "give one of them")
     # A step test is made by hand, and its times are its own.
-    test = read_file(file, replace(reading, keep_manual=True, start=None, end=None), quiet=quiet).loop
+    whole = replace(reading, keep_manual=True, keep_startup=True, start=None, end=None)
+    test = read_file(file, whole, quiet=quiet).loop
     try:
         found = fit_step(test)
     except DataError as error:

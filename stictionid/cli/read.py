@@ -107,7 +107,8 @@ def _show(result: Any) -> None:
     rows.add_column("reason")
     rows.add_column("rows", justify="right")
     rows.add_column("share", justify="right")
-    for reason, count in result.rows.items():
+    always = dict.fromkeys(("in", "used", "bad", "filled", "manual", "saturated", "frozen", "duplicate"), 0)
+    for reason, count in {**always, **result.rows}.items():
         rows.add_row(reason, f"{count:,}", f"{100 * count / max(result.rows['in'], 1):.1f} %")
     console.print(rows)
 
@@ -120,6 +121,8 @@ def _lines(result: Any) -> list[tuple[str, str]]:
         why = result.why.get(role, "")
         lines.append((role.replace("_", " "), f"{column}{f' [{unit}]' if unit else ''}{f' ({why})' if why else ''}"))
     lines.append(("time format", result.time))
+    lines.append(("zone", result.zone or ("none: seconds only" if (loop.origin.start or "").endswith(" s") else
+                                          "none said (--zone): local time as it stands")))
     lines.append(("from, to", f"{loop.origin.start} to {loop.origin.end}"))
     lines.append(("step", f"{loop.step_s:.6g} s"))
     if result.mode_map:

@@ -43,9 +43,8 @@ def align(series: dict[str, Series]) -> Aligned:
     if steps["output"].kind != "irregular" and steps["output"].ns > SLOWER * steps["process_value"].ns:
         base = op
         done.thinned = max(1, round(steps["output"].ns / steps["process_value"].ns))
-    ns = base.ns[
-        (base.ns >= op.ns[0] - int(steps["process_value"].ns)) & (base.ns <= high + int(steps["process_value"].ns))
-    ]
+    slack = int(steps["process_value"].ns) if pv.ns.size > 2 else 0
+    ns = base.ns[(base.ns >= op.ns[0] - slack) & (base.ns <= high + slack)]
     values: dict[str, FloatArray] = {}
     rows: list[IntArray] = []
     base_step = steps["output" if base is op else "process_value"]
@@ -108,13 +107,25 @@ def _nearest(stamps: IntArray, ns: IntArray) -> IntArray:
     return np.where(ns - stamps[left] <= stamps[right] - ns, left, right)
 
 
+def _grids(stamps: IntArray, step_ns: float) -> IntArray:
+    """Even stamps over every stretch without a long gap."""
+    first = np.concatenate([[0], np.flatnonzero(np.diff(stamps) > (MAX_FILLED + 1) * step_ns) + 1])
+    last = np.concatenate([first[1:], [stamps.size]]) - 1
+    counts = ((stamps[last] - stamps[first]) // step_ns).astype(np.int64) + 1
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.asarray(np.repeat(stamps[first], counts) + np.rint(within * step_ns).astype(np.int64))
+
+
 def resample(frame: Frame, step_ns: float, on_change: set[str]) -> IntArray:
-    """Irregular stamps onto an even grid, in place: PV by straight lines over short gaps, held signals held.
+    """Irregular stamps onto even grids, in place: PV by straight lines over short gaps, held signals held.
+
+    A gap longer than what may be filled ends a grid: the next begins at the first stamp behind it, so that a clock
+    that was wrong once by years does not make a million empty samples.
 
     Returns the rows (of the first source) that no grid sample stands for.
     """
-    count = int((frame.ns[-1] - frame.ns[0]) // step_ns) + 1
-    ns = frame.ns[0] + np.rint(np.arange(count) * step_ns).astype(np.int64)
+    ns = _grids(frame.ns, step_ns)
+    count = ns.size
     at = np.searchsorted(frame.ns, ns, side="right") - 1
     base = Step(step_ns, "irregular")
     old_rows = frame.rows

@@ -15,7 +15,7 @@ def floats(column: Any) -> FloatArray:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    column = column if column.type == pa.float64() else column.cast(pa.float64())
+    column = column if column.type == pa.float64() else column.cast(pa.float64(), safe=False)
     return np.asarray(_values(pc.fill_null(column, float("nan")) if column.null_count else column, np.float64))
 
 

@@ -14,7 +14,8 @@ from . import notes
 from .align import Aligned, resample
 from .codes import blank_codes
 from .grid import Frame, Step, fill, find_step, insert_missing, place_on_grid, split
-from .masks import frozen, manual, saturated
+from .masks import frozen, manual, saturated, startup
+from .modes import fractions
 from .options import ReadOptions
 from .rows import CODE, RowBook
 from .shapes import Shaped
@@ -58,12 +59,14 @@ def assemble(shaped: Shaped, aligned: Aligned, options: ReadOptions, book: RowBo
             f"fewer than {MIN_SAMPLES}",
             "check --start and --end" if options.start or options.end else "export a longer window",
         )
-    findings += notes.order_findings(shaped) + notes.tag_findings(shaped, aligned)
+    findings += notes.order_findings(shaped) + notes.tag_findings(shaped, aligned) + notes.setpoint_findings(shaped)
     findings += blank_codes(frame, options.sentinels, guesses, findings_of_words=shaped.words)
     step = _even_grid(frame, shaped, aligned, options, book, guesses, findings)
     unit_found = _scale(frame, shaped, options)
     if unit_found is not None:
         findings.append(unit_found)
+        if unit_found.code == "output-perhaps-ma":
+            guesses.append("OP taken as %, though it could be mA (--span-op 4,20 or --span-op 0,100)")
     filled = fill(frame, aligned.on_change | _written_on_change(frame))
     unclear = _mask(frame, filled, shaped, options)
     findings += notes.mode_findings(unclear, shaped, guesses)
@@ -106,7 +109,7 @@ def _even_grid(
         place = place[~off_grid]
     insert_missing(frame, place)
     if shaped.times is not None and len(frame.starts) > 1:
-        findings.append(notes.gaps(frame, step))
+        findings.append(notes.gaps(frame, step, naive=not shaped.times.elapsed and shaped.times.zone is None))
     return step
 
 
@@ -178,6 +181,7 @@ def _mask(frame: Frame, filled: BoolArray, shaped: Shaped, options: ReadOptions)
         (filled, "filled"),
         (frame.values.get("mask", np.ones(filled.size)) == 0, "masked"),
         (off & (not options.keep_manual), "manual"),
+        (startup(frame) if not options.keep_startup else np.zeros(filled.size, np.bool_), "start-up"),
         (frozen(frame), "frozen"),
         (clamp, "saturated"),
     ):
@@ -234,7 +238,14 @@ def _finish(
     units.setdefault("output", OTHER)
     findings += notes.short_segments(short)
     signals = Signals(arrays["output"], arrays["process_value"], setpoint, step_s, tuple(starts))
-    findings += spoilt_findings(signals, name_hints=[*shaped.columns.values(), *shaped.described.values()])
+    hints = [*shaped.columns.values(), *shaped.described.values()]
+    modes = shaped.modes
+    spoilt = spoilt_findings(signals, name_hints=hints, names=shaped.columns, fractions=fractions(modes))
+    findings += spoilt
+    guesses += [f"roles as named, though {f.statement}" for f in spoilt if f.code == "swapped-roles"]
+    for array in (*arrays.values(), used):
+        if array.base is None:
+            array.setflags(write=False)  # nobody else holds it: the loop need not copy it
     parts = {
         "output": arrays["output"],
         "process_value": arrays["process_value"],

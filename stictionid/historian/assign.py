@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import DataError, UsageError
+from .cells import shown
 from .options import ReadOptions
 from .roles import Tag, listing, pick, take_apart, tidy
 
@@ -61,10 +62,17 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
     for i in _flags_like_mode(tags, names):
         del tags[i]
     group = _choose_loop(tags, found, names, options, file)
-    _complete(found, tags, group)
+    _complete(found, tags, group, options.roles)
     for role, flag in (("process_value", "--pv"), ("output", "--op")):
         if role not in found.index:
             words = {"process_value": "process value (PV)", "output": "controller output (OP)"}[role]
+            for other, i in found.index.items():
+                if take_apart(names[i]).role == role:
+                    raise DataError(
+                        f"{file}: column {shown(names[i])} would be both {role.replace('_', ' ')} (by its name) and "
+                        f"{other.replace('_', ' ')} (said with {_FLAG[other]})",
+                        f"name another column with {flag}; columns: {listing(names)}",
+                    )
             raise DataError(f"{file} has no column for the {words}", f"name it with {flag}; columns: {listing(names)}")
     _refuse_shared(found.index, skip, names, file)
     used = set(found.index.values()) | set(found.extras.values()) | skip
@@ -86,7 +94,7 @@ def _refuse_shared(index: dict[str, int], skip: set[int], names: tuple[str, ...]
     for role, column in index.items():
         if column in seen:
             raise DataError(
-                f"{file}: column {names[column]!r} would be both {seen[column].replace('_', ' ')} and "
+                f"{file}: column {shown(names[column])} would be both {seen[column].replace('_', ' ')} and "
                 f"{role.replace('_', ' ')}",
                 "give each role a column of its own (--sp --pv --op --position --time)",
             )
@@ -116,7 +124,7 @@ def _choose_loop(
         ]
         if len(match) != 1:
             raise UsageError(
-                f"{file} has no loop {options.loop!r}",
+                f"{file} has no loop {shown(options.loop)}",
                 f"loops found: {listing([g['name'] or '(no name)' for g in full.values()])}"
                 if full
                 else f"no loop was found; columns: {listing(names)}",
@@ -136,7 +144,7 @@ def _choose_loop(
     return ""
 
 
-def _complete(found: Assignment, tags: dict[int, Tag], group: str) -> None:
+def _complete(found: Assignment, tags: dict[int, Tag], group: str, known: dict[str, str]) -> None:
     """Take the roles not yet said from the chosen loop, else from what has no loop or is the only one of its kind."""
     digits = "".join(c for c in group if c.isdigit())
     for role in _OPTIONS:
@@ -153,12 +161,12 @@ def _complete(found: Assignment, tags: dict[int, Tag], group: str) -> None:
         choice = sorted(choice, key=lambda c: (c[1].rank, c[0]))
         if len(choice) > 1 and choice[0][1].rank == choice[1][1].rank and role in ("process_value", "output"):
             raise DataError(
-                f"{role.replace('_', ' ')} may be {choice[0][1].name!r} or {choice[1][1].name!r}",
+                f"{role.replace('_', ' ')} may be {shown(choice[0][1].name)} or {shown(choice[1][1].name)}",
                 f"choose with {_FLAG[role]}",
             )
         column, tag = choice[0]
         found.index[role] = column
         found.why[role] = tag.why
         word = tag.why.partition("'")[2].rstrip("'")
-        if word not in SURE:
-            found.guesses.append(f"{role.replace('_', ' ')} is {tag.name!r}, by its {tag.why} ({_FLAG[role]})")
+        if word not in SURE and known.get(tag.why) != role:
+            found.guesses.append(f"{role.replace('_', ' ')} is {shown(tag.name)}, by its {tag.why} ({_FLAG[role]})")

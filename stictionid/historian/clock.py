@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,8 +28,13 @@ class Order:
     folded: int = 0
 
 
-def put_in_order(ns: IntArray, *, elapsed: bool, zoned: bool) -> Order:
-    """Rows in time order without duplicates: of several rows with one stamp the last one written wins."""
+def put_in_order(
+    ns: IntArray, *, elapsed: bool, zoned: bool, worth: Callable[[], NDArray[np.float64]] | None = None
+) -> Order:
+    """Rows in time order without duplicates: of several rows with one stamp the best wins, of equals the last written.
+
+    `worth` gives how good each row is; it is asked only where stamps repeat.
+    """
     index = np.arange(ns.size)
     steps = np.diff(ns)
     if steps.size == 0 or (steps > 0).all():
@@ -48,6 +54,9 @@ def put_in_order(ns: IntArray, *, elapsed: bool, zoned: bool) -> Order:
     out_of_order = int(np.count_nonzero(steps < 0))
     if out_of_order:
         order = np.argsort(ns, kind="stable")
+        index, ns = index[order], ns[order]
+    if worth is not None and (np.diff(ns) == 0).any():
+        order = np.lexsort((worth()[index], ns))
         index, ns = index[order], ns[order]
     # Newest-first files list the last value of a stamp first; either way the one written last wins.
     same = np.concatenate([np.diff(ns) == 0, [False]])

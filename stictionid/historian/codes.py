@@ -5,11 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from ..loop import BoolArray, Finding
-from .grid import Frame
+from .cells import shown
+from .grid import Frame, _runs
 from .states import NUMERIC_STATES, SENTINELS
 
 FAR = 5.0
 """A sentinel or code lies at least this many times the spread of the rest away from it."""
+DROPOUTS = (0.0, -1.0)
+"""Numbers that collectors write when a read fails."""
+MAX_DROPOUT_RUN = 3
+"""Samples in a row at 0 or -1 that may be a failed read; longer is a process that stood still."""
 MAX_CODE_SHARE = 0.2
 """Share of samples above which a number is data, not a code."""
 
@@ -27,7 +32,7 @@ def blank_codes(
         if values is None:
             continue
         hits = np.isin(values, said) if said else np.zeros(values.size, np.bool_)
-        guessed = _guessed(values) & ~hits
+        guessed = (_guessed(values) | _dropouts(values, role)) & ~hits
         hits |= guessed
         if not hits.any():
             continue
@@ -69,8 +74,28 @@ def _guessed(values: np.ndarray) -> BoolArray:
     return result
 
 
+def _dropouts(values: np.ndarray, role: str) -> BoolArray:
+    """Where a measurement falls to exactly 0 or -1 for a few samples, far from everything else: a failed read."""
+    none: BoolArray = np.zeros(values.size, np.bool_)
+    if role not in ("process_value", "position"):
+        return none
+    here = np.isin(values, DROPOUTS)
+    share = float(here.mean()) if here.size else 0.0
+    if not 0 < share <= MAX_CODE_SHARE:
+        return none
+    first, end = _runs(here)
+    for a, b in zip(first[end - first > MAX_DROPOUT_RUN], end[end - first > MAX_DROPOUT_RUN], strict=True):
+        here[a:b] = False
+    rest = values[~np.isin(values, DROPOUTS) & ~np.isnan(values)]
+    if rest.size < 10 or not here.any():
+        return none
+    low, high = float(rest.min()), float(rest.max())
+    far = (high - low) + 1e-12
+    return np.asarray(here & ((values < low - far) | (values > high + far)))
+
+
 def _words_finding(role: str, words: dict[str, int]) -> Finding:
-    listed = ", ".join(f"{w!r} ({c})" for w, c in list(words.items())[:5])
+    listed = ", ".join(f"{shown(w)} ({c})" for w, c in list(words.items())[:5])
     total = sum(words.values())
     return Finding(
         "state-as-text",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import DataError
 from ..loop import BoolArray
 from .arrow import booleans, indices, integers
-from .arrow import texts as texts_of
+from .cells import shown
 
 IntArray = NDArray[np.int64]
 _SECOND = 1_000_000_000
@@ -91,23 +93,25 @@ class TextTimes:
     assumptions: tuple[str, ...] = ()
 
 
+_COMPILED = tuple(re.compile(p.replace(r"\d", "[0-9]").replace(r"\pL", r"[^\W\d_]")) for _, p in _PATTERNS)
+"""The same patterns for a few cells: Arrow compiles each anew for every call, 1 ms for those with letters."""
+
+
 def looks_like_time(cells: list[str]) -> bool:
     """Whether most of some cells fit one of the patterns."""
-    import pyarrow.compute as pc
-
-    texts = pc.utf8_trim_whitespace(texts_of([c for c in cells if c]))
-    if not len(texts):
-        return False
-    return any(pc.sum(pc.match_substring_regex(texts, p)).as_py() >= 0.8 * len(texts) for _, p in _PATTERNS)
+    texts = [c.strip() for c in cells if c.strip()]
+    return bool(texts) and any(sum(map(bool, map(p.match, texts))) >= 0.8 * len(texts) for p in _COMPILED)
 
 
-def parse_text(column: Any, *, dayfirst: bool | None, time_format: str | None, where: str) -> TextTimes:
+def parse_text(
+    column: Any, *, dayfirst: bool | None, time_format: str | None, place: Callable[[int], str]
+) -> TextTimes:
     """A text column as stamps. DataError where no pattern fits or day and month can't be told apart."""
     import pyarrow.compute as pc
 
     text = pc.utf8_trim_whitespace(column)
     text = pc.replace_substring_regex(text, r"[\x{00A0}\x{202F}\s]+", " ")
-    kind, parts = _best_pattern(text, where)
+    kind, parts = _best_pattern(text, place)
     fields = {f.name: parts.field(f.name) for f in parts.type}
     valid = booleans(pc.is_valid(parts))
     year, day = _number(fields["y"]), _number(fields["d"])
@@ -121,7 +125,7 @@ def parse_text(column: Any, *, dayfirst: bool | None, time_format: str | None, w
     )
     if kind == "dmy":
         order = _day_order(
-            day, month, year, clock_ns, valid, _first(fields["sep"]), dayfirst, time_format, column, where
+            day, month, year, clock_ns, valid, _first(fields["sep"]), dayfirst, time_format, column, place
         )
         day, month = (day, month) if order[0] else (month, day)
         words = "day/month/year" if order[0] else "month/day/year"
@@ -131,23 +135,20 @@ def parse_text(column: Any, *, dayfirst: bool | None, time_format: str | None, w
     return TextTimes(ns + clock_ns - zone_ns, valid & real & (clock_ns >= 0), words + clock_text, zone, assumptions)
 
 
-def _best_pattern(text: Any, where: str) -> tuple[str, Any]:
+def _best_pattern(text: Any, place: Callable[[int], str]) -> tuple[str, Any]:
     """The first pattern that most cells fit, with the cells taken apart."""
     import pyarrow.compute as pc
 
     present = text.drop_null()
-    head = present.slice(0, 2000)
-    scored = [
-        (pc.sum(pc.match_substring_regex(head, pattern)).as_py() or 0, -i) for i, (_, pattern) in enumerate(_PATTERNS)
-    ]
-    best, place = max(scored)
+    head = present.slice(0, 2000).to_pylist()
+    best, which = max((sum(map(bool, map(p.match, head))), -i) for i, p in enumerate(_COMPILED))
     if not len(head) or best < MIN_MATCHING * len(head):
-        cell = str(head[0].as_py()) if len(head) else ""
+        cell = head[0] if head else ""
         raise DataError(
-            f"{where}: {cell!r} is no time stamp that is known here",
+            f"{place(0)}: {shown(cell)} is no time stamp that is known here",
             "use ISO 8601 (2024-05-31 14:00:00), name another column with --time, or give --step SECONDS",
         )
-    kind, pattern = _PATTERNS[-place]
+    kind, pattern = _PATTERNS[-which]
     return kind, pc.extract_regex(text, pattern)
 
 
@@ -240,7 +241,7 @@ def _day_order(
     dayfirst: bool | None,
     time_format: str | None,
     column: Any,
-    where: str,
+    place: Callable[[int], str],
 ) -> tuple[bool, tuple[str, ...]]:
     """Whether the first number is the day, with what had to be assumed for it."""
     if time_format in ("dmy", "mdy"):
@@ -250,13 +251,18 @@ def _day_order(
         wrong = second_high if dayfirst else first_high
         if wrong.size:
             raise DataError(
-                f"{where}: {str(column[int(wrong[0])].as_py())!r} can't be {'day' if dayfirst else 'month'} first",
+                f"{place(int(wrong[0]))}: {shown(column[int(wrong[0])].as_py())} can't be "
+                f"{'day' if dayfirst else 'month'} first",
                 f"say {'--monthfirst' if dayfirst else '--dayfirst'}",
             )
         return dayfirst, ()
     if first_high.size and second_high.size:
-        a, b = (str(column[int(rows[0])].as_py()) for rows in (first_high, second_high))
-        raise DataError(f"{where}: {a!r} is day first and {b!r} is month first", "export it again with ISO dates")
+        one, other = int(first_high[0]), int(second_high[0])
+        a, b = (shown(column[row].as_py()) for row in (one, other))
+        raise DataError(
+            f"{place(one)}: {a} is day first, and {b} ({place(other).split(', ')[-2]}) is month first",
+            "export it again with ISO dates",
+        )
     if first_high.size or second_high.size:
         return bool(first_high.size), ()
     if not valid.any() or bool(np.all(day[valid] == month[valid])):
@@ -273,8 +279,9 @@ def _day_order(
         )
     if mark == ".":
         return True, ("dates with dots read as day first",)
-    cell = str(column[int(np.argmax(valid))].as_py())
+    row = int(np.argmax(valid))
     raise DataError(
-        f"{where}: {cell!r} may be day first or month first, and no row of the file settles it",
+        f"{place(row)}: {shown(column[row].as_py())} may be day first or month first, "
+        "and no row of the file settles it",
         "say --dayfirst or --monthfirst",
     )

@@ -61,15 +61,15 @@ def to_utf8(data: bytes, name: str, encoding: str | None = None) -> Text:
 def _decode(data: bytes, encoding: str, name: str) -> str:
     try:
         return data.decode(encoding)
-    except LookupError:
-        raise UsageError(
-            f"{encoding!r} is not a character encoding",
-            "use for example utf-8, cp1252, cp1251, gbk, shift_jis or utf-16",
-        ) from None
     except UnicodeDecodeError as error:
         raise DataError(
             f"{name}: byte {error.start:,} ({data[error.start : error.start + 1].hex()}) is not {encoding}",
             "name the right one with --encoding, for example cp1252, cp1251, gbk, shift_jis",
+        ) from None
+    except (LookupError, ValueError):
+        raise UsageError(
+            f"{encoding!r} is not a character encoding",
+            "use for example utf-8, cp1252, cp1251, gbk, shift_jis or utf-16",
         ) from None
 
 

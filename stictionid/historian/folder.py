@@ -9,9 +9,10 @@ from typing import Any
 
 from ..errors import DataError, UsageError
 from .arrow import texts
+from .limits import Limits, limits_from
 from .options import ReadOptions
 from .roles import take_apart
-from .source import Source, open_source
+from .source import Source, in_short, open_source
 from .table import Table, read_table, table_from_arrow
 
 _TEXT = (".csv", ".tsv", ".txt", ".gz", ".zip")
@@ -27,7 +28,7 @@ def read_folder(folder: Path, options: ReadOptions) -> tuple[Source, Table]:
         if not any(part.startswith((".", "_")) for part in p.relative_to(folder).parts)
     )
     if parquet:
-        return _dataset(folder, parquet)
+        return _dataset(folder, parquet, limits_from(options.limit))
     files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in _TEXT)
     if not files or len(files) > MAX_FILES:
         raise UsageError(
@@ -36,15 +37,18 @@ def read_folder(folder: Path, options: ReadOptions) -> tuple[Source, Table]:
     return _per_tag(folder, files, options)
 
 
-def _dataset(folder: Path, files: list[Path]) -> tuple[Source, Table]:
+def _dataset(folder: Path, files: list[Path], limits: Limits) -> tuple[Source, Table]:
     import pyarrow as pa
     import pyarrow.dataset as ds
 
     try:
-        table = ds.dataset(folder, format="parquet", partitioning="hive").to_table()
+        dataset = ds.dataset(folder, format="parquet", partitioning="hive")
+        limits.check("columns", len(dataset.schema.names), folder.name)
+        limits.check("rows", dataset.count_rows(), folder.name, "read one of its files")
+        table = dataset.to_table()
     except (pa.ArrowException, OSError, ValueError) as error:
         raise DataError(
-            f"{folder} is no readable Parquet dataset: {str(error)[:160]}", "read one of its files"
+            f"{folder} is no readable Parquet dataset: {in_short(error)}", "read one of its files"
         ) from None
     source = Source(folder.name, "parquet", b"", _digest(files), folder)
     return source, table_from_arrow(table, folder.name, (f"{len(files)} Parquet files",))
@@ -64,8 +68,9 @@ def _per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Sou
 
     tags, times, values = [], [], []
     assumptions: list[str] = []
+    limits, total = limits_from(options.limit), 0
     for path in files:
-        table = read_table(open_source(path), replace(options, time=None))
+        table = read_table(open_source(path, limits), replace(options, time=None))
         if len(table.names) < 2:
             raise DataError(f"{path} has one column", "each file of the folder needs time and value")
         tag = next(
@@ -79,6 +84,8 @@ def _per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Sou
         if take_apart(tag).loop == "" and take_apart(path.stem).role is not None:
             tag = path.stem
         rows = table.rows
+        total += rows
+        limits.check("rows", total, folder.name, "give fewer files")
         tags.append(texts([tag] * rows))
         times.append(table.columns[0].cast(pa.string()))
         values.append(_pointed(table.columns[1], table.decimal))

@@ -6,6 +6,7 @@ Decided on the first lines, by what cells look like and not by where they stand.
 from __future__ import annotations
 
 import csv
+import functools
 import re
 from collections import Counter
 from dataclasses import dataclass, field
@@ -76,7 +77,7 @@ def find_layout(
         )
     names, units, descriptions, used = _header(cells[:start], width)
     _refuse_comma_in_comma(cells[:start], width, separator, name)
-    mark, assumptions = _decimal(cells[start:], separator, name) if decimal is None else (decimal, ())
+    mark, assumptions = _decimal(cells, start, names, separator, name) if decimal is None else (decimal, ())
     if not used:
         names = tuple(str(i + 1) for i in range(width))
     offset = _offset(data, start)
@@ -102,7 +103,12 @@ def split_line(line: str, separator: str) -> list[str]:
         row = next(csv.reader([line], delimiter=separator), [])
     except csv.Error:
         row = line.split(separator)
-    return [_EXCEL_TEXT.sub(r"\1", cell.strip().strip("\u00a0")) for cell in row]
+    return [_bare_cell(cell.strip()) for cell in row]
+
+
+def _bare_cell(cell: str) -> str:
+    """A cell without Excel's ="…" around it."""
+    return _EXCEL_TEXT.sub(r"\1", cell) if cell.startswith('="') else cell
 
 
 def _first_lines(data: bytes) -> list[str]:
@@ -139,7 +145,13 @@ def _separator(lines: list[str], name: str) -> str:
 
 
 def _typed(cell: str) -> bool:
-    return not cell or bool(_NUMBER.match(cell)) or bool(_TIME.match(cell)) or is_state(cell)
+    return not cell or _value(cell)
+
+
+@functools.lru_cache(maxsize=20_000)
+def _value(cell: str) -> bool:
+    """Whether a cell holds a number, a time or a system state."""
+    return bool(cell) and (bool(_NUMBER.match(cell)) or bool(_TIME.match(cell)) or is_state(cell))
 
 
 def _width(cells: list[list[str]]) -> int:
@@ -182,9 +194,7 @@ def _is_data(row: list[str], width: int) -> bool:
     if len(row) != width or not any(row):
         return False
     typed = sum(map(_typed, row))
-    values = sum(
-        bool(cell) and (bool(_NUMBER.match(cell)) or is_state(cell) or bool(_TIME.match(cell))) for cell in row
-    )
+    values = sum(map(_value, row))
     first_texts = sum(not _typed(cell) for cell in row)
     return typed >= MIN_TYPED_CELLS * len(row) and values >= 1 and first_texts <= len(row) // 2
 
@@ -260,27 +270,41 @@ def _refuse_comma_in_comma(header: list[list[str]], width: int, separator: str, 
         )
 
 
-def _decimal(rows: list[list[str]], separator: str, name: str) -> tuple[str, tuple[str, ...]]:
+def _decimal(
+    rows: list[list[str]], start: int, names: tuple[str, ...], separator: str, name: str
+) -> tuple[str, tuple[str, ...]]:
     """The decimal mark, by the cells of the sample: a comma not followed by exactly three digits is decimal."""
-    from .cells import decimal_evidence
+    from .cells import decimal_evidence, shown
 
-    cells = [cell for row in rows for cell in row if "," in cell and not _TIME.match(cell)]
+    cells = [cell for row in rows[start:] for cell in row if "," in cell and not _TIME.match(cell)]
     if not cells:
         return ".", ()
-    point, comma, open_cells = decimal_evidence(cells)
+
+    def place(cell: str) -> str:
+        line, row = next((i, row) for i, row in enumerate(rows) if i >= start and cell in row)
+        column = row.index(cell)
+        tag = names[column] if column < len(names) and names[column] else str(column + 1)
+        return f"{name}, line {line + 1}, column {shown(tag)}"
+
+    point, comma, either = decimal_evidence(cells)
     if comma and not point:
         return ",", ()
     if point and not comma:
         return ".", ()
     if point and comma:
-        raise DataError(f"{name} writes numbers in two ways: {point!r} and {comma!r}", "say --decimal . or --decimal ,")
-    if open_cells and separator == ";":
-        return ",", (
-            f"decimal comma, because cells are separated by semicolons ({open_cells!r} could also be thousands)",
-        )
-    if open_cells:
         raise DataError(
-            f"{name}: {open_cells!r} may be a thousand or a decimal fraction", "say --decimal . or --decimal ,"
+            f"{place(comma)}: {shown(comma)} has a decimal comma where {shown(point)} has a point",
+            "say --decimal . or --decimal ,",
+        )
+    if either and separator == ";":
+        return ",", (
+            f"decimal comma, because cells are separated by semicolons ({shown(either)} could also be thousands; "
+            "--decimal . or --decimal ,)",
+        )
+    if either:
+        raise DataError(
+            f"{place(either)}: {shown(either)} may be a thousand or a decimal fraction",
+            "say --decimal . or --decimal ,",
         )
     return ".", ()
 

@@ -12,7 +12,7 @@ from ..errors import DataError
 from ..loop import FloatArray
 from .arrow import indices, numbers
 from .assign import assign
-from .cells import check_thousands, to_numbers
+from .cells import check_thousands, shown, to_numbers
 from .modes import read_modes
 from .options import ReadOptions
 from .roles import take_apart, tidy
@@ -45,9 +45,7 @@ def shape_long(
     shaped.times = times
     shaped.guesses += times.assumptions
     if options.decimal is None:
-        check_thousands(
-            table.columns[value_column], table.decimal, f"{table.file}, column {table.names[value_column]!r}"
-        )
+        check_thousands(table.columns[value_column], table.decimal, table.place(value_column))
     quality_column = next(
         (
             i
@@ -94,12 +92,12 @@ def _add(
     book.mark(mine[~times.valid[mine]], "no time")
     keep = mine[times.valid[mine]]
     if not keep.size:
-        raise DataError(f"{table.file}: tag {shaped.columns[role]!r} has no rows with a time", "export it again")
+        raise DataError(f"{table.file}: tag {shown(shaped.columns[role])} has no rows with a time", "export it again")
     own = values[keep]
     if modes is not None:
-        shaped.modes = read_modes(modes, options.mode_map)
+        shaped.modes = read_modes(modes, options.mode_map, shaped.columns[role])
         own = shaped.modes.codes[times.valid[mine]]
-    order, _ = order_of(times, options, keep)
+    order, _ = order_of(times, options, keep, lambda: (~np.isnan(own)).astype(np.float64))
     shaped.orders.append(order)
     book.mark(keep[order.duplicates], "duplicate")
     shaped.series[role] = Series(order.ns, own[order.index], keep[order.index])
@@ -125,7 +123,9 @@ def shape_paired(table: Table, options: ReadOptions, book: RowBook, stamps: list
     shaped.columns["time"] = table.names[owner[assignment.index["process_value"]]] or "time"
     for role, column in [*assignment.index.items(), *((f"extra:{n}", i) for n, i in assignment.extras.items())]:
         if column not in owner:
-            raise DataError(f"{table.file}: column {names[column]!r} has no time column before it", "leave --shape out")
+            raise DataError(
+                f"{table.file}: column {shown(names[column])} has no time column before it", "leave --shape out"
+            )
         shaped.columns[role], shaped.units[role] = names[column], table.units[column]
         shaped.times = times_of(table, [owner[column]], options)
         if role == "process_value":

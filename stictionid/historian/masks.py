@@ -18,6 +18,10 @@ MIN_LIVELY_SHARE = 0.5
 """Share of samples at which a live PV changes; below it (coarse PV) silence is no sign of a frozen record."""
 MIN_MOVING_SHARE = 0.05
 """Share of samples at which OP must move for a mode of unknown meaning to count as controlling."""
+FAR = 3.0
+"""Distance from the usual range, in widths of it, at which a loop is not where it is run."""
+MIN_STARTUP_RUN = 10
+"""Samples off the range of a record, at its begin or end, before they count as start-up or shut-down."""
 LIMITS = ((-6.9, 106.9), (-5.0, 105.0), (0.0, 100.0))
 """Limits at which controllers clamp their output, %."""
 
@@ -94,6 +98,51 @@ def frozen(frame: Frame) -> BoolArray:
         if b - a >= FROZEN_FACTOR * usual:
             none[a + 1 : b + 1] = True
     return none
+
+
+def startup(frame: Frame) -> BoolArray:
+    """True (n,) from the first sample of a record that begins far outside where it is run until PV first gets there.
+
+    Far: several times as far from PV's later range as that range is wide, with OP at rest, shut, fully open, or as far
+    outside its own, so that the answer to a step of the setpoint is not taken for it. Backwards in time the same is a
+    shut-down.
+    """
+    found = np.zeros(frame.ns.size, np.bool_)
+    for way in (1, -1):
+        end = _off_range(frame.values["process_value"][::way], frame.values["output"][::way])
+        found[::way][:end] = True
+    return found
+
+
+def _off_range(pv: FloatArray, op: FloatArray) -> int:
+    """How many samples from the first on are start-up; 0 for none."""
+    n = pv.size
+    if n < 3 * MIN_STARTUP_RUN:
+        return 0
+    later = slice(n // 3, None)
+    if _within(pv[:MIN_STARTUP_RUN], pv[later], FAR).any():
+        return 0
+    end = int(np.argmax(_within(pv, pv[later], 0.0)))
+    if not MIN_STARTUP_RUN <= end <= n // 3:
+        return 0
+    first = op[:end]
+    idle = np.concatenate([[False], np.diff(first) == 0]) | (first <= 0.0) | (first >= 100.0)
+    idle |= ~_within(first, op[later], FAR)
+    return end if np.mean(idle) > 0.5 else 0
+
+
+def _within(values: FloatArray, usual: FloatArray, wide: float) -> BoolArray:
+    """Where values lie within the range of others, widened so many times; unknown values do."""
+    known = usual[~np.isnan(usual)]
+    if not known.size:
+        return np.ones(values.size, np.bool_)
+    low, high = (float(v) for v in np.quantile(_thinned(known), [0.005, 0.995]))
+    room = wide * (high - low) + 1e-9 * max(abs(low), abs(high))
+    return np.asarray(np.isnan(values) | ((values >= low - room) & (values <= high + room)))
+
+
+def _thinned(values: FloatArray) -> FloatArray:
+    return values[:: max(1, values.size // 200_000)]
 
 
 def _noisy(pv: FloatArray, outside: BoolArray) -> bool:

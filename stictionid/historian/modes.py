@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import UsageError
 from ..loop import FloatArray
 from .arrow import floats
-from .cells import NULLS
+from .cells import NULLS, shown
 from .states import is_state
 
 WORDS = {
@@ -34,6 +34,18 @@ WORDS = {
 }
 """What a mode means for the loop: AUTO and CAS control the valve by the error, MAN does not, OFF is neither."""
 _KNOWN = {word: kind for kind, words in WORDS.items() for word in words.split()}
+_TRUE_WORDS = """
+    true, yes, on, ein, ja, oui, si, sí, vrai, wahr, verdadero, вкл, да, истина, 是, 开, 真, オン, 1, 1.0, t, y
+"""
+_FALSE_WORDS = """
+    false, no, off, aus, nein, non, faux, falsch, falso, выкл, нет, ложь, 否, 关, 假, オフ, 0, 0.0, f, n
+"""
+_TRUE, _FALSE = (frozenset(w.strip() for w in words.split(",")) for words in (_TRUE_WORDS, _FALSE_WORDS))
+"""Words of a flag that says whether the loop is in automatic, or in manual."""
+FLAG_NAMES = {
+    "AUTO": ("auto", "automatic", "automatik", "авто", "自动"),
+    "MAN": ("man", "manual", "manuell", "hand", "ручн", "手动"),
+}
 CONTROLLING = ("AUTO", "CAS")
 UNKNOWN = "UNKNOWN"
 
@@ -64,11 +76,22 @@ def check_map(mode_map: dict[str, str]) -> None:
     """Refuse a map to anything but the four meanings."""
     for key, value in mode_map.items():
         if value.upper() not in WORDS:
-            raise UsageError(f"mode {key!r} is mapped to {value!r}", f"use one of {', '.join(WORDS)}")
+            raise UsageError(f"mode {shown(key)} is mapped to {shown(value)}", f"use one of {', '.join(WORDS)}")
 
 
-def read_modes(column: Any, mode_map: dict[str, str]) -> Modes:
-    """A mode column (words or numbers) as codes with meanings."""
+def _flag(words: tuple[str, ...], name: str, mode_map: dict[str, str]) -> dict[str, str]:
+    """Meanings of a flag (true, false, ein, aus, …) by its column's name: AUTO true is automatic, MAN true manual."""
+    last = name.strip().lower().replace("_", " ").replace(".", " ").replace("/", " ").split(" ")[-1]
+    kind = next((kind for kind, names in FLAG_NAMES.items() if last in names), None)
+    low = {w: w.strip().lower() for w in words if w not in NULLS}
+    if kind is None or not all(w in _TRUE | _FALSE for w in low.values()):
+        return {}
+    other = "MAN" if kind == "AUTO" else "AUTO"
+    return {w: kind if lower in _TRUE else other for w, lower in low.items() if w not in mode_map}
+
+
+def read_modes(column: Any, mode_map: dict[str, str], name: str = "") -> Modes:
+    """A mode column (words or numbers) as codes with meanings; `name` tells what a flag says."""
     import pyarrow as pa
 
     if pa.types.is_dictionary(column.type):
@@ -79,11 +102,20 @@ def read_modes(column: Any, mode_map: dict[str, str]) -> Modes:
         column = column.cast(pa.int8())
     encoded = column.dictionary_encode()
     words = tuple(_word(w) for w in encoded.dictionary.to_pylist())
+    mode_map = {**_flag(words, name, mode_map), **mode_map}
     codes = floats(encoded.indices.cast(pa.float64()))
     empty = [i for i, w in enumerate(words) if w in NULLS or (is_state(w) and meaning_of(w, mode_map) == UNKNOWN)]
     if empty:
         codes = np.where(np.isin(codes, empty), np.nan, codes)
     return Modes(codes, words, tuple(meaning_of(w, mode_map) for w in words))
+
+
+def fractions(modes: Modes | None) -> float:
+    """Share of rows whose mode is a number but no whole one: means of codes, which no controller writes."""
+    if modes is None:
+        return 0.0
+    odd = [i for i, w in enumerate(modes.words) if (n := _number(w)) is not None and abs(n) < 1e9 and n != int(n)]
+    return float(np.isin(modes.codes, odd).mean()) if odd else 0.0
 
 
 def _word(value: Any) -> str:

@@ -6,14 +6,18 @@ import numpy as np
 
 from ..loop import Finding
 from .align import Aligned
+from .cells import shown
 from .grid import Frame, Step
 from .options import ReadOptions
+from .roles import take_apart
 from .shapes import Shaped
 
 MAX_INNOCENT_JITTER = 0.02
 """Jitter below this share of the step is information only."""
 MAX_INNOCENT_MASK = 0.1
 """Share of samples left out above which it is a warning."""
+MAX_MASK = 0.5
+"""Share of frozen, filled or saturated samples above which no verdict is sure."""
 MAX_OFFSET_S = 1e-6
 """Offsets between tags below a microsecond are rounding."""
 
@@ -31,7 +35,7 @@ def order_findings(shaped: Shaped) -> list[Finding]:
             Finding(
                 "out-of-order",
                 "warning",
-                f"the time steps back {moved:,} times; rows were sorted",
+                f"the time steps back {_times(moved)}; rows were sorted",
                 {"steps_back": moved},
             )
         )
@@ -40,7 +44,8 @@ def order_findings(shaped: Shaped) -> list[Finding]:
             Finding(
                 "duplicate-stamps",
                 "warning" if duplicates > 10 else "info",
-                f"{duplicates:,} rows repeat a time stamp; the one written last was kept",
+                f"{duplicates:,} row{'s repeat' if duplicates > 1 else ' repeats'} a time stamp; "
+                "the good one written last was kept",
                 {"rows": duplicates},
             )
         )
@@ -68,6 +73,10 @@ def order_findings(shaped: Shaped) -> list[Finding]:
         )
         shaped.guesses.append("a step back of one hour taken for the end of daylight saving time (--zone NAME)")
     return found
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count:,} times"
 
 
 def tag_findings(shaped: Shaped, aligned: Aligned) -> list[Finding]:
@@ -110,6 +119,24 @@ def tag_findings(shaped: Shaped, aligned: Aligned) -> list[Finding]:
     return found
 
 
+def setpoint_findings(shaped: Shaped) -> list[Finding]:
+    """A cascade slave without a setpoint: it is the output of its master, which may stand in the same file."""
+    modes = shaped.modes
+    if "setpoint" in shaped.series or modes is None or "CAS" not in modes.meaning:
+        return []
+    masters = [n for n in shaped.assignment.unused if take_apart(n).role == "output"]
+    listed = f", perhaps {shown(masters[0])} (--sp {masters[0]})" if masters else " (--sp TAG)"
+    return [
+        Finding(
+            "setpoint-absent",
+            "info",
+            f"no setpoint, and the loop runs in cascade: its setpoint is the output of its master{listed}",
+            {"candidates": masters[:5]},
+            source="HISTORIAN.md 3.18",
+        )
+    ]
+
+
 def irregular(step: Step, honest: float, frame: Frame) -> Finding:
     """Steps that fit no even grid."""
     low, high = (float(f(np.diff(frame.ns))) / 1e9 for f in (np.min, np.max))
@@ -134,16 +161,18 @@ def jitter(step: Step) -> Finding:
     )
 
 
-def gaps(frame: Frame, step: Step) -> Finding:
+def gaps(frame: Frame, step: Step, naive: bool) -> Finding:
     """Where the record was split."""
     count = len(frame.starts) - 1
     at = frame.starts[1:]
     lengths = [(int(frame.ns[i]) - int(frame.ns[i - 1])) / 1e9 for i in at]
+    hour = naive and any(abs(length - 3600.0 - step.ns / 1e9) < 0.5 * step.ns / 1e9 for length in lengths)
     return Finding(
         "gaps",
         "warning",
         f"{count} gap{'s' * (count > 1)} of more than two samples, longest {max(lengths):g} s: the record was split, "
-        "never joined",
+        "never joined"
+        + ("; one of them is an hour: perhaps the clock was put forward (--zone NAME tells)" if hour else ""),
         {"gaps": count, "longest_s": max(lengths), "step_s": step.ns / 1e9},
     )
 
@@ -182,7 +211,7 @@ def mode_findings(unclear: dict[str, int], shaped: Shaped, guesses: list[str]) -
     listed = ", ".join(f"{w} ({c:,} samples)" for w, c in unclear.items())
     word = next(iter(unclear))
     guesses.append(
-        f"mode {listed} in {column!r} has no known meaning: "
+        f"mode {listed} in {shown(column)} has no known meaning: "
         f"taken as controlling where OP moves (--mode-map {word}=AUTO)"
     )
     constant = shaped.modes is not None and len(shaped.modes.words) == 1
@@ -190,7 +219,7 @@ def mode_findings(unclear: dict[str, int], shaped: Shaped, guesses: list[str]) -
         Finding(
             "mode-unknown",
             "info" if constant else "warning",
-            f"{column!r} has modes of unknown meaning, {listed}: samples count where OP moves; "
+            f"{shown(column)} has modes of unknown meaning, {listed}: samples count where OP moves; "
             f"say what they mean with --mode-map {word}=AUTO",
             {"modes": unclear},
             source="HISTORIAN.md section 2",
@@ -216,7 +245,8 @@ def mask_findings(samples: dict[str, int]) -> list[Finding]:
     """Stretches that stay in the loop but do not count."""
     words = {
         "manual": "the controller is in manual",
-        "saturated": "OP stands at its limit",
+        "start-up": "PV is far from where the record is run, and on its way there or away (--keep-startup)",
+        "saturated": "OP stands at its limit: what the valve does there says nothing about S and J",
         "frozen": "every signal stands still (frozen record)",
         "filled": "a missing value was filled in",
         "other valve": "OP drives the other valve",
@@ -224,6 +254,7 @@ def mask_findings(samples: dict[str, int]) -> list[Finding]:
     }
     codes = {
         "manual": "manual-stretch",
+        "start-up": "start-up",
         "saturated": "output-saturated",
         "frozen": "frozen",
         "filled": "filled-samples",
@@ -239,10 +270,13 @@ def mask_findings(samples: dict[str, int]) -> list[Finding]:
                     codes[reason],
                     "warning" if share > MAX_INNOCENT_MASK else "info",
                     f"{count:,} samples ({100 * share:.1f} %) do not count: {words[reason]}",
-                    {"samples": count, "share": share},
+                    {"samples": count, "share": share, "caps_verdict": share > MAX_MASK and reason in _CAPPING},
                 )
             )
     return found
+
+
+_CAPPING = ("frozen", "filled", "saturated")
 
 
 def bad_findings(rows: dict[str, int]) -> list[Finding]:

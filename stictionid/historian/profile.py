@@ -10,10 +10,12 @@ from typing import Any
 
 from ..errors import DataError, UsageError
 from ..files import write_whole
-from .options import ReadOptions
+from .options import ReadOptions, typed
+from .roles import take_apart
 
 _HEAD = "# stictionid site profile: how exports of this site are read; options on the command line come first\n"
-_NOT_KEPT = ("profile", "no_guess", "start", "end", "loop")
+_FORMATS = (("Excel", "excel"), ("excel1904", "excel1904"), ("FILETIME", "filetime"), ("epoch", "epoch"))
+_NOT_KEPT = ("profile", "no_guess", "start", "end", "loop", "limit")
 
 
 def with_profile(options: ReadOptions) -> ReadOptions:
@@ -42,46 +44,15 @@ def with_profile(options: ReadOptions) -> ReadOptions:
         if name not in _FIELDS:
             raise DataError(f"profile {path} has an unknown entry {name!r}", f"known: {', '.join(sorted(_FIELDS))}")
         if getattr(options, name) == getattr(default, name):
-            changes[name] = _typed(name, value, path)
+            try:
+                changes[name] = typed(name, value)
+            except UsageError as error:
+                raise DataError(f"profile {path}: {error.message}", error.hint) from None
     # Once applied the profile is spelt out, so that a study can be re-read without it.
     return replace(options, profile=None, **changes)
 
 
-_FIELDS = {f.name: str(f.type) for f in dataclasses.fields(ReadOptions) if f.name not in _NOT_KEPT}
-
-
-def _typed(name: str, value: Any, path: Path) -> Any:
-    """A TOML value in the type of its option; DataError where it is another."""
-    kind = _FIELDS[name]
-    if (
-        kind.startswith("tuple[float, float]")
-        and isinstance(value, list)
-        and len(value) == 2
-        and all(isinstance(v, (int, float)) for v in value)
-    ):
-        return (float(value[0]), float(value[1]))
-    if (
-        kind.startswith("tuple[float, ...]")
-        and isinstance(value, list)
-        and all(isinstance(v, (int, float)) for v in value)
-    ):
-        return tuple(float(v) for v in value)
-    if kind.startswith("tuple[str, ...]") and isinstance(value, list) and all(isinstance(v, str) for v in value):
-        return tuple(value)
-    if kind.startswith("dict") and isinstance(value, dict):
-        return {str(k): str(v) for k, v in value.items()}
-    if kind.startswith("bool") and isinstance(value, bool):
-        return value
-    if kind.startswith("float") and isinstance(value, (int, float)) and not isinstance(value, bool):
-        return float(value)
-    if kind.startswith("int") and isinstance(value, int) and not isinstance(value, bool):
-        return value
-    if kind.startswith("str") and isinstance(value, str):
-        return value
-    raise DataError(
-        f"profile {path}: {name} = {value!r} is not a {kind.split(' |')[0]}",
-        "correct the line, or save the profile again",
-    )
+_FIELDS = {f.name for f in dataclasses.fields(ReadOptions) if f.name not in _NOT_KEPT}
 
 
 def save_profile(result: Any, options: ReadOptions, path: str, *, force: bool = False) -> None:
@@ -90,6 +61,19 @@ def save_profile(result: Any, options: ReadOptions, path: str, *, force: bool = 
     Column names are kept only where they carry no loop name, so that the profile fits the site's other loops.
     """
     kept = {k: v for k, v in options.said().items() if k not in _NOT_KEPT}
+    for name in ("sp", "pv", "op", "position", "mode", "quality", "time", "extra"):
+        tags = kept.get(name, ())
+        if any(take_apart(tag).loop for tag in ([tags] if isinstance(tags, str) else tags)):
+            del kept[name]
+    guessed = " ".join(result.assumptions)
+    roles = {why: role for role, why in result.why.items() if f"by its {why} (" in guessed}
+    if roles:
+        kept["roles"] = {**roles, **kept.get("roles", {})}
+    if "(--encoding NAME)" in guessed:
+        kept.setdefault("encoding", result.encoding.removesuffix(" without a mark"))
+    if "(--time-format)" in guessed:
+        kept.setdefault("time_format", next((w for s, w in _FORMATS if s in result.time), None))
+        kept = {k: v for k, v in kept.items() if v is not None}
     if result.separator and result.separator != " ":
         kept.setdefault("separator", result.separator)
         kept.setdefault("decimal", result.decimal)

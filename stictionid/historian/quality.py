@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import UsageError
 from ..loop import BoolArray
 from .arrow import booleans, indices
-from .cells import to_numbers
+from .cells import shown, to_numbers
 
 OPC_MASK, OPC_GOOD, OPC_UNCERTAIN = 0xC0, 0xC0, 0x40
 """Quality bits of OPC DA: 0xC0 good, 0x40 uncertain, 0 bad (216 = good, local override)."""
@@ -47,7 +47,7 @@ def read_quality(column: Any, name: str, kind: str | None) -> Quality:
     import pyarrow as pa
 
     if kind is not None and kind not in KINDS:
-        raise UsageError(f"quality kind {kind!r} is unknown", f"one of {', '.join(KINDS)}")
+        raise UsageError(f"quality kind {shown(kind)} is unknown", f"one of {', '.join(KINDS)}")
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
     if pa.types.is_boolean(column.type):
@@ -65,7 +65,7 @@ def read_quality(column: Any, name: str, kind: str | None) -> Quality:
     empty = np.isnan(values)
     none = np.zeros(values.size, np.bool_)
     if kind == "opc":
-        bits = np.where(empty, 0, values).astype(np.int64) & OPC_MASK
+        bits = np.where(empty | (values < 0) | (values > 0xFFFF), 0, values).astype(np.int64) & OPC_MASK
         return Quality((bits != OPC_GOOD) & (bits != OPC_UNCERTAIN), bits == OPC_UNCERTAIN, "OPC codes", kind is None)
     if kind == "phd":
         return Quality(~(values >= MIN_PHD_CONFIDENCE), none, "PHD confidence")

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError
+from ..errors import DataError, UsageError
 from ..loop import Finding, Loop, Origin
 from .align import Aligned, align
 from .arrow import booleans
 from .assemble import Assembled, assemble
+from .cells import shown
+from .limits import limits_from
 from .modes import check_map
 from .notes import bad_findings
 from .options import ReadOptions
@@ -22,6 +24,8 @@ from .source import Source, open_source
 from .table import Table, read_table
 from .units import check_span
 
+MIN_STEP_S, MAX_STEP_S = 1e-6, 1e7
+"""Sampling times that can be said, seconds: a microsecond to 116 days."""
 EXCEL_ROWS = (1_048_576, 65_536)
 """Rows of a sheet in Excel since 2007, and before."""
 
@@ -81,8 +85,10 @@ def read(file: Any, *, options: ReadOptions | None = None) -> Reading:
 
         source, table = read_folder(Path(file), options)
     else:
-        source = open_source(file)
+        source = open_source(file, limits_from(options.limit))
         table = read_table(source, options)
+        if not source.sha256:
+            source = replace(source, sha256=table.sha256)
         source = replace(source, data=b"")  # the columns are all that is needed now; large files need the room
     return _read_table(source, table, options)
 
@@ -102,6 +108,17 @@ def _check(options: ReadOptions) -> None:
     for span, flag in ((options.span_pv, "--span-pv"), (options.span_op, "--span-op"), (options.split, "--split")):
         check_span(span, flag)
     check_map(options.mode_map)
+    step, header, separator = options.step_s, options.header, options.separator
+    if step is not None and not MIN_STEP_S <= step <= MAX_STEP_S:
+        raise UsageError(f"--step {step:g} is not between {MIN_STEP_S:g} and {MAX_STEP_S:g} s", "for example --step 1")
+    if header is not None and header < 0:
+        raise UsageError(f"--header {header} is below 0", "give the number of lines before the data")
+    if separator is not None and (len(separator) != 1 or not separator.isascii() or separator in "\r\n\"\0"):
+        raise UsageError(f"--separator {separator!r} is not one plain character", "use , ; | tab or space")
+    if options.decimal not in (None, ".", ","):
+        raise UsageError(f"--decimal {options.decimal!r} is no decimal mark", "use . or ,")
+    if options.decimal == "," and separator == ",":
+        raise UsageError("--decimal , and --separator , can't both be", "export it with semicolons, tabs or quotes")
 
 
 def _read_table(source: Source, table: Table, options: ReadOptions) -> Reading:
@@ -199,6 +216,7 @@ def _reading(
         end=made.end,
         findings=findings,
         options=options.said(),
+        segment_starts=tuple(s["start"] for s in made.segments),
     )
     loop = Loop(**made.parts, name=name, origin=origin)
     modes = shaped.modes
@@ -238,7 +256,7 @@ def _row_findings(table: Table, counts: dict[str, int]) -> list[Finding]:
             Finding(
                 "damaged-rows",
                 "warning",
-                f"{counts['damaged']:,} rows have a wrong number of cells, the first in line {line:,}: {text[:60]!r}",
+                f"{counts['damaged']:,} rows have a wrong number of cells, the first in line {line:,}: {shown(text)}",
                 {"rows": counts["damaged"], "line": line},
             )
         )
@@ -259,4 +277,4 @@ def loops_in(file: Any, *, options: ReadOptions | None = None) -> tuple[str, ...
     from .listing import names_of
 
     options = options or ReadOptions()
-    return names_of(read_table(open_source(file), options), options)
+    return names_of(read_table(open_source(file, limits_from(options.limit)), options, loops=True), options)

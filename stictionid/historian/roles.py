@@ -6,10 +6,12 @@ A tag is a loop's name and a suffix (FIC101.SP, \\\\SERVER\\FIC101.PV, 2411FIC20
 from __future__ import annotations
 
 import difflib
+import functools
 import re
 from dataclasses import dataclass
 
 from ..errors import DataError
+from .cells import shown
 
 _WORDS = {
     "setpoint": """
@@ -34,7 +36,8 @@ _WORDS = {
     "mode": """
         mode, mode actual, mode act, modeact, ma, mode pv, auto man, automan,
         am, betriebsart, режим, 模式, block mode,
-        ctrl mode, controller mode, mode cv, automan
+        ctrl mode, controller mode, mode cv, automan, auto, in auto, auto on, is auto, auto mode, automatik, automatic,
+        man, manual, in manual, hand, manuell, авто, ручн, 自动, 手动
     """,
     "time": """
         time, timestamp, time stamp, datetime, date time, t, t s, time s, zeit, zeitstempel, zeitpunkt, datum zeit,
@@ -90,6 +93,7 @@ class Tag:
     why: str
 
 
+@functools.lru_cache(maxsize=20_000)
 def tidy(name: str) -> str:
     """A column name without unit, quotes, case and separators."""
     bare = re.sub(r"[\[(][^\])]*[\])]\s*$", "", name.strip().strip("\"'")).strip()
@@ -102,6 +106,7 @@ def role_of(name: str) -> str | None:
     return take_apart(name).role
 
 
+@functools.lru_cache(maxsize=20_000)
 def take_apart(name: str) -> Tag:
     """Role and loop of a column name, by its suffix, by its whole text, or by its instrument letters."""
     bare = re.sub(r"[\[(][^\])]*[\])]\s*$", "", name.strip().strip("\"'")).strip()
@@ -153,12 +158,12 @@ def pick(names: tuple[str, ...], wanted: str, option: str, file: str) -> int:
     alike = [i for i, n in enumerate(names) if tidy(n) == tidy(wanted) or n.strip().lower() == wanted.strip().lower()]
     if len(alike) == 1:
         return alike[0]
-    if wanted.strip().isdigit() and 1 <= int(wanted) <= len(names):
+    if wanted.strip().isdecimal() and len(wanted) < 10 and 1 <= int(wanted) <= len(names):
         return int(wanted) - 1
     near = difflib.get_close_matches(wanted, names, n=1, cutoff=0.5)
-    more = f"; nearest: {near[0]!r}" if near else ""
+    more = f"; nearest: {shown(near[0])}" if near else ""
     kind = "more than one column" if alike else "no column"
-    raise DataError(f"{file} has {kind} {wanted!r} for {option}{more}", f"columns: {listing(names)}")
+    raise DataError(f"{file} has {kind} {shown(wanted)} for {option}{more}", f"columns: {listing(names)}")
 
 
 def listing(names: tuple[str, ...] | list[str], most: int = 12) -> str:

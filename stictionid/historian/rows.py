@@ -18,6 +18,7 @@ REASONS = (
     "outside window",
     "masked",
     "manual",
+    "start-up",
     "saturated",
     "other valve",
     "frozen",
@@ -30,7 +31,8 @@ REASONS = (
     "damaged",
     "blank",
 )
-"""Reasons a row can have. Filled, masked, manual, saturated, other-valve and frozen rows stay in the loop, unused."""
+"""Reasons a row can have. Filled, masked, manual, start-up, saturated, other-valve and frozen rows stay in the loop,
+unused."""
 
 CODE = {reason: code for code, reason in enumerate(REASONS)}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +12,7 @@ from ..errors import DataError, UsageError
 from ..loop import FloatArray
 from .arrow import booleans
 from .assign import Assignment, assign
-from .cells import check_thousands, to_numbers
+from .cells import check_thousands, shown, to_numbers
 from .clock import Order, put_in_order
 from .datetext import looks_like_time
 from .modes import Modes, read_modes
@@ -63,7 +64,7 @@ def shape_table(table: Table, options: ReadOptions, book: RowBook) -> Shaped:
     tag_column, value_column = _long_columns(table, kinds)
     shape = options.shape
     if shape not in (None, "wide", "long", "paired"):
-        raise UsageError(f"shape {shape!r} is unknown", "one of wide, long, paired")
+        raise UsageError(f"shape {shown(shape)} is unknown", "one of wide, long, paired")
     times = [i for i, k in enumerate(kinds) if k in ("time", "date", "clock")]
     if shape == "long" or (shape is None and tag_column >= 0 and value_column >= 0):
         from .long_shape import shape_long
@@ -76,6 +77,8 @@ def shape_table(table: Table, options: ReadOptions, book: RowBook) -> Shaped:
     if shape == "paired" or (shape is None and _is_paired(kinds, times)):
         from .long_shape import shape_paired
 
+        if not any(kinds[i] != "clock" for i in times):
+            raise DataError(f"{table.file} has no time columns to pair values with", "leave --shape out")
         return shape_paired(table, options, book, [i for i in times if kinds[i] != "clock"], kinds)
     return _shape_wide(table, kinds, options, book)
 
@@ -163,29 +166,29 @@ def _time_columns(table: Table, kinds: list[str], options: ReadOptions) -> list[
 
 def times_of(table: Table, columns: list[int], options: ReadOptions) -> Times:
     """The stamps of one or two columns, in the zone that was said."""
-    where = f"{table.file}, column {table.names[columns[0]]!r}"
     times = parse_times(
         [table.columns[i] for i in columns],
         table.names[columns[0]],
         table.units[columns[0]],
         dayfirst=options.dayfirst,
         time_format=options.time_format,
-        where=where,
+        place=table.place(columns[0]),
     )
     if not times.valid.any():
         raise DataError(
-            f"{table.where(0, columns[0])}: {table.cell(0, columns[0])!r} is no time",
+            f"{table.where(0, columns[0])}: {shown(table.cell(0, columns[0]))} is no time",
             "name the time column with --time, or give --step SECONDS",
         )
     return times
 
 
-def order_of(times: Times, options: ReadOptions, keep: IntArray) -> tuple[Order, Times]:
-    """Rows `keep` in time order, after the zone."""
+def order_of(
+    times: Times, options: ReadOptions, keep: IntArray, worth: Callable[[], FloatArray] | None = None
+) -> tuple[Order, Times]:
+    """Rows `keep` in time order, after the zone; `worth` gives how good each of them is, for those with one stamp."""
     times = apply_zone(times, options.zone, keep)
-    order = put_in_order(
-        times.ns[keep], elapsed=times.elapsed, zoned=options.zone is not None or times.zone is not None
-    )
+    zoned = options.zone is not None or times.zone is not None
+    order = put_in_order(times.ns[keep], elapsed=times.elapsed, zoned=zoned, worth=worth)
     return order, times
 
 
@@ -213,7 +216,9 @@ def _shape_wide(table: Table, kinds: list[str], options: ReadOptions, book: RowB
         shaped.columns["time"] = "+".join(table.names[i] or f"column {i + 1}" for i in time_columns)
         book.mark(~times.valid, "no time")
         keep = np.flatnonzero(times.valid) if rows is None else rows[times.valid[rows]]
-        order, times = order_of(times, options, keep)
+        order, times = order_of(
+            times, options, keep, lambda: _worth(table, assignment, quality_columns - {mask}, options)[keep]
+        )
         shaped.times, shaped.orders = times, [order]
         shaped.guesses += times.assumptions
         book.mark(keep[order.duplicates], "duplicate")
@@ -226,6 +231,17 @@ def _shape_wide(table: Table, kinds: list[str], options: ReadOptions, book: RowB
         # Written by `read -o`: samples that stay in the record but do not count.
         shaped.series["mask"] = Series(ns, to_numbers(table.columns[mask]).values[index], index)
     return shaped
+
+
+def _worth(table: Table, assignment: Assignment, quality_columns: set[int], options: ReadOptions) -> FloatArray:
+    """How many of PV and OP each row has (n,), bad quality counted as nothing."""
+    found = np.zeros(table.rows)
+    for role in ("process_value", "output"):
+        column = assignment.index[role]
+        quality = _quality_for(column, table, quality_columns, options)
+        there = ~np.isnan(to_numbers(table.columns[column], table.decimal).values)
+        found += there if quality is None else there & ~quality.bad
+    return found
 
 
 def _fill_wide(
@@ -250,14 +266,15 @@ def _fill_wide(
         shaped.units[role] = table.units[column]
         shaped.described[role] = table.descriptions[column] if table.descriptions else ""
         if role == "mode":
-            shaped.modes = read_modes(table.columns[column], options.mode_map)
+            shaped.modes = read_modes(table.columns[column], options.mode_map, name)
             values = shaped.modes.codes
         else:
             if options.decimal is None:
-                check_thousands(table.columns[column], table.decimal, f"{table.file}, column {name!r}")
+                check_thousands(table.columns[column], table.decimal, table.place(column))
             numbers = to_numbers(table.columns[column], table.decimal)
             values = numbers.values
-            shaped.words[role] = numbers.words
+            # A header that is repeated within the data is booked as such.
+            shaped.words[role] = {w: c for w, c in numbers.words.items() if w != name.strip()}
             quality = _quality_for(column, table, quality_columns, options)
             if quality is not None:
                 values = _apply_quality(values, quality, shaped, book, role)
@@ -317,14 +334,14 @@ def _loop_rows(table: Table, kinds: list[str], options: ReadOptions, book: RowBo
     if column < 0:
         return None
     loops = loop_names(table, column)
-    if len(loops) == 1 and options.loop in (None, loops[0]):
+    if not loops or (len(loops) == 1 and options.loop in (None, loops[0])):
         return None
     if options.loop is None:
         raise UsageError(
             f"{table.file} holds {len(loops)} loops: {listing(loops)}", f"choose one with --loop {loops[0]}"
         )
     if options.loop not in loops:
-        raise UsageError(f"{table.file} has no loop {options.loop!r}", f"loops found: {listing(loops)}")
+        raise UsageError(f"{table.file} has no loop {shown(options.loop)}", f"loops found: {listing(loops)}")
     wanted = pc.fill_null(pc.equal(table.columns[column].cast(pa.string()), options.loop), False)
     mask = booleans(wanted)
     book.mark(~mask, "other loop")

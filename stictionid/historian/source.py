@@ -12,20 +12,22 @@ import os
 import sys
 import zipfile
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from ..errors import DataError, UsageError
+from .limits import Limits
 
-MAX_TEXT_BYTES = 4 << 30
-"""Largest text read into memory, bytes: about 60 million rows of four tags; larger belongs in Parquet."""
 MAX_UNPACKED_RATIO = 200
 """Unpacked over packed size; real exports pack 5 to 30 times, a bomb a thousand times."""
 MIN_UNPACKED_BYTES = 64 << 20
 """Unpacked size below which the ratio is not looked at, bytes."""
-MAX_LINE_BYTES = 1 << 20
-"""Longest line, bytes: a row of 10,000 tags at 100 characters; longer is no table."""
+PIECE_BYTES = 32 << 20
+"""Piece of a large text file that is parsed at once."""
+MIN_STREAMED_BYTES = 256 << 20
+"""Size of a text file from which on it is read in pieces and only in the columns that are wanted."""
 _BLOCK = 1 << 20
 _BLANK = b" \r\n\t\0"
 
@@ -60,64 +62,67 @@ class Source:
     notes: tuple[str, ...] = ()
 
 
-def open_source(file: Any) -> Source:
+def open_source(file: Any, limits: Limits | None = None) -> Source:
     """The content of a path, of '-' (standard input) or of an object with read().
 
-    UsageError where it is absent or not readable; DataError where the content is no text and no Parquet.
+    A large text file is left where it is (`data` empty, `kind` "text"): `pieces` reads it. UsageError where the file
+    is absent or not readable; DataError where the content is no text and no Parquet, or above a limit.
     """
+    limits = limits or Limits()
     if hasattr(file, "read"):
         content = file.read()
         data = content.encode() if isinstance(content, str) else bytes(content)
-        return _from_bytes(data, str(getattr(file, "name", "data")))
+        return _from_bytes(data, str(getattr(file, "name", "data")), limits)
     if str(file) == "-":
-        return _from_bytes(_read_limited(sys.stdin.buffer, "standard input"), "standard input")
+        return _from_bytes(_read_limited(sys.stdin.buffer, "standard input", limits), "standard input", limits)
     path = Path(file)
-    if not path.exists():
-        raise UsageError(f"{path} does not exist", "check the spelling; ls shows what is there")
     try:
+        if not path.exists():
+            raise UsageError(f"{path} does not exist", "check the spelling; ls shows what is there")
         with open(path, "rb") as stream:
-            start = stream.read(_BLOCK)
-            stream.seek(0)
-            if _kind(start) == "parquet":
-                return Source(path.name, "parquet", b"", _digest(stream), path)
-            if _kind(start) == "text" and len(start) == _BLOCK:
-                _check_lines(start, path.name)
-            data = _read_limited(stream, path.name)
+            start = stream.read(_BLOCK + 1)
+            size = os.fstat(stream.fileno()).st_size
+            limits.check("file", size, path.name, "cut it into pieces")
+            kind = _kind(start)
+            if kind == "parquet":
+                stream.seek(0)
+                return Source(path.name, "parquet", b"", hashlib.file_digest(stream, "sha256").hexdigest(), path)
+            if kind == "text":
+                _check_lines(start, path.name, limits)
+                if size >= MIN_STREAMED_BYTES:
+                    return Source(path.name, "text", b"", "", path)
+            if stream.seekable():
+                stream.seek(0)
+                start = b""
+            data = start + _read_limited(stream, path.name, limits, len(start))
     except OSError as error:
         raise UsageError(f"{path} can't be read: {error.strerror or error}", "check its permissions") from None
-    return _from_bytes(data, path.name, path)
+    return _from_bytes(data, path.name, limits, path)
 
 
-def _read_limited(stream: BinaryIO, name: str) -> bytes:
-    data = (
-        stream.read()
-        if stream.seekable() and os.fstat(stream.fileno()).st_size <= MAX_TEXT_BYTES
-        else stream.read(MAX_TEXT_BYTES + 1)
-    )
-    if len(data) > MAX_TEXT_BYTES:
-        raise DataError(
-            f"{name} is larger than {MAX_TEXT_BYTES >> 30} GiB, the most text that is read at once",
-            "cut it into pieces, or convert it to Parquet",
-        )
+def _read_limited(stream: BinaryIO, name: str, limits: Limits, before: int = 0) -> bytes:
+    data = stream.read(limits.unpacked + 1 - before) if before <= limits.unpacked else b""
+    limits.check("unpacked", before + len(data), name, "save it as a file of UTF-8 text, which is read in pieces")
     return data
 
 
-def _digest(stream: Any) -> str:
-    return hashlib.file_digest(stream, "sha256").hexdigest()
+def in_short(error: Exception) -> str:
+    """What a library says about damage, on one line."""
+    return " ".join(str(error).split())[:160] or type(error).__name__
 
 
 def _kind(start: bytes) -> str:
     return next((kind for magic, kind in _KINDS if start.startswith(magic)), "text")
 
 
-def _from_bytes(data: bytes, name: str, path: Path | None = None) -> Source:
+def _from_bytes(data: bytes, name: str, limits: Limits, path: Path | None = None) -> Source:
     digest = hashlib.sha256(data).hexdigest()
     notes: tuple[str, ...] = ()
     kind = _kind(data)
     if kind == "gzip":
-        data, notes, kind = _gunzip(data, name), ("gzip",), ""
+        data, notes, kind = _gunzip(data, name, limits), ("gzip",), ""
     elif kind == "zip":
-        data, inner = _unzip(data, name)
+        data, inner = _unzip(data, name, limits)
         notes, kind = (f"zip, holding {inner}",), ""
     kind = kind or _kind(data)
     if not data[:_BLOCK].strip(_BLANK) and not data.strip(_BLANK):
@@ -127,35 +132,38 @@ def _from_bytes(data: bytes, name: str, path: Path | None = None) -> Source:
             f"{name} is {kind}, not CSV, TSV, text or Parquet", "save or export it as CSV (Excel: Save as, CSV UTF-8)"
         )
     if kind == "text":
-        _check_lines(data, name)
+        _check_lines(data, name, limits)
     return Source(name, kind, data, digest, path, notes)
 
 
-def _check_lines(data: bytes, name: str) -> None:
-    """Refuse a line longer than the limit; hops from line end to line end, so it costs one look per megabyte."""
+def _check_lines(data: bytes, name: str, limits: Limits, before: int = 0) -> None:
+    """Refuse a line longer than the limit; hops from line end to line end, so it costs one look per megabyte.
+
+    `before` is how many bytes of the file came before `data`.
+    """
     position = 0
-    while len(data) - position > MAX_LINE_BYTES:
-        end = data.rfind(b"\n", position, position + MAX_LINE_BYTES)
+    while len(data) - position > limits.line:
+        end = data.rfind(b"\n", position, position + limits.line)
         if end < 0:
-            end = data.rfind(b"\r", position, position + MAX_LINE_BYTES)
-        if end <= position:
+            end = data.rfind(b"\r", position, position + limits.line)
+        if end < position:
             raise DataError(
-                f"{name} has a line longer than {MAX_LINE_BYTES:,} bytes (from byte {position:,} on): "
+                f"{name} has a line longer than {limits.line:,} bytes (from byte {before + position:,} on): "
                 "no table of a loop looks like that",
-                "check that it is the export you meant",
+                f"check that it is the export you meant; --limit line={2 * limits.line} reads it",
             )
         position = end + 1
 
 
-def _gunzip(data: bytes, name: str) -> bytes:
+def _gunzip(data: bytes, name: str, limits: Limits) -> bytes:
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
-            return _unpack(stream, len(data), name)
+            return _unpack(stream, len(data), name, limits)
     except (OSError, EOFError, zlib.error) as error:
-        raise DataError(f"{name} is damaged gzip: {error}", "copy or export it again") from None
+        raise DataError(f"{name} is damaged gzip: {in_short(error)}", "copy or export it again") from None
 
 
-def _unzip(data: bytes, name: str) -> tuple[bytes, str]:
+def _unzip(data: bytes, name: str, limits: Limits) -> tuple[bytes, str]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = [m for m in archive.infolist() if not m.is_dir() and not m.filename.startswith("__MACOSX/")]
@@ -170,17 +178,54 @@ def _unzip(data: bytes, name: str) -> tuple[bytes, str]:
                     f"{name} is a zip of {len(members)} files; one is needed", "unpack it and give the file you mean"
                 )
             with archive.open(members[0]) as stream:
-                return _unpack(stream, len(data), name), members[0].filename
-    except (zipfile.BadZipFile, EOFError, zlib.error, NotImplementedError, RuntimeError) as error:
-        raise DataError(f"{name} can't be unpacked: {error}", "unpack it by hand and give the file") from None
+                return _unpack(stream, len(data), name, limits), members[0].filename
+    except (zipfile.BadZipFile, OSError, EOFError, zlib.error, NotImplementedError, RuntimeError, ValueError,
+            LookupError) as error:
+        raise DataError(f"{name} can't be unpacked: {in_short(error)}", "unpack it by hand and give the file") from None
 
 
-def _unpack(stream: Any, packed: int, name: str) -> bytes:
-    """Everything in `stream`, stopped before it fills the memory."""
-    limit = min(MAX_TEXT_BYTES, max(MIN_UNPACKED_BYTES, packed * MAX_UNPACKED_RATIO))
-    data: bytes = stream.read(limit + 1)
-    if len(data) > limit:
-        raise DataError(
-            f"{name} unpacks to more than {limit:,} bytes from {packed:,}", "unpack it by hand if you trust it"
-        )
-    return data
+def _unpack(stream: Any, packed: int, name: str, limits: Limits) -> bytes:
+    """Everything in `stream`, stopped before it fills the memory; a limit that was said lifts the ratio as well."""
+    most = limits.unpacked
+    if most == Limits().unpacked:
+        most = min(most, max(MIN_UNPACKED_BYTES, packed * MAX_UNPACKED_RATIO))
+    parts: list[bytes] = []
+    size = 0
+    while block := stream.read(_BLOCK):
+        size += len(block)
+        if size > most:
+            raise DataError(
+                f"{name} unpacks to more than {most:,} bytes from {packed:,}",
+                "if you trust it, unpack it by hand or give --limit unpacked=SIZE",
+            )
+        parts.append(block)
+    return b"".join(parts)
+
+
+def pieces(source: Source, limits: Limits) -> Iterator[tuple[bytes, str]]:
+    """A large text file in pieces of whole lines, each with the fingerprint of all bytes so far.
+
+    DataError where a line is too long or the file changes while it is read.
+    """
+    assert source.path is not None
+    digest, left, before = hashlib.sha256(), b"", 0
+    try:
+        with open(source.path, "rb") as stream:
+            at_start = os.fstat(stream.fileno())
+            # Not beyond the size it had: a file that grows as fast as it is read would never end.
+            while before + len(left) <= at_start.st_size and (block := stream.read(PIECE_BYTES)):
+                digest.update(block)
+                block = left + block
+                _check_lines(block, source.name, limits, before)
+                end = block.rfind(b"\n") + 1
+                left = block[end:]
+                before += end
+                if end:
+                    yield block[:end], digest.hexdigest()
+            if left:
+                yield left, digest.hexdigest()
+            at_end = os.fstat(stream.fileno())
+    except OSError as error:
+        raise UsageError(f"{source.path} can't be read: {error.strerror or error}", "check its permissions") from None
+    if (at_start.st_size, at_start.st_mtime_ns) != (at_end.st_size, at_end.st_mtime_ns):
+        raise DataError(f"{source.name} changed while it was read", "read it again when its writer is done")

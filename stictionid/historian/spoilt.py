@@ -6,7 +6,7 @@ import numpy as np
 
 from ..loop import Finding, FloatArray
 from .grid import Frame
-from .texture import Signals, averaged, clipped, compressed, quantised, re_ranged
+from .texture import Signals, averaged, clipped, compressed, identical, quantised, re_ranged, swapped
 
 MIN_LADDER_CHANGES = 20
 """Changes needed before "always at the same phase" means anything."""
@@ -41,13 +41,22 @@ def ladder(frame: Frame) -> tuple[int, int]:
     return every, int(at[0] % every)
 
 
-def spoilt_findings(loop: Signals, *, name_hints: list[str]) -> list[Finding]:
+def spoilt_findings(
+    loop: Signals, *, name_hints: list[str], names: dict[str, str], fractions: float = 0.0
+) -> list[Finding]:
     """Everything the signals themselves give away; `caps_verdict` in the evidence forbids a sure verdict."""
     found = _dead(loop)
     if found or loop.output.size < MIN_JUDGED:
         return found
     part = loop.head(MAX_JUDGED)
-    for finding in (compressed(part), averaged(part, name_hints), re_ranged(loop), *quantised(part), clipped(part)):
+    for finding in (
+        identical(part, names) or swapped(part, names),
+        compressed(part),
+        averaged(part, name_hints, fractions),
+        re_ranged(loop),
+        *quantised(part),
+        clipped(part),
+    ):
         if finding is not None:
             found.append(finding)
     return found

@@ -6,6 +6,7 @@ elapsed time, epoch (s, ms, µs, ns), Excel serials or FILETIME, told apart by t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,9 +16,12 @@ from numpy.typing import NDArray
 from ..errors import DataError, UsageError
 from ..loop import BoolArray
 from .arrow import floats, integers
+from .cells import shown
 from .datetext import TextTimes, parse_text
 
 IntArray = NDArray[np.int64]
+Place = Callable[[int], str]
+"""Words for file, line and column of a row."""
 SECOND = 1_000_000_000
 """Nanoseconds per second."""
 _EXCEL_EPOCH_S = -2_209_161_600
@@ -74,7 +78,7 @@ class Times:
 
 
 def parse_times(
-    columns: list[Any], name: str, unit: str, *, dayfirst: bool | None, time_format: str | None, where: str
+    columns: list[Any], name: str, unit: str, *, dayfirst: bool | None, time_format: str | None, place: Place
 ) -> Times:
     """The stamps in one column, or in a date and a clock column. DataError where days and months can't be told."""
     import pyarrow as pa
@@ -85,8 +89,7 @@ def parse_times(
     kind = column.type
     if pa.types.is_timestamp(kind):
         zone = kind.tz
-        values = column.cast(pa.timestamp("ns", zone)).cast(pa.int64())
-        ns, valid = integers(values)
+        ns, valid = _in_ns(column)
         return Times(
             ns,
             valid,
@@ -96,13 +99,14 @@ def parse_times(
             first_bad=_first_bad(valid),
         )
     if pa.types.is_date(kind) or pa.types.is_time(kind):
-        return _dates_or_clock(column, where)
+        return _dates_or_clock(column)
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
-        return _numeric(column, name, unit, time_format, where)
+        return _numeric(column, name, unit, time_format, place)
     if not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
-        raise DataError(f"{where}: {kind} is no time", "name the time column with --time")
-    text: TextTimes = parse_text(column, dayfirst=dayfirst, time_format=time_format, where=where)
-    return Times(text.ns, text.valid, False, text.text, text.zone, text.assumptions, _first_bad(text.valid))
+        raise DataError(f"{place(0)}: {kind} is no time", "name the time column with --time")
+    text: TextTimes = parse_text(column, dayfirst=dayfirst, time_format=time_format, place=place)
+    valid = text.valid & (text.ns > EARLIEST_NS) & (text.ns < LATEST_NS)
+    return Times(np.where(valid, text.ns, 0), valid, False, text.text, text.zone, text.assumptions, _first_bad(valid))
 
 
 def _first_bad(valid: BoolArray) -> int:
@@ -132,11 +136,26 @@ def _joined(parts: list[Any]) -> Any:
     return pc.binary_join_element_wise(date.cast(pa.string()), clock.cast(pa.string()), " ")
 
 
-def _dates_or_clock(column: Any, where: str) -> Times:
+EARLIEST_NS, LATEST_NS = -2_240_000_000 * SECOND, 6_900_000_000 * SECOND
+"""1899 to 2188, or 71 years before and 218 after an arbitrary zero: differences of such stamps fit 64 bits."""
+_PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+
+
+def _in_ns(column: Any) -> tuple[IntArray, BoolArray]:
+    """Arrow time stamps of any unit in ns, and which of them are there and of this age."""
+    import pyarrow as pa
+
+    per_second = _PER_SECOND[column.type.unit]
+    whole, valid = integers(column.cast(pa.int64()))
+    valid = valid & (whole > EARLIEST_NS // SECOND * per_second) & (whole < LATEST_NS // SECOND * per_second)
+    return np.where(valid, whole, 0) * (SECOND // per_second), valid
+
+
+def _dates_or_clock(column: Any) -> Times:
     import pyarrow as pa
 
     if pa.types.is_date(column.type):
-        ns, valid = integers(column.cast(pa.timestamp("ns")).cast(pa.int64()))
+        ns, valid = _in_ns(column.cast(pa.timestamp("s")))
         return Times(ns, valid, False, "dates without a time of day", first_bad=_first_bad(valid))
     ns, valid = integers(column.cast(pa.time64("ns")).cast(pa.int64()))
     # A clock without dates starts again at midnight: each step back of more than half a day is a new day.
@@ -151,20 +170,21 @@ def _dates_or_clock(column: Any, where: str) -> Times:
     )
 
 
-def _numeric(column: Any, name: str, unit: str, time_format: str | None, where: str) -> Times:
+def _numeric(column: Any, name: str, unit: str, time_format: str | None, place: Place) -> Times:
     import pyarrow as pa
 
     if pa.types.is_integer(column.type):
-        whole, valid = integers(column.cast(pa.int64()))
+        whole, valid = integers(column.cast(pa.int64(), safe=False))
         numbers = whole.astype(np.float64)
     else:
         numbers = floats(column)
-        valid = np.isfinite(numbers)
+        valid = np.abs(numbers) < 1e20  # a FILETIME is 1e17; False for NaN as well
         numbers = np.where(valid, numbers, 0.0)
         whole = None
     if not valid.any():
-        raise DataError(f"{where}: no time stamp at all", "name the time column with --time, or give --step SECONDS")
-    return _scaled(numbers, whole, valid, _numeric_kind(numbers[valid], name, unit, time_format))
+        raise DataError(f"{place(0)}: no time stamp at all", "name the time column with --time, or give --step SECONDS")
+    return _scaled(numbers, whole, valid, _numeric_kind(numbers[valid], name, unit, time_format),
+                   time_format is not None)
 
 
 def _numeric_kind(
@@ -185,7 +205,7 @@ def _numeric_kind(
     said = _unit_of(name, unit)
     if 1.9e7 < middle < 2.2e7 and time_format is None and not said:
         raise DataError(
-            f"the time column {name!r} holds dates like {middle:.0f} without a time of day",
+            f"the time column {shown(name)} holds dates like {middle:.0f} without a time of day",
             "export the time of day as well, or give --step SECONDS",
         )
     steps = np.diff(numbers[:100_000])
@@ -219,28 +239,30 @@ def _unit_of(name: str, unit: str) -> str | None:
 
 
 def _scaled(
-    numbers: NDArray[np.float64], whole: IntArray | None, valid: BoolArray, kind: tuple[str, float, float]
+    numbers: NDArray[np.float64], whole: IntArray | None, valid: BoolArray, kind: tuple[str, float, float], said: bool
 ) -> Times:
     words, scale, offset = kind
     elapsed = bool(np.isnan(offset))
     zero = 0 if elapsed else int(offset)
+    seconds = numbers * scale + zero
+    valid = valid & (seconds > EARLIEST_NS / SECOND) & (seconds < LATEST_NS / SECOND)
+    numbers, whole = np.where(valid, numbers, 0.0), None if whole is None else np.where(valid, whole, 0)
     if whole is not None and scale <= 1.0:
         # Whole numbers scaled as whole numbers: a nanosecond epoch does not fit a float, nor 1601 a 64-bit nanosecond.
         per_second = round(1 / scale)
         ns = (whole - np.int64(-zero * per_second) if zero else whole) * np.int64(SECOND // per_second)
     else:
         unit_ns = scale * SECOND
-        ns = np.rint(numbers * unit_ns).astype(np.int64)
+        ns = np.rint(np.where(valid, numbers * unit_ns + float(zero) * SECOND, 0.0)).astype(np.int64)
         if scale >= 60.0:
             # Days in a float hold about a microsecond, in text often less: to the millisecond it is a clock again.
             ns = np.rint(ns / 1e6).astype(np.int64) * 1_000_000
-        ns = ns + zero * SECOND
     return Times(
         ns,
         valid,
         elapsed,
         words,
         None if elapsed or not words.startswith("epoch") else "UTC",
-        () if elapsed else (f"time column read as {words} (--time-format)",),
+        () if elapsed or said else (f"time column read as {words} (--time-format)",),
         _first_bad(valid),
     )

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import DataError
-from .cells import NULLS
-from .encoding import to_utf8
+from .cells import NULLS, shown
+from .encoding import Text, to_utf8
 from .layout import Layout, find_layout, split_line
+from .limits import Limits, limits_from
 from .options import ReadOptions
-from .source import Source
+from .source import Source, in_short
 
+MIN_THREADED_BYTES = 1 << 20
+"""Text from which on it is parsed by several threads."""
 MAX_DAMAGED_SHARE = 0.5
 """Share of lines with a wrong number of cells above which the separator is wrong or the file is no table."""
 _FOOTER = re.compile(
@@ -43,6 +46,7 @@ class Table:
     notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     attributes: dict[str, str] = field(default_factory=dict)
+    sha256: str = ""
 
     @property
     def rows(self) -> int:
@@ -62,22 +66,57 @@ class Table:
         return str(self.columns[column][row].as_py())
 
     def where(self, row: int, column: int) -> str:
-        """File, line and column of a cell, for a refusal."""
-        return f"{self.file}, line {self.line(row):,}, column {self.names[column]!r}"
+        """File, line (of text; row of Parquet) and column of a cell, for a refusal."""
+        name = self.names[column] or str(column + 1)
+        at = f"line {self.line(row):,}" if self.separator else f"row {row + 1:,}"
+        return f"{self.file}, {at}, column {shown(name)}"
+
+    def place(self, column: int) -> Callable[[int], str]:
+        """`where` of one column: a function of the row."""
+        return lambda row: self.where(row, column)
 
 
-def read_table(source: Source, options: ReadOptions) -> Table:
-    """The one table in a source. DataError where it can't be read as a table."""
+def read_table(source: Source, options: ReadOptions, *, loops: bool = False) -> Table:
+    """The one table in a source; with `loops` only as much as it takes to name the loops in it.
+
+    DataError where it can't be read as a table, or is above a limit.
+    """
+    limits = limits_from(options.limit)
     if source.kind == "parquet":
-        return _parquet(source)
+        from .parquet import read_parquet
+
+        return read_parquet(source, options, limits, loops=loops)
+    if not source.data and source.path is not None:
+        from .streamed import read_streamed
+
+        return read_streamed(source, options, limits, loops=loops)
+    return text_table(source, options, limits)
+
+
+def text_table(source: Source, options: ReadOptions, limits: Limits) -> Table:
+    """The table in a text that is held whole."""
     text = to_utf8(source.data, source.name, options.encoding)
     data, data_notes = _html_rows(text.data)
     layout = find_layout(data, source.name, separator=options.separator, header=options.header, decimal=options.decimal)
     if layout.separator == " ":
         data = re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", data))
         layout = find_layout(data, source.name, separator="\t", header=layout.header_lines, decimal=layout.decimal)
-    assumptions = layout.assumptions + ((f"encoding {text.encoding}",) if text.guessed else ())
-    columns, dropped = _parse(data, layout, source.name)
+    limits.check("columns", len(layout.names), source.name)
+    limits.check("rows", data.count(b"\n"), source.name, "cut it into pieces")
+    piece, dropped = parse(data, layout, source.name)
+    refuse_damage(piece.num_rows, dropped, layout, source.name)
+    return as_table(source, layout, tuple(piece.columns), dropped, text, data_notes)
+
+
+def as_table(
+    source: Source,
+    layout: Layout,
+    columns: tuple[Any, ...],
+    dropped: tuple[tuple[int, str, str], ...],
+    text: Text,
+    notes: tuple[str, ...] = (),
+) -> Table:
+    """Parsed columns with everything that is known about them."""
     return Table(
         source.name,
         layout.names,
@@ -91,8 +130,8 @@ def read_table(source: Source, options: ReadOptions) -> Table:
         layout.header_lines,
         layout.header_cells,
         text.encoding,
-        source.notes + data_notes,
-        assumptions,
+        source.notes + notes,
+        layout.assumptions + ((f"encoding {text.encoding} (--encoding NAME)",) if text.guessed else ()),
     )
 
 
@@ -106,8 +145,13 @@ def _html_rows(data: bytes) -> tuple[bytes, tuple[str, ...]]:
     return rows_of(data.decode("utf-8", "replace")).encode(), ("HTML table",)
 
 
-def _parse(data: bytes, layout: Layout, name: str) -> tuple[tuple[Any, ...], tuple[tuple[int, str, str], ...]]:
-    """The columns and the lines that have a wrong number of cells."""
+def parse(
+    data: bytes, layout: Layout, name: str, wanted: list[int] | None = None, types: dict[str, Any] | None = None
+) -> tuple[Any, tuple[tuple[int, str, str], ...]]:
+    """An Arrow table of the columns (named by number; only the wanted ones) and the lines that are no rows.
+
+    `types` are those that earlier pieces of the file had; where a cell does not fit them they are found anew.
+    """
     import pyarrow as pa
     from pyarrow import csv
 
@@ -119,13 +163,15 @@ def _parse(data: bytes, layout: Layout, name: str) -> tuple[tuple[Any, ...], tup
         return "skip"
 
     body = pa.py_buffer(data).slice(layout.offset)
+    block = min(1 << 23, len(data) + 64)  # it is allocated whole, whatever the file needs
 
-    def read(exact: bool) -> Any:
+    def read(exact: bool, types: dict[str, Any] | None) -> Any:
         """Exact: blank lines are noted as rows of one cell and every row carries its number, at half the speed."""
+        bad.clear()
         return csv.read_csv(
             pa.BufferReader(body),
             read_options=csv.ReadOptions(
-                use_threads=not exact, block_size=1 << 23, column_names=[str(i) for i in range(width)]
+                use_threads=not exact, block_size=block, column_names=[str(i) for i in range(width)]
             ),
             parse_options=csv.ParseOptions(
                 delimiter=layout.separator, invalid_row_handler=note, ignore_empty_lines=not exact
@@ -137,27 +183,39 @@ def _parse(data: bytes, layout: Layout, name: str) -> tuple[tuple[Any, ...], tup
                 false_values=[],
                 decimal_point=layout.decimal,
                 check_utf8=False,
+                include_columns=None if wanted is None else [str(i) for i in wanted],
+                column_types=types,
             ),
         )
 
     try:
-        table = read(False)
-        lines = data.count(b"\n") + (not data.endswith(b"\n")) - layout.first_line + 1
-        if bad or table.num_rows != lines:
-            bad.clear()
-            table = read(True)
+        # Small files are read once, exactly: a pool of threads would cost them more than the second look.
+        small = len(data) < MIN_THREADED_BYTES
+        try:
+            table = read(small, types)
+        except pa.ArrowInvalid:
+            if types is None:
+                raise
+            types = None
+            table = read(small, types)
+        lines = data.count(b"\n", layout.offset) + (not data.endswith(b"\n"))
+        if not small and (bad or table.num_rows != lines):
+            table = read(True, types)
     except (pa.ArrowInvalid, pa.ArrowException) as error:
-        raise DataError(f"{name} can't be parsed: {str(error)[:200]}", "check --separator and --header") from None
-    dropped = tuple(_dropped(bad, layout, width))
+        raise DataError(f"{name} can't be parsed: {in_short(error)}", "check --separator and --header") from None
+    return table, tuple(_dropped(bad, layout, width))
+
+
+def refuse_damage(rows: int, dropped: tuple[tuple[int, str, str], ...], layout: Layout, name: str) -> None:
+    """DataError where most lines do not have the right number of cells."""
     damaged = sum(reason == "damaged" for _, reason, _ in dropped)
-    if table.num_rows == 0 or damaged > MAX_DAMAGED_SHARE * (table.num_rows + damaged):
-        line, _, text = dropped[0] if dropped else (layout.first_line, "", "")
+    if rows == 0 or damaged > MAX_DAMAGED_SHARE * (rows + damaged):
+        line, _, text = next((d for d in dropped if d[1] == "damaged"), (layout.first_line, "", ""))
         raise DataError(
-            f"{name}: {damaged:,} of {table.num_rows + damaged:,} rows do not have {width} cells, "
-            f"the first is line {line}: {text[:60]!r}",
+            f"{name}: {damaged:,} of {rows + damaged:,} rows do not have {len(layout.names)} cells, "
+            f"the first is line {line}: {shown(text)}",
             "check --separator and --header",
         )
-    return tuple(table.columns), dropped
 
 
 def _dropped(bad: list[tuple[int | None, str]], layout: Layout, width: int) -> Iterator[tuple[int, str, str]]:
@@ -176,29 +234,26 @@ def _dropped(bad: list[tuple[int | None, str]], layout: Layout, width: int) -> I
             yield line, "damaged", stripped
 
 
-def _parquet(source: Source) -> Table:
-    """A Parquet file as a table; nested columns are left out."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        if source.path is not None and not source.data:
-            table = pq.ParquetFile(source.path, memory_map=True).read()
-        else:
-            table = pq.ParquetFile(pa.BufferReader(source.data)).read()
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise DataError(f"{source.name} is damaged Parquet: {str(error)[:160]}", "write or copy it again") from None
-    return table_from_arrow(table, source.name, source.notes)
-
-
 def table_from_arrow(table: Any, name: str, notes: tuple[str, ...] = ()) -> Table:
     """An Arrow table (of Parquet or of a data frame) as a Table."""
     import pyarrow as pa
 
     if table.num_rows == 0:
         raise DataError(f"{name} has no rows", "export it again")
+    try:
+        [(f.name, f.type.tz if pa.types.is_timestamp(f.type) else "") for f in table.schema]
+    except UnicodeDecodeError:
+        raise DataError(f"{name} is damaged Parquet: its schema is not text", "write or copy it again") from None
     keep = [i for i, f in enumerate(table.schema) if not pa.types.is_nested(f.type)]
     fields = [table.schema.field(i) for i in keep]
+    for i, one in zip(keep, fields, strict=True):
+        if pa.types.is_string(one.type) or pa.types.is_large_string(one.type) or pa.types.is_dictionary(one.type):
+            try:
+                table.column(i).validate(full=True)
+            except pa.ArrowException:
+                raise DataError(
+                    f"{name}, column {shown(one.name)}: its text is damaged", "write or copy it again"
+                ) from None
     units = tuple((f.metadata or {}).get(b"unit", b"").decode("utf-8", "replace") for f in fields)
     meta = {
         k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (table.schema.metadata or {}).items()

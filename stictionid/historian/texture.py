@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..loop import Finding, FloatArray
+from .cells import shown
 from .grid import _runs
 
 MAX_STRAIGHT_SHARE = 0.3
@@ -31,6 +32,10 @@ ROUGH = 0.2
 """Median bend over median step from which a signal counts as noisy."""
 MAX_RESOLUTION_SHARE = 0.02
 """Resolution over the usual range of a signal above which it is coarse."""
+CAPPING_RESOLUTION_SHARE = 0.25
+"""Resolution over the usual range from which no verdict is sure: fewer than five levels."""
+CAPPING_CLIPPED_SHARE = 0.2
+"""Share of clipped samples from which no verdict is sure."""
 MAX_CLIPPED_SHARE = 0.02
 """Share of samples at the highest or lowest value above which PV is clipped."""
 MIN_AVERAGE_STEP_S = 10.0
@@ -41,8 +46,16 @@ LONG_DIGITS = 13
 """Digits beyond which a number was computed (a mean of snapshots has about 16), not recorded."""
 MIN_SHORT_SHARE = 0.01
 """Share of short numbers needed beside long ones: simulated data are long throughout."""
+MAX_BLOCKS = 1000
+"""Blocks of 100 samples from which the median of a long record is taken."""
 MIN_RANGE_RATIO = 1.4
 """Ratio of levels before and after a jump from which a changed range is suspected."""
+MIN_IDENTICAL, SAME = 50, 1e-9
+"""Samples from which on, and share of the range up to which, two signals are one and the same."""
+MAX_SETPOINT_MOVES, MIN_PV_MOVES = 0.05, 0.5
+"""Shares of samples at which a setpoint at most, and a measurement at least, changes."""
+MIN_CROSSED_FIT, MAX_RIGHT_FIT = 0.98, 0.9
+"""R² of the controller's law with OP and PV crossed, and as they are named, from which they look swapped."""
 _AVERAGE_WORDS = ("avg", "average", "mean", "moyenne", "mittel", "среднее", "平均", "hourly", "min-mean", "aggregat")
 
 
@@ -120,11 +133,80 @@ def _rough(values: FloatArray) -> bool:
     return float(np.median(bends)) > ROUGH * float(np.median(steps)) > 0
 
 
-def averaged(loop: Signals, name_hints: list[str]) -> Finding | None:
-    """Averages over the interval instead of snapshots."""
+def swapped(loop: Signals, names: dict[str, str]) -> Finding | None:
+    """PV and SP, or PV and OP, in each other's columns: one rests like a setpoint, or obeys the controller's law."""
+    pv, op, sp = loop.process_value, loop.output, loop.setpoint
+    if sp is not None:
+        rests, moves = (float(np.mean(np.diff(v) != 0)) for v in (pv, sp))
+        if rests < MAX_SETPOINT_MOVES and moves > MIN_PV_MOVES and np.unique(pv).size > 1:
+            return _swapped("process_value", "setpoint", "--pv --sp", names, {"pv_moves": rests, "sp_moves": moves})
+    right, crossed = _obeys(op, pv, sp), _obeys(pv, op, sp)
+    if crossed > MIN_CROSSED_FIT and right < MAX_RIGHT_FIT:
+        return _swapped("process_value", "output", "--pv --op", names, {"fit": right, "fit_crossed": crossed})
+    return None
+
+
+def identical(loop: Signals, names: dict[str, str]) -> Finding | None:
+    """PV that is OP or SP times a number plus a number to the last digit: the same tag twice."""
+    for role, other in (("output", loop.output), ("setpoint", loop.setpoint)):
+        if other is None:
+            continue
+        good = np.isfinite(loop.process_value) & np.isfinite(other)
+        y, x = loop.process_value[good], other[good]
+        if y.size < MIN_IDENTICAL or np.ptp(y) == 0 or np.ptp(x) == 0:
+            continue
+        y, x = (y - y.mean()) / np.ptp(y), (x - x.mean()) / np.ptp(x)
+        if float(np.abs(y - x * float(x @ y) / float(x @ x)).max()) < SAME:
+            return Finding(
+                "identical-signals",
+                "serious",
+                f"process value {shown(names.get('process_value', 'PV'))} is {role} {shown(names.get(role, role))} in "
+                "another unit, to the last digit: one tag was exported twice, and S and J would mean nothing",
+                {"role": role, "caps_verdict": True},
+            )
+    return None
+
+
+def _swapped(one: str, other: str, flags: str, names: dict[str, str], evidence: dict[str, float]) -> Finding:
+    a, b = names.get(one, one), names.get(other, other)
+    why = "the first rests like a setpoint while the second moves like a measurement" if other == "setpoint" else \
+        "the first follows from the second as a controller's output follows from its process value"
+    return Finding(
+        "swapped-roles",
+        "serious",
+        f"{one.replace('_', ' ')} {shown(a)} and {other} {shown(b)} look swapped: {why}; S and J would be meaningless "
+        f"({flags} settle it)",
+        {**evidence, "caps_verdict": True},
+        source="HISTORIAN.md 3.18",
+    )
+
+
+def _obeys(output: FloatArray, measured: FloatArray, setpoint: FloatArray | None) -> float:
+    """Share of the moves of `output` that a PI controller of `measured` explains (R²); 0 where it can't be told."""
+    part = slice(0, 20_000)
+    du, dy, y = np.diff(output[part]), np.diff(measured[part]), measured[part][1:]
+    columns = [np.ones(y.size), y, dy]
+    if setpoint is not None and np.ptp(setpoint[part]) > 0:
+        columns += [setpoint[part][1:], np.diff(setpoint[part])]
+    design = np.stack(columns, axis=1)
+    good = np.isfinite(du) & np.isfinite(design).all(axis=1)
+    variance = float(np.var(du[good])) if good.sum() > 50 else 0.0
+    if variance == 0.0:
+        return 0.0
+    scale = np.maximum(np.abs(design[good]).max(axis=0), 1e-300)
+    solution, *_ = np.linalg.lstsq(design[good] / scale, du[good], rcond=1e-10)
+    return 1.0 - float(np.var(du[good] - design[good] / scale @ solution)) / variance
+
+
+def averaged(loop: Signals, name_hints: list[str], fractions: float = 0.0) -> Finding | None:
+    """Averages over the interval instead of snapshots; `fractions` is the share of mode codes that are no whole number.
+    """
     named = next((n for n in name_hints if any(w in n.lower() for w in _AVERAGE_WORDS)), None)
     evidence: dict[str, object] = {"named": named} if named else {}
-    why = f"{named!r} names an average" if named else ""
+    why = f"{shown(named)} names an average" if named else ""
+    if not why and fractions > 0:
+        why = f"{100 * fractions:.1g} % of the mode codes are no whole numbers"
+        evidence = {"fractions_share": fractions}
     if not why and loop.step_s >= MIN_AVERAGE_STEP_S:
         share = _long_digits(loop.process_value)
         between = _between_levels(loop.setpoint) if loop.setpoint is not None else 0.0
@@ -145,7 +227,8 @@ def averaged(loop: Signals, name_hints: list[str]) -> Finding | None:
         "averaged",
         "warning",
         f"values look like averages over {loop.step_s:g} s, not snapshots ({why}): slips are smeared, "
-        "J comes out too small",
+        "J comes out too small, and whether a stamp means the begin or the end of its interval is not known: a dead "
+        f"time is uncertain by {loop.step_s:g} s",
         {**evidence, "caps_verdict": caps},
         source="HISTORIAN.md 3.14",
     )
@@ -193,7 +276,13 @@ def quantised(loop: Signals) -> list[Finding]:
                     "warning",
                     f"{words} moves in steps of {resolution:.4g} over a range of {high - low:.4g}: S and J "
                     "can't be known more finely than that",
-                    {"role": role, "resolution": resolution, "levels": int(levels.size)},
+                    {
+                        "role": role,
+                        "resolution": resolution,
+                        "levels": int(levels.size),
+                        "share": resolution / float(high - low),
+                        "caps_verdict": resolution > CAPPING_RESOLUTION_SHARE * float(high - low),
+                    },
                 )
             )
     return found
@@ -213,10 +302,16 @@ def clipped(loop: Signals) -> Finding | None:
                 "clipped",
                 "warning",
                 f"PV sits at its {word} value {limit:g} in {100 * share:.1f} % of the samples: the range of "
-                "the transmitter ends there; the model error there is not the valve's",
-                {"share": share, "value": limit},
+                "the transmitter ends there; the slips that show there are cut off, J comes out too small",
+                {"share": share, "value": limit, "caps_verdict": share > CAPPING_CLIPPED_SHARE},
             )
     return None
+
+
+def _blocks(values: FloatArray) -> FloatArray:
+    """A long record by blocks of 100 neighbours spread evenly over it: enough for a median, in a tenth of the time."""
+    every = values.size // (100 * MAX_BLOCKS)
+    return values if every < 2 else values[: values.size // 100 * 100].reshape(-1, 100)[::every].reshape(-1)
 
 
 def re_ranged(loop: Signals) -> Finding | None:
@@ -225,8 +320,9 @@ def re_ranged(loop: Signals) -> Finding | None:
     steps = np.abs(np.diff(values))
     at = int(np.nanargmax(steps)) + 1
     before, after = values[:at], values[at:]
-    if min(before.size, after.size) < 50 or steps[at - 1] < 20 * np.median(steps):
+    if min(before.size, after.size) < 50 or steps[at - 1] < 20 * np.median(_blocks(steps)):
         return None
+    before, after = _blocks(before), _blocks(after)
     levels = [float(np.nanmedian(v)) for v in (before, after)]
     noises = [float(np.nanmedian(np.abs(np.diff(v)))) for v in (before, after)]
     if min(map(abs, levels)) == 0 or min(noises) == 0 or levels[0] * levels[1] < 0:
@@ -238,6 +334,6 @@ def re_ranged(loop: Signals) -> Finding | None:
         "re-ranged",
         "serious",
         f"PV jumps by a factor of {level:.4g} at sample {at} and its noise with it: range or unit were "
-        "changed; use one side only (--start or --end)",
-        {"sample": at, "factor": level, "caps_verdict": True},
+        "changed; gain, S and J mean nothing over both sides: use one only (--start or --end)",
+        {"sample": at, "factor": level, "share": at / values.size, "caps_verdict": True},
     )

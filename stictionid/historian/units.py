@@ -11,6 +11,10 @@ PERCENT_LOW, PERCENT_HIGH = -6.9, 106.9
 """Range of a controller output in per cent; many systems drive -5 to 105 or -6.9 to 106.9 (Honeywell)."""
 MIN_CENTRE_RATIO = 0.5
 """A signal whose mean is nearer to zero than this share of its standard deviation is normalised, not a per cent."""
+MILLIAMPERES = (3.6, 21.0)
+"""Range of a 4-20 mA signal with the margins of NAMUR NE 43."""
+MAX_SPAN = 1e12
+"""Largest bound of a span, and its inverse the smallest width: beyond that no instrument has a range."""
 OTHER = "unit of OP"
 _RANGES = (
     (0.0, 1.0),
@@ -29,7 +33,7 @@ _RANGES = (
 
 def check_span(span: tuple[float, float] | None, flag: str) -> None:
     """UsageError for a span that is empty or upside down."""
-    if span is not None and not (np.isfinite(span).all() and span[1] > span[0]):
+    if span is not None and not (max(map(abs, span)) <= MAX_SPAN and span[1] - span[0] >= 1 / MAX_SPAN):
         raise UsageError(
             f"{flag} {span[0]:g},{span[1]:g} is no range", f"give LO,HI with LO below HI, for example {flag} 0,100"
         )
@@ -61,6 +65,15 @@ def output_unit(values: FloatArray, unit: str) -> tuple[str, Finding | None]:
         )
         return OTHER, _finding(
             low, high, "it leaves 0 to 100 %: the setpoint of a slave loop (cascade master), or another range", hint
+        )
+    if MILLIAMPERES[0] <= low and high <= MILLIAMPERES[1] and high - low > 0 and not unit.strip():
+        return "%", Finding(
+            "output-perhaps-ma",
+            "info",
+            f"OP stays within 4 to 20 (from {low:g} to {high:g}) and was taken as %: if these are mA, S and J are 6.25 "
+            "times larger (--span-op 4,20, or --span-op 0,100 if it is %)",
+            {"low": low, "high": high},
+            source="HISTORIAN.md section 2",
         )
     if low >= 0 and high <= 1.0 and high > low:
         return OTHER, _finding(low, high, "it stays within 0 to 1", "--span-op 0,1 if 1 means fully open")

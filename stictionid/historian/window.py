@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DataError, UsageError
+from .cells import shown
 from .grid import Frame
 
 IntArray = NDArray[np.int64]
@@ -53,7 +54,7 @@ def _bound(text: str, flag: str, first: int, elapsed: bool) -> int:
         return first + round(float(text) * _SECOND)
     if elapsed:
         raise UsageError(
-            f"{flag} {text!r} is a time stamp, but the file only has seconds", "give seconds since the first row"
+            f"{flag} {shown(text)} is a time stamp, but the file only has seconds", "give seconds since the first row"
         )
     try:
         moment = datetime.fromisoformat(text.strip())
@@ -63,7 +64,7 @@ def _bound(text: str, flag: str, first: int, elapsed: bool) -> int:
             moment = datetime.combine(day.date(), clock_time.fromisoformat(text.strip()))
         except ValueError:
             raise UsageError(
-                f"{flag} {text!r} is no time", "use 2024-05-31T14:00:00, 14:00:00, or seconds since the first row"
+                f"{flag} {shown(text)} is no time", "use 2024-05-31T14:00:00, 14:00:00, or seconds since the first row"
             ) from None
     if moment.tzinfo is not None:
         moment = moment.astimezone(UTC).replace(tzinfo=None)

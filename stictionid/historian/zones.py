@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import UsageError
 from .arrow import integers, timestamps
+from .cells import shown
 from .stamps import Times
 
 IntArray = NDArray[np.int64]
@@ -34,7 +35,7 @@ def apply_zone(times: Times, zone: str | None, keep: IntArray) -> Times:
         )
     except (pa.ArrowInvalid, pa.ArrowKeyError, ValueError):
         raise UsageError(
-            f"time zone {zone!r} is unknown", "use a name such as Europe/Berlin or America/Chicago"
+            f"time zone {shown(zone)} is unknown", "use a name such as Europe/Berlin or America/Chicago"
         ) from None
     newest_first = local.size > 1 and np.count_nonzero(np.diff(local) < 0) > 0.5 * local.size
     order = slice(None, None, -1) if newest_first else slice(None)

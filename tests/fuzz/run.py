@@ -1,0 +1,170 @@
+"""Fuzzes every door for a number of executions or minutes and keeps every failing input.
+
+Run: python tests/fuzz/run.py --executions 100000 --minutes 10 --seed 1 [--doors "study JSON"] [--tally tally.json]
+
+One worker process at a time; when it dies (a crash in native code) or stands still for 30 s, the input it was at is
+kept and a new worker goes on. Exit 1 when anything failed. A tally file adds up several runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import multiprocessing
+import os
+import random
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+from fuzz_doors import DOORS, put_through, slug  # noqa: E402
+
+CORPUS = HERE / "corpus"
+HANG_S = 5.0
+STANDSTILL_S = 30.0
+MAX_GROWTH_MB = 200.0
+"""Peak memory one small input may add."""
+
+
+class Hang(BaseException):
+    """Raised by the alarm; not an Exception, so that nothing swallows it."""
+
+
+def _alarm(*_: object) -> None:
+    raise Hang(f"longer than {HANG_S:g} s")
+
+
+def worker(names: list[str], seed: int, executions: int, until: float, current: str, results: Any) -> None:
+    """Deals executions out to the doors; sends (door, outcome) counts and failures through `results`."""
+    import pyarrow
+
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    pyarrow.set_cpu_count(1)
+    warnings.simplefilter("error")
+    resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+    signal.signal(signal.SIGALRM, _alarm)
+    rng = random.Random(seed)
+    shares = [DOORS[n].share for n in names]
+    counts: dict[str, list[int]] = {n: [0, 0, 0] for n in names}
+    peak = _peak_mb()
+    with open(current, "r+b", buffering=0) as note:
+        for done in range(executions):
+            name = rng.choices(names, shares)[0]
+            data = DOORS[name].make(rng)
+            note.seek(0)
+            note.write(len(data).to_bytes(8, "little") + name.encode().ljust(64) + data)
+            outcome, text = "read", ""
+            signal.setitimer(signal.ITIMER_REAL, HANG_S)
+            try:
+                outcome = put_through(DOORS[name], data)
+            except (Exception, Hang):
+                outcome, text = "failed", traceback.format_exc()
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            if done > 200 and _peak_mb() > peak + MAX_GROWTH_MB:
+                outcome, text = "failed", f"memory grew by {_peak_mb() - peak:.0f} MB"
+            peak = _peak_mb()
+            counts[name][("read", "refused", "failed").index(outcome)] += 1
+            if text:
+                results.put(("failure", name, data, text))
+            if done % 200 == 0:
+                results.put(("counts", counts))
+                if time.time() > until:
+                    break
+    results.put(("counts", counts))
+    results.put(("end",))
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def run(names: list[str], seed: int, executions: int, minutes: float) -> tuple[dict[str, list[int]], dict[str, str]]:
+    """Counts (read, refused, failed) per door, and the failures by the file they were kept in."""
+    total: dict[str, list[int]] = {n: [0, 0, 0] for n in names}
+    failures: dict[str, str] = {}
+    seen: set[str] = set()
+    until = time.time() + 60 * minutes
+    context = multiprocessing.get_context("fork")
+
+    def keep(name: str, data: bytes, text: str) -> None:
+        place = "|".join(line.strip() for line in text.splitlines() if line.strip().startswith("File"))[-200:]
+        if place and (name + place) in seen:
+            return
+        seen.add(name + place)
+        CORPUS.mkdir(exist_ok=True)
+        path = CORPUS / f"{slug(name)}-{hashlib.sha256(data).hexdigest()[:10]}.bin"
+        path.write_bytes(data)
+        failures[path.name] = text
+        print(f"FAILED {path.name}\n{text[-1200:]}", flush=True)
+
+    while time.time() < until and sum(map(sum, total.values())) < executions:
+        with tempfile.NamedTemporaryFile(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as current:
+            results: Any = context.Queue()
+            left = executions - sum(map(sum, total.values()))
+            process = context.Process(target=worker, args=(names, seed, left, until, current.name, results))
+            process.start()
+            part: dict[str, list[int]] = {}
+            ended, last = False, time.time()
+            while not ended:
+                try:
+                    message = results.get(timeout=1.0)
+                    last = time.time()
+                except Exception:
+                    if process.is_alive() and time.time() - last < STANDSTILL_S:
+                        continue
+                    message = ("died",)
+                if message[0] == "counts":
+                    part = message[1]
+                elif message[0] == "failure":
+                    keep(*message[1:])
+                else:
+                    ended = True
+                    if message[0] == "died":
+                        process.kill()
+                        process.join()
+                        raw = Path(current.name).read_bytes()
+                        size, name = int.from_bytes(raw[:8], "little"), raw[8:72].decode().strip()
+                        keep(name, raw[72 : 72 + size], f"worker died or stood still, exit {process.exitcode}")
+                        part.setdefault(name, [0, 0, 0])[2] += 1
+            process.join(5)
+            for name, counts in part.items():
+                total[name] = [a + b for a, b in zip(total[name], counts, strict=True)]
+            seed += 1_000_003
+    return total, failures
+
+
+def main() -> None:
+    """Run, print the table, add to the tally."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--executions", type=int, default=20_000)
+    parser.add_argument("--minutes", type=float, default=5.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--doors", nargs="*", choices=list(DOORS), default=list(DOORS))
+    parser.add_argument("--tally", type=Path)
+    options = parser.parse_args()
+    started = time.time()
+    total, failures = run(options.doors, options.seed, options.executions, options.minutes)
+    if options.tally:
+        before = json.loads(options.tally.read_text()) if options.tally.exists() else {}
+        total = {n: [a + b for a, b in zip(total.get(n, [0] * 3), before.get(n, [0] * 3), strict=True)]
+                 for n in {**before, **total}}
+        options.tally.write_text(json.dumps(total, indent=1) + "\n")
+    print(f"{'door':28s} {'executions':>10s} {'read':>10s} {'refused':>10s} {'failed':>8s}")
+    for name, counts in [*total.items(), ("all", [sum(c) for c in zip(*total.values(), strict=True)])]:
+        print(f"{name:28s} {sum(counts):10,d} {counts[0]:10,d} {counts[1]:10,d} {counts[2]:8,d}")
+    print(f"{time.time() - started:.0f} s, seed {options.seed}; failing inputs of this run: {len(failures)}")
+    sys.exit(1 if failures else 0)
+
+
+if __name__ == "__main__":
+    main()
