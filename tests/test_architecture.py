@@ -24,8 +24,9 @@ FLOORS = [
     {"refit"},
     {"methods", "lawrank"},
     {"identify"},
-    {"compare", "diagnose"},
-    {"report", "batch"},
+    {"compare", "diagnose", "screen"},
+    {"report"},
+    {"batch"},
     {"cli"},
 ]
 FLOOR_OF = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}
