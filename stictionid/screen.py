@@ -1,8 +1,8 @@
 """A quick look at one loop: range, and whether friction would explain it, from a coarse search.
 
-One short swarm finds a basin of S and J, a grid its process; the same grid without friction is what it must beat. No
-estimate, no intervals, no restarts: it says which loops deserve `identify`. The thresholds are those of `identify`; a
-coarse search finds less of the friction there is, so what it misses it mostly calls undecided.
+The swarms of `identify` find basins of S and J, a grid finds their process, a short polish the best; the same grid
+without friction is what it must beat. No estimate, no intervals, no restarts: it says which loops deserve `identify`.
+The thresholds are those of `identify`; where the coarse search finds no valve worth comparing, it says undecided.
 """
 
 from __future__ import annotations
@@ -21,9 +21,12 @@ from .methods.run import Run
 from .model import Spec
 from .oscillation import find_range
 from .results import Study, Verdict
+from .search import refine
 
 # A quick verdict is never surer than this.
 _SUREST = 0.6
+# The polish of the basins: first standard deviation as a share of the range, and rounds.
+_SPREAD, _ROUNDS = 0.03, 25
 
 
 def screen(loop: Loop, *, options: Options | None = None) -> Study:
@@ -44,9 +47,9 @@ def screen(loop: Loop, *, options: Options | None = None) -> Study:
 
 def _verdict(run: Run) -> Verdict:
     model = search_model(run.model(Spec(law=run.law)))
-    starts = with_process(model, basins(model, run.rng, groups=1))
-    values = model.values(starts[:1])
-    stuck = float(model.costs_of(values)[0])
+    starts = with_process(model, basins(model, run.rng))
+    polished = refine(model.costs, starts, run.rng, spread=_SPREAD, rounds=_ROUNDS)
+    values, stuck = model.values(polished.points[:1]), float(polished.costs[0])
     if not np.isfinite(stuck):
         raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
                          code="valve-never-moves")
@@ -67,6 +70,9 @@ def _verdict(run: Run) -> Verdict:
                 "error_drop": drop, "S": float(values[0, 0]), "J": float(values[1, 0])}
     said = (f"quick look: friction lowers the free-run error from {without:.4g} to {with_it:.4g} ({100 * drop:.0f} %, "
             f"{100 * explained:.1f} % of the variance of y)")
+    if explained < -_CLEAN[0] and drop < 0.0:
+        return Verdict("undecided", "quick look: the coarse search found no valve that fits as well as none does; "
+                       "only identify can tell", 0.1, evidence)
     if explained < _CLEAN[0] or drop < _CLEAN[1]:
         return Verdict("no stiction", said, _SUREST, evidence)
     if explained >= _STICKS[0] and drop >= _STICKS[1]:

@@ -9,7 +9,9 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import re
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
@@ -142,12 +144,7 @@ class Cluster:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self._errors: Any = distributed
         self._address = address
-        try:
-            self._client = distributed.Client(address, timeout=f"{_REACHED_S:g}s", set_as_default=False)
-        except (OSError, TimeoutError, ValueError, TypeError) as error:
-            said = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-            raise UsageError(f"the scheduler {address} can't be reached: {said}",
-                             "start one with dask scheduler, and give its tcp://HOST:PORT") from None
+        self._client = _client(distributed, address)
         try:
             cores = sum(self._client.ncores().values())
             if not cores:
@@ -196,6 +193,30 @@ class Cluster:
             self._executor.shutdown(wait=wait)
         with contextlib.suppress(Exception):
             self._client.close(timeout=2)
+
+
+def _client(distributed: Any, address: str) -> Any:
+    """A client of the scheduler at an address; UsageError where nobody or somebody else answers there."""
+    hint = "start one with dask scheduler, and give its tcp://HOST:PORT"
+    known = re.fullmatch(r"(tcp|tls)://(\[[^\]]+\]|[^:/\s]+):(\d{1,5})", address)
+    if known is None or not 0 < int(known[3]) < 65536:
+        raise UsageError(f"{address!r} is no address of a scheduler", hint)
+
+    class Quiet(distributed.Client):  # type: ignore[misc, name-defined]
+        """A client that could not connect does not wait for it once more when it is thrown away."""
+
+        def __del__(self) -> None:
+            pass
+
+    try:
+        # Asked first by itself: a closed port is known at once, and Dask would try for the whole time.
+        socket.create_connection((known[2].strip("[]"), int(known[3])), timeout=_REACHED_S).close()
+        return Quiet(address, timeout=f"{_REACHED_S:g}s", set_as_default=False)
+    except OSError as error:
+        raise UsageError(f"the scheduler {address} can't be reached: {error.strerror or error}", hint) from None
+    except Exception:  # whatever another program answers ends in some error of Dask's
+        raise UsageError(f"what answers at {address} is no Dask scheduler that this version understands", hint) \
+            from None
 
 
 def crew_for(jobs: int, scheduler: str | None) -> Processes | Cluster:

@@ -66,7 +66,8 @@ def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume
         while waiting and len(flying) < crew.room:
             number, task = waiting.popleft()
             if resume:
-                task = replace(task, have=store.fingerprint(task))
+                have, had = store.standing(task)
+                task = replace(task, have=have, had=had)
             flying[crew.submit(attempt, task, work)] = (number, task)
 
     fill()

@@ -23,7 +23,7 @@ from .._version import __version__
 from ..errors import DataError, UsageError
 from ..files import unwritable, write_whole
 from ..historian.dataset import RESULTS_MARK
-from .task import FAILED, Outcome, Task
+from .task import ABSTAINED, FAILED, OK, Outcome, Task
 
 SCHEMA = "stictionid.batch/1"
 FAILURE_SCHEMA = "stictionid.failure/1"
@@ -114,17 +114,14 @@ class Store:
             self._lock.close()
             self._lock = None
 
-    def fingerprint(self, task: Task) -> str | None:
-        """SHA-256 of the data behind the task's study, when it was made by this version with the task's options."""
-        if (self.failures / f"{task.key}.json").exists():
-            return None
+    def standing(self, task: Task) -> tuple[str | None, str]:
+        """SHA-256 of the data behind the task's study, if this version made it with the task's options; its status."""
         study = self._load(self.studies / f"{task.key}.json")
-        if study is None or (study.get("created_by") or {}).get("version") != __version__:
-            return None
-        data = study.get("data") or {}
-        if study.get("command") != task.command or data.get("name") != task.loop:
-            return None
-        return data.get("sha256")
+        if study is None or (self.failures / f"{task.key}.json").exists():
+            return None, OK
+        data, status = study.get("data") or {}, status_of(study)
+        same = ((study.get("created_by") or {}).get("version"), study.get("command"), data.get("name"))
+        return (data.get("sha256"), status) if same == (__version__, task.command, task.loop) else (None, OK)
 
     def keep(self, task: Task, out: Outcome) -> None:
         """Write what came of a task. UsageError where there is no room or no permission."""
@@ -173,6 +170,12 @@ class Store:
         except (OSError, ValueError, RecursionError):
             return None
         return content if isinstance(content, dict) else None
+
+
+def status_of(study: dict[str, Any]) -> str:
+    """Abstained where a study's verdict carries the code of a gate, else ok."""
+    evidence = (study.get("verdict") or {}).get("evidence") or {}
+    return ABSTAINED if not study.get("estimate") and "code" in evidence else OK
 
 
 def harmless(text: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..files import write_whole
 from .rank import rank_key
-from .store import Store, harmless
+from .store import Store, harmless, status_of
 from .task import ABSTAINED, FAILED, OK
 
 # Columns in order, with whether they hold numbers.
@@ -65,12 +65,12 @@ def _done(key: str, study: dict[str, Any]) -> Row:
     verdict, estimate = study.get("verdict") or {}, study.get("estimate") or {}
     data, found, steps = study.get("data") or {}, study.get("range") or {}, study.get("steps") or []
     evidence = verdict.get("evidence") or {}
-    abstained = not estimate and "code" in evidence
+    status = status_of(study)
     S, J = estimate.get("S_interval") or (None, None), estimate.get("J_interval") or (None, None)
     errors = [step.get("error") or {} for step in steps] or [{}]
     return _row(
-        loop=str(data.get("name") or key), file=data.get("file"), status=ABSTAINED if abstained else OK,
-        message=str(verdict.get("reason") or "") if abstained else "", verdict=verdict.get("stiction"),
+        loop=str(data.get("name") or key), file=data.get("file"), status=status,
+        message=str(verdict.get("reason") or "") if status == ABSTAINED else "", verdict=verdict.get("stiction"),
         confidence=verdict.get("confidence"), S=estimate.get("S"), S_low=S[0], S_high=S[1], J=estimate.get("J"),
         J_low=J[0], J_high=J[1], unit=estimate.get("unit"), period_s=found.get("period_s"), s_max=found.get("s_max"),
         oscillating=_yes(found.get("oscillating")), missing="; ".join(study.get("missing") or ()),

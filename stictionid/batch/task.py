@@ -17,7 +17,7 @@ class Task:
 
     `kind` is "file" (one file holds it), "wide" or "dataset" (it is the columns or rows `select` of `path`), or "tags"
     (its `files` hold one tag each). `problem` is what is known to be wrong before work began. `have` is the
-    fingerprint of the data behind a study that is there already and would be made the same way.
+    fingerprint of the data behind a study that is there already and would be made the same way, `had` its status.
     """
 
     loop: str
@@ -30,6 +30,7 @@ class Task:
     files: tuple[str, ...] = ()
     problem: str = ""
     have: str | None = None
+    had: str = OK
 
 
 @dataclass(frozen=True, slots=True)

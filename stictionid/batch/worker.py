@@ -79,10 +79,10 @@ def _study(task: Task, work: Work, times: dict[str, float]) -> Outcome:
         raise DataError(task.problem)
     sha256 = _fingerprint(task)
     if sha256 is not None and sha256 == task.have:
-        return Outcome(task.key, OK, kept=True)
+        return Outcome(task.key, task.had, kept=True)
     reading = _read(task, sha256)
     if reading is None:
-        return Outcome(task.key, OK, kept=True)
+        return Outcome(task.key, task.had, kept=True)
     loop = replace(reading.loop, name=task.loop)
     times["read"] = clock() - start
     with warnings.catch_warnings():

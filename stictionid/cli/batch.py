@@ -83,14 +83,15 @@ def batch(
     _refuse_ignored(work)
     store = Store(output)
     store.check(force=force)
-    todo = plan(paths, work, reading=reading, loops=loops)
-    _tell_plan(todo, quiet)
-    warn_when_cold(quiet)
     crew = crew_for(jobs or _cores(), scheduler)
     try:
+        todo = plan(paths, work, reading=reading, loops=loops)
+        _tell_plan(todo, quiet)
+        warn_when_cold(quiet)
         store.begin()
         rows = _work_through(todo, work, crew, store, resume, Watch(len(todo.tasks), as_json=as_json, quiet=quiet))
     finally:
+        crew.shutdown(wait=False, cancel_futures=True)
         store.close()
     _show(rows, todo, output, as_json, quiet)
     if strict and any(row["status"] == "failed" for row in rows):
@@ -148,9 +149,6 @@ def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, wat
         except StictionidError:
             _none_left(store)
         error.hint = (error.hint + "; " if error.hint else "") + f"what is done is kept, go on with: {_again()}"
-        raise
-    except BaseException:
-        crew.shutdown(wait=False, cancel_futures=True)
         raise
     return write_summary(store)
 
