@@ -244,3 +244,16 @@ def test_a_task_that_works_gives_a_study_under_its_own_name(tmp_path, loops) -> 
     study = json.loads(out.text or "")
     assert out.status == OK and study["data"]["name"] == "FIC100" and study["verdict"]["stiction"] == "stiction"
     assert study["command"].startswith("stictionid batch ") and "--jobs" not in study["command"]
+
+
+@pytest.mark.parametrize("layout", ["tag", "area", "loop column", "wide", "long parquet", "file per tag"])
+def test_the_data_behind_a_study_are_found_again(layout, tmp_path, loops) -> None:
+    """`report` and `diagnose` re-read the loop by what its study remembers, from whatever layout it came."""
+    from stictionid.report.curves import gather
+    from stictionid.results import study_from_json
+
+    todo = plan([str(lay_out(tmp_path, layout, loops))], SCREEN)
+    task = next(t for t in todo.tasks if t.loop == "FIC100")
+    case = gather(study_from_json(attempt(task, SCREEN).text or ""))
+    assert case.loop is not None, case.missing
+    assert same(case.loop, loops["FIC100"])

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import DataError, StictionidError, UsageError
-from ..historian.dataset import Opened, groups_of, open_dataset, words_in
+from ..historian.dataset import SIGNALS, Opened, groups_of, open_dataset, words_in
+from ..historian.folder import tag_of
 from ..historian.listing import names_of
 from ..historian.options import ReadOptions
 from ..historian.roles import take_apart
@@ -15,6 +16,8 @@ from ..historian.table import Table, read_table
 from .sources import PARQUET
 
 _HEAD_BYTES = 256 << 10
+# Columns of a file with one tag: date, clock, value, quality.
+_MOST_OF_A_TAG = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,14 +77,10 @@ def _columns(path: Path, names: tuple[str, ...], options: ReadOptions) -> Peeked
 
 
 def _one_tag(path: Path, names: tuple[str, ...]) -> str:
-    """The tag of a file that holds one tag: its value column's name, or the file's own."""
-    if not 2 <= len(names) <= 4:
-        return ""
-    for name in (*names[1:], path.name.partition(".csv")[0].partition(".tsv")[0].partition(".txt")[0]):
-        tag = take_apart(name)
-        if tag.role in ("setpoint", "process_value", "output", "position", "mode") and tag.loop:
-            return name
-    return ""
+    """The tag of a file that holds one tag, which is the file's name; "" where it is no such file."""
+    tag = tag_of(path)
+    known = take_apart(tag)
+    return tag if 2 <= len(names) <= _MOST_OF_A_TAG and known.role in SIGNALS and known.loop else ""
 
 
 def _text(path: Path, options: ReadOptions) -> Peeked:

@@ -108,7 +108,7 @@ def _found(peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[T
     for folder, tags in single.items():
         for name, mine in groups_of(tags).items():
             yield _task(name, "tags", _absolute(folder), work, replace(reading, loop=name), select=mine,
-                        files=tuple(tags[t] for t in mine))
+                        files=tuple(sorted(tags[t] for t in mine)))
 
 
 def _listed(listed: tuple[Listed, ...], peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[Task]:
@@ -134,7 +134,7 @@ def _listed(listed: tuple[Listed, ...], peeked: list[Peeked], work: Work, readin
             kind = homes[0].kind if homes[0].kind == "dataset" else "wide"
             yield _task(entry.loop, kind, _absolute(homes[0].path), work, own, select=entry.tags)
         else:
-            files = tuple(_absolute(places[t][0].path) for t in entry.tags)
+            files = tuple(sorted({_absolute(places[t][0].path) for t in entry.tags}))
             yield _task(entry.loop, "tags", os.path.commonpath([os.path.dirname(f) for f in files]), work, own,
                         select=entry.tags, files=files)
     if not some:

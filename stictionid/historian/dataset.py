@@ -24,7 +24,7 @@ from .table import Table, table_from_arrow
 RESULTS_MARK = "batch.json"
 """A folder that holds this file is what `batch` wrote, and no data."""
 _SUFFIXES = (".parquet", ".pq")
-_SIGNALS = ("setpoint", "process_value", "output", "position", "mode")
+SIGNALS = ("setpoint", "process_value", "output", "position", "mode")
 # One row group at a time and no read-ahead: a loop's rows are few, the memory is shared by many workers.
 _SCAN = {"use_threads": False, "batch_readahead": 1, "fragment_readahead": 1}
 
@@ -120,7 +120,7 @@ def groups_of(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     groups: dict[str, tuple[str, set[str], list[str]]] = {}
     numbered: dict[str, list[str]] = {}
     for name, tag in tags:
-        if tag.role in _SIGNALS and tag.loop:
+        if tag.role in SIGNALS and tag.loop:
             group = groups.setdefault(key_of(tag.loop), (tag.loop, set(), []))
             group[1].add(tag.role)
             group[2].append(name)
@@ -166,7 +166,7 @@ def rows_of(opened: Opened, select: Iterable[str]) -> tuple[Source, Table]:
 def _belongs(name: str, wanted: list[str]) -> bool:
     """Whether a column is one of the loop's, its quality, or carries no loop at all (time)."""
     return name in wanted or any(name.startswith(w) for w in wanted) or not (
-        take_apart(name).role in _SIGNALS or take_apart(name).loop)
+        take_apart(name).role in SIGNALS or take_apart(name).loop)
 
 
 def digest(table: Any) -> str:
