@@ -34,7 +34,7 @@ RESULTS = ("summary.csv", "summary.parquet", "summary.md", "summary.html")
 class Inline(Executor):
     """A crew that works here and now."""
 
-    room = 1
+    room, sure = 1, True
 
     def submit(self, fn, /, *args, **kwargs):
         future: Future = Future()
@@ -101,6 +101,35 @@ def test_a_dask_cluster_leaves_the_same_bytes(todo, clean, tmp_path) -> None:
         assert content(run(todo, tmp_path / "out", crew=crew).folder) == clean
 
 
+def test_on_a_cluster_nobody_is_blamed_for_a_neighbours_death(todo, clean, tmp_path) -> None:
+    """Dask gives up all calls that waited for the workers one call has killed."""
+
+    class Killed(Exception):
+        pass
+
+    class Neighbours(Inline):
+        room, sure = 4, False
+
+        def submit(self, fn, /, task, work):
+            self.flying = {**getattr(self, "flying", {}), task.loop: Future()}
+            if task.loop == "FIC103":  # the last of four: all have been handed in
+                for name, future in self.flying.items():
+                    future.set_exception(Killed(name))
+                self.flying = {}
+                return future
+            if getattr(self, "second", False) or task.loop == "FIC900":
+                self.flying.pop(task.loop)
+                self.second = True
+                return super().submit(fn, task, work)
+            return self.flying[task.loop]
+
+        def dead(self, error):
+            return isinstance(error, Killed)
+
+    rows = {row["loop"]: row["status"] for row in rows_of(run(todo, tmp_path / "out", crew=Neighbours()))}
+    assert rows == {"FIC100": OK, "FIC101": OK, "FIC102": OK, "FIC103": FAILED, "FIC900": FAILED}
+
+
 # Resuming ---------------------------------------------------------------------------------------------------------
 
 
@@ -159,7 +188,7 @@ def test_a_dead_worker_costs_its_loop_one_retry_and_nobody_else_anything(todo, c
     monkeypatch.setenv("STICTIONID_TEST_ONCE", str(tmp_path / "once"))
     store = run(todo, tmp_path / "out", crew=Processes(2), attempt=dying)
     rows = {row["loop"]: row for row in rows_of(store)}
-    assert rows["FIC100"]["status"] == FAILED and "died 2 times" in rows["FIC100"]["message"]
+    assert rows["FIC100"]["status"] == FAILED and "died every time" in rows["FIC100"]["message"]
     assert {n: r["status"] for n, r in rows.items() if n not in ("FIC100", "FIC900")} == dict.fromkeys(
         ("FIC101", "FIC102", "FIC103"), OK)
     for name in ("FIC101", "FIC102", "FIC103"):

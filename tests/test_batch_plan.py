@@ -175,6 +175,9 @@ def test_two_loops_of_one_name_are_refused_by_name(tmp_path, loops) -> None:
 
 def test_one_loop_of_many(tmp_path, loops) -> None:
     assert names([write_wide(tmp_path / "w.csv", loops)], reading=ReadOptions(loop="fic_101")) == ["FIC101"]
+    with pytest.raises(UsageError, match="no loop 'TIC1'") as refusal:
+        names([tmp_path / "w.csv"], reading=ReadOptions(loop="TIC1"))
+    assert "FIC101" in refusal.value.hint
 
 
 # The loop list --------------------------------------------------------------------------------------------------

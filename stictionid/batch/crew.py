@@ -28,9 +28,13 @@ _REACHED_S = 5.0
 
 
 class Crew(Protocol):
-    """An executor that says how much it can take and what its deaths look like."""
+    """An executor that says how much it can take and what its deaths look like.
+
+    `sure` tells whether a death is known to be the call's own, or may be that of a call beside it.
+    """
 
     room: int
+    sure: bool
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """One call in some worker."""
@@ -51,6 +55,8 @@ class Processes(Executor):
     Spawned, not forked: a fork would copy locks of threads that do not exist in it. Workers ignore Ctrl-C (the parent
     decides) and end themselves when the parent is gone.
     """
+
+    sure = True
 
     def __init__(self, jobs: int) -> None:
         self.room = jobs
@@ -131,7 +137,13 @@ def _follow(parent: Any) -> None:
 
 
 class Cluster:
-    """A Dask cluster through its executor interface; twice as many calls as cores keep it busy."""
+    """A Dask cluster through its executor interface; twice as many calls as cores keep it busy.
+
+    Its scheduler makes a call again by itself after a death (three times, unless it is set up otherwise), then gives
+    it up with all that waited for the same workers.
+    """
+
+    sure = False
 
     def __init__(self, address: str) -> None:
         try:
@@ -146,10 +158,12 @@ class Cluster:
         self._address = address
         self._client = _client(distributed, address)
         try:
-            cores = sum(self._client.ncores().values())
-            if not cores:
+            try:
+                self._client.wait_for_workers(1, timeout=_REACHED_S)
+            except Exception:
                 raise UsageError(f"the scheduler {address} has no workers",
-                                 f"start some with dask worker {address} --nthreads 1")
+                                 f"start some with dask worker {address} --nthreads 1") from None
+            cores = sum(self._client.ncores().values())
             self._executor = self._client.get_executor(pure=False, retries=0)
             self._check_workers()
         except BaseException:

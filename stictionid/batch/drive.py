@@ -16,8 +16,6 @@ from .store import Store
 from .task import ABSTAINED, FAILED, Outcome, Task, Work
 from .worker import attempt as do_task
 
-# How often a loop is tried again after the death of its worker.
-RETRIES = 1
 # How long to wait before the caller hears again that work goes on. Unit: s.
 _PULSE_S = 0.5
 
@@ -53,16 +51,19 @@ def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume
     """Do every task and keep every outcome, in whatever order they come.
 
     `tell` hears of each outcome, and twice a second that work goes on. A worker's death costs its loop one retry, then
-    the loop has failed. Raises UsageError where an outcome can't be written or the crew is gone; what was kept stays.
+    the loop has failed; where deaths may be a neighbour's, the retry comes last and alone. Raises UsageError where an
+    outcome can't be written or the crew is gone; what was kept stays.
     """
     tasks = list(tasks)
-    waiting = deque(enumerate(tasks))
+    waiting, suspects = deque(enumerate(tasks)), deque[tuple[int, Task]]()
     flying: dict[Future[Outcome], tuple[int, Task]] = {}
-    deaths: dict[int, int] = {}
+    died: set[int] = set()
     tally = Tally(len(tasks), begun=time.monotonic())
     say = tell or (lambda tally, task, out: None)
 
     def fill() -> None:
+        if not waiting and not flying and suspects:
+            waiting.append(suspects.popleft())  # one at a time: then it is clear whose death it was
         while waiting and len(flying) < crew.room:
             number, task = waiting.popleft()
             if resume:
@@ -74,13 +75,16 @@ def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume
     while flying:
         landed, _ = wait(flying, timeout=_PULSE_S, return_when=FIRST_COMPLETED)
         ready = [(flying.pop(future), future) for future in landed]
-        again = [(number, task) for (number, task), future in ready if _to_repeat(future, crew, number, deaths)]
-        waiting.extendleft(reversed(again))
+        again = [(number, task) for (number, task), future in ready if _to_repeat(future, crew, number, died)]
+        if crew.sure:
+            waiting.extendleft(reversed(again))
+        else:
+            suspects.extend(again)
         fill()  # before the outcomes are written: workers should not wait for the disk
         for (number, task), future in sorted(ready, key=lambda r: r[0][0]):
-            if (number, task) in again:
+            if any(number == other for other, _ in again):
                 continue
-            out = _outcome(future, task, crew, deaths.get(number, 0))
+            out = _outcome(future, task, crew)
             store.keep(task, out)
             _count(tally, out)
             say(tally, task, out)
@@ -89,12 +93,13 @@ def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume
     return tally
 
 
-def _to_repeat(future: Future[Outcome], crew: Crew, number: int, deaths: dict[int, int]) -> bool:
+def _to_repeat(future: Future[Outcome], crew: Crew, number: int, died: set[int]) -> bool:
+    """Whether the worker died under the call for the first time."""
     error = _error(future)
-    if error is None or not crew.dead(error):
+    if error is None or number in died or not crew.dead(error):
         return False
-    deaths[number] = deaths.get(number, 0) + 1
-    return deaths[number] <= RETRIES
+    died.add(number)
+    return True
 
 
 def _error(future: Future[Any]) -> BaseException | None:
@@ -104,7 +109,7 @@ def _error(future: Future[Any]) -> BaseException | None:
         return error
 
 
-def _outcome(future: Future[Outcome], task: Task, crew: Crew, deaths: int) -> Outcome:
+def _outcome(future: Future[Outcome], task: Task, crew: Crew) -> Outcome:
     error = _error(future)
     if error is None:
         out = future.result()
@@ -114,7 +119,7 @@ def _outcome(future: Future[Outcome], task: Task, crew: Crew, deaths: int) -> Ou
         return out
     if crew.dead(error):
         return Outcome(task.key, FAILED, None,
-                       f"its worker process died {deaths} times (killed, out of memory, or crashed)")
+                       "its worker process died every time it was tried (killed, out of memory, or crashed)")
     if isinstance(error, StictionidError):
         raise error
     if crew.lost(error):

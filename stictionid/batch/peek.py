@@ -15,7 +15,7 @@ from ..historian.source import Source, open_source
 from ..historian.table import Table, read_table
 from .sources import PARQUET
 
-_HEAD_BYTES = 256 << 10
+_HEAD_BYTES = 64 << 10
 # Columns of a file with one tag: date, clock, value, quality.
 _MOST_OF_A_TAG = 4
 

@@ -13,6 +13,7 @@ from ..historian.assign import key_of
 from ..historian.dataset import groups_of, open_dataset
 from ..historian.options import ReadOptions
 from ..historian.profile import with_profile
+from ..historian.roles import listing
 from .command import command_for
 from .looplist import Listed, read_list
 from .names import key_for
@@ -45,7 +46,10 @@ def plan(paths: Iterable[str], work: Work, *, reading: ReadOptions | None = None
     peeked, skipped = _peek_all(found, reading, bool(listed))
     tasks = [*_listed(listed, peeked, work, reading)] if listed else [*_found(peeked, work, reading)]
     if reading.loop is not None:
-        tasks = [t for t in tasks if key_of(t.loop) == key_of(reading.loop)]
+        wanted = [t for t in tasks if key_of(t.loop) == key_of(reading.loop)]
+        if not wanted and tasks:
+            raise UsageError(f"no loop {reading.loop!r}", f"loops found: {listing([t.loop for t in tasks])}")
+        tasks = wanted
     used = {t.path for t in tasks} | {file for t in tasks for file in t.files}
     skipped += [(str(p.path), p.damaged or p.foreign or "holds no loop of the list") for p in peeked
                 if _absolute(p.path) not in used]

@@ -29,7 +29,8 @@ SINGLE_THREADED = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS",
                    "VECLIB_MAXIMUM_THREADS")
 _DETAIL = 4000
 
-# What a worker keeps from one loop to the next: the last table with several loops, opened datasets, fingerprints.
+# What a worker keeps from one loop to the next: the last table with several loops, dataset, fingerprint. A cluster's
+# worker may have threads: two of them may do the work twice, and never see half of it.
 _table: dict[str, tuple[Any, Table]] = {}
 _opened: dict[str, Opened] = {}
 _known: dict[str, tuple[tuple[int, int], str]] = {}
@@ -126,10 +127,12 @@ def _fingerprint(task: Task) -> str | None:
         return None
     state = os.stat(task.path)
     stamp = (state.st_mtime_ns, state.st_size)
-    if _known.get(task.path, (None, ""))[0] != stamp:
+    known = _known.get(task.path)
+    if known is None or known[0] != stamp:
+        known = stamp, sha256_of(task.path)
         _known.clear()
-        _known[task.path] = (stamp, sha256_of(task.path))
-    return _known[task.path][1]
+        _known[task.path] = known
+    return known[1]
 
 
 def _read(task: Task, sha256: str | None) -> Any:
@@ -154,10 +157,12 @@ def _of_dataset(task: Task, path: Path, sha256: str | None) -> Any:
     from ..historian.dataset import open_dataset, rows_of
     from ..historian.reading import _read_table
 
-    if task.path not in _opened:
+    opened = _opened.get(task.path)
+    if opened is None:
+        opened = open_dataset(path)
         _opened.clear()
-        _opened[task.path] = open_dataset(path)
-    source, table = rows_of(_opened[task.path], task.select)
+        _opened[task.path] = opened
+    source, table = rows_of(opened, task.select)
     # A file of its own is known by its bytes, as everywhere; a folder by the rows of the loop.
     source = replace(source, sha256=sha256 or source.sha256)
     if source.sha256 == task.have:
@@ -172,10 +177,12 @@ def _of_table(task: Task, path: Path) -> Any:
     from ..historian.source import open_source
     from ..historian.table import read_table
 
-    if task.path not in _table:
-        _table.clear()
+    kept = _table.get(task.path)
+    if kept is None:
         source = open_source(path)
-        _table[task.path] = replace(source, data=b""), read_table(source, task.reading)
-    source, table = _table[task.path]
+        kept = replace(source, data=b""), read_table(source, task.reading)
+        _table.clear()
+        _table[task.path] = kept
+    source, table = kept
     return _read_table(source, narrowed(table, task.select) if task.select else table, task.reading)
 
