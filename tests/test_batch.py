@@ -130,6 +130,24 @@ def test_on_a_cluster_nobody_is_blamed_for_a_neighbours_death(todo, clean, tmp_p
     assert rows == {"FIC100": OK, "FIC101": OK, "FIC102": OK, "FIC103": FAILED, "FIC900": FAILED}
 
 
+def test_when_no_work_can_be_handed_out_what_is_done_is_kept(todo, tmp_path) -> None:
+    class Closing(Inline):
+        count = 0
+
+        def submit(self, fn, /, *args):
+            self.count += 1
+            if self.count > 2:
+                raise RuntimeError("cannot schedule new futures after shutdown")
+            return super().submit(fn, *args)
+
+    store = Store(tmp_path / "out")
+    store.begin()
+    with pytest.raises(UsageError, match="no more work can be handed out"):
+        drive(todo.tasks, SCREEN, Closing(), store)
+    assert len(rows_of(store)) == 2
+    store.close()
+
+
 # Resuming ---------------------------------------------------------------------------------------------------------
 
 
@@ -213,7 +231,7 @@ def test_workers_see_one_core_and_end_with_their_parent() -> None:
         pid = crew.submit(os.getpid).result()
     finally:
         crew.shutdown(wait=False)
-    for _ in range(50):
+    for _ in range(300):
         if not Path(f"/proc/{pid}").exists():
             break
         time.sleep(0.1)
@@ -361,7 +379,7 @@ def test_a_scheduler_out_of_reach_is_told_in_seconds(address) -> None:
     begun = time.monotonic()
     with pytest.raises(UsageError, match=address.partition("//")[2] or address):
         crew_for(1, address)
-    assert time.monotonic() - begun < 8.0
+    assert time.monotonic() - begun < 15.0
 
 
 def test_without_dask_the_option_says_what_to_install(monkeypatch) -> None:

@@ -69,7 +69,7 @@ def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume
             if resume:
                 have, had = store.standing(task)
                 task = replace(task, have=have, had=had)
-            flying[crew.submit(attempt, task, work)] = (number, task)
+            flying[_handed_in(crew, attempt, task, work)] = (number, task)
 
     fill()
     while flying:
@@ -80,17 +80,29 @@ def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume
             waiting.extendleft(reversed(again))
         else:
             suspects.extend(again)
-        fill()  # before the outcomes are written: workers should not wait for the disk
-        for (number, task), future in sorted(ready, key=lambda r: r[0][0]):
-            if any(number == other for other, _ in again):
-                continue
-            out = _outcome(future, task, crew)
-            store.keep(task, out)
-            _count(tally, out)
-            say(tally, task, out)
+        try:
+            fill()  # before the outcomes are written: workers should not wait for the disk
+        finally:
+            for (number, task), future in sorted(ready, key=lambda r: r[0][0]):
+                if any(number == other for other, _ in again):
+                    continue
+                out = _outcome(future, task, crew)
+                store.keep(task, out)
+                _count(tally, out)
+                say(tally, task, out)
         if not landed:
             say(tally, None, None)
     return tally
+
+
+def _handed_in(crew: Crew, attempt: Callable[[Task, Work], Outcome], task: Task, work: Work) -> Future[Outcome]:
+    try:
+        return crew.submit(attempt, task, work)
+    except StictionidError:
+        raise
+    except Exception as error:  # a closed connection, a process that can't be started: each library has its own
+        raise UsageError(f"no more work can be handed out: {type(error).__name__}: {str(error)[:120]}",
+                         "see that workers can be started") from None
 
 
 def _to_repeat(future: Future[Outcome], crew: Crew, number: int, died: set[int]) -> bool:
@@ -123,7 +135,7 @@ def _outcome(future: Future[Outcome], task: Task, crew: Crew) -> Outcome:
     if isinstance(error, StictionidError):
         raise error
     if crew.lost(error):
-        raise UsageError("the workers are gone: the scheduler no longer answers", "start it again and add --resume")
+        raise UsageError("the workers are gone: the scheduler no longer answers", "start it again")
     return Outcome(task.key, FAILED, None, f"a defect in the program: {type(error).__name__}: {error}"[:500])
 
 
