@@ -180,6 +180,12 @@ def test_one_loop_of_many(tmp_path, loops) -> None:
     assert "FIC101" in refusal.value.hint
 
 
+def test_tags_said_by_hand_find_one_loop_of_a_dataset(tmp_path, loops) -> None:
+    said = ReadOptions(pv="FIC101.PV", op="FIC101.OP")
+    (task,) = plan([str(write_dataset(tmp_path / "d", loops))], SCREEN, reading=said).tasks
+    assert task.loop == "FIC101" and same(read_back(task), loops["FIC101"]) and read_back(task).setpoint is None
+
+
 # The loop list --------------------------------------------------------------------------------------------------
 
 

@@ -43,7 +43,7 @@ def plan(paths: Iterable[str], work: Work, *, reading: ReadOptions | None = None
         reading = with_profile(reading)
     listed = read_list(loops) if loops is not None else ()
     found = look(paths, leave=[loops] if loops is not None else [])
-    peeked, skipped = _peek_all(found, reading, bool(listed))
+    peeked, skipped = _peek_all(found, reading)
     tasks = [*_listed(listed, peeked, work, reading)] if listed else [*_found(peeked, work, reading)]
     if reading.loop is not None:
         wanted = [t for t in tasks if key_of(t.loop) == key_of(reading.loop)]
@@ -65,14 +65,14 @@ def _absolute(path: Path) -> str:
     return os.path.abspath(path)
 
 
-def _peek_all(found: Found, reading: ReadOptions, by_list: bool) -> tuple[list[Peeked], list[tuple[str, str]]]:
+def _peek_all(found: Found, reading: ReadOptions) -> tuple[list[Peeked], list[tuple[str, str]]]:
     """What every file or dataset holds, and the files that can't hold a loop."""
     peeked: list[Peeked] = []
     skipped = [(str(p), why) for p, why in found.skipped]
     for folder, files in found.inside.items():
         parquet = [f for f in files if f.suffix.lower() in PARQUET]
         if parquet:
-            opened = _opened(folder)
+            opened = _opened(folder, reading)
             if opened is not None:
                 peeked.append(opened)
                 files = tuple(f for f in files if f not in set(parquet))
@@ -85,13 +85,13 @@ def _peek_all(found: Found, reading: ReadOptions, by_list: bool) -> tuple[list[P
     return peeked, skipped
 
 
-def _opened(folder: Path, reading: ReadOptions | None = None) -> Peeked | None:
+def _opened(folder: Path, reading: ReadOptions) -> Peeked | None:
     """A folder's Parquet files as one dataset whose rows hold many loops; None where each file is on its own."""
     try:
         opened = open_dataset(folder)
     except DataError:
         return None
-    return from_dataset(opened, reading or ReadOptions()) if opened.many else None
+    return from_dataset(opened, reading) if opened.many else None
 
 
 def _found(peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[Task]:
@@ -106,7 +106,8 @@ def _found(peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[T
         if p.tag:
             single.setdefault(p.path.parent, {})[p.tag] = path
         for name, select in p.loops.items():
-            many = len(p.loops) > 1 or p.kind == "dataset"
+            # Tags said by hand name their loop already.
+            many = (len(p.loops) > 1 or p.kind == "dataset") and not (reading.pv and reading.op)
             yield _task(name or p.path.name.split(".")[0], p.kind, path, work,
                         replace(reading, loop=name) if many else replace(reading, loop=None), select=select)
     for folder, tags in single.items():
