@@ -95,7 +95,8 @@ def slopes_at(residuals: Residuals, points: FloatArray, free: FloatArray,
 def _moves(slopes: FloatArray, now: FloatArray) -> FloatArray:
     """Steps (dampings, f) that lower the squared residuals (n,) by their slopes (n, f)."""
     normal, pull = slopes.T @ slopes, slopes.T @ now
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    size = np.sqrt(np.diag(normal))
+    size = np.maximum(size, 1e-9 * size.max(initial=0.0) + 1e-100)
     scaled = normal / size / size[:, None]
     values, vectors = np.linalg.eigh(scaled)
     along = vectors.T @ (pull / size)

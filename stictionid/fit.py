@@ -480,9 +480,10 @@ def _rays(model: Model, top: FloatArray) -> FloatArray:
     free = np.flatnonzero(movable(model) > 0)
     slopes = slopes_at(model.residuals, top[None], free, np.full((1, free.size), _RAY_DIFFERENCE))[0][0]
     normal = slopes.T @ slopes
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    size = np.sqrt(np.diag(normal))
+    size = np.maximum(size, 1e-9 * size.max(initial=0.0) + 1e-100)
     values, vectors = np.linalg.eigh(normal / size / size[:, None])
-    spread = (vectors / np.maximum(values, 1e-9 * values[-1])) @ vectors.T / size / size[:, None]
+    spread = (vectors / np.maximum(values, 1e-9 * values[-1] + 1e-30)) @ vectors.T / size / size[:, None]
     directions = []
     for j in range(free.size):
         ray = np.zeros(top.size)

@@ -58,7 +58,7 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     tell("looking for the oscillation", 0.02)
     method = method_room.get(options.method)
     found = find_range(loop)
-    piece, notes = _whole(loop)
+    piece, notes = whole(loop)
     notes += options.notes
     laws: tuple[LawResult, ...] = ()
     try:
@@ -69,9 +69,9 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
             run = _run_of(piece, found, options, method, tell)
             outcome = method.run(run)
     except CannotTell as reason:
-        return _abstained(loop, found, options, reason)
+        return abstained(loop, found, options, reason)
     if outcome.verdict is not None:
-        return Study(_made(options), _data(loop, piece, notes), found, capped(outcome.verdict, loop), None,
+        return Study(made_by(options), data_record(loop, piece, notes), found, capped(outcome.verdict, loop), None,
                      command=options.command)
     last = outcome.fits[-1]
     unit = loop.unit("output", "%")
@@ -80,7 +80,7 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     estimate = _estimate(last, unit, outcome, position)
     meaning = severity(piece, estimate, last.best.residual, last.best.position)
     tell("done", 1.0)
-    return Study(_made(options), _data(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
+    return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
                  adequate=outcome.adequate, adequate_reason=outcome.reason, cost_map=_cost_map(last),
                  command=options.command, severity=meaning)
 
@@ -114,7 +114,8 @@ def _every_law(piece: Loop, found: Range, options: Options, method: Method,
     return run, replace(outcome, steps=(*outcome.steps[:-1], last)), ranking.laws
 
 
-def _whole(loop: Loop) -> tuple[Loop, tuple[Finding, ...]]:
+def whole(loop: Loop) -> tuple[Loop, tuple[Finding, ...]]:
+    """The stretch that is identified, and what must be said of the others."""
     piece = loop.longest_segment()
     if piece.samples == loop.samples:
         return piece, ()
@@ -154,22 +155,23 @@ def _cost_map(fit: Fitted) -> CostMap:
                    tuple((float(a), float(b)) for a, b in fit.searched))
 
 
-def _made(options: Options) -> CreatedBy:
+def made_by(options: Options) -> CreatedBy:
+    """Versions and seed for a study."""
     import numba
 
     return CreatedBy(__version__, options.seed, platform.python_version(), np.__version__, numba.__version__)
 
 
-def _data(loop: Loop, piece: Loop, notes: tuple[Finding, ...] = ()) -> DataRecord:
+def data_record(loop: Loop, piece: Loop, notes: tuple[Finding, ...] = ()) -> DataRecord:
     o = loop.origin
     return DataRecord(o.file, o.sha256, dict(o.columns), dict(o.units or loop.units), o.rows or loop.samples,
                       int(piece.used.sum()), loop.step_s, o.start, o.end, (*o.findings, *notes), loop.name,
                       dict(o.options))
 
 
-def _abstained(loop: Loop, found: Range, options: Options, reason: CannotTell) -> Study:
+def abstained(loop: Loop, found: Range, options: Options, reason: CannotTell) -> Study:
     finding = Finding(reason.code, "serious", reason.message, {}, (), reason.hint)
-    return Study(_made(options), _data(loop, loop, (finding,)), found,
+    return Study(made_by(options), data_record(loop, loop, (finding,)), found,
                  Verdict("undecided", reason.message + (f"; {reason.hint}" if reason.hint else ""), 0.0,
                          {"code": reason.code}), None, command=options.command)
 

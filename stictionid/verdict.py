@@ -45,8 +45,16 @@ _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 def judge(run: Run, fit: Fitted) -> Verdict:
     """The verdict on one fit."""
     run.tell("comparing with a valve that does not stick", 0.85)
-    sticking = whitened(fit.model, fit.values)
-    free = friction_free(run, fit.model.spec)
+    verdict = compared(run, whitened(fit.model, fit.values))
+    ratio = verdict.evidence["likelihood_ratio"]
+    if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and ratio < _CLEAR:
+        return replace(verdict, stiction="undecided", confidence=0.3, reason=f"the restarts disagree; {verdict.reason}")
+    return verdict
+
+
+def compared(run: Run, sticking: Whitened) -> Verdict:
+    """The verdict on one model with friction, completed with its noise, against the best one without."""
+    free = friction_free(run, sticking.model.spec)
     good = sticking.good & free.good
     a, b = sticking.innovation[good], free.innovation[good]
     rows = int(good.sum())
@@ -54,18 +62,18 @@ def judge(run: Run, fit: Fitted) -> Verdict:
     blocks = [float(b[p] @ b[p]) > float(a[p] @ a[p]) for p in np.array_split(np.arange(rows), _BLOCKS)]
     one_step = 1.0 - float(np.sqrt((a @ a) / max(float(b @ b), 1e-300)))
     variance = float(np.var(run.used_y()))
-    explained = (free.rmse**2 - fit.best.rmse**2) / variance if variance else 0.0
-    drop = 1.0 - fit.best.rmse / free.rmse if free.rmse else 0.0
+    explained = (free.rmse**2 - sticking.rmse**2) / variance if variance else 0.0
+    drop = 1.0 - sticking.rmse / free.rmse if free.rmse else 0.0
     evidence: dict[str, Any] = {
-        "rmse_without_friction": free.rmse, "rmse_with_friction": fit.best.rmse, "share_of_pv_variance": explained,
+        "rmse_without_friction": free.rmse, "rmse_with_friction": sticking.rmse, "share_of_pv_variance": explained,
         "error_drop": drop, "one_step_without": free.innovation_sd, "one_step_with": sticking.innovation_sd,
         "one_step_drop": one_step, "likelihood_ratio": ratio, "blocks_won": sum(blocks), "blocks": _BLOCKS}
-    said = (f"friction changes the free-run error from {free.rmse:.4g} to {fit.best.rmse:.4g} "
-            f"({100 * explained:.1f} % of the variance of y) and the one-step error, noise model included, by "
-            f"{-100 * one_step:+.1f} % (better in {sum(blocks)} of {_BLOCKS} blocks, likelihood ratio {ratio:.0f})")
+    said = (f"friction lowers the free-run error from {free.rmse:.4g} to {sticking.rmse:.4g}, "
+            f"{100 * explained:.1f} % of the variance of y" if drop > 0 else
+            f"friction does not lower the free-run error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
+    said += (f"; it changes the one-step error, noise model included, by {-100 * one_step:+.1f} % (better in "
+             f"{sum(blocks)} of {_BLOCKS} blocks, likelihood ratio {ratio:.0f})")
     answer, confidence = _answer(ratio, sum(blocks), explained, drop, one_step)
-    if answer == "stiction" and fit.agree < 2 <= fit.runs and ratio < _CLEAR:
-        answer, confidence, said = "undecided", 0.3, f"the restarts disagree; {said}"
     few = run.found.reversals < _FEWEST_FOR_TRUST
     if few and answer != "undecided":
         said += f"; the output reverses only {run.found.reversals} times, so this is not sure"

@@ -33,10 +33,13 @@ def open_data(study: Any, study_path: Path, given: Path | None) -> Any:
 
     name = study.data.file
     places = [given] if given else [Path(name), study_path.parent / Path(name).name] if name else []
-    found = next((p for p in places if p is not None and p.is_file()), None)
+    found = next((p for p in places if p is not None and p.exists()), None)
     if found is None:
         raise UsageError(f"the data of the study ({name or 'unnamed'}) are not there", "give the file after the study")
-    if study.data.sha256 and sha256_of(found) != study.data.sha256:
+    # A file is known by its bytes before it is read, a folder by the rows that were read of it.
+    sha256, loop = (None, read_loop(found, options=options_from(study.data.options))) if found.is_dir() else (
+        sha256_of(found), None)
+    if study.data.sha256 and (loop.origin.sha256 if loop is not None else sha256) != study.data.sha256:
         raise DataError(f"{found} has changed since the study was made (its sha256 differs)",
                         "run stictionid identify again, or give the file as it was")
-    return read_loop(found, options=options_from(study.data.options))
+    return loop if loop is not None else read_loop(found, options=options_from(study.data.options))

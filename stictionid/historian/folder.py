@@ -3,49 +3,69 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ..errors import DataError, UsageError
 from .arrow import texts
-from .limits import Limits, limits_from
+from .assign import key_of
+from .dataset import groups_of, open_dataset, parquet_in, rows_of, selection
+from .limits import limits_from
 from .options import ReadOptions
 from .roles import take_apart
 from .source import Source, in_short, open_source
 from .table import Table, read_table, table_from_arrow
 
 _TEXT = (".csv", ".tsv", ".txt", ".gz", ".zip")
-MAX_FILES = 2000
+MAX_FILES = 20_000
 """Files of one folder that are read as one export."""
 
 
 def read_folder(folder: Path, options: ReadOptions) -> tuple[Source, Table]:
     """The one table of a folder's files. UsageError for an empty folder, DataError for files of several tags."""
-    parquet = sorted(
-        p
-        for p in folder.rglob("*.parquet")
-        if not any(part.startswith((".", "_")) for part in p.relative_to(folder).parts)
-    )
+    parquet = parquet_in(folder)
     if parquet:
-        return _dataset(folder, parquet, limits_from(options.limit))
+        return _dataset(folder, parquet, options)
     files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in _TEXT)
     if not files or len(files) > MAX_FILES:
         raise UsageError(
             f"the folder {folder} has {len(files)} exports", "give a file, or a folder with one file per tag"
         )
+    files = _of_loop(files, options)
     return _per_tag(folder, files, options)
 
 
-def _dataset(folder: Path, files: list[Path], limits: Limits) -> tuple[Source, Table]:
-    import pyarrow as pa
-    import pyarrow.dataset as ds
+def tag_of(path: Path) -> str:
+    """The tag that a file of one tag is named after: its name without the ending of its format."""
+    return re.sub(r"(\.(csv|tsv|txt|gz|zip))+\Z", "", path.name, flags=re.IGNORECASE)
 
+
+def _of_loop(files: list[Path], options: ReadOptions) -> list[Path]:
+    """The files of the loop that was named, where files are named after tags; else all."""
+    named = {t for t in (options.sp, options.pv, options.op, options.position, options.mode, *options.extra) if t}
+    by_tag = {tag_of(path): path for path in files}
+    if options.loop is not None:
+        groups = groups_of(by_tag)
+        named.update(*(tags for loop, tags in groups.items() if key_of(loop) == key_of(options.loop)))
+    mine = [path for tag, path in by_tag.items() if tag in named]
+    return mine if len(mine) >= 2 else files
+
+
+def _dataset(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Source, Table]:
+    """One loop's rows where the options say which loop or tags, else all rows."""
+    import pyarrow as pa
+
+    opened = open_dataset(folder)
+    select = selection(opened, options) if opened.many else ()
+    if select:
+        return rows_of(opened, select)
     try:
-        dataset = ds.dataset(folder, format="parquet", partitioning="hive")
-        limits.check("columns", len(dataset.schema.names), folder.name)
-        limits.check("rows", dataset.count_rows(), folder.name, "read one of its files")
-        table = dataset.to_table()
+        limits = limits_from(options.limit)
+        limits.check("columns", len(opened.data.schema.names), folder.name)
+        limits.check("rows", opened.data.count_rows(), folder.name, "name the loop with --loop")
+        table = opened.data.to_table()
     except (pa.ArrowException, OSError, ValueError) as error:
         raise DataError(
             f"{folder} is no readable Parquet dataset: {in_short(error)}", "read one of its files"

@@ -51,7 +51,7 @@ def find_data(study: Study, *, near: Sequence[Path] = ()) -> Path | None:
     try:
         places = [Path(recorded), *(folder / recorded for folder in near),
                   *(folder / Path(recorded).name for folder in near)]
-        return next((p for p in places if p.is_file()), None)
+        return next((p for p in places if p.exists()), None)
     except (OSError, ValueError):
         # A name too long or with a NUL byte is no place on this machine.
         return None
@@ -62,15 +62,17 @@ def load(study: Study, path: Path) -> Loop:
 
     DataError (exit 3) when the file's SHA-256 is not the one the study was made from.
     """
-    found = sha256_of(path)
-    if study.data.sha256 and found != study.data.sha256:
-        raise DataError(
-            f"{path} has changed since the study was made: SHA-256 {found[:12]}…, the study has "
-            f"{wording.name(study.data.sha256[:12])}…", "run stictionid identify again, or bring back the old file")
     from ..historian import read_loop
     from ..historian.options import options_from
 
-    return read_loop(path, options=options_from(study.data.options))
+    # A file is known by its bytes before it is read, a folder (a dataset) by the rows that were read of it.
+    loop = read_loop(path, options=options_from(study.data.options)) if path.is_dir() else None
+    found = sha256_of(path) if loop is None else loop.origin.sha256
+    if study.data.sha256 and found != study.data.sha256:
+        raise DataError(
+            f"{path} has changed since the study was made: SHA-256 {(found or '')[:12]}…, the study has "
+            f"{wording.name(study.data.sha256[:12])}…", "run stictionid identify again, or bring back the old file")
+    return read_loop(path, options=options_from(study.data.options)) if loop is None else loop
 
 
 def gather(study: Study, *, data: Path | None = None, near: Sequence[Path] = ()) -> Case:
@@ -83,7 +85,7 @@ def gather(study: Study, *, data: Path | None = None, near: Sequence[Path] = ())
         where = wording.name(study.data.file) if study.data.file else "a file the study does not name"
         return Case(study, missing=f"the data ({where}) were not found, so this report has tables only; give the "
                                    "file with --data")
-    if not path.is_file():
+    if not path.exists():
         raise DataError(f"there is no file {path}", "give the data file of the study after --data")
     loop = load(study, path)
     return Case(study, loop, tuple(curves(study, loop)))

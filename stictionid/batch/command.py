@@ -1,0 +1,53 @@
+"""The command that makes one loop's study again: what a study remembers, and what tells whether it still fits."""
+
+from __future__ import annotations
+
+import shlex
+
+from ..historian.options import ReadOptions
+from .task import Work
+
+_FLAGS = {"span_pv": "--span-pv", "span_op": "--span-op", "time_format": "--time-format", "step_s": "--step",
+          "reverse_op": "--reverse-op", "mode_map": "--mode-map", "keep_manual": "--keep-manual",
+          "sentinels": "--sentinel", "no_guess": "--no-guess", "quality_kind": "--quality-kind"}
+
+
+def command_for(path: str, work: Work, reading: ReadOptions) -> str:
+    """`stictionid batch PATH` with every option that shapes the study; nothing about how the work is shared out."""
+    return "stictionid batch " + shlex.join([path, *_work(work), *_reading(reading)])
+
+
+def _work(work: Work) -> list[str]:
+    o = work.options
+    said = ["--level", work.level]
+    for flag, value, default in (("--method", o.method, "auto"), ("--law", o.law, None),
+                                 ("--between", o.between, "auto"), ("--order", o.order, None),
+                                 ("--delay", o.delay, None)):
+        if value != default:
+            said += [flag, str(value)]
+    for effect in o.effects:
+        said += ["--with", effect]
+    for name, number in sorted(o.fixed.items()):
+        said += ["--" + name.removesuffix("_s").replace("_", "-"), repr(number)]
+    return said + ["--base-only"] * o.base_only + ["--seed", str(o.seed)]
+
+
+def _reading(reading: ReadOptions) -> list[str]:
+    said: list[str] = []
+    for name, value in reading.said().items():
+        flag = _FLAGS.get(name, "--" + name)
+        if name == "dayfirst":
+            said.append("--dayfirst" if value else "--monthfirst")
+        elif value is True:
+            said.append(flag)
+        elif isinstance(value, dict):
+            for key, meaning in value.items():
+                said += [flag, f"{key}={meaning}"]
+        elif name in ("span_pv", "span_op", "split"):
+            said += [flag, ",".join(repr(v) for v in value)]
+        elif isinstance(value, list):
+            for item in value:
+                said += [flag, str(item)]
+        else:
+            said += [flag, str(value)]
+    return said

@@ -1,0 +1,59 @@
+"""What travels between the batch and its workers: one plain description each way, picklable and small."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..historian.options import ReadOptions
+from ..methods.options import Options
+
+LEVELS = ("screen", "identify", "diagnose")
+OK, ABSTAINED, FAILED = "ok", "abstained", "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One loop to do: where its record is, how to read it, and under which name its study is kept.
+
+    `kind` is "file" (one file holds it), "wide" or "dataset" (it is the columns or rows `select` of `path`), or "tags"
+    (its `files` hold one tag each). `problem` is what is known to be wrong before work began. `have` is the
+    fingerprint of the data behind a study that is there already and would be made the same way, `had` its status.
+    """
+
+    loop: str
+    kind: str
+    path: str
+    reading: ReadOptions
+    key: str
+    command: str = ""
+    select: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
+    problem: str = ""
+    have: str | None = None
+    had: str = OK
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """What is done with every loop: the level and the options of `identify`."""
+
+    level: str = "identify"
+    options: Options = field(default_factory=Options)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a task: the study's text, or why there is none; `kept` when the study at hand still holds.
+
+    `seconds` is the time by stage; `detail` the traceback of a defect; `version` that of the worker's program.
+    """
+
+    key: str
+    status: str
+    text: str | None = None
+    message: str = ""
+    kept: bool = False
+    seconds: dict[str, float] = field(default_factory=dict)
+    worker: str = ""
+    detail: str = ""
+    version: str = ""

@@ -1,0 +1,217 @@
+"""`stictionid batch`: many loops, here or on a cluster, with a summary that puts the worst first."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..historian.options import ReadOptions
+from . import app
+from ._batch_progress import Watch
+from ._reading import reads_file
+from ._shared import (
+    JsonOption,
+    QuietOption,
+    SeedOption,
+    number,
+    out_console,
+    plain_table,
+    print_json,
+    safe,
+    say,
+    warn_when_cold,
+)
+
+_SHOWN, _SKIPPED_SHOWN = 12, 5
+
+
+@app.command()
+@reads_file
+def batch(
+    paths: Annotated[list[str], typer.Argument(metavar="PATH...", show_default=False, help="Files, folders, patterns, "
+                                               "or folders of partitioned Parquet.")],
+    reading: ReadOptions,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", show_default=False,
+                                         help="Folder for the studies and the summary.")],
+    loops: Annotated[Path | None, typer.Option("--loops", metavar="LIST.csv", help="Loop list: loop, sp, pv, op, "
+                                               "position, span_op, span_pv.")] = None,
+    level: Annotated[str, typer.Option(help="screen (range and quick verdict), identify, or diagnose (all of it).")]
+    = "identify",
+    jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes.", show_default="cores")] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="Work on this Dask cluster.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Skip loops whose study still holds: same data, options and "
+                                         "version.")] = False,
+    method: Annotated[str, typer.Option(help="As in identify.")] = "auto",
+    law: Annotated[str | None, typer.Option(help="Stiction law; all fits and ranks every one.", show_default="chen")]
+    = None,
+    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", help="Put an effect into every "
+                                                          "model; repeatable.")] = None,
+    base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
+    between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold or corner.")] = "auto",
+    seed: SeedOption = 0,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when loops failed.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Write to a folder that is not empty, or of another version.")]
+    = False,
+    as_json: JsonOption = False, quiet: QuietOption = False,
+) -> None:
+    """Study many loops and rank them, worst first; one study per loop, and a summary of all.
+
+    Loops are found by their tag names (FIC101.SP, .PV, .OP) in files, folders and Parquet datasets. Stopped by Ctrl-C
+    or worse, it goes on with --resume.
+
+    Example: stictionid batch sample_data --level screen -o site
+    """
+    from ..batch.crew import crew_for
+    from ..batch.plan import plan
+    from ..batch.store import Store
+    from ..batch.task import LEVELS, Work
+    from ..errors import UsageError
+    from ..methods.options import Options
+
+    if level not in LEVELS:
+        raise UsageError(f"unknown level '{level}'", "choose one of " + ", ".join(LEVELS))
+    options = Options(method, law, tuple(with_effect or ()), base_only, between, seed=seed)
+    options.check()
+    work = Work(level, options)
+    _refuse_ignored(work)
+    store = Store(output)
+    store.check(force=force)
+    crew = crew_for(jobs or _cores(), scheduler)
+    try:
+        todo = plan(paths, work, reading=reading, loops=loops)
+        _tell_plan(todo, quiet)
+        warn_when_cold(quiet)
+        store.begin()
+        rows = _work_through(todo, work, crew, store, resume, Watch(len(todo.tasks), as_json=as_json, quiet=quiet))
+    finally:
+        crew.shutdown(wait=False, cancel_futures=True)
+        store.close()
+    _show(rows, todo, output, as_json, quiet)
+    if strict and any(row["status"] == "failed" for row in rows):
+        raise typer.Exit(4)
+
+
+def _refuse_ignored(work: Any) -> None:
+    """Options that screening would only ignore."""
+    from ..errors import UsageError
+
+    o = work.options
+    for flag, given in (("--method", o.method != "auto"), ("--with", bool(o.effects)), ("--base-only", o.base_only),
+                        ("--between", o.between != "auto"), ("--law all", o.law == "all")):
+        if work.level == "screen" and given:
+            raise UsageError(f"{flag} has no meaning with --level screen", "leave it out, or use --level identify")
+        if work.level == "diagnose" and given and flag == "--method":
+            raise UsageError("--level diagnose needs --method auto", "leave --method out, or use --level identify")
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _tell_plan(todo: Any, quiet: bool) -> None:
+    some = len(todo.skipped)
+    say(f"{len(todo.tasks)} loop{'s' * (len(todo.tasks) != 1)}"
+        + (f", {some} file{'s' * (some != 1)} skipped" if some else ""), quiet=quiet)
+    for path, why in todo.skipped[:_SKIPPED_SHOWN]:
+        say(f"skipped {path}: {why}", quiet=quiet)
+    if some > _SKIPPED_SHOWN:
+        say(f"skipped {some - _SKIPPED_SHOWN} more; --json lists all", quiet=quiet)
+
+
+def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, watch: Watch) -> Any:
+    """Drive to the end and summarise; interrupted, or out of room, summarise what is there and say how to go on."""
+    from ..batch.drive import drive
+    from ..batch.summary import write_summary
+    from ..errors import StictionidError
+
+    try:
+        with _terminable(), watch:
+            drive(todo.tasks, work, crew, store, resume=resume, tell=watch)
+        crew.shutdown()
+    except KeyboardInterrupt:
+        with _deaf():
+            crew.shutdown(wait=False, cancel_futures=True)
+            rows = write_summary(store)
+            say(f"stictionid: interrupted; {len(rows)} loops are in {store.folder}")
+            say(f"  go on with: {_again()}")
+        raise typer.Exit(130) from None
+    except StictionidError as error:
+        crew.shutdown(wait=False, cancel_futures=True)
+        try:
+            write_summary(store)
+        except StictionidError:
+            _none_left(store)
+        error.hint = (error.hint + "; " if error.hint else "") + f"what is done is kept, go on with: {_again()}"
+        raise
+    return write_summary(store)
+
+
+def _none_left(store: Any) -> None:
+    """No part of a summary that could not be written whole."""
+    from ..batch.store import SUMMARIES
+
+    for name in SUMMARIES:
+        (store.folder / name).unlink(missing_ok=True)
+
+
+def _again() -> str:
+    words = sys.argv[1:]
+    return "stictionid " + shlex.join(words + ["--resume"] * ("--resume" not in words))
+
+
+@contextmanager
+def _terminable() -> Any:
+    """SIGTERM stops a batch as Ctrl-C does."""
+    def stop(signum: int, frame: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _deaf() -> Any:
+    """While what is done is put in order, a second Ctrl-C changes nothing."""
+    before = [(s, signal.signal(s, signal.SIG_IGN)) for s in (signal.SIGINT, signal.SIGTERM)]
+    try:
+        yield
+    finally:
+        for s, handler in before:
+            signal.signal(s, handler)
+
+
+def _show(rows: Any, todo: Any, output: Path, as_json: bool, quiet: bool) -> None:
+    from ..batch.store import SCHEMA
+    from ..batch.summary import counts_of
+
+    counts = counts_of(rows)
+    if as_json:
+        print_json({"schema": SCHEMA, "output": str(output), "loops": len(rows), **counts,
+                    "skipped": [{"file": path, "reason": why} for path, why in todo.skipped], "rows": rows})
+        return
+    console = out_console()
+    table = plain_table("loop", "status", "verdict", "S", "J", "period s", "missing", title="worst first")
+    for row in rows[:_SHOWN]:
+        table.add_row(safe(row["loop"]), row["status"], row["verdict"] or "-", number(row["S"]), number(row["J"]),
+                      number(row["period_s"]), safe(row["missing"] or "-"))
+    console.print(table)
+    if len(rows) > _SHOWN:
+        console.print(f"{len(rows) - _SHOWN} more in {safe(output / 'summary.csv')}")
+    console.print(f"{len(rows)} loops: {counts['ok']} studied, {counts['abstained']} abstained, "
+                  f"{counts['failed']} failed")
+    for row in [r for r in rows if r["status"] == "failed"][:_SKIPPED_SHOWN]:
+        say(f"failed: {row['loop']}: {row['message']}", quiet=quiet)
+    others = len(rows) - len({t.loop for t in todo.tasks})
+    if others > 0:
+        say(f"note: {others} of the loops in the summary are from earlier runs into {output}", quiet=quiet)
+    say(f"wrote {output}; next: open {output / 'summary.html'}", quiet=quiet)

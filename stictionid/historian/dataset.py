@@ -1,0 +1,229 @@
+"""Parquet with many loops: what loops are in it, and the rows of one of them without reading the rest.
+
+A long dataset (tag, time, value; hive folders allowed) or one with a loop column is read with its filter pushed down
+to the files and their row groups, a wide one by its columns. Slow where rows are not sorted or partitioned by tag:
+then every loop costs one pass over the tag column. Source: pyarrow.dataset.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..errors import DataError
+from .arrow import floats, indices, integers
+from .assign import key_of
+from .options import ReadOptions
+from .roles import take_apart
+from .source import Source
+from .table import Table, table_from_arrow
+
+RESULTS_MARK = "batch.json"
+"""A folder that holds this file is what `batch` wrote, and no data."""
+_SUFFIXES = (".parquet", ".pq")
+SIGNALS = ("setpoint", "process_value", "output", "position", "mode")
+# One row group at a time and no read-ahead: a loop's rows are few, the memory is shared by many workers.
+_SCAN = {"use_threads": False, "batch_readahead": 1, "fragment_readahead": 1}
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A dataset by its columns: `tag` names the column of tags, `loop` that of loops; both None where it is wide."""
+
+    path: Path
+    files: tuple[str, ...]
+    data: Any
+    names: tuple[str, ...]
+    tag: str | None
+    loop: str | None
+
+    @property
+    def many(self) -> bool:
+        """Whether rows, and not columns, tell its loops apart."""
+        return self.tag is not None or self.loop is not None
+
+
+def parquet_in(folder: Path) -> list[Path]:
+    """The Parquet files of a folder and its folders in order; hidden ones and results of `batch` left out."""
+    if (folder / RESULTS_MARK).is_file():
+        return []
+    found: list[Path] = []
+    for entry in sorted(folder.iterdir(), key=lambda p: p.name):
+        if entry.name.startswith((".", "_")):
+            continue
+        if entry.is_dir():
+            found += parquet_in(entry)
+        elif entry.suffix.lower() in _SUFFIXES:
+            found.append(entry)
+    return found
+
+
+def open_dataset(path: Path) -> Opened:
+    """The dataset in a folder or file, without its rows. DataError where it can't be read or is empty."""
+    import pyarrow as pa
+    import pyarrow.dataset as ds
+
+    chosen = [str(p) for p in parquet_in(path)] if path.is_dir() else [str(path)]
+    if not chosen:
+        raise DataError(f"{path} has no Parquet files", "give the folder that holds them")
+    try:
+        data = ds.dataset(chosen, format="parquet",
+                          partitioning=ds.HivePartitioning.discover(), partition_base_dir=str(path))
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise DataError(f"{path} is no readable Parquet dataset: {_first(error)}", "write or copy it again") from None
+    names = tuple(f.name for f in data.schema if not pa.types.is_nested(f.type))
+    roles = {name: take_apart(name) for name in names}
+    texts = {n for n in names if _is_text(data.schema.field(n).type)}
+    wide = {"process_value", "output"} <= {t.role for t in roles.values()}
+    value = any(t.role == "value" for t in roles.values())
+    tag = next((n for n, t in roles.items() if t.role == "tag" and n in texts), None) if value and not wide else None
+    loop = next((n for n, t in roles.items() if t.role == "loop" and not t.loop and n in texts), None)
+    return Opened(path, tuple(sorted(data.files)), data, names, tag, loop)
+
+
+def _is_text(kind: Any) -> bool:
+    import pyarrow as pa
+
+    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
+
+
+def words_in(opened: Opened, column: str) -> tuple[str, ...]:
+    """The different texts of a column, sorted; from the names of hive folders alone where it is one of their keys."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.dataset as ds
+
+    found: set[str] = set()
+    rest = []
+    for fragment in opened.data.get_fragments():
+        keys = ds.get_partition_keys(fragment.partition_expression)
+        if column in keys:
+            found.add(str(keys[column]))
+        else:
+            rest.append(fragment)
+    try:
+        for fragment in rest:
+            for batch in fragment.to_batches(schema=opened.data.schema, columns=[column], **_SCAN):
+                found |= {str(w) for w in pc.unique(batch.column(0).cast(pa.string())).to_pylist() if w is not None}
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise DataError(f"{opened.path} is damaged Parquet: {_first(error)}", "write or copy it again") from None
+    return tuple(sorted(found))
+
+
+def groups_of(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Loops with at least PV and OP among tags or columns: name to its tags (and those that share its number)."""
+    tags = [(name, take_apart(name)) for name in names]
+    groups: dict[str, tuple[str, set[str], list[str]]] = {}
+    numbered: dict[str, list[str]] = {}
+    for name, tag in tags:
+        if tag.role in SIGNALS and tag.loop:
+            group = groups.setdefault(key_of(tag.loop), (tag.loop, set(), []))
+            group[1].add(tag.role)
+            group[2].append(name)
+            numbered.setdefault(_digits(tag.loop), []).append(name)
+    found: dict[str, tuple[str, ...]] = {}
+    for key, (loop, roles, mine) in groups.items():
+        if {"process_value", "output"} <= roles:
+            near = numbered[_digits(key)] if _digits(key) and not roles >= {"setpoint", "position", "mode"} else []
+            found[loop] = tuple(dict.fromkeys((*mine, *near)))
+    return found
+
+
+def _digits(text: str) -> str:
+    return "".join(c for c in text if c.isdigit())
+
+
+def rows_of(opened: Opened, select: Iterable[str]) -> tuple[Source, Table]:
+    """The rows (or, in a wide dataset, the columns) of one loop; `select` are its tags, its name, or its columns.
+
+    The fingerprint is of what was read, so a loop is known again when other loops' rows change. DataError where there
+    is nothing, or the file is damaged.
+    """
+    import pyarrow as pa
+    import pyarrow.dataset as ds
+
+    wanted = list(dict.fromkeys(select))
+    column = opened.tag or opened.loop
+    try:
+        if column is not None:
+            keep = ds.field(column).cast(pa.string()).isin(wanted) if pa.types.is_dictionary(
+                opened.data.schema.field(column).type) else ds.field(column).isin(wanted)
+            table = opened.data.to_table(columns=list(opened.names), filter=keep, **_SCAN)
+        else:
+            table = opened.data.to_table(columns=[n for n in opened.names if _belongs(n, wanted)], **_SCAN)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise DataError(f"{opened.path} is damaged Parquet: {_first(error)}", "write or copy it again") from None
+    if table.num_rows == 0:
+        raise DataError(f"{opened.path} has no rows of {', '.join(wanted[:4])}", "check the tags, or export it again")
+    source = Source(opened.path.name, "parquet", b"", digest(table), opened.path)
+    return source, table_from_arrow(table, opened.path.name, (f"{len(opened.files)} Parquet files",))
+
+
+def _belongs(name: str, wanted: list[str]) -> bool:
+    """Whether a column is one of the loop's, its quality, or carries no loop at all (time)."""
+    return name in wanted or any(name.startswith(w) for w in wanted) or not (
+        take_apart(name).role in SIGNALS or take_apart(name).loop)
+
+
+def digest(table: Any) -> str:
+    """SHA-256 of a table's names and values, the same however its rows are cut into chunks."""
+    import numpy as np
+    import pyarrow as pa
+
+    found = hashlib.sha256()
+    for name in table.column_names:
+        column = table.column(name)
+        found.update(f"{name}\0{column.type}\0".encode())
+        if pa.types.is_floating(column.type):
+            found.update(np.ascontiguousarray(floats(column)).data)
+        elif pa.types.is_integer(column.type) or pa.types.is_timestamp(column.type):
+            values, there = integers(column.cast(pa.int64(), safe=False))
+            found.update(np.ascontiguousarray(values).data)
+            found.update(np.ascontiguousarray(there).data)
+        else:
+            codes = column.cast(pa.string()).combine_chunks().dictionary_encode()
+            codes = codes.combine_chunks() if isinstance(codes, pa.ChunkedArray) else codes
+            found.update("\0".join(str(w) for w in codes.dictionary.to_pylist()).encode("utf-8", "replace"))
+            found.update(np.ascontiguousarray(indices(codes, -1)).data)
+    return found.hexdigest()
+
+
+def narrowed(table: Table, select: Iterable[str]) -> Table:
+    """A wide table with the columns of one loop and those that carry no loop."""
+    wanted = list(select)
+    keep = [i for i, name in enumerate(table.names) if _belongs(name, wanted)]
+    if len(keep) == len(table.names):
+        return table
+    return replace(
+        table, names=tuple(table.names[i] for i in keep), columns=tuple(table.columns[i] for i in keep),
+        units=tuple(table.units[i] for i in keep),
+        descriptions=tuple(table.descriptions[i] for i in keep) if table.descriptions else (),
+        header_cells=tuple(tuple(row[i] for i in keep if i < len(row)) for row in table.header_cells))
+
+
+def selection(opened: Opened, options: ReadOptions) -> tuple[str, ...]:
+    """What of a dataset the reading options ask for: tags or columns named, or those of the loop named."""
+    if opened.tag is None and opened.loop is not None:
+        return (options.loop,) if options.loop else ()
+    named = tuple(w for w in (options.sp, options.pv, options.op, options.position, options.mode, *options.extra) if w)
+    if options.loop is None:
+        return named if options.pv and options.op else ()
+    groups = groups_of(words_in(opened, opened.tag) if opened.tag else opened.names)
+    return next((tuple(dict.fromkeys((*tags, *named))) for loop, tags in groups.items()
+                 if key_of(loop) == key_of(options.loop)), named if options.pv and options.op else ())
+
+
+def read_loop_of(opened: Opened, select: Iterable[str], options: ReadOptions) -> Any:
+    """The Reading of one loop of an opened dataset. Errors as `historian.read`."""
+    from .reading import _read_table
+
+    source, table = rows_of(opened, select)
+    return _read_table(source, table, options)
+
+
+def _first(error: BaseException) -> str:
+    return str(error).splitlines()[0][:160] if str(error) else type(error).__name__

@@ -1,0 +1,204 @@
+"""`stictionid batch` as scripts and people meet it: output, exit codes, and being killed in the middle."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from batch_files import records, write_csv
+
+ME = [sys.executable, "-m", "stictionid", "batch"]
+WHAT = ["--level", "screen"]
+RESULTS = ("summary.csv", "summary.parquet", "summary.md", "summary.html")
+linux = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for children in /proc")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("site")
+    for name, loop in records(12).items():
+        write_csv(folder / f"{name}.csv", loop)
+    return folder
+
+
+def batch(*arguments: object, **more) -> subprocess.CompletedProcess:
+    return subprocess.run([*ME, *map(str, arguments)], capture_output=True, text=True, timeout=120, **more)
+
+
+def start(site, out, *arguments: str) -> subprocess.Popen:
+    return subprocess.Popen([*ME, str(site), "-o", str(out), *WHAT, "--json", *arguments], stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def results(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*"))
+            if p.is_file() and p.name != "timing.csv"}
+
+
+def first_loops(process: subprocess.Popen, count: int) -> list[dict]:
+    """The first progress lines of a running batch."""
+    lines: list[dict] = []
+    while len(lines) < count:
+        line = process.stderr.readline()
+        assert line, "the batch ended too early"
+        if line.startswith("{"):
+            lines.append(json.loads(line))
+    return lines
+
+
+def children(pid: int) -> list[int]:
+    return [int(c) for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()]
+
+
+def gone(pids: list[int], within_s: float = 30.0) -> bool:
+    until = time.monotonic() + within_s
+    while time.monotonic() < until:
+        if not any(_alive(p) for p in pids):
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def _alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.fixture(scope="module")
+def clean(site, tmp_path_factory):
+    out = tmp_path_factory.mktemp("clean") / "out"
+    done = batch(site, "-o", out, *WHAT, "--jobs", 2, "--json")
+    assert done.returncode == 0, done.stderr
+    return done, results(out)
+
+
+def test_json_alone_on_stdout_and_progress_a_line_each(clean) -> None:
+    done, made = clean
+    told = json.loads(done.stdout)
+    assert (told["schema"], told["loops"], told["failed"], len(told["rows"])) == ("stictionid.batch/1", 12, 0, 12)
+    lines = [json.loads(line) for line in done.stderr.splitlines() if line.startswith("{")]
+    assert [line["done"] for line in lines] == list(range(1, 13))
+    assert {line["loop"] for line in lines} == {row["loop"] for row in told["rows"]}
+    assert lines[-1]["left_s"] == 0 and all(line["total"] == 12 for line in lines)
+    assert set(RESULTS) < set(made)
+
+
+@linux
+def test_kill_9_loses_only_loops_in_flight_and_resume_makes_it_whole(site, clean, tmp_path) -> None:
+    process = start(site, tmp_path / "out", "--jobs", "2")
+    seen = first_loops(process, 3)
+    workers = children(process.pid)
+    process.kill()
+    process.wait()
+    process.stdout.close(), process.stderr.close()
+    assert gone(workers), "workers outlive a killed parent"
+    left = results(tmp_path / "out")
+    assert not set(RESULTS) & set(left)
+    for line in seen:
+        name = f"studies/{line['loop']}.json"
+        assert left[name] == clean[1][name]
+    assert not [name for name in left if name.endswith(".part")]
+    again = batch(site, "-o", tmp_path / "out", *WHAT, "--jobs", 2, "--resume", "--json")
+    assert again.returncode == 0
+    assert results(tmp_path / "out") == clean[1]
+    kept = {line["loop"] for line in map(json.loads, (x for x in again.stderr.splitlines() if x[:1] == "{"))
+            if line["kept"]}
+    assert {line["loop"] for line in seen} <= kept
+
+
+@linux
+def test_kill_9_of_a_worker_does_not_stop_the_batch(site, clean, tmp_path) -> None:
+    process = start(site, tmp_path / "out", "--jobs", "2")
+    seen = first_loops(process, 2)
+    os.kill(int(seen[-1]["worker"].rpartition(":")[2]), signal.SIGKILL)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    assert json.loads(out)["failed"] == 0
+    assert results(tmp_path / "out") == clean[1]
+
+
+@linux
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_stopped_it_keeps_what_is_done_and_says_how_to_go_on(sign, site, clean, tmp_path) -> None:
+    process = start(site, tmp_path / "out", "--jobs", "1")
+    first_loops(process, 2)
+    workers = children(process.pid)
+    # As a terminal does it, Ctrl-C goes to all processes.
+    os.killpg(process.pid, sign) if sign == signal.SIGINT else process.send_signal(sign)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 130 and "Traceback" not in err, err
+    assert gone(workers)
+    line = next(x for x in err.splitlines() if "go on with: " in x)
+    studies = {n for n in results(tmp_path / "out") if n.startswith("studies/")}
+    rows = (tmp_path / "out" / "summary.csv").read_text().splitlines()[1:]
+    assert 2 <= len(rows) == len(studies) < 12
+    words = shlex.split(line.partition("go on with: stictionid batch ")[2])
+    assert "--resume" in words
+    if sign == signal.SIGTERM:
+        assert batch(*words).returncode == 0
+        assert results(tmp_path / "out") == clean[1]
+
+
+def here(monkeypatch, *arguments: object) -> int:
+    """The command in this process; its exit code."""
+    from stictionid.cli import main
+
+    monkeypatch.setattr(sys, "argv", ["stictionid", "batch", *map(str, arguments)])
+    with pytest.raises(SystemExit) as done:
+        main()
+    return int(done.value.code or 0)
+
+
+def test_failed_loops_are_exit_4_with_strict_only(site, tmp_path, monkeypatch, capsys) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "FIC1.csv").write_bytes((site / "FIC100.csv").read_bytes())
+    (tmp_path / "in" / "FIC2.csv").write_text("")
+    (tmp_path / "in" / "x.doc").write_text("x")
+    arguments = (tmp_path / "in", "-o", tmp_path / "out", *WHAT, "--jobs", 1)
+    assert here(monkeypatch, *arguments) == 0
+    shown = capsys.readouterr()
+    assert "1 failed" in shown.out and "1 file skipped" in shown.err and "FIC2" in shown.err
+    assert here(monkeypatch, *arguments, "--strict", "--resume") == 4
+
+
+def test_what_can_not_be_begun_is_refused_before_anything_is_touched(site, tmp_path, monkeypatch, capsys) -> None:
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "batch.json").write_text('{"schema": "stictionid.batch/1", "version": "0.0.1"}')
+    (tmp_path / "old" / "summary.csv").write_text("loop\n")
+    (tmp_path / "empty").mkdir()
+    for arguments, code, said in (
+        ([site, "-o", tmp_path / "old"], 2, "0.0.1"), ([tmp_path / "none", "-o", tmp_path / "o"], 2, "does not exist"),
+        ([tmp_path / "empty", "-o", tmp_path / "o"], 3, "no loop"),
+        ([site, "-o", tmp_path / "o", "--level", "all"], 2, "unknown level"),
+        ([site, "-o", tmp_path / "o", "--law", "chan"], 2, "chan"),
+        ([site, "-o", tmp_path / "o", "--level", "screen", "--method", "arx"], 2, "no meaning"),
+    ):
+        assert here(monkeypatch, *arguments) == code
+        shown = capsys.readouterr()
+        assert said in shown.err and "Traceback" not in shown.err and shown.out == "", shown.err
+    assert not (tmp_path / "o").exists()
+    assert (tmp_path / "old" / "summary.csv").read_text() == "loop\n"
+
+
+@linux
+def test_no_room_is_exit_2_with_one_sentence_and_a_way_on(site, tmp_path) -> None:
+    import resource
+
+    def small() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))
+
+    done = batch(site, "-o", tmp_path / "out", *WHAT, "--jobs", 1, preexec_fn=small)
+    assert done.returncode == 2 and "no room left" in done.stderr and "--resume" in done.stderr, done.stderr
+    assert "Traceback" not in done.stderr
+    assert not [p for p in (tmp_path / "out").rglob("*") if p.name.endswith(".part")]
+    again = batch(site, "-o", tmp_path / "out", *WHAT, "--jobs", 2, "--resume", "--quiet")
+    assert again.returncode == 0 and again.stderr == ""
