@@ -83,7 +83,7 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     tell("done", 1.0)
     return Study(_made(options), _data(loop, piece, notes), found, verdict,
                  _estimate(last, unit, outcome, position), outcome.steps, laws=laws, adequate=outcome.adequate,
-                 adequate_reason=outcome.reason, cost_map=_cost_map(last), command=options.command)
+                 adequate_reason=outcome.reason, cost_map=_cost_map(last, len(outcome.steps) - 1), command=options.command)
 
 
 def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:
@@ -178,7 +178,7 @@ def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstima
                     gain, lags, dead, integrating, v["initial_residual_force"], position)
 
 
-def _cost_map(fit: Fitted) -> CostMap:
+def _cost_map(fit: Fitted, step: int) -> CostMap:
     """Free-run error over S and J with everything else held at its best, for the picture."""
     S = np.linspace(0.05 * fit.model.s_max, 1.2 * fit.model.s_max, _MAP_S)
     share = np.linspace(0.0, 1.5, _MAP_J)
@@ -191,7 +191,7 @@ def _cost_map(fit: Fitted) -> CostMap:
     rmse[grid[1] > 2.0 * grid[0]] = np.nan
     rows = [tuple(None if not np.isfinite(x) else float(x) for x in row) for row in rmse.reshape(S.size, J.size)]
     return CostMap(tuple(S.tolist()), tuple(J.tolist()), tuple(rows),
-                   tuple((float(a), float(b)) for a, b in fit.searched))
+                   tuple((float(a), float(b)) for a, b in fit.searched), step)
 
 
 def _made(options: Options) -> CreatedBy:

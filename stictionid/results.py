@@ -199,12 +199,16 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class CostMap:
-    """Free-run error over a grid of S (rows) and J (columns), the rest held, for the S-J picture."""
+    """Free-run error over a grid of S (rows) and J (columns), the rest held, for the S-J picture.
+
+    `step` is the index of the step whose model it maps (None: not written down, as older versions did).
+    """
 
     S: tuple[float, ...]
     J: tuple[float, ...]
     rmse: tuple[tuple[float | None, ...], ...]
     searched: tuple[tuple[float, float], ...] = ()
+    step: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

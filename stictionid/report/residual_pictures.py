@@ -45,7 +45,7 @@ def autocorrelation(study: Study, loop: Loop, residual: np.ndarray) -> Picture:
     return Picture("acf", "Autocorrelation of the residual",
                    f"{wording.number(100 * outside, 2)} % of the lags lie outside the 99 % bounds: the residual {word}."
                    f" The largest is {wording.number(float(r[peak]), 2)} at {wording.number(float(lag[peak]))} s.",
-                   f"The residual {word}. Shaded: 99 % bounds of white noise.",
+                   f"The residual {word}. Dashed: 99 % bounds of white noise.",
                    (Panel("lag, s", "autocorrelation", (Line("residual", "residual", lag, r, "stems"),),
                           rules=(Rule("y", 0.0), Rule("y", float(bound), "99 %", "bound"),
                                  Rule("y", -float(bound), "", "bound"))),))
