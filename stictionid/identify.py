@@ -83,7 +83,8 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     tell("done", 1.0)
     return Study(_made(options), _data(loop, piece, notes), found, verdict,
                  _estimate(last, unit, outcome, position), outcome.steps, laws=laws, adequate=outcome.adequate,
-                 adequate_reason=outcome.reason, cost_map=_cost_map(last, len(outcome.steps) - 1), command=options.command)
+                 adequate_reason=outcome.reason, cost_map=_cost_map(last, len(outcome.steps) - 1),
+                 command=options.command)
 
 
 def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:

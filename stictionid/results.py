@@ -242,7 +242,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
         return value
     if hasattr(value, "tolist"):
-        return plain(value.tolist())
+        values = value.tolist()
+        if getattr(value, "ndim", 0) == 1 and value.dtype.kind == "f":
+            # Records have millions of numbers: one pass without a call for each.
+            return [v if math.isfinite(v) else None for v in values]
+        return plain(values)
     number = float(value)
     return number if math.isfinite(number) else None
 

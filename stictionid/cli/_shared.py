@@ -115,6 +115,8 @@ class Progress:
                             TimeRemainingColumn(), console=err_console(), transient=True)
             self._bar.start()
             self._task = self._bar.add_task(text, total=1.0)
+            # The bar comes after a second of work, which is elapsed time all the same.
+            self._bar.tasks[0].start_time -= self._clock() - self._start
         self._bar.update(self._task, description=text, completed=share)
 
     def __enter__(self) -> Progress:

@@ -36,8 +36,8 @@ def _png(drawn: bytes) -> bytes:
     root = ElementTree.fromstring(drawn)
     width, height = float(root.get("width", "1")), float(root.get("height", "1"))
     # Text without maths, so that tag names can't be taken for formulas.
-    settings = {"font.family": "DejaVu Sans", "text.usetex": False, "text.parse_math": False, "hatch.linewidth": 1.5,
-                "path.simplify": False}
+    settings: Any = {"font.family": "DejaVu Sans", "text.usetex": False, "text.parse_math": False,
+                     "hatch.linewidth": 1.5, "path.simplify": False}
     with rc_context(settings):
         figure = Figure(figsize=(width / _POINTS, height / _POINTS), dpi=_POINTS * _SCALE,
                         facecolor=palette.GROUND.light)
@@ -56,7 +56,8 @@ class _Drawing:
     """The elements that svg.py writes, put on axes whose data are the drawing's px; anything else is left out."""
 
     def __init__(self, axis: Any) -> None:
-        self.axis, self.clips = axis, {}
+        self.axis = axis
+        self.clips: dict[str | None, ElementTree.Element] = {}
 
     def draw(self, parent: ElementTree.Element, clip: Any) -> None:
         """Every child of `parent`, in order, inside `clip`."""

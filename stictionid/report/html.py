@@ -17,7 +17,7 @@ from . import palette, svg, wording
 from .curves import Case
 from .document import Facts, Section, Table
 from .picture import Picture
-from .pictures import comparison, pictures
+from .pictures import comparison
 from .trend_layer import trend_layer
 
 KIND = "<!doctype html>\n<!-- stictionid report -->"
@@ -31,10 +31,9 @@ _LONGEST_WORD, _PIECE = 24, 12
 _COMPARED, _FILTER = "compared", "filter"
 
 
-def html(cases: Sequence[Case]) -> str:
+def html(cases: Sequence[Case], drawn: Sequence[dict[str, Picture]]) -> str:
     """The whole page for one study, or for several with a comparison first; the same text for the same studies."""
     all_facts = [facts_of.facts(c.study, no_pictures=c.missing) for c in cases]
-    drawn = [pictures(c) for c in cases]
     if len(cases) == 1:
         title = all_facts[0].title
         body = _study(cases[0], all_facts[0], drawn[0], "s1", 1)

@@ -86,8 +86,8 @@ def trend(study: Study, loop: Loop, last: Curves | None) -> Picture:
     return Picture("trend", "Trends of SP, PV and OP (Fig. 8 and 9)",
                    f"PV runs from {_extent(loop.process_value, loop, 'process_value')}, OP from "
                    f"{_extent(loop.output, loop, 'output', '%')} over {wording.duration(loop.samples * loop.step_s)}."
-                   + finding, "Setpoint, process value and model above, controller output and valve position below."
-                   + _shaded_words(bands),
+                   + finding, f"{wording.listed([line.name for line in upper])} above, "
+                   f"{wording.listed([line.name for line in lower])} below." + _shaded_words(bands),
                    (Panel("", _axis("PV", loop, "process_value"), tuple(upper), bands, height=1.2),
                     Panel(f"time, {unit}", _axis("OP", loop, "output", "%"), tuple(lower), bands)), wide=True)
 
@@ -261,7 +261,7 @@ _Interval = tuple[float, float] | None
 def _mapped_optimum(study: Study) -> tuple[float, float, _Interval, _Interval] | None:
     """S, J and their intervals in the model that the map shows, which an effect added later leaves behind."""
     k = mapped_step(study)
-    if k is not None:
+    if k is not None and k < len(study.steps) - 1:
         found = {p.name: p for p in study.steps[k].parameters if p.effect is None}
         if "S" in found and "J" in found:
             return found["S"].value, found["J"].value, found["S"].interval, found["J"].interval

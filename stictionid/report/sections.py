@@ -232,6 +232,8 @@ def method(study: Study) -> Section:
 
 
 def _method_sentence(study: Study) -> str:
+    if not study.steps:
+        return "No model was fitted, because the record can't tell; the verdict says why."
     asked = _option(study.command, "--method") or "auto"
     if asked != "auto":
         return (f"Method {wording.name(asked)}; stictionid identify --help names them. The verdict compares the best "

@@ -21,7 +21,7 @@ _HEIGHT_WIDE, _HEIGHT_SQUARE = 230, 350
 _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 62, 14, 12, 40, 16
 # Size of all text. Unit: px.
 TEXT = 12.5
-# Mean width of a character at TEXT size. Unit: px; for legends and margins, measured on DejaVu Sans (Arial is narrower).
+# Mean width of a character at TEXT size. Unit: px; for legends and margins, measured on DejaVu Sans, a wide font.
 _CHARACTER = 7.3
 # Distance of arrow heads along a curve. Unit: px.
 _ARROW_EVERY = 95.0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from typing import Any
 
 from ..bench import Outcome
 from . import palette
@@ -23,8 +24,8 @@ def valve_figure(outcomes: Sequence[Outcome], *, kind: str, title: str) -> bytes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    settings = {"font.family": "DejaVu Sans", "font.size": 8.0, "svg.hashsalt": "stictionid", "axes.titlesize": 8.5,
-                "text.usetex": False, "text.parse_math": False, "axes.spines.top": False, "axes.spines.right": False}
+    settings: Any = {"font.family": "DejaVu Sans", "font.size": 8.0, "svg.hashsalt": "stictionid",
+                     "axes.titlesize": 8.5, "text.usetex": False, "text.parse_math": False, "axes.spines.top": False, "axes.spines.right": False}
     command, position = palette.LOOKS["op"], palette.LOOKS["position"]
     with rc_context(settings):
         figure = Figure(figsize=(_WIDE, _TOP + _ROW * len(outcomes)), dpi=_DPI, layout="constrained")
