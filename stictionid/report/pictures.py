@@ -37,7 +37,8 @@ def pictures(case: Case) -> dict[str, Picture]:
     if case.loop is not None and case.loop.samples > 1:
         last = case.curves[-1] if case.curves else None
         found.append(trend(case.study, case.loop, last))
-        found.append(phase(case.study, case.loop))
+        if np.ptp(case.loop.output[window(case.study, case.loop)]) > 0:  # else it is a line that says nothing
+            found.append(phase(case.study, case.loop))
         if last is not None:
             found += [p for p in (characteristic(case.study, case.loop, last), fit(case.study, case.loop, last),
                                   closeup(case.study, case.loop, last),
