@@ -226,12 +226,12 @@ def _ramp(run: _Run, scale: _Scale) -> Outcome:
 
 def _staircase(run: _Run, scale: _Scale) -> Outcome:
     stair, rest = scale.W / 20.0, 20
-    path = _Path(scale).ramp(2 * scale.W).hold(rest)
+    path = _Path(scale).ramp(-scale.W).ramp(2 * scale.W).hold(rest)
     for count, by in ((20, stair), (80, -stair)):
         for _ in range(count):
             path.jump(by, rest)
     u, x = run(path.command(), True)
-    ends = np.array([*path.at[3:], u.size - 1])
+    ends = np.array([*path.at[4:], u.size - 1])
     moved = np.abs(np.diff(x[ends]))
     jumps = moved[moved > 0.5 * stair]
     jump = float(jumps[1:].mean()) if jumps.size > 1 else None
@@ -291,7 +291,8 @@ def _turn_at_once(run: _Run, scale: _Scale) -> Outcome:
 
 
 def _resume(run: _Run, scale: _Scale) -> Outcome:
-    path = _Path(scale).ramp(2 * scale.W).hold(_STEPS_PER_W).ramp(2 * scale.W)
+    # 2.3, so that laws that move in stairs rest somewhere between two of them.
+    path = _Path(scale).ramp(-2 * scale.W).ramp(2.3 * scale.W).hold(_STEPS_PER_W).ramp(2 * scale.W)
     u, x = run(path.command(), False)
     width, k = _width(u, x, path.at[-1], 1.0, scale)
     jump = _jump(u, x, k, 1.0, scale)
