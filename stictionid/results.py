@@ -256,7 +256,9 @@ def to_json(value: Any) -> str:
     content = plain(value)
     if isinstance(content, dict) and "schema" in content:
         content = {"schema": content.pop("schema"), **content}
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    # A file name that is not valid UTF-8 reaches Python as lone surrogates; as JSON escapes they are legal text.
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def study_from_json(text: str) -> Study:

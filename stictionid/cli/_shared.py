@@ -66,7 +66,14 @@ def print_json(value: Any) -> None:
     """A result as JSON on stdout."""
     from ..results import to_json
 
-    sys.stdout.write(to_json(value))
+    print_json_text(to_json(value))
+
+
+def print_json_text(text: str) -> None:
+    """JSON on stdout, always as UTF-8: that is what JSON is, whatever the locale."""
+    if hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(encoding="utf-8")
+    sys.stdout.write(text)
 
 
 def plain_table(*columns: str, title: str = "") -> Any:

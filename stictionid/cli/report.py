@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from . import app
-from ._shared import ForceOption, JsonOption, Progress, QuietOption, out_console, say
+from ._shared import ForceOption, JsonOption, Progress, QuietOption, out_console, print_json_text, say
 
 
 @app.command(help="Write a report of one or more studies: markdown with pictures, one HTML page, or JSON.\n\n"
@@ -72,9 +72,7 @@ def _case(path: Path, data: Path | None):
 
 
 def _print_json(cases: list) -> None:
-    import sys
-
     from ..report.json import report_json
     from ..report.pictures import pictures
 
-    sys.stdout.write(report_json(cases, [pictures(case) for case in cases]))
+    print_json_text(report_json(cases, [pictures(case) for case in cases]))
