@@ -7,30 +7,26 @@ libraries load is as quiet as one later on.
 from __future__ import annotations
 
 import os
-import signal
 import sys
-from typing import Any
 
-INTERRUPTED, TERMINATED = 130, 143
+from . import signals
 
 
 def main() -> None:
     """Run the command line; SIGINT ends in exit code 130, SIGTERM in 143, neither with a traceback."""
-    if hasattr(signal, "SIGTERM"):
-        signal.signal(signal.SIGTERM, _terminate)
+    signals.install()
     try:
         _streams()
         from .cli import main as run
 
         run()
-    except KeyboardInterrupt:
-        print("stictionid: interrupted", file=sys.stderr)
-        sys.exit(INTERRUPTED)
-
-
-def _terminate(*_: Any) -> None:
-    # As an exception, so that half-written temporary files are removed on the way out.
-    raise SystemExit(TERMINATED)
+    except (KeyboardInterrupt, Exception):
+        code = signals.ended_by()
+        if code is None:
+            raise
+        if code == signals.INTERRUPTED:
+            print("stictionid: interrupted", file=sys.stderr)
+        sys.exit(code)
 
 
 def _streams() -> None:

@@ -34,8 +34,14 @@ def out_console(width: int | None = None) -> Console:
     """Console on stdout: plain and 80 columns wide when it is not a terminal."""
     from rich.console import Console
 
+    class Pipe(Console):
+        """A reader that closes the pipe is no error (rich would exit with 1): main() knows what to do."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
     terminal = sys.stdout.isatty()
-    return Console(file=sys.stdout, highlight=False, soft_wrap=False, emoji=False, markup=False,
+    return Pipe(file=sys.stdout, highlight=False, soft_wrap=False, emoji=False, markup=False,
                    width=width or (None if terminal else 80))
 
 

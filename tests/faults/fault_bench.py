@@ -14,7 +14,6 @@ from typing import Any
 
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 120.0  # a command that takes longer hangs
-NOBODY = 65534
 
 # Trials made, what went wrong, and why the fault could not be made ("" when it could).
 Result = tuple[int, list[str], str]
@@ -68,12 +67,12 @@ class Bench:
 
     def run(self, *arguments: object, stdin: Any = subprocess.DEVNULL, stdout: Any = subprocess.PIPE,
             env: dict[str, str | None] | None = None, before: Callable[[], None] | None = None,
-            cwd: Path | None = None, user: int | None = None) -> Done:
+            cwd: Path | None = None) -> Done:
         """One command in a process of its own; a hang is exit code 999. `before` runs in the child."""
         words = [sys.executable, "-m", "stictionid", *map(str, arguments)]
         try:
             done = subprocess.run(words, stdin=stdin, stdout=stdout, stderr=subprocess.PIPE, env=surroundings(env),
-                                  preexec_fn=before, cwd=cwd or self.folder, timeout=LIMIT_S, user=user)
+                                  preexec_fn=before, cwd=cwd or self.folder, timeout=LIMIT_S)
         except subprocess.TimeoutExpired:
             return Done(words[3:], 999, b"", f"no end within {LIMIT_S:g} s")
         return Done(words[3:], done.returncode, done.stdout or b"", done.stderr.decode("utf-8", "replace"))

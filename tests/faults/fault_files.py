@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fault_bench import NOBODY, Bench, Result, judge, whole_or_absent
+from fault_bench import Bench, Result, judge, whole_or_absent
 
 
 def writers(bench: Bench, place: Path) -> list[tuple[object, ...]]:
@@ -109,18 +109,28 @@ def read_only_disk(bench: Bench) -> Result:
     return len(writers(bench, place)), found, ""
 
 
-def as_nobody(bench: Bench) -> int | None:
-    """The user to run as so that permissions count: nobody for root where it can read this installation."""
-    if os.geteuid() != 0:
-        return None
-    return NOBODY if bench.run("--version", user=NOBODY, env={"HOME": None}).code == 0 else 0
+def common() -> None:
+    """In a child of root: give up the right to pass over permissions, so that they count as for anybody else."""
+    import ctypes
+
+    for right in (1, 2):  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
+        ctypes.CDLL(None).prctl(24, right, 0, 0, 0)  # PR_CAPBSET_DROP
+
+
+def permissions_count(bench: Bench) -> bool:
+    """Whether a child can be denied a file here."""
+    probe = bench.folder / "probe"
+    probe.write_text("x")
+    probe.chmod(0)
+    denied = subprocess.run(["cat", str(probe)], preexec_fn=common, capture_output=True).returncode
+    probe.unlink()
+    return bool(denied)
 
 
 def forbidden(bench: Bench) -> Result:
     """A folder that can't be written, a file and a study that can't be read."""
-    user = as_nobody(bench)
-    if user == 0:
-        return 0, [], "root may do anything, and nobody can't run this installation"
+    if not permissions_count(bench):
+        return 0, [], "this user passes over permissions and can't give that up"
     place = bench.place("forbidden")
     secret = bench.folder / "secret.csv"
     secret.write_bytes(bench.csv.read_bytes())
@@ -133,7 +143,7 @@ def forbidden(bench: Bench) -> Result:
                 ("report", study), ("diagnose", study), ("read", bench.csv, "--profile", secret)]
     try:
         for arguments in commands:
-            found += judge(bench.run(*arguments, user=user, env={"HOME": None}), 2)
+            found += judge(bench.run(*arguments, before=common), 2)
         found += [f"{f.name} appeared in a folder that can't be written" for f in place.iterdir()]
     finally:
         for file, mode in ((secret, 0o644), (study, 0o644), (place, 0o755)):

@@ -6,11 +6,21 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 from fault_bench import LIMIT_S, Bench, Done, Result, judge, surroundings, whole_or_absent
 
-# Before this much time Python itself is still starting and no program of ours runs yet. Unit: s.
-_STARTED = 0.25
+
+def _begun(pid: int) -> None:
+    """Wait until the program runs: before it catches SIGTERM, Python itself is still starting."""
+    for _ in range(400):
+        try:
+            caught = Path(f"/proc/{pid}/status").read_text().partition("SigCgt:")[2].split()[0]
+        except (OSError, IndexError):
+            return
+        if int(caught, 16) >> (signal.SIGTERM - 1) & 1:
+            return
+        time.sleep(0.01)
 
 
 def _kill(bench: Bench, which: signal.Signals, codes: tuple[int, ...], trials: int) -> Result:
@@ -23,7 +33,8 @@ def _kill(bench: Bench, which: signal.Signals, codes: tuple[int, ...], trials: i
         (place / "old.json").write_bytes(bench.study_bytes)
         arguments = commands[k % len(commands)]
         running = bench.start(*arguments, cwd=place)
-        time.sleep(_STARTED + bench.random.uniform(0.0, 4.0))
+        _begun(running.pid)
+        time.sleep(bench.random.uniform(0.0, 4.0))
         running.send_signal(which)
         try:
             out, err = running.communicate(timeout=LIMIT_S)
@@ -40,7 +51,8 @@ def _kill(bench: Bench, which: signal.Signals, codes: tuple[int, ...], trials: i
 
 
 def interrupt(bench: Bench, trials: int = 12) -> Result:
-    return _kill(bench, signal.SIGINT, (130,), trials)
+    # A shell shows the death by a signal as 128 + its number: after main() has ended, Python's own end is cut short.
+    return _kill(bench, signal.SIGINT, (130, -signal.SIGINT), trials)
 
 
 def terminate(bench: Bench, trials: int = 12) -> Result:

@@ -7,7 +7,6 @@ import subprocess
 from pathlib import Path
 
 from fault_bench import Bench, Result, judge
-from fault_files import as_nobody
 
 SURROUNDINGS: dict[str, dict[str, str | None]] = {
     "C": {"LC_ALL": "C", "LANG": "C"},
@@ -57,25 +56,21 @@ def same_bytes(bench: Bench, names: list[str] | None = None) -> Result:
 
 
 def homeless(bench: Bench) -> Result:
-    """No home folder and nowhere to keep compiled kernels or fonts."""
-    user = as_nobody(bench)
-    if user == 0:
-        return 0, [], "nobody can't run this installation"
+    """No home folder and nowhere to keep compiled kernels or fonts: slower, and not a word about it."""
     found = []
     place = bench.place("homeless")
-    place.chmod(0o777)
     nowhere: dict[str, str | None] = {"HOME": "/nonexistent", "XDG_CACHE_HOME": "/nonexistent",
-                                      "XDG_CONFIG_HOME": "/nonexistent"}
+                                      "XDG_CONFIG_HOME": "/nonexistent", "NUMBA_CACHE_DIR": "/proc/nonexistent"}
     gone: dict[str, str | None] = {"HOME": None, "USER": None, "LOGNAME": None, "XDG_CACHE_HOME": None}
     commands = [("range", bench.csv, "-q"), ("report", bench.study, "-q", "-o", place / "r.html"),
                 ("report", bench.study, "-q", "-o", place / "p.md", "--figures", "png"),
                 ("laws", "--test", "chen", "-q", "-o", place / "b.png")]
     for env in (nowhere, gone):
         for arguments in commands:
-            done = bench.run(*arguments, env=env, user=user, cwd=place)
+            done = bench.run(*arguments, env=env, cwd=place)
             found += judge(done, 0)
             if done.err.strip():
-                found.append(f"{arguments[0]} speaks of its troubles: {done.err.strip()[:150]}")
+                found.append(f"{arguments[0]} speaks of its troubles: {done.err.strip()[:250]}")
     return 2 * len(commands), found, ""
 
 
