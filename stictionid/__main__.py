@@ -27,6 +27,8 @@ def main() -> None:
         if code == signals.INTERRUPTED:
             print("stictionid: interrupted", file=sys.stderr)
         sys.exit(code)
+    finally:
+        signals.finish()
 
 
 def _streams() -> None:

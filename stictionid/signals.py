@@ -26,6 +26,13 @@ def install() -> None:
     sys.unraisablehook = _unraisable
 
 
+def finish() -> None:
+    """The work is over: a signal from now on could only change the exit code."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "SIGTERM"):
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
 def ended_by() -> int | None:
     """Exit code of the interruption that came, None without one."""
     return _ended[0] if _ended else None

@@ -8,21 +8,16 @@ from pathlib import Path
 
 from fault_bench import Bench, Result, judge
 
+# Each changes several things at once, because all of them must change nothing.
 SURROUNDINGS: dict[str, dict[str, str | None]] = {
-    "C": {"LC_ALL": "C", "LANG": "C"},
-    "C without UTF-8": {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
-    "ASCII only": {"PYTHONIOENCODING": "ascii"},
-    "German": {"LC_ALL": "de_DE.UTF-8", "LANG": "de_DE.UTF-8"},
-    "German Latin-1": {"LC_ALL": "de_DE.ISO-8859-1"},
-    "no locale": {"LC_ALL": None, "LANG": None},
-    "Kolkata": {"TZ": "Asia/Kolkata"}, "New York": {"TZ": "America/New_York"}, "Apia": {"TZ": "Pacific/Apia"},
-    "nowhere": {"TZ": "Not/AZone"},
-    "hash seed 0": {"PYTHONHASHSEED": "0"}, "hash seed 1": {"PYTHONHASHSEED": "1"},
-    "another hash seed": {"PYTHONHASHSEED": "4242"},
-    "one thread": {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
-    "four threads": {"OMP_NUM_THREADS": "4", "OPENBLAS_NUM_THREADS": "4"},
-    "narrow": {"COLUMNS": "20"}, "no colour": {"NO_COLOR": "1"}, "dumb terminal": {"TERM": "dumb"},
-    "optimised": {"PYTHONOPTIMIZE": "1"},
+    "C without UTF-8, Kolkata": {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0",
+                                 "TZ": "Asia/Kolkata", "PYTHONHASHSEED": "0"},
+    "German, New York, four threads": {"LC_ALL": "de_DE.UTF-8", "LANG": "de_DE.UTF-8", "TZ": "America/New_York",
+                                       "PYTHONHASHSEED": "1", "OMP_NUM_THREADS": "4", "OPENBLAS_NUM_THREADS": "4"},
+    "German Latin-1, no zone, narrow": {"LC_ALL": "de_DE.ISO-8859-1", "TZ": "Not/AZone", "PYTHONHASHSEED": "4242",
+                                        "COLUMNS": "20", "TERM": "dumb"},
+    "ASCII only, Apia, optimised": {"PYTHONIOENCODING": "ascii", "LC_ALL": None, "LANG": None, "TZ": "Pacific/Apia",
+                                    "PYTHONOPTIMIZE": "1", "NO_COLOR": "1"},
 }
 
 
