@@ -19,10 +19,14 @@ _ended: list[int] = []
 
 
 def install() -> None:
-    """From now on SIGINT raises KeyboardInterrupt and SIGTERM SystemExit, so that both tidy up on their way out."""
-    signal.signal(signal.SIGINT, _interrupt)
-    if hasattr(signal, "SIGTERM"):
-        signal.signal(signal.SIGTERM, _terminate)
+    """From now on SIGINT raises KeyboardInterrupt and SIGTERM SystemExit, so that both tidy up on their way out.
+
+    A signal that the caller had ignored (a job in the background, nohup) stays ignored.
+    """
+    for name, handler in (("SIGINT", _interrupt), ("SIGTERM", _terminate)):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handler)
     sys.unraisablehook = _unraisable
 
 

@@ -7,10 +7,10 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import Result
 from typer.testing import CliRunner
 
 from stictionid.bench import LARGEST_W, TESTS, put_on_bench
@@ -42,7 +42,7 @@ FAILS: dict[str, set[tuple[str, str]]] = {
 }
 
 
-def shown_by(*arguments: str) -> Result:
+def shown_by(*arguments: str) -> Any:
     """A command in this process, which is quicker; a refusal is `exception`."""
     return CliRunner().invoke(app, list(arguments))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -17,6 +18,11 @@ LIMIT_S = 120.0  # a command that takes longer hangs
 
 # Trials made, what went wrong, and why the fault could not be made ("" when it could).
 Result = tuple[int, list[str], str]
+
+
+def _listen() -> None:
+    """A child of a job in the background would inherit that SIGINT is ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,7 @@ class Bench:
         """A command left running."""
         return subprocess.Popen([sys.executable, "-m", "stictionid", *map(str, arguments)], stdin=subprocess.DEVNULL,
                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=surroundings(None),
-                                cwd=cwd or self.folder)
+                                cwd=cwd or self.folder, preexec_fn=_listen)
 
 
 def surroundings(changes: dict[str, str | None] | None) -> dict[str, str]:
