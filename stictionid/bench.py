@@ -113,7 +113,8 @@ class _Path:
     """A command built piece by piece; `at` remembers where pieces begin."""
 
     def __init__(self, scale: _Scale) -> None:
-        self.scale, self.values, self.at = scale, [_CENTRE], []
+        self.scale, self.values = scale, [_CENTRE]
+        self.at: list[int] = []
 
     def ramp(self, by: float) -> _Path:
         """Move by so many % at the bench's rate."""
@@ -333,7 +334,7 @@ def _noisy_sine(run: _Run, scale: _Scale) -> Outcome:
     travel = float(np.ptp(x))
     least = np.ptp(clean) - 2.0 * scale.fs
     return run.outcome("noisy-sine", u, x, None, None, None, (
-        Expectation("noise does not keep it stuck: it travels", travel >= 0.8 * least, travel, least),
+        Expectation("noise does not keep it stuck: it travels", travel >= float(0.8 * least), travel, float(least)),
         _held_by_friction(u, x, scale, scale.step)))
 
 
@@ -364,7 +365,7 @@ class _Run:
     def outcome(self, test: str, u: FloatArray, x: FloatArray, dead_band: float | None, resolution: float | None,
                 overshoot: float | None, expectations: tuple[Expectation, ...]) -> Outcome:
         """The signals and figures of a test, with its name."""
-        return Outcome(test, TESTS[test][0], np.arange(u.size) * self.scale.step_s, u, x, dead_band, resolution,
+        return Outcome(test, TESTS[test][0], np.arange(float(u.size)) * self.scale.step_s, u, x, dead_band, resolution,
                        overshoot, expectations)
 
 
