@@ -1,6 +1,48 @@
-"""`python -m stictionid` is the command line."""
+"""The program: `stictionid`, or `python -m stictionid`. Readies the process, then hands over to the command line.
 
-from .cli import main
+Signals and standard streams are put in order before anything that takes time is loaded, so that an interruption while
+libraries load is as quiet as one later on.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from . import signals
+
+
+def main() -> None:
+    """Run the command line; SIGINT ends in exit code 130, SIGTERM in 143, neither with a traceback."""
+    signals.install()
+    try:
+        _streams()
+        from .cli import main as run
+
+        run()
+    except (KeyboardInterrupt, Exception):
+        code = signals.ended_by()
+        if code is None:
+            raise
+        if code == signals.INTERRUPTED:
+            print("stictionid: interrupted", file=sys.stderr)
+        sys.exit(code)
+    finally:
+        signals.finish()
+
+
+def _streams() -> None:
+    """Open what the caller closed (a file opened later would take its place), and never fail for a character."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            handle = os.open(os.devnull, os.O_RDWR)
+            if handle != number:
+                os.dup2(handle, number)
+            setattr(sys, name, os.fdopen(number, "r" if number == 0 else "w", encoding="utf-8", closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
 
 if __name__ == "__main__":
     main()

@@ -5,8 +5,10 @@ A(q) y = c + sum_j B_j(q) q^-d x_j + C(q) xi (Eq. 4 with a constant, a dead time
 `armax` starts from Hannan and Rissanen's regressions and then minimises the squared one-step errors by Gauss-Newton
 with the exact gradient (prediction error method). Measured on 40 simulated ARMAX(2,2,1) records of 1000 samples: rms
 error of c_1 0.024 (Hannan and Rissanen alone 0.037, iterated least squares 0.037), of the static gain 2.2 % (2.3, 2.3
-%), 2.4 ms a fit (1.2, 4.8 ms). No library in wide use fits Eq. 4 with gaps in the record: state-space packages fit a
-regression with ARMA errors, which is another model.
+%), 2.4 ms a fit (1.2, 4.8 ms). On ten such records beside libraries, c_1 and time as a multiple of this one's: here
+0.029; SIPPY 1.0.1 by iterated least squares 0.037 (16 times), by its non-linear optimisation 0.025 (60 times);
+statsmodels 0.15, whose SARIMAX takes Eq. 4 only with lagged y as regressors, 0.025 (over 100 times). Neither of these
+takes a gap in the record: both raise.
 
 Wrong when C has a root on the unit circle (over-differenced data), and for fewer than some 20 rows a coefficient.
 

@@ -113,7 +113,8 @@ class _Path:
     """A command built piece by piece; `at` remembers where pieces begin."""
 
     def __init__(self, scale: _Scale) -> None:
-        self.scale, self.values, self.at = scale, [_CENTRE], []
+        self.scale, self.values = scale, [_CENTRE]
+        self.at: list[int] = []
 
     def ramp(self, by: float) -> _Path:
         """Move by so many % at the bench's rate."""
@@ -226,12 +227,12 @@ def _ramp(run: _Run, scale: _Scale) -> Outcome:
 
 def _staircase(run: _Run, scale: _Scale) -> Outcome:
     stair, rest = scale.W / 20.0, 20
-    path = _Path(scale).ramp(2 * scale.W).hold(rest)
+    path = _Path(scale).ramp(-scale.W).ramp(2 * scale.W).hold(rest)
     for count, by in ((20, stair), (80, -stair)):
         for _ in range(count):
             path.jump(by, rest)
     u, x = run(path.command(), True)
-    ends = np.array([*path.at[3:], u.size - 1])
+    ends = np.array([*path.at[4:], u.size - 1])
     moved = np.abs(np.diff(x[ends]))
     jumps = moved[moved > 0.5 * stair]
     jump = float(jumps[1:].mean()) if jumps.size > 1 else None
@@ -291,7 +292,8 @@ def _turn_at_once(run: _Run, scale: _Scale) -> Outcome:
 
 
 def _resume(run: _Run, scale: _Scale) -> Outcome:
-    path = _Path(scale).ramp(2 * scale.W).hold(_STEPS_PER_W).ramp(2 * scale.W)
+    # 2.3, so that laws that move in stairs rest somewhere between two of them.
+    path = _Path(scale).ramp(-2 * scale.W).ramp(2.3 * scale.W).hold(_STEPS_PER_W).ramp(2 * scale.W)
     u, x = run(path.command(), False)
     width, k = _width(u, x, path.at[-1], 1.0, scale)
     jump = _jump(u, x, k, 1.0, scale)
@@ -332,7 +334,7 @@ def _noisy_sine(run: _Run, scale: _Scale) -> Outcome:
     travel = float(np.ptp(x))
     least = np.ptp(clean) - 2.0 * scale.fs
     return run.outcome("noisy-sine", u, x, None, None, None, (
-        Expectation("noise does not keep it stuck: it travels", travel >= 0.8 * least, travel, least),
+        Expectation("noise does not keep it stuck: it travels", travel >= float(0.8 * least), travel, float(least)),
         _held_by_friction(u, x, scale, scale.step)))
 
 
@@ -363,7 +365,7 @@ class _Run:
     def outcome(self, test: str, u: FloatArray, x: FloatArray, dead_band: float | None, resolution: float | None,
                 overshoot: float | None, expectations: tuple[Expectation, ...]) -> Outcome:
         """The signals and figures of a test, with its name."""
-        return Outcome(test, TESTS[test][0], np.arange(u.size) * self.scale.step_s, u, x, dead_band, resolution,
+        return Outcome(test, TESTS[test][0], np.arange(float(u.size)) * self.scale.step_s, u, x, dead_band, resolution,
                        overshoot, expectations)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from .errors import UsageError
 from .files import write_whole
 from .loop import FloatArray, Loop
+from .spreadsheet import cell
 
 _KINDS = {".csv": b"time_s", ".tsv": b"time_s", ".txt": b"time_s", ".parquet": b"PAR1", ".pq": b"PAR1"}
 
@@ -34,7 +35,7 @@ def write_loop(loop: Loop, path: str | Path, *, force: bool = False) -> None:
         content = sink.getvalue()
     else:
         separator = "," if suffix == ".csv" else "\t"
-        lines = [separator.join(columns)]
+        lines = [separator.join(cell(name, separator) for name in columns)]
         rows = zip(*(c.tolist() for c in columns.values()), strict=True)
         lines += [separator.join(map(_number, row)) for row in rows]
         content = ("\n".join(lines) + "\n").encode()

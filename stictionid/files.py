@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import stat
 import tempfile
 from pathlib import Path
 
@@ -29,6 +30,9 @@ def write_whole(path: str | Path, content: bytes | str, *, force: bool = False, 
     path = Path(path)
     data = content.encode("utf-8") if isinstance(content, str) else content
     ensure_writable(path, force=force, kind=kind)
+    if _is_special(path):
+        _write_through(path, data)
+        return
     temporary = None
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name[:80]}.", suffix=".part", dir=path.parent)
@@ -51,6 +55,10 @@ def ensure_writable(path: str | Path, *, force: bool = False, kind: bytes | None
     path = Path(path)
     if path.is_dir():
         raise UsageError(f"{path} is a folder", "give a file name after -o")
+    if _is_special(path):
+        if not os.access(path, os.W_OK):
+            raise UsageError(f"{path} can't be written", "choose another place with -o")
+        return
     if not path.parent.is_dir():
         raise UsageError(f"the folder {path.parent} does not exist", f"mkdir -p '{path.parent}', or choose another -o")
     if not os.access(path.parent, os.W_OK):
@@ -63,6 +71,25 @@ def ensure_writable(path: str | Path, *, force: bool = False, kind: bytes | None
             raise unwritable(path, error) from None
         if start and (kind is None or not start.startswith(kind)):
             raise UsageError(f"{path} exists and is another kind of file", "choose another -o, or add --force")
+
+
+def _is_special(path: Path) -> bool:
+    """Whether a path is a device or a pipe (/dev/null, /dev/stdout), which must never be replaced by a file."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+def _write_through(path: Path, data: bytes) -> None:
+    try:
+        with open(path, "wb") as file:
+            file.write(data)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise unwritable(path, error) from None
 
 
 def unwritable(path: str | Path, error: OSError) -> UsageError:

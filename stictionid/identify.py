@@ -81,8 +81,8 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     meaning = severity(piece, estimate, last.best.residual, last.best.position)
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
-                 adequate=outcome.adequate, adequate_reason=outcome.reason, cost_map=_cost_map(last),
-                 command=options.command, severity=meaning)
+                 adequate=outcome.adequate, adequate_reason=outcome.reason,
+                 cost_map=_cost_map(last, len(outcome.steps) - 1), command=options.command, severity=meaning)
 
 
 def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:
@@ -139,7 +139,7 @@ def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstima
                     gain, lags, dead, integrating, v["initial_residual_force"], position)
 
 
-def _cost_map(fit: Fitted) -> CostMap:
+def _cost_map(fit: Fitted, step: int) -> CostMap:
     """Free-run error over S and J with everything else held at its best, for the picture."""
     S = np.linspace(0.05 * fit.model.s_max, 1.2 * fit.model.s_max, _MAP_S)
     share = np.linspace(0.0, 1.5, _MAP_J)
@@ -152,7 +152,7 @@ def _cost_map(fit: Fitted) -> CostMap:
     rmse[grid[1] > 2.0 * grid[0]] = np.nan
     rows = [tuple(None if not np.isfinite(x) else float(x) for x in row) for row in rmse.reshape(S.size, J.size)]
     return CostMap(tuple(S.tolist()), tuple(J.tolist()), tuple(rows),
-                   tuple((float(a), float(b)) for a, b in fit.searched))
+                   tuple((float(a), float(b)) for a, b in fit.searched), step)
 
 
 def made_by(options: Options) -> CreatedBy:

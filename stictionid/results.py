@@ -220,12 +220,16 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class CostMap:
-    """Free-run error over a grid of S (rows) and J (columns), the rest held, for the S-J picture."""
+    """Free-run error over a grid of S (rows) and J (columns), the rest held, for the S-J picture.
+
+    `step` is the index of the step whose model it maps (None: not written down, as older versions did).
+    """
 
     S: tuple[float, ...]
     J: tuple[float, ...]
     rmse: tuple[tuple[float | None, ...], ...]
     searched: tuple[tuple[float, float], ...] = ()
+    step: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +264,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
         return value
     if hasattr(value, "tolist"):
-        return plain(value.tolist())
+        values = value.tolist()
+        if getattr(value, "ndim", 0) == 1 and value.dtype.kind == "f":
+            # Records have millions of numbers: one pass without a call for each.
+            return [v if math.isfinite(v) else None for v in values]
+        return plain(values)
     number = float(value)
     return number if math.isfinite(number) else None
 
@@ -270,7 +278,9 @@ def to_json(value: Any) -> str:
     content = plain(value)
     if isinstance(content, dict) and "schema" in content:
         content = {"schema": content.pop("schema"), **content}
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    # A file name that is not valid UTF-8 reaches Python as lone surrogates; as JSON escapes they are legal text.
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def study_from_json(text: str) -> Study:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import os
@@ -9,6 +10,7 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,10 +18,11 @@ import study_factory
 
 from stictionid.errors import UsageError
 from stictionid.report.curves import Case
+from stictionid.report.facts import facts
 from stictionid.report.json import report_json
 from stictionid.report.pictures import pictures
 from stictionid.report.write import write_report
-from stictionid.results import to_json
+from stictionid.results import Study, to_json
 
 GOLDEN = Path(__file__).parent / "golden"
 KINDS = ("good", "doubtful", "abstained")
@@ -163,6 +166,103 @@ def test_several_studies_are_compared(tmp_path: Path) -> None:
     assert len({f.name for f in files}) == len(files)
     with pytest.raises(UsageError):
         write_report([case("good")], tmp_path / "r.pdf")
+
+
+def test_an_effect_added_later_shows_what_the_verdict_and_the_map_were_made_from() -> None:
+    one = study_factory.good()
+    mapped = replace(one.study.cost_map, step=0)
+    one = replace(one, study=replace(one.study, cost_map=mapped))
+    text = facts(one.study)
+    assert text.reason.startswith("Before extra-lag was added: ") and "Now the free-run error is" in text.reason
+    commands = next(s for s in text.sections if s.key == "method").commands
+    assert commands[-1] == "stictionid add extra-lag study.json"
+    drawn = pictures(one)["cost_map"]
+    assert {m.label for m in drawn.panels[0].marks} >= {"optimum", "last model"} and "before" in drawn.title
+    alone = replace(one, study=replace(one.study, cost_map=replace(mapped, step=len(one.study.steps) - 1)))
+    assert "Before" not in facts(alone.study).reason and "before" not in pictures(alone)["cost_map"].title
+
+
+def test_what_to_do_next_names_the_effect_that_waits() -> None:
+    study = study_factory.doubtful().study
+    bullets = next(s for s in facts(study).sections if s.key == "next").bullets
+    assert any("stictionid diagnose STUDY" in b for b in bullets)
+    waiting = replace(study, missing=("slew-limit",))
+    bullets = next(s for s in facts(waiting).sections if s.key == "next").bullets
+    assert any("stictionid add slew-limit STUDY" in b for b in bullets)
+
+
+@pytest.mark.parametrize("severity", [{"word": "service soon", "statement": "it cycles 3 times an hour"},
+                                      "service soon: it cycles 3 times an hour"])
+def test_a_severity_in_the_study_is_shown(severity: object) -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Later(Study):
+        severity: object = None
+
+    study = study_factory.good().study
+    later = Later(**{f.name: getattr(study, f.name) for f in dataclasses.fields(study)}, severity=severity)
+    text = " ".join(next(s for s in facts(later).sections if s.key == "size").text)
+    assert "ervice soon" in text and "cycles 3 times an hour" in text
+
+
+def test_rule_labels_never_lie_on_each_other_nor_outside() -> None:
+    from stictionid.report.axes import Axis
+    from stictionid.report.legend import rule_labels
+    from stictionid.report.picture import Panel, Rule
+
+    panel = Panel("x", "y", rules=tuple(Rule("x", v, "moderate") for v in (0.5, 0.52, 1.0, 5.0, 9.99, 30.0)))
+    drawn = ElementTree.fromstring(f"<g>{rule_labels(panel, Axis(0, 10, 60, 420), 100, 7.3, lambda t, _: t)}</g>")
+    boxes = [(float(t.get("x")), float(t.get("y"))) for t in drawn.iter("text")]
+    assert len(boxes) == 5  # 30 is out of sight
+    assert all(x >= 60 and x + 7.3 * 8 <= 420 for x, _ in boxes)
+    for i, (x, y) in enumerate(boxes):
+        assert all(y != other_y or abs(x - other_x) >= 7.3 * 8 for other_x, other_y in boxes[i + 1:])
+
+
+def test_a_png_is_its_svg(tmp_path: Path) -> None:
+    """Every shape and text of the SVG is drawn, whatever the tag names are."""
+    from stictionid.report import svg
+    from stictionid.report.figures import figure_bytes
+
+    for one in (case("good"), study_factory.hostile()):
+        for picture in pictures(one).values():
+            content = figure_bytes(picture, "png")
+            size = ElementTree.fromstring(svg.standalone(picture))
+            width, height = (int.from_bytes(content[k:k + 4], "big") for k in (16, 20))
+            assert width == pytest.approx(1.5 * float(size.get("width")), abs=2)
+            assert height == pytest.approx(1.5 * float(size.get("height")), abs=2)
+            assert len(content) > 3_000
+
+
+@pytest.mark.parametrize(("text", "written"), [
+    ("FIC101.PV", "FIC101.PV"), ("=1+cmd", "'=1+cmd"), ("+1", "'+1"), ("-tag", "'-tag"), ("@SUM(A1)", "'@SUM(A1)"),
+    ("\t=1", "' =1"), ('a"b', '"a""b"'), ("a,b", '"a,b"'), ("a\nb\x1b[31m", "a b [31m"), ("", "")])
+def test_foreign_cells_are_no_formulas(text: str, written: str) -> None:
+    from stictionid.spreadsheet import cell
+
+    assert cell(text) == written
+
+
+def test_a_written_record_disarms_its_tags(tmp_path: Path) -> None:
+    import csv
+
+    from stictionid.export import write_loop
+
+    loop = case("good").loop
+    tags = ["=cmd|' /C calc'!A0", "@x", "a,b", 'q"q', "-plain"]
+    write_loop(replace(loop, extras={t: -loop.output for t in tags}), tmp_path / "r.csv")
+    with open(tmp_path / "r.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    assert all(name[0] not in "=+-@" for name in rows[0]) and len(rows[0]) == len(rows[1])
+    assert float(rows[1][-1]) < 0  # numbers stay numbers
+
+
+def test_a_long_record_is_written_compactly_and_in_full(tmp_path: Path) -> None:
+    one = study_factory.good(20_000)
+    text = report_json([one], [pictures(one)])
+    assert len(text) < 20_000 * 7 * 21 and text.count("\n") < 20_000
+    series = json.loads(text)["studies"][0]["series"]
+    assert series["process_value"] == one.loop.process_value.tolist()
+    assert series["model"][0] is None and len(series["model"]) == 20_000
 
 
 def test_report_through_a_process(made: Path, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import sys
 
 import typer
 
+from .. import signals
 from .._version import __version__
 from ..errors import StictionidError
 from ._shared import safe
@@ -51,7 +52,8 @@ def main() -> None:
     except OSError as error:
         code = _refuse(f"{error.filename or 'a file'}: {error.strerror or error}", "", 2)
     except Exception as error:
-        code = _other(error)
+        ended = signals.ended_by()
+        code = _other(error) if ended is None else _refuse("interrupted", "", ended)
     sys.exit(code)
 
 

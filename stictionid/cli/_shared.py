@@ -34,8 +34,14 @@ def out_console(width: int | None = None) -> Console:
     """Console on stdout: plain and 80 columns wide when it is not a terminal."""
     from rich.console import Console
 
+    class Pipe(Console):
+        """A reader that closes the pipe is no error (rich would exit with 1): main() knows what to do."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
     terminal = sys.stdout.isatty()
-    return Console(file=sys.stdout, highlight=False, soft_wrap=False, emoji=False, markup=False,
+    return Pipe(file=sys.stdout, highlight=False, soft_wrap=False, emoji=False, markup=False,
                    width=width or (None if terminal else 80))
 
 
@@ -66,7 +72,14 @@ def print_json(value: Any) -> None:
     """A result as JSON on stdout."""
     from ..results import to_json
 
-    sys.stdout.write(to_json(value))
+    print_json_text(to_json(value))
+
+
+def print_json_text(text: str) -> None:
+    """JSON on stdout, always as UTF-8: that is what JSON is, whatever the locale."""
+    if hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(encoding="utf-8")
+    sys.stdout.write(text)
 
 
 def plain_table(*columns: str, title: str = "") -> Any:
@@ -115,6 +128,8 @@ class Progress:
                             TimeRemainingColumn(), console=err_console(), transient=True)
             self._bar.start()
             self._task = self._bar.add_task(text, total=1.0)
+            # The bar comes after a second of work, which is elapsed time all the same.
+            self._bar.tasks[0].start_time -= self._clock() - self._start
         self._bar.update(self._task, description=text, completed=share)
 
     def __enter__(self) -> Progress:

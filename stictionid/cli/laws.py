@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import app
+from ._law import forces, from_forces, parse_law
 from ._shared import ForceOption, JsonOption, QuietOption, out_console, print_json, say
 
 if TYPE_CHECKING:
@@ -20,11 +21,13 @@ _KINDS = (".png", ".svg")
 
 @app.command(help="List the stiction laws, show one in full, or put one on the valve test bench.\n\n"
                   "Example: stictionid laws --test choudhury -o bench.png\n\n"
-                  "Example: stictionid laws he --test ramp --S 4 --J 2")
+                  "Example: stictionid laws he --test ramp --S 4 --J 2\n\n"
+                  "Example: stictionid laws --test karnopp:mass=2,F_s=220,F_c=60")
 def laws(
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="A law, shown in full.")] = None,
     test: Annotated[str | None, typer.Option("--test", metavar="NAME", help="Bench: the law to test; or, after a "
-                                             "law, one test's name or 'all'.")] = None,
+                                             "law, one test's name or 'all'. Numbers of its own after a colon, "
+                                             "forces F_s and F_c in N in place of S and J.")] = None,
     S: Annotated[float, typer.Option("--S", help="Stickband plus deadband on the bench, %.")] = 5.0,
     J: Annotated[float, typer.Option("--J", help="Slip jump on the bench, %.")] = 3.0,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Picture of the bench to write; .png or "
@@ -39,8 +42,10 @@ def laws(
     from ..laws import catalogue, get
 
     if test is not None:
-        law, tests = _chosen(name, test)
-        _bench(law, tests, S=S, J=J, out=out, series=series, as_json=as_json, force=force, quiet=quiet)
+        law, tests, values = _chosen(name, test)
+        sizes, values = from_forces(law, values)
+        S, J = sizes or (S, J)
+        _bench(law, tests, values, S=S, J=J, out=out, series=series, as_json=as_json, force=force, quiet=quiet)
         return
     if out is not None:
         raise UsageError("-o writes the picture of a bench, and there is none without --test",
@@ -51,8 +56,8 @@ def laws(
         _show(get(name), as_json)
 
 
-def _chosen(name: str | None, test: str) -> tuple[Law, tuple[str, ...]]:
-    """The law and the tests that `[NAME] --test NAME` asks for."""
+def _chosen(name: str | None, test: str) -> tuple[Law, tuple[str, ...], dict[str, float]]:
+    """The law, the tests and the law's own numbers that `[NAME] --test NAME` asks for."""
     from ..bench import TESTS
     from ..errors import UsageError
     from ..laws import get
@@ -60,13 +65,15 @@ def _chosen(name: str | None, test: str) -> tuple[Law, tuple[str, ...]]:
     if name is None:
         if test in TESTS:
             raise UsageError(f"'{test}' is a test, not a law", f"stictionid laws chen --test {test}")
-        return get(test), tuple(TESTS)
+        alone, values = parse_law(test)
+        return get(alone), tuple(TESTS), values
+    name, values = parse_law(name)
     law = get(name)
     if test in ("all", law.name):
-        return law, tuple(TESTS)
+        return law, tuple(TESTS), values
     if test not in TESTS:
         raise UsageError(f"unknown test '{test}'", "tests: all, " + ", ".join(TESTS))
-    return law, (test,)
+    return law, (test,), values
 
 
 def _table(*columns: str) -> Any:
@@ -153,8 +160,8 @@ def _flowing(text: str) -> str:
     return "\n\n".join(part if "\n " in part or part.startswith(" ") else part.replace("\n", " ") for part in parts)
 
 
-def _bench(law: Law, tests: tuple[str, ...], *, S: float, J: float, out: Path | None, series: bool, as_json: bool,
-           force: bool, quiet: bool) -> None:
+def _bench(law: Law, tests: tuple[str, ...], values: dict[str, float], *, S: float, J: float, out: Path | None,
+           series: bool, as_json: bool, force: bool, quiet: bool) -> None:
     from ..bench import put_on_bench
     from ..errors import UsageError
     from ..files import ensure_writable, write_whole
@@ -167,25 +174,29 @@ def _bench(law: Law, tests: tuple[str, ...], *, S: float, J: float, out: Path | 
             raise UsageError(f"a picture can't be written as '{out.name}'", "end the name after -o in .png or .svg")
         magic = PNG_KIND if kind == ".png" else SVG_KIND
         ensure_writable(out, force=force, kind=magic)
-    outcomes = put_on_bench(law, S=S, J=J, tests=tests)
+    outcomes = put_on_bench(law, S=S, J=J, tests=tests, values=values)
     used_J = S if law.one_parameter else J
+    newton = forces(law, S, used_J, values)
     if as_json:
-        print_json({"law": law.name, "S": S, "J": used_J, "tests": [o.to_dict(series=series) for o in outcomes],
+        print_json({"law": law.name, "S": S, "J": used_J, "parameters": {**law.defaults, **values},
+                    "forces_N": None if newton is None else {"F_s": newton[0], "F_c": newton[1]},
+                    "tests": [o.to_dict(series=series) for o in outcomes],
                     "failed": [{"test": o.test, "what": e.what} for o in outcomes for e in o.expectations
                                if not e.holds]})
     else:
-        _print_bench(law, S, used_J, outcomes)
+        _print_bench(law, S, used_J, newton, outcomes)
     if out is not None:
         from ..report.valve_figure import valve_figure
 
-        title = f"{law.name}, S = {S:g} %, J = {used_J:g} %"
+        title = f"{law.name}, S = {S:.4g} %, J = {used_J:.4g} %"
         write_whole(out, valve_figure(outcomes, kind=kind[1:], title=title), force=force, kind=magic)
         say(f"wrote {out}", quiet=quiet)
 
 
-def _print_bench(law: Law, S: float, J: float, outcomes: list[Outcome]) -> None:
+def _print_bench(law: Law, S: float, J: float, newton: tuple[float, float] | None, outcomes: list[Outcome]) -> None:
     console = out_console()
-    console.print(f"{law.name}: S = {S:g} %, J = {J:g} %" + (" (one parameter, J = S)" if law.one_parameter else ""))
+    console.print(f"{law.name}: S = {S:.4g} %, J = {J:.4g} %" + (" (one parameter, J = S)" if law.one_parameter else "")
+                  + (f"; F_s = {newton[0]:.4g} N, F_c = {newton[1]:.4g} N" if newton else ""))
     console.print()
     figures = _table("test", "dead band %", "resolution %", "overshoot %")
     for o in outcomes:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from . import app
-from ._shared import ForceOption, JsonOption, QuietOption, out_console, say
+from ._shared import ForceOption, JsonOption, Progress, QuietOption, out_console, print_json_text, say
 
 
 @app.command(help="Write a report of one or more studies: markdown with pictures, one HTML page, or JSON.\n\n"
@@ -31,14 +31,21 @@ def report(
         raise UsageError(f"--data names one file, but there are {len(studies)} studies", "report them one by one")
     if out is not None:
         check_target(out, figures=figures, force=force)
-    cases = [_case(path, data) for path in studies]
+    written: list[Path] = []
+    with Progress(quiet or as_json) as progress:
+        cases = []
+        for i, path in enumerate(studies):
+            progress(f"reading the data of {path.name}", 0.6 * i / len(studies))
+            cases.append(_case(path, data))
+        if out is not None:
+            written = write_report(cases, out, figures=figures, force=force,
+                                   progress=lambda text, share: progress(text, 0.6 + 0.4 * share))
     for case in cases:
         if case.missing:
             say(f"{case.study.data.name}: {case.missing}", quiet=quiet)
     if as_json:
         _print_json(cases)
     if out is not None:
-        written = write_report(cases, out, figures=figures, force=force)
         say(f"wrote {out}" + (f" and {len(written) - 1} pictures beside it" if len(written) > 1 else ""), quiet=quiet)
     elif not as_json:
         from ..report.terminal import print_case
@@ -65,9 +72,7 @@ def _case(path: Path, data: Path | None):
 
 
 def _print_json(cases: list) -> None:
-    import sys
-
     from ..report.json import report_json
     from ..report.pictures import pictures
 
-    sys.stdout.write(report_json(cases, [pictures(case) for case in cases]))
+    print_json_text(report_json(cases, [pictures(case) for case in cases]))

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from . import app
+from ._law import from_forces, parse_law
 from ._shared import ForceOption, JsonOption, QuietOption, SeedOption, print_json, say
 
 
@@ -16,7 +17,8 @@ def simulate(
     output: Annotated[Path, typer.Option("--output", "-o", help="Data file: .csv, .tsv, .txt or .parquet.")],
     preset: Annotated[str, typer.Option(help="Loop to start from: foptd, itptd (the paper's Table 1) or tank.")]
     = "foptd",
-    law: Annotated[str, typer.Option(help="Stiction law of the valve; see stictionid laws.")] = "chen",
+    law: Annotated[str, typer.Option(metavar="NAME[:par=value,…]", help="Stiction law of the valve, see stictionid "
+                                     "laws; numbers of its own after a colon, karnopp:mass=2.")] = "chen",
     S: Annotated[float | None, typer.Option("--S", help="Stickband plus deadband, % of travel.")] = None,
     J: Annotated[float | None, typer.Option("--J", help="Slip jump, % of travel.")] = None,
     effect: Annotated[list[str] | None, typer.Option(help="NAME:par=value,… hides a physical effect; repeatable.")]
@@ -53,6 +55,7 @@ def simulate(
 
     from ..export import check_kind, write_loop
     from ..files import ensure_writable, write_whole
+    from ..laws import get as get_law
     from ..results import to_json
     from ..simulate import preset as find_preset
     from ..simulate import simulate as run
@@ -63,8 +66,11 @@ def simulate(
     if truth:
         ensure_writable(truth_file, force=force, kind=b"{")
     base = find_preset(preset)
+    name, values = parse_law(law)
+    sizes, values = from_forces(get_law(name), values)
+    S, J = sizes or (S, J)
     setting = replace(
-        base, law=law, effects=tuple(_effect(text) for text in effect or ()),
+        base, law=name, law_values=tuple(values.items()), effects=tuple(_effect(text) for text in effect or ()),
         setpoint_moves=tuple(_move(text) for text in setpoint) if setpoint else base.setpoint_moves,
         plant=replace(base.plant, **_given(gain=gain, time_constant_s=time_constant, dead_time_s=dead_time,
                                            second_time_constant_s=second_time_constant, integrating=integrating)),

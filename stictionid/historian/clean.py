@@ -9,6 +9,7 @@ import numpy as np
 
 from ..files import write_whole
 from ..loop import FloatArray
+from ..spreadsheet import cell
 from .arrow import numbers, timestamps
 
 _NOTHING = b"\xff\xfe no file of ours begins like this"
@@ -55,7 +56,9 @@ def write_clean(result: Any, path: str, *, force: bool = False) -> None:
     else:
         from pyarrow import csv
 
-        csv.write_csv(table, sink, csv.WriteOptions(quoting_style="none"))
+        # The header by hand: tags are foreign text, and pyarrow neither quotes them here nor disarms formulas.
+        sink.write((",".join(map(cell, columns)) + "\n").encode())
+        csv.write_csv(table, sink, csv.WriteOptions(include_header=False, quoting_style="none"))
         write_whole(path, sink.getvalue(), force=force, kind=own_kind(path))
 
 

@@ -6,7 +6,7 @@ rounds what a study holds, so terminal, markdown, HTML and JSON can't disagree.
 
 from __future__ import annotations
 
-from ..results import Estimate, Study
+from ..results import Estimate, Study, plain
 from . import sections, wording
 from .document import Facts, KeyNumber, Section, Table
 
@@ -26,8 +26,19 @@ def facts(study: Study, *, no_pictures: str = "") -> Facts:
              sections.method)
     made = tuple(s for make in order if (s := make(study)) is not None)
     name = wording.name(study.data.name)
-    return Facts(name, f"Valve stiction: {name}", study.verdict.stiction, headline(study),
-                 wording.sentence(study.verdict.reason), _numbers(study), made)
+    return Facts(name, f"Valve stiction: {name}", study.verdict.stiction, headline(study), _reason(study),
+                 _numbers(study), made)
+
+
+def _reason(study: Study) -> str:
+    """Why the verdict; it was reached before any effect was added, so its numbers are those of that model."""
+    reason = wording.sentence(study.verdict.reason)
+    added = sections.added_later(study)
+    if not reason or not added:
+        return reason
+    names = wording.listed([wording.name(s.added) for s in added])
+    return (f"Before {names} {'was' if len(added) == 1 else 'were'} added: {wording.clean(study.verdict.reason)}. Now "
+            f"the free-run error is {wording.number(study.steps[-1].error.rmse, 4)}.")
 
 
 def adds(facts: Facts) -> bool:
@@ -67,8 +78,8 @@ def _numbers(study: Study) -> tuple[KeyNumber, ...]:
     e, found = study.estimate, []
     if e is not None:
         level = f"{wording.number(100 * e.interval_level, 2)} % interval"
-        found = [KeyNumber("S, stickband plus deadband", wording.estimate(e.S, e.S_interval, e.unit), _band(e)),
-                 KeyNumber("J, slip jump", wording.estimate(e.J, e.J_interval, e.unit), _jump_note(e, level))]
+        found = [_key("S, stickband plus deadband", e.S, e.S_interval, e.unit, level, _band(e)),
+                 _key("J, slip jump", e.J, e.J_interval, e.unit, level, _jump_note(e))]
     if study.range.period_median_s is not None:
         found.append(KeyNumber("Oscillation period", wording.duration(study.range.period_median_s),
                                "oscillating" if study.range.oscillating else "not a regular oscillation"))
@@ -76,12 +87,18 @@ def _numbers(study: Study) -> tuple[KeyNumber, ...]:
     return tuple(found)
 
 
-def _jump_note(e: Estimate, level: str) -> str:
-    if e.J_interval is None:
-        return "no interval"
-    if e.J_interval[1] - e.J_interval[0] > WEAK_J_SHARE * max(e.J, 1e-12):
-        return f"{level}; weakly known: only J times the process gain is fixed"
-    return f"{level}; J/S {wording.number(e.J / e.S, 2) if e.S else wording.NOTHING}"
+def _key(label: str, value: float, interval: tuple[float, float] | None, unit: str, level: str,
+         meaning: str) -> KeyNumber:
+    """A number large, its interval and its meaning beside it."""
+    shown, ends = wording.apart(value, interval)
+    about = "no interval" if ends == wording.NOTHING else f"{ends}, {level}"
+    return KeyNumber(label, f"{shown} {wording.name(unit)}".rstrip(), f"{about}; {meaning}")
+
+
+def _jump_note(e: Estimate) -> str:
+    if e.J_interval is not None and e.J_interval[1] - e.J_interval[0] > WEAK_J_SHARE * max(e.J, 1e-12):
+        return "weakly known: only J times the process gain is fixed"
+    return f"J/S {wording.number(e.J / e.S, 2) if e.S else wording.NOTHING}"
 
 
 def _size(study: Study) -> Section | None:
@@ -101,6 +118,7 @@ def _size(study: Study) -> Section | None:
                   f"error of that fit {wording.number(p.rmse)}"),
                  ("J read from the measured position", wording.number(p.J), wording.NOTHING, wording.name(e.unit), "")]
         text.append("The measured valve position was not used for S and J above; it is the check on them.")
+    text += severity_sentences(study)
     bands = " · ".join(f"{word} {'above 5' if limit > 1e9 else f'below {limit:g}'} %"
                        for limit, word in wording.SEVERITY_BANDS)
     text.append(f"Severity bands of S (configurable, no standard fixes them): {bands}.")
@@ -108,10 +126,22 @@ def _size(study: Study) -> Section | None:
     return Section("size", "How big it is", tuple(text), (), (table,))
 
 
+def severity_sentences(study: Study) -> list[str]:
+    """What the study itself says about severity (by the damage it does, not by S alone); none where it says nothing."""
+    found = plain(getattr(study, "severity", None))
+    if isinstance(found, str):
+        return [wording.sentence(found)]
+    if not isinstance(found, dict):
+        return []
+    said = [wording.sentence(str(found[k])) for k in ("statement", "reason") if found.get(k)]
+    word = next((str(found[k]) for k in ("word", "band", "class", "severity") if found.get(k)), "")
+    if word and not any(word.casefold() in s.casefold() for s in said):
+        said.insert(0, wording.sentence(f"severity: {word}"))
+    return said
+
+
 def _value_row(value: float, interval: tuple[float, float] | None, unit: str) -> tuple[str, str, str]:
-    places = wording.decimals_for(interval, value)
-    shown = wording.NOTHING if interval is None else f"{interval[0]:.{places}f} to {interval[1]:.{places}f}"
-    return f"{value:.{places}f}", shown, wording.name(unit)
+    return *wording.apart(value, interval), wording.name(unit)
 
 
 def ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:

@@ -1,147 +1,166 @@
-"""Pictures as files: SVG by the house's own renderer, PNG by matplotlib (which only this file loads).
+"""Pictures as files: SVG by the house's own renderer, PNG by drawing that very SVG with matplotlib.
 
-Same picture, same bytes: no dates, no random ids, the Agg backend and the fonts that matplotlib ships.
+So there is one layout, and a picture looks the same in either kind. Same picture, same bytes: no dates, no random ids,
+the Agg backend and the font that matplotlib ships. Only this file and valve_figure.py load matplotlib.
 """
 
 from __future__ import annotations
 
 import io
+import re
 from typing import Any
+from xml.etree import ElementTree
 
-import numpy as np
-
-from . import axes, palette, svg
-from .picture import Panel, Picture
+from . import palette, svg
+from .picture import Picture
 
 PNG_KIND = b"\x89PNG"
-# Resolution and size of a PNG. Unit: dots per inch, inches; 1,200 px across a page.
-_DPI = 130
-_WIDE, _SQUARE = 9.2, 5.2
+# Pixels of the PNG per px of the drawing, and points per inch (so that one px of the drawing is one point). Unit: 1.
+_SCALE, _POINTS = 1.5, 72
+_TOKEN = re.compile(r"[A-Za-z]|-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+_PLACE = re.compile(r"translate\((\S+) (\S+)\) rotate\((\S+)\)")
+_ALIGN = {"middle": "center", "end": "right"}
 
 
 def figure_bytes(picture: Picture, kind: str) -> bytes:
     """The picture as a file of `kind` "svg" or "png"."""
-    return svg.standalone(picture) if kind == "svg" else _png(picture)
+    drawn = svg.standalone(picture)
+    return drawn if kind == "svg" else _png(drawn)
 
 
-def _png(picture: Picture) -> bytes:
+def _png(drawn: bytes) -> bytes:
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    settings = {"font.family": "DejaVu Sans", "font.size": 8.5, "svg.hashsalt": "stictionid",
-                "text.usetex": False, "axes.formatter.use_mathtext": False, "text.parse_math": False,
-                "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": 9.5}
+    root = ElementTree.fromstring(drawn)
+    width, height = float(root.get("width", "1")), float(root.get("height", "1"))
+    # Text without maths, so that tag names can't be taken for formulas.
+    settings: Any = {"font.family": "DejaVu Sans", "text.usetex": False, "text.parse_math": False,
+                     "hatch.linewidth": 1.5, "path.simplify": False}
     with rc_context(settings):
-        named = max((len(p.names) for p in picture.panels), default=0)
-        height = 1.1 + 0.3 * named if named else 2.4 * len(picture.panels) if picture.wide else 4.4
-        figure = Figure(figsize=(_WIDE if picture.wide else _SQUARE, height), dpi=_DPI, layout="constrained")
+        figure = Figure(figsize=(width / _POINTS, height / _POINTS), dpi=_POINTS * _SCALE,
+                        facecolor=palette.GROUND.light)
         FigureCanvasAgg(figure)
-        grid = figure.subplots(len(picture.panels), 1, sharex=len(picture.panels) > 1, squeeze=False,
-                               height_ratios=[p.height for p in picture.panels])
-        for axis, panel in zip(grid[:, 0], picture.panels, strict=True):
-            _draw(axis, panel)
-        grid[0, 0].set_title(_text(picture.title), loc="left")
+        axis = figure.add_axes((0, 0, 1, 1))
+        axis.set_axis_off()
+        axis.set_xlim(0, width)
+        axis.set_ylim(height, 0)
+        _Drawing(axis).draw(root, None)
         out = io.BytesIO()
         figure.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()
 
 
-def _text(text: str) -> str:
-    """Text without characters the drawing library would stumble over."""
-    return "".join(c for c in text if c.isprintable())
+class _Drawing:
+    """The elements that svg.py writes, put on axes whose data are the drawing's px; anything else is left out."""
+
+    def __init__(self, axis: Any) -> None:
+        self.axis = axis
+        self.clips: dict[str | None, ElementTree.Element] = {}
+
+    def draw(self, parent: ElementTree.Element, clip: Any) -> None:
+        """Every child of `parent`, in order, inside `clip`."""
+        for element in parent:
+            kind = element.tag.rpartition("}")[2]
+            if kind == "clipPath":
+                self.clips[element.get("id")] = element[0]
+            elif kind == "g":
+                name = element.get("clip-path", "").removeprefix("url(#").removesuffix(")")
+                self.draw(element, self.clips.get(name, clip))
+            elif kind in ("rect", "circle", "path") and element.get("class"):
+                self._shape(kind, element, clip)
+            elif kind == "text":
+                self._text(element)
+
+    def _shape(self, kind: str, element: ElementTree.Element, clip: Any) -> None:
+        from matplotlib.patches import Circle, PathPatch, Rectangle
+
+        look = _look(element.get("class", ""))
+        shape: Any
+        if kind == "rect":
+            shape = Rectangle(*_box(element), **look)
+        elif kind == "circle":
+            shape = Circle((_number(element, "cx"), _number(element, "cy")), _number(element, "r"), **look)
+        else:
+            found = _path(element.get("d", ""))
+            if found is None:
+                return
+            shape = PathPatch(found, **look)
+        self.axis.add_patch(shape)
+        if clip is not None:
+            shape.set_clip_path(Rectangle(*_box(clip), transform=self.axis.transData))
+        shape.set_zorder(len(self.axis.patches) + len(self.axis.texts))
+
+    def _text(self, element: ElementTree.Element) -> None:
+        x, y, turn = _number(element, "x"), _number(element, "y"), 0.0
+        placed = _PLACE.match(element.get("transform", ""))
+        if placed:
+            x, y, turn = map(float, placed.groups())
+        text = "".join(c for c in element.text or "" if c.isprintable())
+        self.axis.text(x, y, text, fontsize=svg.TEXT, rotation=-turn, rotation_mode="anchor", va="baseline",
+                       ha=_ALIGN.get(element.get("text-anchor", ""), "left"), color=palette.INK.light,
+                       zorder=len(self.axis.patches) + len(self.axis.texts))
 
 
-def _draw(axis: Any, panel: Panel) -> None:
-    for band in panel.bands:
-        look = palette.FAILING if band.role == "failing" else palette.UNUSED
-        axis.axvspan(band.start, band.end, color=look.light, hatch=None if band.role == "failing" else "///",
-                     linewidth=0, zorder=0)
-    if panel.cells is not None:
-        _cells(axis, panel)
-    for rule in panel.rules:
-        _rule(axis, rule)
-    named: set[str] = set()
-    for line in panel.lines:
-        _line(axis, line, "" if line.name in named else line.name)
-        named.add(line.name)
-    for box in panel.boxes:
-        axis.plot([box.x0, box.x1, box.x1, box.x0, box.x0], [box.y0, box.y0, box.y1, box.y1, box.y0],
-                  color=palette.LOOKS["mark"].light, linewidth=1, label=_text(box.label))
-    for mark in panel.marks:
-        look = palette.LOOKS[mark.role]
-        axis.plot([mark.x], [mark.y], "o" if mark.role == "search" else "+", color=look.light, linestyle="",
-                  markersize=4 if mark.role == "search" else 11, markeredgewidth=1 if mark.role == "search" else 2.2,
-                  markerfacecolor="none", label=_text(mark.label) or None)
-    axis.set_xlabel(_text(panel.x_label))
-    axis.set_ylabel(_text(panel.y_label))
-    if panel.log_x:
-        axis.set_xscale("log")
-        # Plain numbers: text is drawn without maths, so that tag names can't be taken for formulas.
-        axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.xaxis.set_minor_formatter(lambda value, _: "")
-    if panel.names:
-        axis.set_yticks(range(len(panel.names)), [_text(n) for n in panel.names])
-        axis.set_ylim(len(panel.names) - 0.4, -0.6)
-    if panel.cells is None:
-        axis.grid(True, color=palette.GRID.light, linewidth=0.6)
-        axis.set_axisbelow(True)
-    if axis.get_legend_handles_labels()[0]:
-        axis.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=5, frameon=False, fontsize=7.5,
-                    borderaxespad=0.1) if not axis.get_title(loc="left") and axis.get_subplotspec().rowspan.start \
-            else axis.legend(loc="best", fontsize=7.5, framealpha=0.9)
+def _number(element: ElementTree.Element, name: str) -> float:
+    return float(element.get(name, "0"))
 
 
-def _line(axis: Any, line: Any, label: str) -> None:
-    look = palette.LOOKS[line.role]
-    dash = (0, look.dash) if look.dash else "-"
-    name = _text(label) or None
-    if line.style == "bars":
-        axis.barh(line.y, line.x, height=0.5, color=look.light, label=name)
-    elif line.style == "points":
-        axis.plot(line.x, line.y, "o", color=look.light, markersize=4, label=name)
-    elif line.style == "stems":
-        axis.vlines(line.x, 0.0, line.y, color=look.light, linewidth=0.9, label=name)
-    else:
-        axis.plot(line.x, line.y, color=look.light, linewidth=0.8 * look.width, linestyle=dash, label=name)
-        if line.style == "arrows":
-            _arrows(axis, line, look.light)
+def _box(element: ElementTree.Element) -> tuple[tuple[float, float], float, float]:
+    return (_number(element, "x"), _number(element, "y")), _number(element, "width"), _number(element, "height")
 
 
-def _arrows(axis: Any, line: Any, colour: str) -> None:
-    """About a dozen arrow heads along a curve."""
-    good = np.flatnonzero(np.isfinite(line.x) & np.isfinite(line.y))
-    if good.size < 2:
-        return
-    x, y = line.x[good], line.y[good]
-    walked = np.cumsum(np.hypot(np.diff(x) / (np.ptp(x) or 1.0), np.diff(y) / (np.ptp(y) or 1.0)))
-    for k in np.unique(np.searchsorted(walked, np.linspace(0, walked[-1], 26)[1:-1:2])):
-        axis.annotate("", xy=(x[k + 1], y[k + 1]), xytext=(x[k], y[k]),
-                      arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 0, "mutation_scale": 9})
+def _look(name: str) -> dict[str, Any]:
+    """What a style class means to matplotlib; the twin of svg.style on light ground."""
+    kind, _, role = name.partition("-")
+    if kind == "r":
+        look = palette.LOOKS[role]
+        return {"fill": False, "edgecolor": look.light, "linewidth": look.width, "capstyle": "butt",
+                "linestyle": (0, tuple(d / look.width for d in look.dash)) if look.dash else "-"}
+    if kind == "f":
+        return {"facecolor": palette.LOOKS[role].light, "linewidth": 0}
+    if name == "under":
+        return {"fill": False, "edgecolor": palette.GROUND.light, "linewidth": 5.0}
+    if name == "grid":
+        return {"fill": False, "edgecolor": palette.GRID.light, "linewidth": 1.0}
+    if name == "frame":
+        return {"fill": False, "edgecolor": palette.SOFT_INK.light, "linewidth": 1.0}
+    if name == "b-unused":
+        return {"fill": False, "edgecolor": palette.UNUSED.light, "hatch": "//", "linewidth": 0}
+    if kind == "b":
+        return {"facecolor": palette.FAILING.light, "linewidth": 0}
+    return {"facecolor": palette.MAP_LIGHT[int(name.removeprefix("m"))], "linewidth": 0}
 
 
-def _rule(axis: Any, rule: Any) -> None:
-    look = palette.LOOKS[rule.role]
-    draw = axis.axvline if rule.axis == "x" else axis.axhline
-    draw(rule.value, color=look.light, linewidth=0.9, linestyle=(0, look.dash) if look.dash else "-", zorder=1)
-    if rule.label and rule.axis == "x":
-        axis.annotate(_text(rule.label), (rule.value, 1.0), xycoords=("data", "axes fraction"), xytext=(2, -9),
-                      textcoords="offset points", fontsize=7, color=look.light)
-    elif rule.label:
-        axis.annotate(_text(rule.label), (1.0, rule.value), xycoords=("axes fraction", "data"), xytext=(-2, 2),
-                      textcoords="offset points", fontsize=7, color=look.light, ha="right")
+def _path(text: str) -> Any:
+    """A path of M, L, H, V, h, v, l and Z as matplotlib's; None for an empty one."""
+    from matplotlib.path import Path
 
-
-def _cells(axis: Any, panel: Panel) -> None:
-    from matplotlib.colors import ListedColormap
-
-    cells = panel.cells
-    assert cells is not None
-    values = [v for row in cells.values for v in row if v is not None]
-    if not values:
-        return
-    best, worst = min(values), max(values)
-    classes = np.array([[np.nan if v is None else palette.map_class(v, best, worst) for v in row]
-                        for row in cells.values])
-    axis.pcolormesh(axes.edges(cells.x), axes.edges(cells.y), classes, cmap=ListedColormap(palette.MAP_LIGHT),
-                    vmin=-0.5, vmax=len(palette.MAP_LIGHT) - 0.5, shading="flat", rasterized=True)
+    tokens = _TOKEN.findall(text)
+    points: list[tuple[float, float]] = []
+    codes: list[int] = []
+    x = y = 0.0
+    i = 0
+    command = ""
+    while i < len(tokens):
+        if tokens[i].isalpha():
+            command, i = tokens[i], i + 1
+            if command == "Z":
+                points.append((x, y))
+                codes.append(int(Path.CLOSEPOLY))
+                continue
+        count = 1 if command in "HVhv" else 2
+        values = [float(t) for t in tokens[i:i + count]]
+        i += count
+        if command in "ML":
+            x, y = values
+        elif command == "l":
+            x, y = x + values[0], y + values[1]
+        elif command in "Hh":
+            x = values[0] + (x if command == "h" else 0.0)
+        else:
+            y = values[0] + (y if command == "v" else 0.0)
+        points.append((x, y))
+        codes.append(int(Path.MOVETO if command == "M" else Path.LINETO))
+    return Path(points, codes) if points else None

@@ -17,7 +17,7 @@ from . import palette, svg, wording
 from .curves import Case
 from .document import Facts, Section, Table
 from .picture import Picture
-from .pictures import comparison, pictures
+from .pictures import comparison
 from .trend_layer import trend_layer
 
 KIND = "<!doctype html>\n<!-- stictionid report -->"
@@ -25,14 +25,15 @@ KIND = "<!doctype html>\n<!-- stictionid report -->"
 _VERDICTS = {"stiction": ("v-sticks", "▲"), "no stiction": ("v-free", "✓"), "undecided": ("v-open", "?")}
 # Ground of buttons and code, light and dark; both keep 4.5:1 under the ink and the softer ink.
 _PANEL = palette.Look("#f4f6f8", "#1d242c")
+# Words of a cell longer than this may break after every so many characters. Unit: characters.
+_LONGEST_WORD, _PIECE = 24, 12
 # Ids of the comparison's table and filter field, which the page's script looks for.
 _COMPARED, _FILTER = "compared", "filter"
 
 
-def html(cases: Sequence[Case]) -> str:
+def html(cases: Sequence[Case], drawn: Sequence[dict[str, Picture]]) -> str:
     """The whole page for one study, or for several with a comparison first; the same text for the same studies."""
     all_facts = [facts_of.facts(c.study, no_pictures=c.missing) for c in cases]
-    drawn = [pictures(c) for c in cases]
     if len(cases) == 1:
         title = all_facts[0].title
         body = _study(cases[0], all_facts[0], drawn[0], "s1", 1)
@@ -74,6 +75,13 @@ def _resource(name: str) -> str:
 
 def _hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
+
+
+def _cell(text: str) -> str:
+    """A table cell's text, with places to break in words that would push the table off the page."""
+    return " ".join(_safe(word) if len(word) <= _LONGEST_WORD else
+                    "<wbr>".join(_safe(word[k:k + _PIECE]) for k in range(0, len(word), _PIECE))
+                    for word in text.split(" "))
 
 
 def _safe(text: str) -> str:
@@ -140,7 +148,7 @@ def _table(table: Table, name: str, *, links: Sequence[str] = ()) -> str:
     head = "".join(f'<th scope="col"{r}>{_safe(c)}</th>' for c, r in zip(table.columns, right, strict=True))
     rows = []
     for k, row in enumerate(table.rows):
-        cells = [_safe(c) for c in row]
+        cells = [_cell(c) for c in row]
         if links:
             cells[0] = f'<a href="{links[k]}">{cells[0]}</a>'
         rows.append(f'<tr><th scope="row"{right[0]}>{cells[0]}</th>'

@@ -60,7 +60,7 @@ def stretches(mask: BoolArray, step_s: float, reason: str) -> tuple[Stretch, ...
 
 def unused(loop: Loop) -> tuple[Stretch, ...]:
     """Stretches whose samples entered no cost."""
-    return stretches(~loop.used, loop.step_s, "not used")
+    return stretches(~np.asarray(loop.used), loop.step_s, "not used")
 
 
 def failing(study: Study, loop: Loop, residual: FloatArray) -> tuple[Stretch, ...]:
@@ -139,4 +139,4 @@ def spectrum(signal: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]
         power += np.abs(np.fft.rfft(centred[start:start + size] * window)) ** 2
     power, frequency = power[1:], np.fft.rfftfreq(size, step_s)[1:]
     total = power.sum()
-    return 1.0 / frequency, power / total if total > 0 else power
+    return np.asarray(1.0 / frequency, float), np.asarray(power / total if total > 0 else power, float)

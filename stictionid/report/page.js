@@ -279,7 +279,7 @@
   Trend.prototype.readout = function (pen, width, height) {
     var step = this.data.step, c = this.cursor, span = shown((this.to - this.from) * step);
     if (c < this.from || c > this.to) {
-      this.output.textContent = "Shown: " + this.when(this.from) + " to " + this.when(this.to).slice(3) + ".";
+      this.output.textContent = "Shown: " + this.when(this.from).slice(3) + " to " + this.when(this.to).slice(3) + ".";
       return;
     }
     var x = this.at(c, width), self = this;

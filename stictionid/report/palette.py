@@ -30,6 +30,7 @@ LOOKS = {
     "rule": Look("#8b949e", "#7d8894", (), 0.8),
     "bound": Look("#6b4fa0", "#b9a3ea", (3, 3), 1.0),
     "optimum": Look("#a0206e", "#f28cc8", (), 2.2),
+    "last": Look("#7a3b00", "#ffc27d", (), 2.2),
     "search": Look("#111820", "#ffffff", (), 1.0),
     "mark": Look("#1b2127", "#e6eaee", (), 1.4),
 }
@@ -43,6 +44,12 @@ UNUSED = Look("#d5dae0", "#39424c")
 # Classes of a cost map from best to worst, on light and dark ground (one hue, lightness only).
 MAP_LIGHT = ("#0b2f57", "#164a80", "#2a669f", "#4a83b8", "#719fcb", "#9abbdc", "#bfd4e9", "#dde8f3", "#f0f5fa")
 MAP_DARK = ("#e4f0ff", "#b9d7f5", "#8fbce8", "#689fd6", "#4a82bb", "#35689c", "#274f7a", "#1e3b5b", "#182b41")
+
+
+def map_span(values: tuple[tuple[float | None, ...], ...]) -> tuple[float, float] | None:
+    """Smallest and largest value of a cost map; None where it has none."""
+    known = [v for row in values for v in row if v is not None]
+    return (min(known), max(known)) if known else None
 
 
 def map_class(value: float, best: float, worst: float) -> int:

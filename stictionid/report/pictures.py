@@ -16,6 +16,7 @@ from ..results import Study
 from . import measures, residual_pictures, wording
 from .curves import Case
 from .picture import Band, Box, Cells, Line, Mark, Panel, Picture, Rule
+from .sections import added_later, mapped_step
 
 if TYPE_CHECKING:
     from ..model import Curves
@@ -36,7 +37,8 @@ def pictures(case: Case) -> dict[str, Picture]:
     if case.loop is not None and case.loop.samples > 1:
         last = case.curves[-1] if case.curves else None
         found.append(trend(case.study, case.loop, last))
-        found.append(phase(case.study, case.loop))
+        if np.ptp(case.loop.output[window(case.study, case.loop)]) > 0:  # else it is a line that says nothing
+            found.append(phase(case.study, case.loop))
         if last is not None:
             found += [p for p in (characteristic(case.study, case.loop, last), fit(case.study, case.loop, last),
                                   closeup(case.study, case.loop, last),
@@ -75,6 +77,8 @@ def trend(study: Study, loop: Loop, last: Curves | None) -> Picture:
     lower = [_line("OP", "op", t, loop.output)]
     if loop.position is not None:
         lower.append(_line("measured position", "position", t, loop.position))
+    if last is not None and np.isfinite(last.position).any():
+        lower.append(_line("inferred position", "bound", t, last.position))
     bands = shading(study, loop, last, per)
     failing = [b for b in bands if b.role == "failing"]
     finding = ("" if last is None else " No stretch stands out with a larger error." if not failing else
@@ -83,10 +87,18 @@ def trend(study: Study, loop: Loop, last: Curves | None) -> Picture:
     return Picture("trend", "Trends of SP, PV and OP (Fig. 8 and 9)",
                    f"PV runs from {_extent(loop.process_value, loop, 'process_value')}, OP from "
                    f"{_extent(loop.output, loop, 'output', '%')} over {wording.duration(loop.samples * loop.step_s)}."
-                   + finding, "Setpoint, process value and model above, controller output below; shaded: where the "
-                   "model fails, hatched: samples not used.",
+                   + finding, f"{wording.listed([line.name for line in upper])} above, "
+                   f"{wording.listed([line.name for line in lower])} below." + _shaded_words(bands),
                    (Panel("", _axis("PV", loop, "process_value"), tuple(upper), bands, height=1.2),
                     Panel(f"time, {unit}", _axis("OP", loop, "output", "%"), tuple(lower), bands)), wide=True)
+
+
+def _shaded_words(bands: Sequence[Band]) -> str:
+    """What the shading means, where there is any."""
+    roles = {b.role for b in bands}
+    said = [word for role, word in (("failing", "shaded: where the model fails"), ("unused", "hatched: samples not "
+                                    "used")) if role in roles]
+    return f" {'; '.join(said).capitalize()}." if said else ""
 
 
 def _extent(values: FloatArray, loop: Loop, role: str, default: str = "") -> str:
@@ -215,22 +227,47 @@ def cost_map(study: Study) -> Picture | None:
     if m is None or not m.S or not m.J or not m.rmse:
         return None
     across = tuple(tuple(row[j] if j < len(row) else None for row in m.rmse) for j in range(len(m.J)))
-    marks = [Mark(s, j, "", "search") for s, j in m.searched]
+    marks = [Mark(s, j, "searches ended", "search") for s, j in m.searched]
     boxes: list[Box] = []
-    alt = "Free-run error over a grid of S and J."
-    if e is not None:
-        marks.append(Mark(e.S, e.J, "optimum", "optimum"))
-        alt = (f"Free-run error over S and J; the optimum lies at S {wording.number(e.S)}, J {wording.number(e.J)} "
-               f"{wording.name(e.unit)}.")
-        if e.S_interval is not None and e.J_interval is not None:
-            boxes.append(Box(*e.S_interval, *e.J_interval, f"{wording.number(100 * e.interval_level, 2)} % intervals"))
     unit = wording.name(e.unit) if e is not None else "%"
-    error_unit = wording.name(study.data.units.get("process_value") or "")
-    return Picture("cost_map", "Cost map of S and J", alt,
-                   "Free-run error for each pair of S and J with the process refitted; darker is better. Cross: the "
-                   "optimum, box: its intervals, dots: where the searches ended.",
+    error_unit = wording.name(study.data.units.get("process_value") or "units of PV")
+    known = [v for row in m.rmse for v in row if v is not None]
+    alt = "Free-run error over a grid of S and J" + (
+        f", from {wording.number(min(known))} to {wording.number(max(known))} {error_unit}." if known else ".")
+    title = "Cost map of S and J"
+    optimum = _mapped_optimum(study)
+    if optimum is not None:
+        S, J, S_interval, J_interval = optimum
+        marks.append(Mark(S, J, "optimum", "optimum"))
+        alt += f" The optimum lies at S {wording.number(S)}, J {wording.number(J)} {unit}."
+        if S_interval is not None and J_interval is not None and e is not None:
+            boxes.append(Box(*S_interval, *J_interval, f"{wording.number(100 * e.interval_level, 2)} % intervals"))
+    later = added_later(study)
+    if later and e is not None:
+        title += " before effects were added"
+        marks.append(Mark(e.S, e.J, "last model", "last"))
+        alt += f" With {wording.listed([wording.name(s.added) for s in later])} the model ends at S " \
+               f"{wording.number(e.S)}, J {wording.number(e.J)} {unit}."
+    return Picture("cost_map", title, alt,
+                   f"Free-run error, {error_unit}, for each pair of S and J with lags, dead time and start force held "
+                   "at their best and the gain refitted; the fuller the colour, the smaller the error, in equal steps "
+                   "of its logarithm. Empty: J above 2 S, which no valve has.",
                    (Panel(f"S, {unit}", f"J, {unit}", marks=tuple(marks), boxes=tuple(boxes),
                           cells=Cells(m.S, m.J, across, "error", error_unit)),))
+
+
+_Interval = tuple[float, float] | None
+
+
+def _mapped_optimum(study: Study) -> tuple[float, float, _Interval, _Interval] | None:
+    """S, J and their intervals in the model that the map shows, which an effect added later leaves behind."""
+    k = mapped_step(study)
+    if k is not None and k < len(study.steps) - 1:
+        found = {p.name: p for p in study.steps[k].parameters if p.effect is None}
+        if "S" in found and "J" in found:
+            return found["S"].value, found["J"].value, found["S"].interval, found["J"].interval
+    e = study.estimate
+    return None if e is None else (e.S, e.J, e.S_interval, e.J_interval)
 
 
 def ladder(study: Study) -> Picture | None:
@@ -265,7 +302,7 @@ def candidates(study: Study) -> Picture | None:
     best = names[int(drops.argmax())]
     return Picture("candidates", "Effects tried", f"{best} lowers the one-step error most, by "
                    f"{wording.percent(float(drops.max()))}.",
-                   "How much each effect of the catalogue lowers the held-out one-step error.",
+                   "How much each effect of the catalogue lowers the one-step error of the model before it.",
                    (Panel("drop of the one-step error, %", "",
                           (Line("drop", "model", drops, np.arange(len(names), dtype=float), "bars"),), names=names),))
 
@@ -283,13 +320,13 @@ def comparison(studies: Sequence[Study]) -> Picture | None:
         return None
     lines, marks = [], []
     for i, (_, e) in enumerate(known):
-        marks.append(Mark(e.S, float(i), "", "optimum"))
+        marks.append(Mark(e.S, float(i), "S", "optimum"))
         if e.S_interval is not None:
             lines.append(Line("interval of S", "model", np.array(e.S_interval), np.array([float(i)] * 2)))
     worst = max(known, key=lambda pair: pair[1].S)
     return Picture("comparison", "S of all loops", f"{worst[0]} has the largest S, {wording.number(worst[1].S)} "
-                   f"{wording.name(worst[1].unit)}.", "Cross: S, line: its interval; dashed: where each "
-                   "severity band begins.",
+                   f"{wording.name(worst[1].unit)}.", "Cross: S, line: its interval (where wider than the "
+                   "cross); dashed: where each severity band begins.",
                    (Panel("S, % of OP span", "", tuple(lines), marks=tuple(marks),
                           rules=(Rule("x", 0.0), *_severity_rules(max(e.S for _, e in known))),
                           names=tuple(n for n, _ in known)),))

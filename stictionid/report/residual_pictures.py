@@ -36,7 +36,7 @@ def autocorrelation(study: Study, loop: Loop, residual: np.ndarray) -> Picture:
     period = study.range.period_median_s
     most = measures.lags_for(residual.size, period / loop.step_s if period else None)
     r = measures.autocorrelation(residual, most)[1:]
-    lag = np.arange(1, most + 1) * loop.step_s
+    lag = np.asarray(np.arange(1, most + 1) * loop.step_s, float)
     bound = measures.NORMAL_99 / np.sqrt(residual.size)
     outside = float((np.abs(r) > bound).mean())
     word = ("looks like white noise" if outside <= 0.03 else
@@ -45,7 +45,7 @@ def autocorrelation(study: Study, loop: Loop, residual: np.ndarray) -> Picture:
     return Picture("acf", "Autocorrelation of the residual",
                    f"{wording.number(100 * outside, 2)} % of the lags lie outside the 99 % bounds: the residual {word}."
                    f" The largest is {wording.number(float(r[peak]), 2)} at {wording.number(float(lag[peak]))} s.",
-                   f"The residual {word}. Shaded: 99 % bounds of white noise.",
+                   f"The residual {word}. Dashed: 99 % bounds of white noise.",
                    (Panel("lag, s", "autocorrelation", (Line("residual", "residual", lag, r, "stems"),),
                           rules=(Rule("y", 0.0), Rule("y", float(bound), "99 %", "bound"),
                                  Rule("y", -float(bound), "", "bound"))),))
@@ -64,7 +64,7 @@ def spectrum(study: Study, loop: Loop, residual: np.ndarray, measured: np.ndarra
     floor = max(float(power_pv.max()) * 1e-8, 1e-300)
 
     def decades(p: np.ndarray) -> np.ndarray:
-        return np.log10(np.maximum(p, floor))
+        return np.asarray(np.log10(np.maximum(p, floor)), float)
 
     lines = tuple(Line(name, role, *measures.thin(period[::-1], decades(p)[::-1], _SPECTRUM_BINS))
                   for name, role, p in (("PV", "pv", power_pv), ("residual", "residual", power * share)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 
-from ..results import Estimate, Study
+from ..results import Estimate, Step, Study
 from . import wording
 from .document import Section, Table
 
@@ -19,6 +19,35 @@ BUMP_PERCENT = 0.5
 _CYCLES_SHOWN = 12
 _ROLE_NAMES = {"setpoint": "setpoint SP", "output": "controller output OP", "process_value": "process value PV",
                "position": "valve position", "time": "time"}
+
+
+def mapped_step(study: Study) -> int | None:
+    """Index of the step whose model the cost map shows, the last one of identify; None where it is not known.
+
+    Studies that don't say so: the step whose S and J lie deepest in the map.
+    """
+    m = study.cost_map
+    if m is None or not study.steps:
+        return None
+    if m.step is not None:
+        return min(max(m.step, 0), len(study.steps) - 1)
+    if len(study.steps) == 1:
+        return 0
+    depths = []
+    for i, step in enumerate(study.steps):
+        at = {p.name: p.value for p in step.parameters if p.effect is None}
+        if "S" in at and "J" in at and m.S and m.J:
+            row = min(range(len(m.S)), key=lambda k: abs(m.S[k] - at["S"]))
+            column = min(range(len(m.J)), key=lambda k: abs(m.J[k] - at["J"]))
+            value = m.rmse[row][column] if row < len(m.rmse) and column < len(m.rmse[row]) else None
+            depths += [(value, i)] if value is not None else []
+    return min(depths)[1] if depths else None
+
+
+def added_later(study: Study) -> tuple[Step, ...]:
+    """Steps that diagnose or add put behind what identify found."""
+    last = mapped_step(study)
+    return () if last is None else tuple(s for s in study.steps[last + 1:] if s.added)
 
 
 def candidates(study: Study) -> Section | None:
@@ -71,6 +100,8 @@ def next_steps(study: Study) -> Section:
     else:
         bullets.append("Look elsewhere for the oscillation: tuning, an upstream loop, or a disturbance. "
                        + manual)
+    if study.steps and study.estimate is not None:
+        bullets += _for_the_model(study)
     if "position" not in study.data.columns and study.estimate is not None:
         bullets.append("Log the positioner's travel feedback beside OP: S and J can then be read from it directly.")
     if study.estimate is not None:
@@ -78,6 +109,17 @@ def next_steps(study: Study) -> Section:
         if compressed:
             bullets.append("Export raw values: compression or averaging removes the small reversals that are stiction.")
     return Section("next", "What to do next", (), tuple(bullets))
+
+
+def _for_the_model(study: Study) -> list[str]:
+    """The command that explains more of the error, where something is left to explain."""
+    present = {s.added for s in study.steps} | {e for s in study.steps for e in s.effects}
+    waiting = [m for m in study.missing if m not in present]
+    if waiting:
+        return [f"Add the effect that the record asks for: stictionid add {wording.name(waiting[0])} STUDY."]
+    if study.adequate is False and not study.candidates:
+        return ["Ask which effect is missing, because the model does not reach the noise: stictionid diagnose STUDY."]
+    return []
 
 
 def _for_abstained(study: Study) -> list[str]:
@@ -150,8 +192,8 @@ def parameters(study: Study) -> Section | None:
     for p in study.steps[-1].parameters:
         notes = [n for n, on in (("at its limit: read as a bound", p.at_bound),
                                  ("not identifiable from this record", not p.identifiable)) if on]
-        rows.append((wording.name(p.effect or "base"), wording.name(p.name), wording.number(p.value, 4),
-                     wording.span(p.interval), wording.name(p.unit or wording.NOTHING),
+        rows.append((wording.name(p.effect or "base"), wording.name(p.name), *wording.apart(p.value, p.interval),
+                     wording.name(p.unit or wording.NOTHING),
                      "; ".join([wording.clean(p.meaning, 120)] * bool(p.meaning) + notes)))
     text = [_process_sentence(study.estimate)] if study.estimate is not None else []
     table = Table("Parameters of the last model", ("part", "name", "value", "interval", "unit", "meaning"),
@@ -160,9 +202,10 @@ def parameters(study: Study) -> Section | None:
 
 
 def _process_sentence(e: Estimate) -> str:
-    lags = ", ".join(f"{wording.number(t)} s" for t in e.time_constants_s) or "none"
+    lags = wording.listed([f"{wording.number(t)} s" for t in e.time_constants_s]) or "none"
+    lags = f"time constant{'s' if len(e.time_constants_s) > 1 else ''} {lags}"
     kind = "integrator" if e.integrating else "self-regulating process"
-    return (f"Valve law {wording.name(e.law)}; {kind} with gain {wording.number(e.gain)}, time constants {lags}, dead "
+    return (f"Valve law {wording.name(e.law)}; {kind} with gain {wording.number(e.gain)}, {lags}, dead "
             f"time {wording.number(e.dead_time_s)} s. At the start the stem was loaded with "
             f"{wording.number(100 * e.initial_residual_force, 2)} % of its static friction.")
 
@@ -175,17 +218,44 @@ def method(study: Study) -> Section:
     tables = [Table("Made by", ("what", "value"), tuple(rows))]
     if study.verdict.evidence:
         tables.append(Table("Evidence behind the verdict", ("quantity", "value"), tuple(
-            (wording.name(k), _evidence(v)) for k, v in study.verdict.evidence.items()), (1,)))
+            (wording.name(k), _evidence(v)) for k, v in study.verdict.evidence.items())))
     file = wording.clean(d.file, 400) if d.file else "FILE"
     commands = []
     if d.sha256:
         commands.append(f"sha256sum {shlex.quote(file)}   # {wording.clean(d.sha256, 80)}")
     commands.append(wording.clean(study.command) or
                     f"stictionid identify {shlex.quote(file)} --seed {c.seed} -o study.json")
-    return Section("method", "Method and how to reproduce it", (
-        "S and J are searched by a particle swarm, the process by separable least squares, the verdict by comparing "
-        "the best models with and without friction on data not used in the fit.",), (), tuple(tables), (),
-        tuple(commands))
+    name = shlex.quote(wording.clean(_option(study.command, "-o", "--output") or "study.json", 400))
+    commands += [f"stictionid add {shlex.quote(wording.clean(s.added))} {name}" for s in added_later(study)]
+    return Section("method", "Method and how to reproduce it", (_method_sentence(study),), (), tuple(tables), (),
+                   tuple(commands))
+
+
+def _method_sentence(study: Study) -> str:
+    if not study.steps:
+        return "No model was fitted, because the record can't tell; the verdict says why."
+    asked = _option(study.command, "--method") or "auto"
+    if asked != "auto":
+        return (f"Method {wording.name(asked)}; stictionid identify --help names them. The verdict compares the best "
+                "model with friction and the best one without it on the same samples.")
+    return ("S, J, the dead time and the lags are searched by a swarm from several starts, gain and offset by least "
+            "squares within each trial; searches that end alike are counted as agreeing. The verdict compares the "
+            "best model with friction and the best one without it on the same samples.")
+
+
+def _option(command: str, *names: str) -> str | None:
+    """The value that a recorded command gave one of its options."""
+    try:
+        words = shlex.split(command)
+    except ValueError:
+        return None
+    for i, word in enumerate(words):
+        if word in names and i + 1 < len(words):
+            return words[i + 1]
+        for name in names:
+            if name.startswith("--") and word.startswith(name + "="):
+                return word.partition("=")[2]
+    return None
 
 
 def _evidence(value: object) -> str:

@@ -11,16 +11,18 @@ import numpy as np
 
 from ..loop import FloatArray
 from . import axes, palette, wording
+from . import legend as names
 from .axes import Axis
-from .picture import Band, Line, Panel, Picture
+from .picture import Band, Line, Panel, Picture, Rule
 
 # Sizes in px of the drawing's own grid. A wide picture fills a page, a square one half of it or a phone.
 WIDE, SQUARE = 920, 440
 _HEIGHT_WIDE, _HEIGHT_SQUARE = 230, 350
-_LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 62, 14, 30, 40, 16
-_TEXT = 12.5
-# Mean width of a character at _TEXT size. Unit: px; for legends and margins, measured on DejaVu Sans and Arial.
-_CHARACTER = 6.9
+_LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 62, 14, 12, 40, 16
+# Size of all text. Unit: px.
+TEXT = 12.5
+# Mean width of a character at TEXT size. Unit: px; for legends and margins, measured on DejaVu Sans, a wide font.
+_CHARACTER = 7.3
 # Distance of arrow heads along a curve. Unit: px.
 _ARROW_EVERY = 95.0
 # Most of a picture's width that names of bars may take. Unit: 1; longer names are cut in the middle.
@@ -35,12 +37,12 @@ def style(selector: str = "") -> str:
         dash = f"stroke-dasharray:{' '.join(map(str, look.dash))};" if look.dash else ""
         rules.append(f"{selector} .r-{role}{{stroke:var(--{role});stroke-width:{look.width};{dash}fill:none}}")
         rules.append(f"{selector} .f-{role}{{fill:var(--{role});stroke:none}}")
-    rules += [f"{selector} text{{fill:var(--ink);font:{_TEXT}px system-ui,-apple-system,'Segoe UI',Arial,sans-serif}}",
+    rules += [f"{selector} text{{fill:var(--ink);font:{TEXT}px system-ui,-apple-system,'Segoe UI',Arial,sans-serif}}",
               f"{selector} .grid{{stroke:var(--grid);stroke-width:1}}",
+              f"{selector} .under{{stroke:var(--ground);stroke-width:5px;fill:none}}",
               f"{selector} .frame{{stroke:var(--soft);stroke-width:1;fill:none}}",
               f"{selector} .b-failing{{fill:var(--failing)}}", f"{selector} .b-unused{{fill:url(#hatch)}}",
-              f"{selector} .hatch{{stroke:var(--unused);stroke-width:4}}",
-              f"{selector} .halo{{paint-order:stroke;stroke:var(--ground);stroke-width:3px}}"]
+              f"{selector} .hatch{{stroke:var(--unused);stroke-width:4}}"]
     rules += [f"{selector} .m{i}{{fill:var(--map{i})}}" for i in range(len(palette.MAP_LIGHT))]
     return "\n".join(rules)
 
@@ -106,11 +108,11 @@ def _body(picture: Picture, width: int, prefix: str) -> tuple[str, int]:
 
 def _panel(panel: Panel, width: int, top: float, height: float, key: str, last: bool) -> tuple[str, int]:
     """One panel from `top` on, and where the next one starts."""
-    legend, rows = _legend(panel, width, top)
+    legend, rows = names.legend(panel, _LEFT, width, top, _CHARACTER, _cut)
     left = min(max(_LEFT, 12 + _CHARACTER * max((len(n) for n in panel.names), default=0)), _WIDEST_NAMES * width)
-    y0 = top + (_TOP - 18) + 18 * rows
-    y1 = y0 + height
     x = Axis(*axes.limits(panel, "x"), left, width - _RIGHT, panel.log_x)
+    y0 = top + _TOP + names.ROW * rows + names.RULE_ROW * names.rule_rows(panel, x, _CHARACTER)
+    y1 = y0 + height
     y = Axis(*axes.limits(panel, "y"), y1, y0)
     parts = [legend, f'<clipPath id="{key}"><rect x="{left:.0f}" y="{y0:.0f}" width="{width - _RIGHT - left:.0f}" '
              f'height="{height:.0f}"/></clipPath>', f'<g clip-path="url(#{key})">']
@@ -119,13 +121,14 @@ def _panel(panel: Panel, width: int, top: float, height: float, key: str, last: 
     parts.append("</g>")
     parts.append(_grid(panel, x, y, last))
     parts.append(f'<g clip-path="url(#{key})">')
-    parts += [_rule(panel, r, x, y) for r in panel.rules]
+    parts += [_rule(r, x, y) for r in panel.rules]
     parts += [_line(line, x, y) for line in panel.lines]
     parts += [f'<rect class="r-mark" x="{x.at(b.x0):.1f}" y="{y.at(b.y1):.1f}" '
               f'width="{max(float(x.at(b.x1) - x.at(b.x0)), 2):.1f}" '
               f'height="{max(float(y.at(b.y0) - y.at(b.y1)), 2):.1f}"/>' for b in panel.boxes]
-    parts += [_mark(m.x, m.y, m.label, m.role, x, y) for m in panel.marks]
+    parts += [names.mark(m.role, float(x.at(m.x)), float(y.at(m.y)), 8) for m in panel.marks]
     parts.append("</g>")
+    parts.append(names.rule_labels(panel, x, y0, _CHARACTER, _cut))
     parts.append(f'<rect class="frame" x="{left:.1f}" y="{y0:.1f}" width="{width - _RIGHT - left:.1f}" '
                  f'height="{height:.1f}"/>')
     bottom = y1 + (_BOTTOM if panel.x_label else _GAP)
@@ -138,53 +141,10 @@ def _panel(panel: Panel, width: int, top: float, height: float, key: str, last: 
     return "".join(parts), round(bottom)
 
 
-def _legend(panel: Panel, width: int, top: float) -> tuple[str, int]:
-    """Samples of each line with its name, wrapped; and how many rows that took."""
-    entries: list[tuple[str, str, str]] = []
-    for line in panel.lines:
-        entry = (line.name, line.role, {"points": "dot", "bars": "bar"}.get(line.style, "line"))
-        if entry not in entries:
-            entries.append(entry)
-    seen = {b.role for b in panel.bands}
-    entries += [("model fails", "failing", "band")] if "failing" in seen else []
-    entries += [("not used", "unused", "band")] if "unused" in seen else []
-    entries += [(b.label, "mark", "box") for b in panel.boxes]
-    if panel.cells is not None:
-        entries.append(("optimum", "optimum", "cross"))
-    parts, at, row = [], float(_LEFT), 0
-    for name, role, kind in entries:
-        size = 30 + _CHARACTER * len(name) + 14
-        if at + size > width and at > _LEFT:
-            at, row = float(_LEFT), row + 1
-        y = top + 13 + 18 * row
-        parts.append(_sample(kind, role, at, y))
-        parts.append(f'<text x="{at + 30:.0f}" y="{y + 4:.0f}">{_cut(name, width - at - 30)}</text>')
-        at += size
-    return "".join(parts), row + 1 if entries else 0
-
-
-def _sample(kind: str, role: str, at: float, y: float) -> str:
-    if kind == "band":
-        return f'<rect class="b-{role}" x="{at:.0f}" y="{y - 6:.0f}" width="24" height="12"/>'
-    if kind == "bar":
-        return f'<rect class="f-{role}" x="{at:.0f}" y="{y - 5:.0f}" width="24" height="10"/>'
-    if kind == "dot":
-        return f'<circle class="f-{role}" cx="{at + 12:.0f}" cy="{y:.0f}" r="4"/>'
-    if kind == "box":
-        return f'<rect class="r-{role}" x="{at:.0f}" y="{y - 6:.0f}" width="24" height="12"/>'
-    if kind == "cross":
-        return f'<path class="r-{role}" d="{_cross(at + 12, y)}"/>'
-    return f'<path class="r-{role}" d="M{at:.0f} {y:.0f}h24"/>'
-
-
-def _cross(x: float, y: float, r: float = 6) -> str:
-    return f"M{x - r:.1f} {y:.1f}h{2 * r}M{x:.1f} {y - r:.1f}v{2 * r}"
-
-
 def _grid(panel: Panel, x: Axis, y: Axis, last: bool) -> str:
     """Grid lines and tick labels; x labels only where the panel has an x label."""
     parts = []
-    across = axes.log_ticks(x.low, x.high) if x.log else axes.ticks(x.low, x.high, int((x.end - x.start) / 70))
+    across = axes.log_ticks(x.low, x.high) if x.log else axes.ticks(x.low, x.high, int((x.end - x.start) / 60))
     step = across[1] - across[0] if len(across) > 1 and not x.log else 1.0
     top, bottom = min(y.start, y.end), max(y.start, y.end)
     for value in across:
@@ -213,16 +173,12 @@ def _band(band: Band, x: Axis, top: float, height: float) -> str:
             f'height="{height:.1f}"/>')
 
 
-def _rule(panel: Panel, rule, x: Axis, y: Axis) -> str:
+def _rule(rule: Rule, x: Axis, y: Axis) -> str:
+    """The line of a rule; its label stands outside the frame."""
     if rule.axis == "x":
-        at = float(x.at(rule.value))
-        line = f'<path class="r-{rule.role}" d="M{at:.1f} {min(y.start, y.end):.1f}V{max(y.start, y.end):.1f}"/>'
-        place = f'x="{at + 4:.1f}" y="{min(y.start, y.end) + 13:.1f}"'
-    else:
-        at = float(y.at(rule.value))
-        line = f'<path class="r-{rule.role}" d="M{x.start:.1f} {at:.1f}H{x.end:.1f}"/>'
-        place = f'x="{x.end - 4:.1f}" y="{at - 4:.1f}" text-anchor="end"'
-    return line + (f'<text class="halo" {place}>{_safe(rule.label)}</text>' if rule.label else "")
+        return f'<path class="r-{rule.role}" d="M{float(x.at(rule.value)):.1f} {min(y.start, y.end):.1f}' \
+               f'V{max(y.start, y.end):.1f}"/>'
+    return f'<path class="r-{rule.role}" d="M{x.start:.1f} {float(y.at(rule.value)):.1f}H{x.end:.1f}"/>'
 
 
 def _line(line: Line, x: Axis, y: Axis) -> str:
@@ -275,22 +231,15 @@ def _arrows(role: str, px: FloatArray, py: FloatArray) -> str:
     return f'<path class="f-{role}" d="{"".join(heads)}"/>'
 
 
-def _mark(vx: float, vy: float, label: str, role: str, x: Axis, y: Axis) -> str:
-    at, up = float(x.at(vx)), float(y.at(vy))
-    shape = (f'<circle class="r-{role}" cx="{at:.1f}" cy="{up:.1f}" r="3"/>' if role == "search" else
-             f'<path class="r-{role}" d="{_cross(at, up, 8)}"/>')
-    return shape
-
-
 def _cells(panel: Panel, x: Axis, y: Axis) -> str:
     """A cost map as runs of equal class per row: far fewer rectangles than cells."""
     cells = panel.cells
     if cells is None:
         return ""
-    values = [v for row in cells.values for v in row if v is not None]
-    if not values:
+    span = palette.map_span(cells.values)
+    if span is None:
         return ""
-    best, worst = min(values), max(values)
+    best, worst = span
     ex, ey = x.at(axes.edges(cells.x)), y.at(axes.edges(cells.y))
     parts = []
     for j, row in enumerate(cells.values[: len(cells.y)]):

@@ -6,6 +6,7 @@ Colour comes from the console (none when it is not a terminal or NO_COLOR is set
 from __future__ import annotations
 
 import textwrap
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ _SECTIONS = ("no-pictures", "ladder", "candidates", "laws", "next")
 # Columns kept of wide tables on a console narrower than _ROOMY columns.
 _NARROW = {"ladder": (0, 1, 2, 3, 4, 6), "candidates": (0, 1, 2, 3, 4)}
 _ROOMY = 110
+# Rows of a table before the rest is left to the written reports. Unit: rows.
+_MOST_ROWS = 8
 # Widest trend and its height. Unit: columns and rows of text, without the axis.
 _MOST_COLUMNS, _ROWS = 66, 6
 _AXIS = 10
@@ -59,7 +62,12 @@ def _sections(facts: Facts, console: Any, encoding: str) -> None:
                                         subsequent_indent="  "))
         for table in section.tables:
             kept = _NARROW.get(section.key) if console.width < _ROOMY else None
+            more = len(table.rows) - _MOST_ROWS
+            if more > 0:
+                table = replace(table, rows=table.rows[:_MOST_ROWS])
             console.print(_table(_part(table, kept) if kept else table, console, encoding))
+            if more > 0:
+                console.print(f"and {more} more; report -o shows all")
 
 
 def _part(table: Table, kept: tuple[int, ...]) -> Table:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from typing import Any
 
 from ..bench import Outcome
 from . import palette
@@ -23,8 +24,9 @@ def valve_figure(outcomes: Sequence[Outcome], *, kind: str, title: str) -> bytes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    settings = {"font.family": "DejaVu Sans", "font.size": 8.0, "svg.hashsalt": "stictionid", "axes.titlesize": 8.5,
-                "text.usetex": False, "text.parse_math": False, "axes.spines.top": False, "axes.spines.right": False}
+    settings: Any = {"font.family": "DejaVu Sans", "font.size": 8.0, "svg.hashsalt": "stictionid",
+                     "axes.titlesize": 8.5, "text.usetex": False, "text.parse_math": False,
+                     "axes.spines.top": False, "axes.spines.right": False}
     command, position = palette.LOOKS["op"], palette.LOOKS["position"]
     with rc_context(settings):
         figure = Figure(figsize=(_WIDE, _TOP + _ROW * len(outcomes)), dpi=_DPI, layout="constrained")
@@ -44,7 +46,7 @@ def valve_figure(outcomes: Sequence[Outcome], *, kind: str, title: str) -> bytes
             loop.set_ylabel("u_v / %")
         grid[-1, 0].set_xlabel("time / s")
         grid[-1, 1].set_xlabel("u / %")
-        grid[0, 0].legend(loc="upper right", frameon=False)
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="upper right", ncols=2, frameon=False)
         figure.suptitle("".join(c for c in title if c.isprintable()), x=0.01, ha="left")
         out = io.BytesIO()
         figure.savefig(out, format=kind, metadata={"Date": None} if kind == "svg" else {"Software": None})

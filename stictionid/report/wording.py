@@ -14,6 +14,8 @@ NOTHING = "-"
 # 2 % in the Tennessee Eastman benchmark. Source: conventions of the trade, HISTORIAN.md section 1.
 SEVERITY_BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (math.inf, "severe"))
 
+# Most decimals of a number of 1 or more, however narrow its interval. Unit: digits; no positioner resolves 0.001 %.
+_MOST_DECIMALS = 3
 # Longest foreign text (tag, unit, file name) shown in full. Unit: characters; a line of an 80 column terminal.
 LONGEST_NAME = 60
 # Longest foreign sentence shown in full. Unit: characters; about ten lines.
@@ -71,21 +73,33 @@ def decimals_for(interval: tuple[float, float] | None, value: float) -> int:
     width = abs(interval[1] - interval[0]) / 2 if interval else 0.0
     if not math.isfinite(width) or width <= 0:
         return max(0, 2 - math.floor(math.log10(abs(value)))) if value else 2
-    return min(max(0, 1 - math.floor(math.log10(width))), 4)
+    most = _MOST_DECIMALS
+    if value:
+        most = max(most, 2 - math.floor(math.log10(abs(value))))
+    return min(max(0, 1 - math.floor(math.log10(width))), most)
+
+
+def apart(value: float, interval: tuple[float, float] | None) -> tuple[str, str]:
+    """`1.80` and `1.52 to 2.21` (or a dash), digits chosen by the interval so that its ends differ where they can."""
+    if interval is None or not math.isfinite(interval[1] - interval[0]):
+        return number(value, 4), NOTHING
+    largest = max(abs(value), abs(interval[0]), abs(interval[1]))
+    if largest >= 1e7 or largest < 1e-3:
+        return number(value, 4), f"{number(interval[0], 4)} to {number(interval[1], 4)}"
+    places = decimals_for(interval, value)
+    return f"{value:.{places}f}", f"{interval[0]:.{places}f} to {interval[1]:.{places}f}"
 
 
 def estimate(value: float, interval: tuple[float, float] | None, unit: str) -> str:
     """`1.80 % (1.52 to 2.21)`: a value with its interval, digits chosen by the interval."""
-    places = decimals_for(interval, value)
-    shown = f"{value:.{places}f}" + (f" {name(unit)}" if unit else "")
-    if interval is None:
-        return shown
-    return f"{shown} ({interval[0]:.{places}f} to {interval[1]:.{places}f})"
+    shown, ends = apart(value, interval)
+    shown += f" {name(unit)}" if unit else ""
+    return shown if ends == NOTHING else f"{shown} ({ends})"
 
 
-def span(interval: tuple[float, float] | None, digits: int = 3) -> str:
-    """`1.52 to 2.21`, or a dash."""
-    return NOTHING if interval is None else f"{number(interval[0], digits)} to {number(interval[1], digits)}"
+def listed(words: list[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def percent(value: float | None, digits: int = 2) -> str:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..errors import UsageError
 from ..files import ensure_writable, write_whole
+from . import wording
 from .curves import Case
+
+Progress = Callable[[str, float], None]
 
 EXTENSIONS = (".md", ".html", ".json")
 FIGURE_KINDS = ("svg", "png")
@@ -26,22 +29,29 @@ def check_target(out: Path, *, figures: str = "svg", force: bool = False) -> Non
     ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
 
 
-def write_report(cases: Sequence[Case], out: str | Path, *, figures: str = "svg", force: bool = False) -> list[Path]:
+def write_report(cases: Sequence[Case], out: str | Path, *, figures: str = "svg", force: bool = False,
+                 progress: Progress | None = None) -> list[Path]:
     """Write the report of `cases` to `out` (.md, .html or .json) and return the files written, `out` last.
 
-    Markdown gets its pictures beside it, named after `out`. Raises UsageError where a file can't be written.
+    Markdown gets its pictures beside it, named after `out`. `progress` hears what is done and the share that is.
+    Raises UsageError where a file can't be written.
     """
+    from .pictures import pictures
+
     out = Path(out)
     check_target(out, figures=figures, force=force)
     kind = out.suffix.lower()
+    tell = progress or (lambda text, share: None)
+    drawn = []
+    for i, case in enumerate(cases):
+        tell(f"drawing {wording.name(case.study.data.name)}", 0.7 * i / len(cases))
+        drawn.append(pictures(case))
+    tell(f"writing {out.name}", 0.7)
     if kind == ".html":
         from .html import html
 
-        write_whole(out, html(cases), force=force, kind=KINDS[kind])
+        write_whole(out, html(cases, drawn), force=force, kind=KINDS[kind])
         return [out]
-    from .pictures import pictures
-
-    drawn = [pictures(case) for case in cases]
     if kind == ".json":
         from .json import report_json
 

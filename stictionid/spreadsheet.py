@@ -1,0 +1,19 @@
+"""Foreign text in a CSV or TSV cell, so that it stays text in a spreadsheet and in one cell."""
+
+from __future__ import annotations
+
+# What makes a spreadsheet take a cell for a formula. Source: OWASP, "CSV Injection".
+_FORMULA = "=+-@\t\r"
+
+
+def cell(text: str, separator: str = ",") -> str:
+    """`text` as one cell: control characters become blanks, a formula gets a leading ', quotes where CSV needs them.
+
+    For text only: numbers are written as they are, so that -1.5 stays a number.
+    """
+    flat = "".join(c if c.isprintable() else " " for c in text)
+    if text[:1] in tuple(_FORMULA) or flat.lstrip()[:1] in tuple(_FORMULA):
+        flat = "'" + flat
+    if separator in flat or '"' in flat or flat != flat.strip():
+        return '"' + flat.replace('"', '""') + '"'
+    return flat

@@ -1,0 +1,114 @@
+"""A small sample of tests/faults: the same faults, injected for real, a few trials each."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FAULTS = Path(__file__).parent / "faults"
+sys.path.insert(0, str(FAULTS))
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="faults are made with POSIX calls")
+if os.name == "posix":
+    import fault_files
+    import fault_signals
+    import fault_surroundings
+    from fault_bench import Bench, judge, whole_or_absent
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    return Bench(tmp_path_factory.mktemp("bench"), seed=1)
+
+
+def test_a_full_stdout_is_one_sentence(bench: Bench) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    for arguments in (("range", bench.csv, "--json"), ("report", bench.study), ("laws",)):
+        with open("/dev/full", "wb") as full:
+            assert not judge(bench.run(*arguments, stdout=full), 2)
+
+
+def test_a_device_is_written_to_and_never_replaced(bench: Bench) -> None:
+    trials, problems, skipped = fault_files.device_as_output(bench)
+    assert trials and not problems and not skipped
+
+
+def test_a_disk_that_fills_up_leaves_nothing_behind(bench: Bench) -> None:
+    import resource
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))
+
+    place = bench.place("limited")
+    for arguments in (("simulate", "-o", place / "x.csv"), ("report", bench.study, "-o", place / "r.md")):
+        done = bench.run(*arguments, before=limit)
+        assert not judge(done, 2) and "no room left" in done.err
+    assert not list(place.iterdir())
+
+
+def test_permissions_are_refused_in_a_sentence(bench: Bench) -> None:
+    if not fault_files.permissions_count(bench):
+        pytest.skip("this user passes over permissions")
+    place = bench.place("forbidden")
+    place.chmod(0o555)
+    secret = bench.folder / "secret.csv"
+    secret.write_bytes(bench.csv.read_bytes())
+    secret.chmod(0)
+    for arguments in (("range", secret), ("report", bench.study, "-o", place / "r.html")):
+        assert not judge(bench.run(*arguments, before=fault_files.common), 2)
+    place.chmod(0o755)
+
+
+@pytest.mark.parametrize("which", ["interrupt", "terminate", "kill"])
+def test_interrupted_at_random_times_studies_are_whole_or_absent(bench: Bench, which: str) -> None:
+    _, problems, _ = getattr(fault_signals, which)(bench, trials=2)
+    assert not problems
+
+
+def test_an_interruption_while_libraries_load_is_quiet(bench: Bench) -> None:
+    for delay in (0.05, 0.15):
+        running = bench.start("identify", bench.csv, "-q", "-o", "early.json")
+        fault_signals._begun(running.pid)
+        fault_signals.time.sleep(delay)
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=60)
+        assert running.returncode == 130 and b"Traceback" not in err, err
+    assert not whole_or_absent(bench.folder)
+
+
+def test_a_reader_that_leaves_is_no_error_for_tables_either(bench: Bench) -> None:
+    command = f"{sys.executable} -m stictionid laws | head -c 1; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=bench.folder, timeout=60)
+    assert done.returncode == 0 and not done.stderr
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
+def test_closed_streams_are_no_defect(bench: Bench, closed: str) -> None:
+    done = subprocess.run(["sh", "-c", f"exec {sys.executable} -m stictionid range {bench.csv} -q {closed}"],
+                          capture_output=True, cwd=bench.folder, timeout=60)
+    assert done.returncode == 0 and b"Traceback" not in done.stderr
+
+
+def test_odd_surroundings_change_no_byte(bench: Bench) -> None:
+    odd = fault_surroundings.SURROUNDINGS["C without UTF-8, Kolkata"]
+    for arguments in (("identify", bench.csv, "-q", "--json"), ("report", bench.study, "-q", "--json")):
+        here, there = bench.run(*arguments), bench.run(*arguments, env=odd)
+        assert here.code == there.code == 0 and here.out == there.out
+
+
+def test_a_name_that_is_no_unicode_goes_through_a_study_and_back(bench: Bench) -> None:
+    place = os.fsencode(bench.place("names"))
+    with open(place + b"/b\xff.csv", "wb") as file:
+        file.write(bench.csv.read_bytes())
+    name = os.fsdecode(place + b"/b\xff.csv")
+    assert not judge(bench.run("identify", name, "-q", "-o", "names.json"), 0)
+    for out in ("n.html", "n.md", "n.json"):
+        assert not judge(bench.run("report", "names.json", "-o", out), 0)
+    assert b"No pictures" not in (bench.folder / "n.md").read_bytes()
+    (bench.folder / "names.json").read_text(encoding="utf-8")
