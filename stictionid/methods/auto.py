@@ -16,6 +16,7 @@ import numpy as np
 from ..descent import descend
 from ..errors import CannotTell
 from ..fit import Fitted, basins, movable, one_run, region, search_model, with_process, with_start
+from ..gates import SAMPLES_PER_PERIOD
 from ..loop import FloatArray
 from ..model import FIRST_ORDER, INTEGRATOR, Evaluated, Model, Spec
 from ..noise import autocovariance
@@ -80,9 +81,7 @@ def _run(run: Run) -> Outcome:
     run.tell("restarting until two searches agree", 0.5)
     fit = run.fit(spec, before=runs)
     if fit.best.rmse > 0.995 * float(np.std(run.used_y())):
-        raise CannotTell("the best model explains nothing: its free-run error is no smaller than the scatter of y "
-                         "about its mean", "check that OP drives this PV; look at the trend with stictionid read",
-                         code="model-explains-nothing")
+        raise _explains_nothing(run)
     steps, fits = [run.step(fit, None)], [fit]
     if not o.base_only and "re-sticking" not in spec.effects:
         run.tell("trying a valve that rests between scans", 0.6)
@@ -98,6 +97,22 @@ def _run(run: Run) -> Outcome:
         steps[-1] = replace(steps[-1], parameters=tuple(parameters(fits[-1])))
     adequate, why = run.adequate(steps[-1])
     return Outcome(tuple(steps), tuple(fits), adequate, why)
+
+
+def _explains_nothing(run: Run) -> CannotTell:
+    """Why the best model is no better than a constant: PV turns too fast for the samples, or OP does not drive it."""
+    moves = np.sign(np.diff(run.used_y()))
+    moves = moves[moves != 0]
+    turns = int((moves[1:] != moves[:-1]).sum())
+    per = 2.0 * run.used_y().size / max(turns, 1)
+    step = run.loop.step_s
+    if per < SAMPLES_PER_PERIOD:
+        return CannotTell(f"sampled too slowly: the process value turns every {0.5 * per:.1f} samples of {step:g} s, "
+                          f"{per:.1f} samples a period where {SAMPLES_PER_PERIOD} are needed, and no model explains it",
+                          f"export at {per * step / SAMPLES_PER_PERIOD:.3g} s or faster", code="too-slow-sampling")
+    return CannotTell("the best model explains nothing: its free-run error is no smaller than the scatter of y "
+                      "about its mean", "check that OP drives this PV; look at the trend with stictionid read",
+                      code="model-explains-nothing")
 
 
 def _choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray]]:
