@@ -122,13 +122,15 @@ def _choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray]]:
     else:
         run.tell("rebuilding the command between samples", 0.2)
         best = _structure(run, replace(spec, between="corner", substeps=SUBSTEPS))
-        if not _at_noise(run, best):
-            run.tell("trying a held command", 0.3)
-            held = _structure(run, spec)
-            # A second lag, not yet in the model, rounds the slips and speaks for the wrong one of the two.
-            stationary = best.spec.process == held.spec.process == FIRST_ORDER
-            if _with_lag(run, best, stationary) >= (1.0 - _CORNER_GAIN) * _with_lag(run, held, stationary):
-                best = held
+        run.tell("trying a held command", 0.3)
+        held = _structure(run, spec)
+        # A second lag, not yet in the model, rounds the slips and speaks for the wrong one of the two.
+        stationary = best.spec.process == held.spec.process == FIRST_ORDER
+        moving, resting = _with_lag(run, best, stationary), _with_lag(run, held, stationary)
+        # Most plants hold: at the noise, where neither is clearly better, the smaller error decides.
+        least = 0.0 if _at_noise(run, best) else _CORNER_GAIN
+        if moving >= (1.0 - least) * resting:
+            best = held
     return best.spec, (best.point[None], np.array([best.cost]))
 
 

@@ -1,0 +1,190 @@
+"""Verdict, severity, descent, noise completed: what must hold on loops whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stictionid.descent import descend
+from stictionid.errors import UsageError
+from stictionid.historian import read_loop
+from stictionid.identify import Options, identify
+from stictionid.loop import Finding
+from stictionid.model import Model, Spec
+from stictionid.search import refine
+from stictionid.severity import band, controller_law
+from stictionid.simulate import Controller, preset, simulate, with_stiction
+from stictionid.verdict import capped
+from stictionid.whitened import whitened
+
+SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "real_loops"
+
+
+def scanned(S: float, J: float, **changes: object):
+    setting = with_stiction(preset("foptd"), S, J)
+    return replace(setting, controller=replace(setting.controller, scan_s=1.0), noise_sd=0.1, **changes)
+
+
+# Descent -----------------------------------------------------------------------------------------------------------
+
+
+def test_descent_finds_the_bottom_of_a_narrow_curved_valley() -> None:
+    def residuals(p):
+        x, y = 4.0 * p[:, 0] - 2.0, 4.0 * p[:, 1] - 1.0
+        return np.stack([10.0 * (y - x**2), 1.0 - x])
+
+    starts = np.array([[0.2, 0.9], [0.9, 0.1], [0.5, 0.5]])
+    found = descend(residuals, lambda p: (residuals(p) ** 2).sum(axis=0), starts, turns=60, settle=1e-9)
+    assert found.costs.max() < 1e-6
+    assert found.points == pytest.approx(np.tile([0.75, 0.5], (3, 1)), abs=1e-3)
+
+
+def test_descent_leaves_held_dimensions_and_bounds_alone() -> None:
+    def residuals(p):
+        return np.stack([p[:, 0] + 1.0, p[:, 1] - 0.3, p[:, 2] - 0.4])
+
+    found = descend(residuals, lambda p: (residuals(p) ** 2).sum(axis=0), np.array([[0.5, 0.9, 0.9]]),
+                    spread=np.array([1e-3, 1e-3, 0.0]))
+    assert found.points[0] == pytest.approx([0.0, 0.3, 0.9], abs=1e-6)
+
+
+def test_residuals_of_the_model_are_those_of_its_costs() -> None:
+    loop = simulate(scanned(5.0, 3.0)).loop
+    for spec in (Spec(), Spec(fixed={"gain": 3.0}), Spec(taps=(-0.5,)), Spec(process="integrator", increments=True)):
+        model = Model(loop, spec, s_max=7.0, period_s=60.0)
+        cube = np.random.default_rng(1).random((7, model.space.size))
+        r = model.residuals(cube)
+        assert np.sum(r**2, axis=0) == pytest.approx(model.costs(cube), rel=1e-8)
+
+
+def test_a_population_does_not_settle_before_it_has_found_its_valley() -> None:
+    # A valley 1000 times longer than wide, started beside its end: half the rounds go into learning its direction.
+    def cost(p):
+        a, b = p[:, 0] + p[:, 1] - 1.0, p[:, 0] - p[:, 1]
+        return 1e6 * a**2 + (b - 0.4) ** 2 + 1e-3
+
+    found = refine(cost, np.array([[0.3, 0.7]]), np.random.default_rng(3), spread=0.003, rounds=400, settle=1e-4)
+    assert found.costs[0] < 1e-3 * 1.001
+
+
+# Noise -------------------------------------------------------------------------------------------------------------
+
+
+def test_coloured_noise_is_a_step_of_its_own_and_gives_s_and_j_back() -> None:
+    sd = 0.3
+    noise = ("coloured-noise", {"root": 0.8, "innovation_sd": 0.6 * sd})
+    study = identify(simulate(replace(scanned(5.0, 3.0, effects=(noise,)), noise_sd=0.0), seed=4).loop)
+    assert study.steps[-1].added == "coloured-noise" or "coloured-noise" in study.steps[-1].effects
+    assert study.estimate.S == pytest.approx(5.0, rel=0.01)
+    assert study.estimate.J == pytest.approx(3.0, rel=0.15)
+    assert study.steps[-1].error.rmse_one_step == pytest.approx(0.6 * sd, rel=0.1)
+    assert study.adequate
+
+
+def test_white_noise_gets_no_noise_model() -> None:
+    study = identify(simulate(scanned(5.0, 3.0), seed=5).loop)
+    assert [s.added for s in study.steps] == [None]
+
+
+def test_whitened_innovations_are_white_and_smaller() -> None:
+    noise = ("coloured-noise", {"root": 0.9, "innovation_sd": 0.1})
+    loop = simulate(replace(scanned(5.0, 3.0, effects=(noise,)), noise_sd=0.0), seed=2).loop
+    model = Model(loop, Spec(), s_max=7.0, period_s=60.0)
+    values = model.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 5.0,
+                           "dead_time_s": 5.0})
+    done = whitened(model, values)
+    x = done.innovation[done.good]
+    assert done.order >= 1 and done.innovation_sd < 0.6 * done.rmse
+    assert abs(float(x[1:] @ x[:-1] / (x @ x))) < 0.2  # AR(1) residuals of the same model have 0.9
+
+
+# Verdict -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
+    verdict = identify(simulate(scanned(5.0, 3.0), seed=1).loop).verdict
+    assert verdict.stiction == "stiction" and verdict.confidence > 0.9
+    assert verdict.evidence["likelihood_ratio"] > 200 and verdict.evidence["blocks_won"] == 5
+
+
+@pytest.mark.parametrize("cause", ["sine", "tight"])
+def test_a_loop_that_moves_for_another_reason_is_not_called_sticking(cause) -> None:
+    setting = replace(scanned(0.0, 0.0), noise_sd=0.05)
+    disturbance = None
+    if cause == "sine":
+        disturbance = 3.0 * np.sin(2 * np.pi * np.arange(1000) / 70.0)
+    else:
+        setting = replace(setting, controller=Controller(0.42, 5.0, scan_s=1.0))
+    study = identify(simulate(setting, seed=3, disturbance=disturbance).loop)
+    assert study.verdict.stiction != "stiction"
+    assert study.verdict.evidence.get("likelihood_ratio", 0.0) < 40.0
+
+
+def test_what_reading_found_caps_the_verdict() -> None:
+    loop = simulate(scanned(5.0, 3.0), seed=1).loop
+    verdict = identify(loop, options=Options(base_only=True)).verdict
+    bad = Finding("compressed", "warning", "half of the samples lie on straight lines", {"caps_verdict": True})
+    spoilt = replace(loop, origin=replace(loop.origin, findings=(bad,)))
+    assert capped(verdict, loop) is verdict
+    assert capped(verdict, spoilt).stiction == "undecided" and "straight lines" in capped(verdict, spoilt).reason
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+@pytest.mark.parametrize(("name", "expected"), [
+    ("loop_A.csv", {"stiction"}), ("loop_B.csv", {"stiction"}), ("loop_C.csv", {"stiction"}),
+    ("loop_D.csv", {"no stiction", "undecided"}), ("loop_E.csv", {"no stiction", "undecided"}),
+    ("export_J.txt", {"no stiction", "undecided"}), ("export_L.txt", {"no stiction", "undecided"}),
+    ("export_M.txt", {"no stiction", "undecided"}),
+])
+def test_real_loops_are_judged_as_their_experts_do(name, expected) -> None:
+    assert identify(read_loop(SHARED / name)).verdict.stiction in expected
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+def test_two_records_of_one_valve_agree() -> None:
+    G, H = (identify(read_loop(SHARED / f"export_{x}.txt")).estimate.S_interval for x in "GH")
+    assert G[0] <= H[1] and H[0] <= G[1]
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+@pytest.mark.parametrize(("name", "code"), [("export_F.csv", "too-slow-sampling"), ("export_I.txt", "dead-signal"),
+                                            ("export_K.txt", "output-not-a-valve")])
+def test_real_records_that_cannot_tell_say_why(name, code) -> None:
+    study = identify(read_loop(SHARED / name))
+    assert study.estimate is None and study.verdict.evidence["code"] == code
+
+
+# Severity ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_controller_is_read_from_the_record() -> None:
+    law = controller_law(simulate(scanned(5.0, 3.0), seed=1).loop)
+    assert law is not None
+    assert law.gain == pytest.approx(0.1, rel=0.02) and law.integral_time_s == pytest.approx(5.0, rel=0.02)
+
+
+def test_a_loop_without_setpoint_has_no_controller_law() -> None:
+    assert controller_law(replace(simulate(scanned(5.0, 3.0)).loop, setpoint=None)) is None
+
+
+def test_severity_is_what_the_same_loop_does_without_friction() -> None:
+    setting = scanned(5.0, 3.0, setpoint_moves=((0.0, 0.0), (10.0, 2.0)))
+    found = identify(simulate(setting, seed=1).loop).severity
+    repaired = simulate(replace(setting, S=0.0, J=0.0), seed=1).loop.process_value
+    assert found.pv_sd_repaired == pytest.approx(float(np.std(repaired)), rel=0.3)
+    assert 0.8 < found.share_of_pv_variance <= 1.0 and found.band == "significant"
+    assert found.travel_per_day_repaired < found.travel_per_day
+
+
+@pytest.mark.parametrize(("S", "word"), [(0.2, "negligible"), (0.7, "watch"), (1.5, "moderate"), (3.0, "significant"),
+                                         (9.0, "severe")])
+def test_bands_of_severity(S, word) -> None:
+    assert band(S) == word
+
+
+def test_a_disturbance_of_another_length_is_refused() -> None:
+    with pytest.raises(UsageError, match="7 samples"):
+        simulate(preset("foptd"), disturbance=np.zeros(7))
