@@ -24,7 +24,8 @@ FLOORS = [
     {"refit"},
     {"methods", "lawrank"},
     {"identify"},
-    {"compare", "diagnose"},
+    {"compare"},
+    {"diagnose"},
     {"report", "batch"},
     {"cli"},
 ]

@@ -77,6 +77,7 @@ def _other(error: Exception) -> int:
     return 1
 
 
+from . import compare as _compare  # noqa: E402,F401
 from . import diagnose as _diagnose  # noqa: E402,F401
 from . import effects as _effects  # noqa: E402,F401
 from . import identify as _identify  # noqa: E402,F401
