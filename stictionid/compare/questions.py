@@ -40,7 +40,8 @@ def _answer(ground: Ground, name: str, cells: tuple[Cell, ...], where: Callable[
     rest = max(1.0 - cell.share, 1e-12)
     outside = float(np.sqrt(max((1.0 - cell.energy_share) / rest, 0.0)) * ground.rmse)
     statement = (f"{100 * cell.energy_share:.0f} % of the squared error lies in {100 * cell.share:.0f} % of the "
-                 f"samples: {where(cell)} the error is {size}, elsewhere {outside:.3g}, its mean there {cell.mean:+.3g}")
+                 f"samples: {where(cell)} the error is {size}, elsewhere {outside:.3g}, its mean there "
+                 f"{cell.mean:+.3g}")
     severity = "serious" if cell.rms > _SERIOUS * outside else "warning"
     if cell.fails_ahead and cell.z_one_step >= max(cell.z_energy, abs(cell.z_mean)):
         statement = (f"{where(cell)} the error one step ahead is {cell.rms_one_step:.3g} {unit}".rstrip()

@@ -40,7 +40,8 @@ def transferred(loop: Loop, description: dict[str, Any],
         (dropped if timed else kept).append(name)
     if dropped:
         notes.append(Finding("left-out", "info",
-                             f"{', '.join(dropped)}: tied to the first record's clock, left out here", {"effects": dropped}))
+                             f"{', '.join(dropped)}: tied to the first record's clock, left out here",
+                             {"effects": dropped}))
     fixed = dict(description["fixed"])
     refitted = ["start state", "bias"]
     follows = any(parse(name)[0].follows_y for name in kept)

@@ -58,7 +58,8 @@ def _fit(c: Comparison) -> Picture:
                    (Panel("", f"PV, {_unit(c)}", (Line("PV measured", "pv", *thin(t, g.loop.process_value, _BINS)),
                                                   Line("model", "model", *thin(t, model, _BINS))), bands, height=1.5),
                     Panel("time, s", f"residual, {_unit(c)}",
-                          (Line("residual", "residual", *thin(t, residual, _BINS)),), bands, rules=(Rule("y", 0.0),), height=0.8)), wide=True)
+                          (Line("residual", "residual", *thin(t, residual, _BINS)),), bands,
+                          rules=(Rule("y", 0.0),), height=0.8)), wide=True)
 
 
 def _cells(c: Comparison, name: str, cells: tuple[Cell, ...]) -> Picture:
