@@ -234,7 +234,7 @@ class Model:
             position = np.repeat(position, repeat, axis=0)
         for effect, rows in zip(self.effects, self._slices, strict=True):
             if effect.run:
-                position = effect.transformed(position, values[rows], self.context)
+                position = effect.transformed(position, values[rows], self.context, values[4])
         return position
 
     def _dynamics(self, values: FloatArray) -> Dynamics:
