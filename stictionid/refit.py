@@ -28,19 +28,26 @@ from .fit import (
 from .loop import BoolArray, FloatArray
 from .model import BASE, Evaluated, Model, Spec
 from .noise import autoregression
+from .resonance import NUMBERS, resonance
 from .search import refine, swarm
 
 _WARM, _ROAM, _SCOUTS = 6, 2, 500
 _SETTLED = 1e-4
+# Rounds of the first look at an effect, and of its swarm over all numbers.
+_LOOK, _SWARM = 25, 14
 # Further polishes go on while each lowers the cost by this share, at most so often.
 _WORTH, _TURNS = 0.01, 4
+AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
 LARGEST_ORDER = 8
 BLOCKS = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Refit:
-    """A model at its best point (d,), completed with its noise; `innovation` (n,) is white where it is adequate."""
+    """A model at its best point (d,), completed with its noise; `innovation` (n,) is white where it is adequate.
+
+    `taps` are those of the fitted noise model, beside the prewhitening `own` of the fit of the process.
+    """
 
     model: Model
     values: FloatArray
@@ -50,11 +57,27 @@ class Refit:
     innovation: FloatArray
     good: BoolArray
     parameters: int
+    noise_numbers: int = 0
+    own: tuple[float, ...] = ()
 
     @property
     def innovation_sd(self) -> float:
         """Standard deviation of the innovations, in the unit of y."""
         return float(np.sqrt(np.mean(self.innovation[self.good] ** 2)))
+
+    @property
+    def spec(self) -> Spec:
+        """The model's spec with the noise model in it."""
+        taps = tuple(_joined(self.own, self.taps)[1:].tolist())
+        return replace(self.model.spec, taps=taps, increments=self.increments)
+
+    def white_model(self) -> Model:
+        """The model in its prewhitened form, whose cost is the sum of squared innovations."""
+        spec = self.spec
+        if spec == self.model.spec:
+            return self.model
+        return Model(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
+                     residual=np.nan_to_num(self.evaluated.residual))
 
     def bic(self, good: BoolArray) -> float:
         """BIC of the innovations on common samples (n,)."""
@@ -67,13 +90,32 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     """Values (k, 5) of the base parameters to start refits from: the fit so far and fresh basins."""
     base = Model(model.loop, Spec(law=model.spec.law, process=model.spec.process, between=model.spec.between,
                                   substeps=model.spec.substeps, increments=model.spec.increments,
-                                  fixed=model.spec.fixed), s_max=model.s_max, period_s=model.period_s)
+                                  taps=own_taps(model.spec), fixed=model.spec.fixed), s_max=model.s_max, period_s=model.period_s)
     fresh = with_process(base, basins(base, rng))
     return np.concatenate([values[None, :len(BASE)], base.values(fresh).T])
 
 
-def with_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
-    """The model with effect `name` added, its best values (d,) and cost; neutral where nothing better was found."""
+@dataclass(frozen=True, slots=True)
+class Scouted:
+    """A first look at one more effect: the model to search on, the one to finish on, and points (k, d), best first."""
+
+    coarse: Model
+    model: Model
+    points: FloatArray
+    cost: float
+
+    @property
+    def values(self) -> FloatArray:
+        """Values (d,) of the best point so far."""
+        return self.coarse.values(self.points[:1])[:, 0]
+
+
+def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) -> Scouted:
+    """The model with effect `name` added, searched far enough to see whether it is worth a full refit.
+
+    Starts are the neutral effect in the model so far, guesses of the effect in all basins of the pool, swarms over
+    valve and effect on the one-step error, and a swarm over everything.
+    """
     before = fit.model
     spec = replace(before.spec, effects=(*before.spec.effects, name))
     model = Model(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
@@ -82,36 +124,45 @@ def with_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generat
     effect, option = parse(name)
     guesses = effect.guess(model._context(option)) if effect.guess else np.zeros((1, 0))
     others = fit.best.values
-    starts = []
+    starts = [coarse.vector(others)]
     for base in pool:
         for guess in guesses:
-            named = {**others, **dict(zip(BASE, base, strict=True))}
-            vector = coarse.vector(named)
+            vector = coarse.vector({**others, **dict(zip(BASE, base, strict=True))})
             vector[coarse._slices[coarse.names.index(name)]] = guess
             starts.append(vector)
     cube = coarse.cube(np.array(starts).T)
-    warm = cube[np.argsort(coarse.costs(cube), kind="stable")[:_WARM]]
+    order = np.argsort(coarse.costs(cube), kind="stable")
+    warm = cube[np.concatenate([order[order != 0][:_WARM], [0]])]
     fresh = _valve_basins(coarse, name, rng) if effect.kind in "FT" else np.empty((0, model.space.size))
-    roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=20, scouts=_SCOUTS)
-    starts_cube = np.concatenate([warm, fresh, roam.points[:_ROAM]])
-    found = refine(coarse.costs, with_start(coarse, starts_cube), rng, spread=spreads(coarse), rounds=40,
-                   population=14, settle=_SETTLED)
+    roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM, scouts=_SCOUTS)
+    found = refine(coarse.costs, with_start(coarse, np.concatenate([warm, fresh, roam.points[:_ROAM]])), rng,
+                   spread=spreads(coarse), rounds=_LOOK, population=14, settle=_SETTLED)
+    return Scouted(coarse, model, found.points, float(found.costs[0]))
+
+
+def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
+    """The scouted model at its best: values (d,) and cost."""
+    coarse, model = look.coarse, look.model
+    found = refine(coarse.costs, look.points[:6], rng, spread=spreads(coarse, 0.5), rounds=20, population=14,
+                   settle=_SETTLED)
     near = with_start(coarse, found.points[:2])
     if model.spec.between == "hold":
         near = np.concatenate([near, along_ridge(coarse, found.points[:1]),
                                with_other_start(coarse, found.points[0], 2)])
-    last = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=60, population=16, settle=_SETTLED)
+    last = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=60, population=14, settle=_SETTLED)
     best, cost = polish_smooth(coarse, with_start(coarse, last.points[:1])[0], rng)
     for _ in range(_TURNS):
         again = refine(coarse.costs, with_start(coarse, best[None]), rng, spread=spreads(coarse, 0.2), rounds=60,
-                       population=20, settle=_SETTLED)
+                       population=16, settle=_SETTLED)
         best, now = polish_smooth(coarse, with_start(coarse, again.points[:1])[0], rng)
         if now > cost * (1.0 - _WORTH):
             break
         cost = now
-    final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16, settle=_SETTLED)
-    point, cost = polish_smooth(model, final.points[0], rng)
-    return model, model.values(point[None])[:, 0], cost
+    if coarse is not model:
+        final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16,
+                       settle=_SETTLED)
+        best, cost = polish_smooth(model, final.points[0], rng)
+    return model, model.values(best[None])[:, 0], cost
 
 
 def _valve_basins(model: Model, name: str, rng: np.random.Generator) -> FloatArray:
@@ -129,25 +180,47 @@ def _valve_basins(model: Model, name: str, rng: np.random.Generator) -> FloatArr
         return cube
 
     found = swarm(lambda part: arx.costs(model.values(whole(part)))[0], len(columns), rng, groups=2, particles=32,
-                  rounds=20, scouts=_SCOUTS)
+                  rounds=_SWARM, scouts=_SCOUTS)
     starts = whole(found.points[:3])
     return with_process(model, starts)
 
 
-def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, *,
-             random_walk: bool = False, order: int = LARGEST_ORDER) -> Refit:
-    """The model with an autoregression for its residual, refitted in prewhitened form where there is one.
+def own_taps(spec: Spec) -> tuple[float, ...]:
+    """Prewhitening that belongs to the fit of the process (softened differences), not to a fitted noise model."""
+    return () if has_noise(spec) else tuple(spec.taps)
 
-    With `random_walk` model and data are fitted in differences, on which the autoregression sits.
-    """
+
+def has_noise(spec: Spec) -> bool:
+    """Whether the model has a noise effect already, whose coefficients are estimated anew with every refit."""
+    return any(parse(name)[0].noise for name in spec.effects)
+
+
+def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
+          rng: np.random.Generator | None = None) -> Refit:
+    """The model as it is, completed with a noise model of its residual but not refitted to it."""
     evaluated = model.evaluate(values)
-    increments = random_walk or model.spec.increments
-    taps = _taps(evaluated, increments, order)
-    if taps.size == 0 and increments == model.spec.increments:
-        return _refit(model, values, evaluated, taps, increments)
+    increments = noise == RANDOM_WALK or model.spec.increments
+    own = own_taps(model.spec)
+    ar, count = _taps(evaluated, increments, order, own, noise, rng)
+    return _refit(model, values, evaluated, ar, increments, own, count)
+
+
+def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, *,
+             noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER) -> Refit:
+    """The model with a noise model for its residual, refitted in prewhitened form where there is one.
+
+    `noise` is an autoregression, a random walk (model and data are fitted in differences, on which the autoregression
+    sits), or a resonance. Prewhitening that the model has already for its process is kept, and extended.
+    """
+    first = quick(model, values, noise=noise, order=order, rng=rng)
+    increments, own, ar = first.increments, own_taps(model.spec), first.taps
+    if ar.size == 0 and increments == model.spec.increments and not has_noise(model.spec):
+        return first
     best: Refit | None = None
+    evaluated, count = first.evaluated, first.noise_numbers
     for _ in range(3):
-        white = Model(model.loop, replace(model.spec, taps=tuple(taps), increments=increments), s_max=model.s_max,
+        taps = tuple(_joined(own, ar)[1:].tolist())
+        white = Model(model.loop, replace(model.spec, taps=taps, increments=increments), s_max=model.s_max,
                       period_s=model.period_s, residual=np.nan_to_num(evaluated.residual))
         starts = [values]
         if pool is not None and best is None:
@@ -162,36 +235,59 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
         point, _ = polish_smooth(white, found.points[0], rng)
         values = white.values(point[None])[:, 0]
         evaluated = white.evaluate(values)
-        now = _refit(white, values, evaluated, taps, increments)
+        now = _refit(white, values, evaluated, ar, increments, own, count)
         if best is not None and now.innovation_sd > 0.999 * best.innovation_sd:
             break
         best = now
-        taps = _taps(evaluated, increments, order)
+        ar, count = _taps(evaluated, increments, order, own, noise, rng)
     assert best is not None
     return best
 
 
-def _taps(evaluated: Evaluated, increments: bool, order: int) -> FloatArray:
-    residual = np.nan_to_num(evaluated.residual)
-    good = evaluated.counted > 0
-    if increments:
-        residual = np.diff(residual, prepend=residual[0])
-        good = good & np.roll(good, 1)
-    return autoregression(residual, good, order)
+def _joined(own: tuple[float, ...], ar: FloatArray) -> FloatArray:
+    """The product of two prewhitening polynomials, the leading 1 included."""
+    return np.convolve(np.concatenate([[1.0], own]), np.concatenate([[1.0], ar]))
 
 
-def _refit(model: Model, values: FloatArray, evaluated: Evaluated, taps: FloatArray, increments: bool) -> Refit:
-    polynomial = np.concatenate([[1.0], taps])
-    if increments:
-        polynomial = np.convolve(polynomial, [1.0, -1.0])
+def _whitened(evaluated: Evaluated, polynomial: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """The residual (n,) passed through a polynomial, and where all its samples count."""
     residual = np.nan_to_num(evaluated.residual)
-    innovation = np.convolve(residual, polynomial)[:residual.size]
     good = evaluated.counted > 0
     for lag in range(1, polynomial.size):
         good[lag:] &= (evaluated.counted > 0)[:-lag]
+        good[:lag] = False
+    return np.convolve(residual, polynomial)[:residual.size], good
+
+
+def _taps(evaluated: Evaluated, increments: bool, order: int, own: tuple[float, ...], noise: str,
+          rng: np.random.Generator | None) -> tuple[FloatArray, int]:
+    """Taps of the noise model beside the model's own prewhitening, and how many fitted numbers they stand for."""
+    polynomial = np.concatenate([[1.0], own])
+    if increments:
+        polynomial = np.convolve(polynomial, [1.0, -1.0])
+    signal, good = _whitened(evaluated, polynomial)
+    if noise == RESONANT:
+        found = resonance(signal, good, rng or np.random.default_rng(0))
+        return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
+    ar = autoregression(signal, good, order)
+    return ar, ar.size
+
+
+def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArray, increments: bool,
+           own: tuple[float, ...], numbers: int) -> Refit:
+    polynomial = _joined(own, ar)
+    if increments:
+        polynomial = np.convolve(polynomial, [1.0, -1.0])
+    innovation, good = _whitened(evaluated, polynomial)
     good[:model.skip + polynomial.size] = False
-    count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + taps.size
-    return Refit(model, values, evaluated, taps, increments, innovation, good, count)
+    count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + numbers
+    return Refit(model, values, evaluated, ar, increments, innovation, good, count, numbers, own)
+
+
+def restored(model: Model, values: FloatArray, taps: FloatArray, *, own: tuple[float, ...], increments: bool,
+             numbers: int) -> Refit:
+    """A refit from its numbers: one run of the model, no search."""
+    return _refit(model, values, model.evaluate(values), taps, increments, own, numbers)
 
 
 def block_gains(before: Refit, after: Refit, good: BoolArray) -> FloatArray:
