@@ -39,6 +39,8 @@ _LOOK, _SWARM = 25, 14
 _WORTH, _TURNS = 0.01, 4
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
 LARGEST_ORDER = 8
+# Rounds of noise model and refit; the second rarely matters.
+_COMPLETIONS = 2
 BLOCKS = 5
 
 
@@ -218,7 +220,7 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
         return first
     best: Refit | None = None
     evaluated, count = first.evaluated, first.noise_numbers
-    for _ in range(3):
+    for _ in range(_COMPLETIONS):
         taps = tuple(_joined(own, ar)[1:].tolist())
         white = Model(model.loop, replace(model.spec, taps=taps, increments=increments), s_max=model.s_max,
                       period_s=model.period_s, residual=np.nan_to_num(evaluated.residual))
@@ -236,7 +238,7 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
         values = white.values(point[None])[:, 0]
         evaluated = white.evaluate(values)
         now = _refit(white, values, evaluated, ar, increments, own, count)
-        if best is not None and now.innovation_sd > 0.999 * best.innovation_sd:
+        if best is not None and now.innovation_sd > 0.998 * best.innovation_sd:
             break
         best = now
         ar, count = _taps(evaluated, increments, order, own, noise, rng)

@@ -15,7 +15,7 @@ from .loop import BoolArray, FloatArray
 from .search import refine
 
 # Order of the autoregression that stands for the spectrum. Unit: samples.
-_ORDER = 40
+_ORDER = 24
 # Limits of coherence in cycles and of the band's power over the white one, searched on logarithms.
 _COHERENCE, _STRENGTH = (0.3, 60.0), (0.02, 100.0)
 _PEAKS = 6

@@ -36,9 +36,12 @@ _DELTA = 0.01
 _TIMES = (0.2, 0.35, 0.5, 0.65, 0.8)
 
 
-def detectable(found: Round, names: Sequence[str]) -> dict[str, str]:
-    """For each effect the smallest size that would have been named, as "parameter from value unit"."""
-    best = _sharpest(found)
+def detectable(found: Round, names: Sequence[str], winner: Refit | None = None) -> dict[str, str]:
+    """For each effect the smallest size that would have been named, as "parameter from value unit".
+
+    Beside the named effect (`winner`), where there is one: what it leaves decides what else could be seen.
+    """
+    best = winner or _sharpest(found)
     out = {}
     for name in names:
         try:

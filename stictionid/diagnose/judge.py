@@ -104,7 +104,7 @@ def _same_output(a: Tried, b: Tried) -> bool:
 def candidates(found: Round, winner: Tried | None, p_value: float | None = None) -> tuple[Candidate, ...]:
     """The ranking as it goes into the study, the named effect first."""
     base, step = found.reference.evaluated.rmse, found.reference.innovation_sd
-    seen = detectable(found, [t.name for t in found.tried if t is not winner])
+    seen = detectable(found, [t.name for t in found.tried if t is not winner], winner.refit if winner else None)
     same = equivalents(found, winner) if winner is not None else ()
     out = []
     for t in sorted(found.tried, key=lambda t: (t is not winner, -t.delta_bic)):

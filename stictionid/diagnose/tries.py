@@ -22,8 +22,8 @@ from .steps import variants
 from .work import Answer, Ground, Workers, base_values, finish, look, noise
 
 Progress = Callable[[str, float], None]
-# Full refits: the best by the first look, and as many times BIC's unit as may separate a look from its refit.
-_FINALISTS = 6
+# Full refits: at most so many, of looks whose BIC is within so much (or this share of the best gain) of the best look.
+_FINALISTS, _WITHIN, _WITHIN_SHARE = 6, 150.0, 0.12
 # A better optimum of the base: twice the log-likelihood it must gain (CRITICISM.md section 7, step 5), how often the
 # round starts again, and how many refits are handed back.
 _BETTER_LR, _AGAIN, _HANDED = 2.0, 2, 6
@@ -108,14 +108,18 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress) -> l
 def _finalists(ground: Ground, answers: dict[str, Answer], physical: Sequence[str]) -> list[Answer]:
     """The looks that deserve a full refit: best by innovations, and best by the free run."""
     good = [answers[n] for n in physical if not answers[n].failed]
-    scores = {a.name: _score(a.refit(ground)) for a in good}
-    by_score = sorted(good, key=lambda a: scores[a.name])[:_FINALISTS - 1]
-    by_cost = sorted((a for a in good if a not in by_score), key=lambda a: a.cost)
-    return by_score + by_cost[:_FINALISTS - len(by_score)]
-
-
-def _score(refit: Refit) -> float:
-    return refit.bic(refit.good) / max(float(refit.good.sum()), 1.0)
+    if not good:
+        return []
+    refits = {a.name: a.refit(ground) for a in good}
+    base = complete(ground.fit.model, ground.fit.values, None, np.random.default_rng(0), order=0)
+    common = np.logical_and.reduce([base.good, *(r.good for r in refits.values())])
+    gains = {name: base.bic(common) - r.bic(common) for name, r in refits.items()}
+    ranked = sorted(good, key=lambda a: -gains[a.name])
+    best = gains[ranked[0].name]
+    near = [a for a in ranked if gains[a.name] >= best - max(_WITHIN, _WITHIN_SHARE * best)]
+    by_cost = min(good, key=lambda a: a.cost)
+    chosen = near[:_FINALISTS]
+    return chosen if by_cost in chosen else [*chosen[:_FINALISTS - 1], by_cost]
 
 
 def better_base(fit: Fitted, starts: Sequence[FloatArray], rng: np.random.Generator) -> Fitted:
