@@ -33,10 +33,16 @@ from .search import refine, swarm
 
 _WARM, _ROAM, _SCOUTS = 6, 2, 500
 _SETTLED = 1e-4
-# Rounds of the first look at an effect, and of its swarm over all numbers.
-_LOOK, _SWARM = 25, 14
+# Rounds of the first look at an effect and of its swarms, and most guesses that get a swarm of their own.
+_LOOK, _SWARM, _GUESSES = 25, 14, 6
 # Further polishes go on while each lowers the cost by this share, at most so often.
 _WORTH, _TURNS = 0.01, 4
+# A scan across valves: shares of S, of J as a share of S, and steps of the effect (shares of its range).
+_ACROSS_STEP = 0.0075
+_ACROSS_S = 1.0 + _ACROSS_STEP * np.arange(-20, 21)
+_ACROSS_J, _ACROSS_EFFECT = np.array([0.7, 0.85, 1.0, 1.15, 1.35]), np.array([-0.12, -0.05, 0.0, 0.05, 0.12])
+# Steps along the ridge of dead time and break-away in a full refit.
+_RIDGE_TURNS = 3
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
 LARGEST_ORDER = 8
 # Rounds of noise model and refit; the second rarely matters.
@@ -105,6 +111,7 @@ class Scouted:
     model: Model
     points: FloatArray
     cost: float
+    name: str = ""
 
     @property
     def values(self) -> FloatArray:
@@ -135,11 +142,22 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
     cube = coarse.cube(np.array(starts).T)
     order = np.argsort(coarse.costs(cube), kind="stable")
     warm = cube[np.concatenate([order[order != 0][:_WARM], [0]])]
-    fresh = _valve_basins(coarse, name, rng) if effect.kind in "FT" else np.empty((0, model.space.size))
+    fresh = _valve_basins(coarse, name, guesses, rng) if effect.kind in "FT" and guesses.size \
+        else np.empty((0, model.space.size))
     roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM, scouts=_SCOUTS)
     found = refine(coarse.costs, with_start(coarse, np.concatenate([warm, fresh, roam.points[:_ROAM]])), rng,
                    spread=spreads(coarse), rounds=_LOOK, population=14, settle=_SETTLED)
-    return Scouted(coarse, model, found.points, float(found.costs[0]))
+    points, cost = found.points, float(found.costs[0])
+    if effect.kind in "FT" and spec.between == "hold" and cost < float(coarse.costs(cube[:1])[0]) * (1.0 - _SETTLED):
+        # The effect helps, so the process it was fitted with may be wrong: one step along the ridge.
+        near = refine(coarse.costs, np.concatenate([along_ridge(coarse, points[:2])[:3],
+                                                    _across(coarse, points[0], name, 3),
+                                                    with_other_start(coarse, points[0], 2)]), rng,
+                      spread=spreads(coarse, 0.5), rounds=_LOOK, population=14, settle=_SETTLED)
+        order = np.argsort(np.concatenate([found.costs, near.costs]), kind="stable")
+        points = np.concatenate([points, near.points])[order]
+        cost = min(cost, float(near.costs[0]))
+    return Scouted(coarse, model, points, cost, name if effect.kind in "FT" else "")
 
 
 def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
@@ -147,11 +165,18 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
     coarse, model = look.coarse, look.model
     found = refine(coarse.costs, look.points[:6], rng, spread=spreads(coarse, 0.5), rounds=20, population=14,
                    settle=_SETTLED)
-    near = with_start(coarse, found.points[:2])
-    if model.spec.between == "hold":
-        near = np.concatenate([near, along_ridge(coarse, found.points[:1]),
-                               with_other_start(coarse, found.points[0], 2)])
-    last = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=60, population=14, settle=_SETTLED)
+    points = found.points
+    for _ in range(_RIDGE_TURNS if model.spec.between == "hold" else 1):
+        near = with_start(coarse, points[:2])
+        if model.spec.between == "hold":
+            near = np.concatenate([near, along_ridge(coarse, points[:1])[:4], with_other_start(coarse, points[0], 2)])
+            if look.name:
+                near = np.concatenate([near, _across(coarse, points[0], look.name, 4)])
+        last = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=50, population=14, settle=_SETTLED)
+        before, after = coarse.costs(np.stack([points[0], last.points[0]]))
+        points = last.points
+        if after > before * (1.0 - _WORTH):
+            break
     best, cost = polish_smooth(coarse, with_start(coarse, last.points[:1])[0], rng)
     for _ in range(_TURNS):
         again = refine(coarse.costs, with_start(coarse, best[None]), rng, spread=spreads(coarse, 0.2), rounds=60,
@@ -167,24 +192,56 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
     return model, model.values(best[None])[:, 0], cost
 
 
-def _valve_basins(model: Model, name: str, rng: np.random.Generator) -> FloatArray:
-    """Starts from swarms on the one-step error over valve and effect parameters, which stays local in time."""
+def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Starts from swarms over the valve on the one-step error, which stays local in time: one swarm for each guess of
+    the effect, because the right S and J lie elsewhere for each."""
     rows = model._slices[model.names.index(name)]
-    columns = [0, 1, 2, *range(rows.start, rows.stop)]
     period = model.period_s / model.step_s
     ladder = np.unique(np.round(np.geomspace(1, int(np.clip(0.4 * period, 1, 60)) + 1, 6) - 1).astype(int))
     arx = Arx(model, 2, tuple(int(d) for d in ladder))
-    middle = np.full(model.space.size, 0.5)
+    middle = model.values(np.full((1, model.space.size), 0.5))
+    found: list[tuple[float, FloatArray]] = []
+    for guess in guesses[:_GUESSES]:
+        base = middle.copy()
+        base[rows, 0] = guess
+        fixed = model.cube(base)[0]
 
-    def whole(part: FloatArray) -> FloatArray:
-        cube = middle[None].repeat(len(part), axis=0)
-        cube[:, columns] = part
-        return cube
+        def whole(part: FloatArray, fixed: FloatArray = fixed) -> FloatArray:
+            cube = fixed[None].repeat(len(part), axis=0)
+            cube[:, :3] = part
+            return cube
 
-    found = swarm(lambda part: arx.costs(model.values(whole(part)))[0], len(columns), rng, groups=2, particles=32,
-                  rounds=_SWARM, scouts=_SCOUTS)
-    starts = whole(found.points[:3])
-    return with_process(model, starts)
+        best = swarm(lambda part, whole=whole: arx.costs(model.values(whole(part)))[0], 3, rng, groups=1, particles=24,
+                     rounds=_SWARM, scouts=_SCOUTS // 2)
+        found.append((float(best.costs[0]), whole(best.points[:1])[0]))
+    found.sort(key=lambda f: f[0])
+    return with_process(model, np.array([f[1] for f in found[:3]]))
+
+
+def _across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray:
+    """The best few (count, d) valves around a point (d,) with its process as it is, distinct in S.
+
+    Break-away, slip jump and effect trade against each other, and the cost has a step for every sample at which the
+    valve might break away: a polish can't cross them.
+    """
+    rows = model._slices[model.names.index(name)]
+    values = model.values(point[None])[:, 0]
+    share = np.clip(values[1] / max(values[0], 1e-12), 0.02, None)
+    S, J, E = np.meshgrid(_ACROSS_S, _ACROSS_J, _ACROSS_EFFECT, indexing="ij")
+    trial = point[None].repeat(S.size, axis=0)
+    grid = values[:, None].repeat(S.size, axis=1)
+    grid[0], grid[1] = values[0] * S.ravel(), values[0] * S.ravel() * share * J.ravel()
+    trial = model.cube(grid)
+    for i in range(rows.start, rows.stop):
+        trial[:, i] = np.clip(trial[:, i] + E.ravel(), 0.0, 1.0)
+    order = np.argsort(model.costs(trial), kind="stable")
+    kept: list[int] = []
+    for k in order.tolist():
+        if all(abs(S.ravel()[k] - S.ravel()[j]) > 1.5 * _ACROSS_STEP for j in kept):
+            kept.append(k)
+        if len(kept) == count:
+            break
+    return trial[kept]
 
 
 def own_taps(spec: Spec) -> tuple[float, ...]:

@@ -32,17 +32,24 @@ def clearly_better(t: Tried, found: Round) -> bool:
     """BIC, the blocks in sample, and the blocks held out agree that the candidate helps."""
     if t.refit is None or not t.full or t.delta_bic < NAMED:
         return False
-    if (t.gains > 0).sum() < _BLOCKS_BETTER or float(np.median(t.gains)) < _MEDIAN_GAIN:
+    effect = parse(t.name)[0]
+    local = effect.kind == "L" or effect.profile is not None
+    if not local and ((t.gains > 0).sum() < _BLOCKS_BETTER or float(np.median(t.gains)) < _MEDIAN_GAIN):
         return False
-    return holds(t.held, found.held)
+    return holds(t.held, found.held, local)
 
 
-def holds(after: Held | None, before: Held | None) -> bool:
-    """Whether the held-out one-step error falls in all and in the middle block; true where none could be held out."""
+def holds(after: Held | None, before: Held | None, local: bool = False) -> bool:
+    """Whether the held-out one-step error falls, in all and in the middle block; true where none could be held out.
+
+    A `local` effect (a step, a drift) may leave most blocks as they are: it must lower the error of the whole.
+    """
     if after is None or before is None:
         return True
+    if after.rmse_one_step > (1.0 - _MEDIAN_GAIN) * before.rmse_one_step:
+        return False
     a, b = (np.sqrt(h.one_step / np.maximum(h.rows, 1.0)) for h in (after, before))
-    return bool(after.rmse_one_step < before.rmse_one_step and np.median(1.0 - a / b) >= _MEDIAN_GAIN)
+    return bool(local or np.median(1.0 - a / b) >= _MEDIAN_GAIN)
 
 
 def winner_of(found: Round) -> Tried | None:

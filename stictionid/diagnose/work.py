@@ -80,7 +80,8 @@ def finish(ground: Ground, seen: Answer) -> Answer:
     spec = replace(before.spec, effects=(*before.spec.effects, seen.name))
     model = Model(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
                   residual=np.nan_to_num(ground.fit.best.residual))
-    model, values, cost = settled(Scouted(search_model(model), model, seen.points, seen.cost), rng)
+    model, values, cost = settled(Scouted(search_model(model), model, seen.points, seen.cost, seen.name
+                                           if parse(seen.name)[0].kind in "FT" else ""), rng)
     if not np.isfinite(cost):
         return Answer(seen.name, failed="its refit did not converge")
     done = complete(model, values, None, rng)
