@@ -34,13 +34,13 @@ from .search import refine, swarm
 _WARM, _ROAM, _SCOUTS = 6, 2, 500
 _SETTLED = 1e-4
 # Rounds of the first look at an effect and of its swarms, and most guesses that get a swarm of their own.
-_LOOK, _SWARM, _GUESSES = 25, 14, 6
+_LOOK, _SWARM, _DEEP, _GUESSES = 25, 14, 25, 6
 # Further polishes go on while each lowers the cost by this share, at most so often.
 _WORTH, _TURNS = 0.01, 4
 # A scan across valves: shares of S, of J as a share of S, and steps of the effect (shares of its range).
-_ACROSS_STEP = 0.0075
-_ACROSS_S = 1.0 + _ACROSS_STEP * np.arange(-20, 21)
-_ACROSS_J, _ACROSS_EFFECT = np.array([0.7, 0.85, 1.0, 1.15, 1.35]), np.array([-0.12, -0.05, 0.0, 0.05, 0.12])
+_ACROSS_STEP = 0.01
+_ACROSS_S = 1.0 + _ACROSS_STEP * np.arange(-16, 17)
+_ACROSS_J, _ACROSS_EFFECT = np.array([0.7, 0.85, 1.0, 1.15, 1.35]), np.array([-0.1, -0.04, -0.015, 0.015, 0.04, 0.1])
 # Steps along the ridge of dead time and break-away in a full refit.
 _RIDGE_TURNS = 3
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
@@ -201,6 +201,8 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.G
     arx = Arx(model, 2, tuple(int(d) for d in ladder))
     middle = model.values(np.full((1, model.space.size), 0.5))
     found: list[tuple[float, FloatArray]] = []
+    effect = parse(name)[0]
+    deep = effect.friction is not None and effect.kind == "F"
     for guess in guesses[:_GUESSES]:
         base = middle.copy()
         base[rows, 0] = guess
@@ -211,11 +213,25 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.G
             cube[:, :3] = part
             return cube
 
-        best = swarm(lambda part, whole=whole: arx.costs(model.values(whole(part)))[0], 3, rng, groups=1, particles=24,
-                     rounds=_SWARM, scouts=_SCOUTS // 2)
+        # Effects on friction shift S and J themselves: their basins are narrow and far from the base's.
+        groups, rounds, scouts = (2, _DEEP, 400) if deep else (1, _SWARM, _SCOUTS // 2)
+        best = swarm(lambda part, whole=whole: arx.costs(model.values(whole(part)))[0], 3, rng, groups=groups,
+                     particles=24, rounds=rounds, scouts=scouts)
         found.append((float(best.costs[0]), whole(best.points[:1])[0]))
     found.sort(key=lambda f: f[0])
-    return with_process(model, np.array([f[1] for f in found[:3]]))
+    starts = np.array([f[1] for f in found[:4]])
+    if deep:
+        columns = [0, 1, 2, *range(rows.start, rows.stop)]
+
+        def local(part: FloatArray) -> FloatArray:
+            cube = starts[:1].repeat(len(part), axis=0)
+            cube[:, columns] = part
+            return cube
+
+        polish = refine(lambda part: arx.costs(model.values(local(part)))[0], starts[:, columns], rng, spread=0.03,
+                        rounds=30, population=14, settle=_SETTLED)
+        starts = local(polish.points)
+    return with_process(model, starts[:3])
 
 
 def _across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray:
@@ -227,13 +243,14 @@ def _across(model: Model, point: FloatArray, name: str, count: int) -> FloatArra
     rows = model._slices[model.names.index(name)]
     values = model.values(point[None])[:, 0]
     share = np.clip(values[1] / max(values[0], 1e-12), 0.02, None)
-    S, J, E = np.meshgrid(_ACROSS_S, _ACROSS_J, _ACROSS_EFFECT, indexing="ij")
-    trial = point[None].repeat(S.size, axis=0)
+    moves = np.zeros((1 + (rows.stop - rows.start) * _ACROSS_EFFECT.size, rows.stop - rows.start))
+    for i in range(rows.stop - rows.start):
+        moves[1 + i * _ACROSS_EFFECT.size:1 + (i + 1) * _ACROSS_EFFECT.size, i] = _ACROSS_EFFECT
+    S, J, E = np.meshgrid(_ACROSS_S, _ACROSS_J, np.arange(len(moves)), indexing="ij")
     grid = values[:, None].repeat(S.size, axis=1)
     grid[0], grid[1] = values[0] * S.ravel(), values[0] * S.ravel() * share * J.ravel()
     trial = model.cube(grid)
-    for i in range(rows.start, rows.stop):
-        trial[:, i] = np.clip(trial[:, i] + E.ravel(), 0.0, 1.0)
+    trial[:, rows] = np.clip(trial[:, rows] + moves[E.ravel()], 0.0, 1.0)
     order = np.argsort(model.costs(trial), kind="stable")
     kept: list[int] = []
     for k in order.tolist():
