@@ -74,7 +74,6 @@ def sized(name: str, rng, s: Setting, clean, sd: float) -> dict:
     speeds = speeds[speeds > 1e-9]
     sign = float(rng.choice([-1.0, 1.0]))
     swing = float(np.ptp(clean.process_value[clean.samples // 4:]))
-    middle = float(np.mean(v))
     return {
         "asymmetric-stiction": lambda: {"jump_up": s.J * (1 + sign * u(0.25, 0.5)),
                                         "jump_down": s.J * (1 - sign * u(0.25, 0.5))},
@@ -131,14 +130,15 @@ def one(task) -> dict:
 
 
 def right(row: dict) -> bool:
-    """Whether the hidden effect came first or is named as an equivalent; a Karnopp valve may be named for its inertia."""
+    """Whether the hidden effect came first or as an equivalent; a Karnopp valve may be named for its inertia."""
     truth, names = row["effect"], list(row["found"])
     if row["kind"] == "karnopp" and truth not in PHYSICAL:
         names = [n for n in names if n not in PHYSICAL]
     if truth == "none":
         return not names
-    return bool(names) and (names[0] == truth or (truth in row["equivalent"] and len(names) <= 1)) \
-        or (truth in PHYSICAL and row["kind"] == "karnopp" and bool(set(row["found"]) & PHYSICAL))
+    if truth in PHYSICAL and row["kind"] == "karnopp":
+        return bool(set(row["found"]) & PHYSICAL)
+    return bool(names) and (names[0] == truth or (truth in row["equivalent"] and len(names) <= 1))
 
 
 def main() -> None:
@@ -158,7 +158,7 @@ def main() -> None:
     names = [None] if a.effects == "none" else a.effects.split(",") if a.effects else list(catalogue())
     tasks = [(seed, name, a.noise, a.colour, a.samples, a.apply) for seed in range(first, last) for name in names]
     rows, stop = [], time.monotonic() + 60.0 * a.minutes
-    out = open(a.rows, "a") if a.rows else None
+    out = open(a.rows, "a") if a.rows else None  # noqa: SIM115
     with ProcessPoolExecutor(a.jobs, get_context("fork")) as pool:
         waiting = iter(tasks)
         running = {pool.submit(one, t) for _, t in zip(range(a.jobs), waiting, strict=False)}

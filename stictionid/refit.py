@@ -98,7 +98,8 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     """Values (k, 5) of the base parameters to start refits from: the fit so far and fresh basins."""
     base = Model(model.loop, Spec(law=model.spec.law, process=model.spec.process, between=model.spec.between,
                                   substeps=model.spec.substeps, increments=model.spec.increments,
-                                  taps=own_taps(model.spec), fixed=model.spec.fixed), s_max=model.s_max, period_s=model.period_s)
+                                  taps=own_taps(model.spec), fixed=model.spec.fixed), s_max=model.s_max,
+                 period_s=model.period_s)
     fresh = with_process(base, basins(base, rng))
     return np.concatenate([values[None, :len(BASE)], base.values(fresh).T])
 

@@ -2,7 +2,7 @@
 
 f(w) = level (1 + strength g(w) / mean g), g the spectrum of an AR(2) with poles r exp(±i w0); fitted by Whittle's
 likelihood and returned as a long autoregression, so that it prewhitens like any other noise model. Three numbers and a
-level, where a free autoregression would need many. Source: METHODS.md section 5 (narrow-band-disturbance); Whittle 1953.
+level, where a free autoregression would need many. Source: METHODS.md section 5; Whittle 1953.
 """
 
 from __future__ import annotations

@@ -156,7 +156,8 @@ class Restarts:
 class Step:
     """One stage of a study: the model so far, its parameters and its errors.
 
-    `model` is the full description from which the model runs again without a search (see model.describe).
+    `model` is the full description from which the model runs again without a search (see model.describe); `variant`
+    says where an added disturbance enters ("output" or "load"), or which tag it is.
     """
 
     added: str | None
@@ -166,6 +167,7 @@ class Step:
     restarts: Restarts
     findings: tuple[Finding, ...] = ()
     model: dict[str, Any] = field(default_factory=dict)
+    variant: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +183,10 @@ class LawResult:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One effect of the catalogue refitted into the model, with what it gained and whether it was accepted."""
+    """One effect of the catalogue refitted into the model, with what it gained and whether it was accepted.
+
+    `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
+    """
 
     effect: str
     accepted: bool
@@ -195,6 +200,7 @@ class Candidate:
     detectable_from: str | None = None
     parameters: tuple[ParameterValue, ...] = ()
     statement: str = ""
+    variant: str = ""
 
 
 @dataclass(frozen=True, slots=True)

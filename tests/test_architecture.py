@@ -27,7 +27,7 @@ FLOORS = [
     {"identify"},
     {"compare"},
     {"diagnose"},
-    {"report", "batch"},
+    {"report", "batch", "selftest"},
     {"cli"},
 ]
 FLOOR_OF = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}

@@ -85,4 +85,5 @@ from . import laws as _laws  # noqa: E402,F401
 from . import range as _range  # noqa: E402,F401
 from . import read as _read  # noqa: E402,F401  (commands register themselves on `app`)
 from . import report as _report  # noqa: E402,F401
+from . import selftest as _selftest  # noqa: E402,F401
 from . import simulate as _simulate  # noqa: E402,F401

@@ -32,6 +32,8 @@ _BIC, _DROP = 10.0, 0.005
 _LADDER = np.geomspace(2e-3, 1.0, 24)
 # Relative steps of the finite differences of the base parameters.
 _DELTA = 0.01
+# What is searched under another name than the public one.
+_PUBLIC = {"jump_difference": "jump_up - jump_down"}
 # Start times or periods at which a disturbance's size is asked for; the median is stated.
 _TIMES = (0.2, 0.35, 0.5, 0.65, 0.8)
 
@@ -147,10 +149,11 @@ def _linear_size(effect: Effect, name: str, wide: Model, values: FloatArray, dir
 
 def _searched_size(effect: Effect, name: str, wide: Model, values: FloatArray, directions: FloatArray,
                    good: np.ndarray, goal: float, best: Refit) -> str | None:
-    """The size nearest to neutral, over the effect's parameters and both sides, whose trace would have been seen."""
+    """The size from which on the effect would have been seen, in the direction that shows less."""
     rows = wide._slices[wide.names.index(name)]
-    found: list[tuple[float, str]] = []
+    said: list[str] = []
     for i, p in enumerate(effect.parameters_for(wide.context)):
+        sides: list[tuple[float, float]] = []
         for end in (p.low, p.high):
             if abs(end - p.neutral) < 1e-12:
                 continue
@@ -160,12 +163,18 @@ def _searched_size(effect: Effect, name: str, wide: Model, values: FloatArray, d
             trial[rows.start + i, 1:] = sizes
             output, _ = _outputs(wide, trial, best.evaluated.own)
             energy = _left(output[:, 1:] - output[:, :1], directions, good)
-            seen = np.flatnonzero(energy >= goal)
-            if seen.size:
-                k = int(seen[0])
-                word = "from" if sizes[k] > p.neutral else "down to" if p.neutral != 0.0 else "beyond"
-                found.append((float(_LADDER[k]), f"{p.name} {word} {sizes[k]:.2g} {p.unit}"))
-    return min(found)[1] if found else None
+            # From here on every larger size would have been seen, too.
+            hidden = np.flatnonzero(~(energy >= goal))
+            k = int(hidden[-1]) + 1 if hidden.size else 0
+            if k < sizes.size:
+                sides.append((float(_LADDER[k]), float(sizes[k])))
+        if sides:
+            # The direction that shows less decides.
+            size = max(sides)[1]
+            word = "down to" if size < p.neutral and len(sides) == 1 else "from"
+            shown = abs(size) if len(sides) == 2 and p.neutral == 0.0 else size
+            said.append(f"{_PUBLIC.get(p.name, p.name)} {word} {shown:.3g} {p.unit}")
+    return "; ".join(said[:2]) if effect.name == "travel-limit" else said[0] if said else None
 
 
 def _noise_size(effect: Effect, best: Refit) -> str | None:

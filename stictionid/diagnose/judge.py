@@ -93,7 +93,9 @@ def equivalents(found: Round, winner: Tried) -> tuple[str, ...]:
             continue
         if _listed(t.name, winner.name) or _same_output(t, winner):
             names.append(t.name)
-    return tuple(names[:2])
+    # Two variants of one effect are one answer.
+    plain = [parse(n)[0].name for n in names]
+    return tuple(dict.fromkeys(n for n in plain if n != parse(winner.name)[0].name))[:2]
 
 
 def _listed(a: str, b: str) -> bool:
@@ -116,16 +118,17 @@ def candidates(found: Round, winner: Tried | None, p_value: float | None = None)
     out = []
     for t in sorted(found.tried, key=lambda t: (t is not winner, -t.delta_bic)):
         size = seen.get(t.name)
+        effect, variant = parse(t.name)
         if t.refit is None:
-            out.append(Candidate(t.name, False, None, None, None, None, None, None, (), size, (),
-                                 f"{t.name} could not be tried: {t.failed}"))
+            out.append(Candidate(effect.name, False, None, None, None, None, None, None, (), size, (),
+                                 f"{t.name} could not be tried: {t.failed}", variant))
             continue
         rmse, now = t.refit.evaluated.rmse, t.refit.innovation_sd
         out.append(Candidate(
-            t.name, t is winner, rmse, t.held.rmse if t.held else None, t.held.rmse_one_step if t.held else None,
+            effect.name, t is winner, rmse, t.held.rmse if t.held else None, t.held.rmse_one_step if t.held else None,
             100.0 * (1.0 - rmse / base) if base else None, 100.0 * (1.0 - now / step) if step else None, t.delta_bic,
             same if t is winner else (), size, rows_for(t.name, _numbers(t)),
-            _statement(t, found, winner, same, p_value)))
+            _statement(t, found, winner, same, p_value), variant))
     return tuple(out)
 
 
@@ -147,7 +150,7 @@ def _statement(t: Tried, found: Round, winner: Tried | None, same: tuple[str, ..
             said += f", bootstrap p = {p_value:.3g}"
         test = settling(t.name, same or _closest(t, found))
         return said + (f"; what would settle it: {test}" if test else "")
-    if winner is not None and t.name in same:
+    if winner is not None and parse(t.name)[0].name in same:
         return f"{t.name} does as well as {winner.name} on this record: {change}"
     if not t.full:
         return f"{t.name} did not come near enough in a first look to be refitted in full: {change}"

@@ -25,7 +25,8 @@ def values_of(name: str, model: Model, values: FloatArray, evaluated: Evaluated)
     return mine
 
 
-def noise_values(name: str, taps: FloatArray, increments: bool, innovation_sd: float, step_s: float) -> dict[str, float]:
+def noise_values(name: str, taps: FloatArray, increments: bool, innovation_sd: float,
+                 step_s: float) -> dict[str, float]:
     """A noise effect's public numbers from its autoregression (taps after the leading 1)."""
     kind = parse(name)[0].noise
     polynomial = np.concatenate([[1.0], taps])
@@ -48,13 +49,13 @@ def noise_values(name: str, taps: FloatArray, increments: bool, innovation_sd: f
 def rows_for(name: str, numbers: dict[str, float]) -> tuple[ParameterValue, ...]:
     """Rows of a study for an effect's numbers."""
     known = {p.name: p for p in parse(name)[0].parameters}
-    return tuple(ParameterValue(name, key, value, known[key].unit if key in known else "",
+    return tuple(ParameterValue(parse(name)[0].name, key, value, known[key].unit if key in known else "",
                                 meaning=known[key].meaning if key in known else "")
                  for key, value in numbers.items())
 
 
 def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[ParameterValue, ...]:
-    """A step's rows with every effect's public numbers; intervals and bounds stay where a number was searched itself."""
+    """A step's rows with every effect's public numbers; intervals stay where a number was searched itself."""
     out = [r for r in rows if r.effect is None]
     model = fit.model
     innovation = float(np.sqrt(fit.sse / max(fit.best.rows, 1)))

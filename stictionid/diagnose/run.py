@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from ..effects import parse
 from ..loop import Finding, Loop
 from ..results import Study
 from .judge import candidates, winner_of
@@ -43,12 +44,12 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
 
             p_value = p_of(found, winner, bootstrap, seed, jobs, tell)
         study = replace(study, candidates=candidates(found, winner, p_value),
-                        missing=(winner.name,) if winner else ())
+                        missing=(parse(winner.name)[0].name,) if winner else ())
         if not apply or winner is None or len(added) >= MOST_ADDITIONS:
             return replace(study, missing=tuple(added)) if apply else study
         ranking = study.candidates
         study = replace(add(loop, study, winner.name, seed=seed, progress=progress), candidates=ranking)
-        added.append(winner.name)
+        added.append(parse(winner.name)[0].name)
 
 
 def _replaced(study: Study, run, found: Round) -> Study:
@@ -56,8 +57,9 @@ def _replaced(study: Study, run, found: Round) -> Study:
     before = study.steps[-1]
     after = polished(found.fit.model, found.fit.values, run.rng)
     note = Finding("better-optimum", "warning",
-                   f"a restart found a better optimum of the same model: the error falls from {before.error.rmse:.4g} to "
-                   f"{after.best.rmse:.4g}, S is {after.best.values['S']:.4g}, J {after.best.values['J']:.4g}; it "
+                   f"a restart found a better optimum of the same model: the error falls from "
+                   f"{before.error.rmse:.4g} to {after.best.rmse:.4g}, S is {after.best.values['S']:.4g}, "
+                   f"J {after.best.values['J']:.4g}; it "
                    "replaces the model, so that no effect is named for it",
                    {"rmse_before": before.error.rmse, "rmse": after.best.rmse}, (), "CRITICISM.md section 7, step 5")
     kept = tuple(f for f in before.findings if f.code != note.code)

@@ -73,7 +73,8 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     refits = [(name, _refitted(fit, name, pool, run.rng)) for name in names]
     name, done = min(refits, key=lambda r: r[1].innovation_sd)
     if not np.isfinite(done.innovation_sd):
-        raise ModelError(f"the refit with {effect} did not converge", "try another effect; stictionid diagnose ranks them")
+        raise ModelError(f"the refit with {effect} did not converge",
+                         "try another effect; stictionid diagnose ranks them")
     tell("polishing", 0.6)
     after = polished(_carrier(done, name, fit), done.values, run.rng)
     findings: list[Finding] = []
@@ -81,11 +82,13 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     spare = superfluous(after, name, run.rng)
     if spare and prune:
         after = polished(*without(after, spare), run.rng)
-        findings.append(Finding("pruned", "info", f"left out, because {name} explains what they did: {', '.join(spare)}",
+        findings.append(Finding("pruned", "info",
+                                f"left out, because {name} explains what they did: {', '.join(spare)}",
                                 {"effects": list(spare)}, (), "CRITICISM.md section 7, step 8"))
     elif spare:
-        findings.append(Finding("superfluous", "warning", f"{', '.join(spare)} no longer helps beside {name}: without it "
-                                f"BIC changes by less than {SUPERFLUOUS:g}; add again with --prune to leave it out",
+        findings.append(Finding("superfluous", "warning",
+                                f"{', '.join(spare)} no longer helps beside {name}: without it BIC "
+                                f" changes by less than {SUPERFLUOUS:g}; add again with --prune to leave it out",
                                 {"effects": list(spare)}, (), "CRITICISM.md section 7, step 8"))
     step = finished_step(run, after, name, findings)
     adequate, why = judged(run, step, after)
@@ -103,7 +106,11 @@ def judged(run: Run, step: Step, after: Fitted) -> tuple[bool, str]:
 def finished_step(run: Run, after: Fitted, added: str | None, findings: Sequence[Finding] = ()) -> Step:
     """A fit as a step with the effects' numbers under their public names."""
     step = run.step(replace(after, runs=1, agree=1), added)
-    return replace(step, effects=tuple(after.model.spec.effects), findings=(*step.findings, *findings),
+    variant = ""
+    if added:
+        effect, variant = parse(added)
+        step = replace(step, added=effect.name, variant=variant)
+    return replace(step, findings=(*step.findings, *findings),
                    parameters=public_parameters(after, step.parameters))
 
 

@@ -18,7 +18,8 @@ _PAIRS: dict[frozenset[str], str] = {
         "two steps in manual of different size: a lag takes the same time for both, a slew limit longer for the larger",
     frozenset({"slip-overshoot", "extra-lag"}): "the measured valve position, sampled faster than the slip",
     frozenset({"re-sticking", "slip-overshoot"}): "the measured valve position, sampled faster than the scan",
-    frozenset({"re-sticking", "asymmetric-stiction"}): "the measured valve position, or a slow ramp in manual both ways",
+    frozenset({"re-sticking", "asymmetric-stiction"}):
+        "the measured valve position, or a slow ramp in manual both ways",
     frozenset({"re-sticking", "stiction-drift"}): "the measured valve position, or a second record some hours later",
     frozenset({"asymmetric-stiction", "stiction-drift"}):
         "a second record some hours later: asymmetry stays, a drift goes on",

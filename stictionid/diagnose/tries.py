@@ -24,6 +24,8 @@ from .work import Answer, Ground, Workers, base_values, finish, look, noise
 Progress = Callable[[str, float], None]
 # Full refits: at most so many, of looks whose BIC is within so much (or this share of the best gain) of the best look.
 _FINALISTS, _WITHIN, _WITHIN_SHARE = 6, 150.0, 0.12
+# Where no look gains this much in BIC a few full refits will do.
+_NOTHING, _FEW = 0.0, 3
 # A better optimum of the base: twice the log-likelihood it must gain (CRITICISM.md section 7, step 5), how often the
 # round starts again, and how many refits are handed back.
 _BETTER_LR, _AGAIN, _HANDED = 2.0, 2, 6
@@ -118,7 +120,7 @@ def _finalists(ground: Ground, answers: dict[str, Answer], physical: Sequence[st
     best = gains[ranked[0].name]
     near = [a for a in ranked if gains[a.name] >= best - max(_WITHIN, _WITHIN_SHARE * best)]
     by_cost = min(good, key=lambda a: a.cost)
-    chosen = near[:_FINALISTS]
+    chosen = near[:_FINALISTS if best > _NOTHING else _FEW]
     return chosen if by_cost in chosen else [*chosen[:_FINALISTS - 1], by_cost]
 
 
