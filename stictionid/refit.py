@@ -41,6 +41,9 @@ _WORTH, _TURNS = 0.01, 4
 _ACROSS_STEP = 0.01
 _ACROSS_S = 1.0 + _ACROSS_STEP * np.arange(-16, 17)
 _ACROSS_J, _ACROSS_EFFECT = np.array([0.7, 0.85, 1.0, 1.15, 1.35]), np.array([-0.1, -0.04, -0.015, 0.015, 0.04, 0.1])
+# Fine scans of S for the interval that all slips allow: reach either way (share), points, and slip jumps tried.
+_THRESHOLD_REACH, _THRESHOLDS = (0.02, 0.003), 241
+_THRESHOLD_J = np.array([0.95, 1.0, 1.06])
 # Steps along the ridge of dead time and break-away in a full refit.
 _RIDGE_TURNS = 3
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
@@ -186,6 +189,8 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
         if now > cost * (1.0 - _WORTH):
             break
         cost = now
+    if model.spec.between == "hold":
+        best, cost = at_thresholds(coarse, best, rng)
     if coarse is not model:
         final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16,
                        settle=_SETTLED)
@@ -376,3 +381,32 @@ def block_gains(before: Refit, after: Refit, good: BoolArray) -> FloatArray:
         b = float(np.sqrt(np.mean(after.innovation[part] ** 2)))
         gains.append(1.0 - b / a if a else 0.0)
     return np.array(gains)
+
+
+def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:
+    """Point (d,) with the stickband between the right samples, everything else polished; and its cost.
+
+    Under a held command every slip allows S an interval as wide as one step of the command, and all slips together one
+    far narrower than any polish strays into: a single slip a sample early or late costs more than most missing effects.
+    """
+    values = model.values(point[None])[:, 0]
+    best, cost = point, float(model.costs(point[None])[0])
+    for reach in _THRESHOLD_REACH:
+        S, J = np.meshgrid(values[0] * (1.0 + np.linspace(-reach, reach, _THRESHOLDS)), values[1] * _THRESHOLD_J,
+                           indexing="ij")
+        grid = values[:, None].repeat(S.size, axis=1)
+        grid[0], grid[1] = S.ravel(), J.ravel()
+        cube = model.cube(grid)
+        order = np.argsort(model.costs(cube), kind="stable")
+        kept: list[int] = []
+        for k in order.tolist():
+            if all(abs(grid[0, k] - grid[0, j]) > 2.5 * reach / _THRESHOLDS * values[0] for j in kept):
+                kept.append(k)
+            if len(kept) == 2:
+                break
+        for k in kept:
+            trial, now = polish_smooth(model, cube[k], rng)
+            if now < cost:
+                best, cost = trial, now
+        values = model.values(best[None])[:, 0]
+    return best, cost

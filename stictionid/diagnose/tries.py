@@ -16,7 +16,7 @@ from ..fit import Fitted, polish_smooth, search_model, spreads, with_start
 from ..heldout import Held, held_out
 from ..loop import FloatArray, Loop
 from ..model import BASE, Model
-from ..refit import Refit, block_gains, complete, starting_pool
+from ..refit import Refit, at_thresholds, block_gains, complete, starting_pool
 from ..search import refine
 from .steps import variants
 from .work import Answer, Ground, Workers, base_values, finish, look, noise
@@ -29,6 +29,8 @@ _NOTHING, _FEW = 0.0, 3
 # A better optimum of the base: twice the log-likelihood it must gain (CRITICISM.md section 7, step 5), how often the
 # round starts again, and how many refits are handed back.
 _BETTER_LR, _AGAIN, _HANDED = 2.0, 2, 6
+# Likelihood-ratio gain from which a moving command is taken for a held one after all.
+_HELD_LR = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,9 @@ def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress) -> Ro
     pool = starting_pool(fit.model, fit.values, rng)
     first = fit.sse
     fit = better_base(fit, [*pool[1:]], rng)
+    held = held_command(fit, rng)
+    if held is not None:
+        fit, pool = held, starting_pool(held.model, held.values, rng)
     answers: list[Answer] = []
     for _ in range(1 + _AGAIN):
         ground = Ground(fit, np.concatenate([fit.values[None, :len(BASE)], pool[1:]]), seed)
@@ -78,6 +83,24 @@ def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress) -> Ro
         fit = now
     reference = complete(fit.model, fit.values, None, rng, order=0)
     return _judged(fit, reference, held_out(reference, rng), ground, answers, fit.sse < first)
+
+
+def held_command(fit: Fitted, rng: np.random.Generator) -> Fitted | None:
+    """The same model under a command that is held between samples, where that fits clearly better than a moving one.
+
+    A scanned command taken for a continuous one leaves errors after every slip, which look like a missing effect.
+    """
+    spec = fit.model.spec
+    if spec.between != "corner":
+        return None
+    model = Model(fit.model.loop, replace(spec, between="hold", substeps=1), s_max=fit.model.s_max,
+                  period_s=fit.model.period_s, residual=fit.model.context.residual)
+    best = model.evaluate(fit.values)
+    start = Fitted(model, fit.values, best.sse, fit.runs, fit.agree, best, None, {}, fit.values[None, :2])
+    pool = starting_pool(model, fit.values, rng)
+    found = better_base(start, [*pool], rng)
+    gain = float(fit.best.rows) * float(np.log(max(fit.sse, 1e-300) / max(found.sse, 1e-300)))
+    return found if gain > _HELD_LR else None
 
 
 def candidate_names(loop: Loop, present: Sequence[str]) -> list[str]:
@@ -128,9 +151,7 @@ def better_base(fit: Fitted, starts: Sequence[FloatArray], rng: np.random.Genera
     """The base polished from other values (5,); the same object unless twice the log-likelihood gains enough."""
     model = fit.model
     coarse = search_model(model)
-    if not starts:
-        return fit
-    vectors = []
+    vectors = [fit.values]
     for base in starts:
         vector = fit.values.copy()
         vector[:len(BASE)] = base
@@ -140,12 +161,12 @@ def better_base(fit: Fitted, starts: Sequence[FloatArray], rng: np.random.Genera
     found = refine(coarse.costs, with_start(coarse, cube), rng, spread=spreads(coarse, 0.5), rounds=40, population=14,
                    settle=1e-4)
     rows = max(float(fit.best.rows), 1.0)
-    near = with_start(model, found.points[:1])
-    cost = float(model.costs(near)[0])
-    if not rows * np.log(max(fit.sse, 1e-300) / max(cost, 1e-300)) > -3.0 * _BETTER_LR:
-        return fit
-    last = refine(model.costs, near, rng, spread=spreads(model, 0.15), rounds=80, population=16, settle=1e-5)
+    near = np.concatenate([with_start(model, found.points[:1]), model.cube(fit.values[:, None])])
+    near = near[[int(np.argmin(model.costs(near)))]]
+    last = refine(model.costs, near, rng, spread=spreads(model, 0.15), rounds=60, population=16, settle=1e-4)
     point, cost = polish_smooth(model, last.points[0], rng)
+    if model.spec.between == "hold":
+        point, cost = at_thresholds(model, point, rng)
     if rows * np.log(max(fit.sse, 1e-300) / max(cost, 1e-300)) <= _BETTER_LR:
         return fit
     values = model.values(point[None])[:, 0]
