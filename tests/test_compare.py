@@ -127,8 +127,8 @@ def test_pictures_and_pages_are_written_whole(stepped, tmp_path: Path) -> None:
 
 def test_the_command_prints_findings_json_and_series(clean, tmp_path: Path) -> None:
     def run(*arguments: object):
-        return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True, text=True,
-                              cwd=tmp_path, env={**os.environ}, timeout=300)
+        return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True,
+                              text=True, cwd=tmp_path, env={**os.environ}, timeout=300)
 
     made = run("simulate", "--preset", "foptd", "--S", 4, "--J", 2, "--noise", 0.05, "--scan", 1, "-o", "a.csv")
     assert made.returncode == 0, made.stderr
@@ -138,8 +138,8 @@ def test_the_command_prints_findings_json_and_series(clean, tmp_path: Path) -> N
     assert max(map(len, shown.stdout.splitlines())) <= 80
     result = json.loads(run("compare", "s.json", "--json", "--series").stdout)
     assert {"error", "findings", "adequate", "adequate_reason", "series"} <= set(result)
-    assert len(result["series"]["residual"]) == 1000 and json.loads(run("compare", "s.json", "--json").stdout)["series"] \
-        is None
+    assert len(result["series"]["residual"]) == 1000
+    assert json.loads(run("compare", "s.json", "--json").stdout)["series"] is None
     for arguments, code in ((("compare", "s.json", "gone.csv"), 2), (("compare", "s.json", "-o", "c.txt"), 2),
                             (("compare", "a.csv"), 3)):
         refused = run(*arguments)

@@ -22,7 +22,6 @@ from .linear import POINT_99, Spectra, follows_valve, frequencies, own_innovatio
 from .questions import ask_all
 from .validate import rebuilt, transferred
 
-
 # A model holds on another record up to this many times the noise: S is known to one step of the command only, so that
 # single slips may come a sample early or late there. Unit: 1.
 TRANSFERS = 1.5
@@ -142,8 +141,8 @@ def _adequate(errors: Errors, study: Study, own: bool) -> tuple[bool, str]:
         return False, "the record is too short to estimate its irreducible noise"
     ratio = errors.rmse / errors.noise_sd
     if ratio <= (ADEQUATE if own else TRANSFERS):
-        return True, (f"the free-run error {errors.rmse:.4g} on this record is {ratio:.3g} times its irreducible noise "
-                      f"{errors.noise_sd:.4g}, at most {ADEQUATE if own else TRANSFERS:g} is asked for: the model holds")
+        return True, (f"the free-run error {errors.rmse:.4g} on this record is {ratio:.3g} times its irreducible "
+                      f"noise {errors.noise_sd:.4g} (at most {ADEQUATE if own else TRANSFERS:g}): the model holds")
     return False, (f"the free-run error {errors.rmse:.4g} on this record is {ratio:.3g} times its irreducible noise "
                    f"{errors.noise_sd:.4g}: the model does not hold here")
 
