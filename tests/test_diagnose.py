@@ -52,7 +52,7 @@ def test_a_hidden_effect_is_named_first_and_the_error_falls_to_the_noise(name: s
     after = diagnose(loop, study, apply=True)
     assert after.missing[0] == name and after.steps[1].added == name
     assert after.steps[-1].error.rmse <= 1.05 * 0.06 and after.adequate
-    assert after.estimate is not None and pytest.approx(4.0, rel=0.01) == after.estimate.S
+    assert after.estimate is not None and pytest.approx(4.0, abs=0.08) == after.estimate.S
     top = after.candidates[0]
     assert top.accepted and top.effect == name and top.rmse_one_step_holdout is not None
     assert {p.name for p in top.parameters} <= {p.name for p in catalogue()[name].parameters}

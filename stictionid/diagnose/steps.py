@@ -24,8 +24,8 @@ from .numbers import public_parameters
 Progress = Callable[[str, float], None]
 # An earlier effect is superfluous when the model without it loses less than this in BIC (CRITICISM.md section 7).
 SUPERFLUOUS = 2.0
-# Refits after which an effect that follows y has settled.
-_FOLLOWED = 3
+# Refits after which an effect that follows y has settled, and independent refits of the effect that is added.
+_FOLLOWED, _REFITS = 3, 2
 
 
 def variants(effect: str, loop: Loop) -> tuple[str, ...]:
@@ -130,7 +130,8 @@ def _refitted(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator
     noise = parse(name)[0].noise
     if noise is not None:
         return complete(fit.model, fit.values, pool, rng, noise=noise)
-    model, values, _ = settled(scout(fit, name, pool, rng), rng)
+    # Two independent refits: what goes into the study must not hang on one search.
+    model, values, _ = min((settled(scout(fit, name, pool, rng), rng) for _ in range(_REFITS)), key=lambda r: r[2])
     return complete(model, values, None, rng)
 
 
