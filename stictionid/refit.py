@@ -8,6 +8,7 @@ Source: METHODS.md section 6; CRITICISM.md sections 1 and 7.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -219,10 +220,12 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.G
             cube[:, :3] = part
             return cube
 
+        def cost(part: FloatArray, whole: Callable[[FloatArray], FloatArray] = whole) -> FloatArray:
+            return arx.costs(model.values(whole(part)))[0]
+
         # Effects on friction shift S and J themselves: their basins are narrow and far from the base's.
         groups, rounds, scouts = (2, _DEEP, 400) if deep else (1, _SWARM, _SCOUTS // 2)
-        best = swarm(lambda part, whole=whole: arx.costs(model.values(whole(part)))[0], 3, rng, groups=groups,
-                     particles=24, rounds=rounds, scouts=scouts)
+        best = swarm(cost, 3, rng, groups=groups, particles=24, rounds=rounds, scouts=scouts)
         found.append((float(best.costs[0]), whole(best.points[:1])[0]))
     found.sort(key=lambda f: f[0])
     starts = np.array([f[1] for f in found[:4]])

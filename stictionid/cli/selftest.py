@@ -36,10 +36,10 @@ def selftest(
         for r in found.rates:
             table.add_row(r.name, f"{r.hits} of {r.of}", r.limit, "yes" if r.holds else "no")
         console.print(table)
-        for r in found.loops:
-            if not r.right:
-                said = ", ".join(r.named) or r.message or "nothing"
-                console.print(f"seed {r.seed}: hidden {r.hidden or 'nothing'}, named {safe(said)}")
+        for one in found.loops:
+            if not one.right:
+                said = ", ".join(one.named) or one.message or "nothing"
+                console.print(f"seed {one.seed}: hidden {one.hidden or 'nothing'}, named {safe(said)}")
         console.print("passed" if found.passed else "failed: a rate is worse than chance allows")
     if not found.passed:
         raise typer.Exit(1)

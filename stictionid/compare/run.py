@@ -85,8 +85,9 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     cross, follows = follows_valve(ground)
     bands, line = frequencies(ground)
     lags = max(rho.size, cross.size - 1)
-    rho, cross = np.pad(rho, (0, lags - rho.size)), np.pad(cross[1:], (0, lags - cross.size + 1))
-    spectra = Spectra(ground.step_s * np.arange(1, lags + 1), rho, cross,
+    rho = np.concatenate([rho, np.zeros(lags - rho.size)])
+    cross = np.concatenate([cross[1:], np.zeros(lags + 1 - cross.size)])
+    spectra = Spectra(np.asarray(ground.step_s * np.arange(1, lags + 1), np.float64), rho, cross,
                       POINT_99 / float(np.sqrt(max(ground.good.sum(), 1))), bands)
     findings = [f for _, _, f in answers] + [coloured, follows, line]
     order = {"serious": 0, "warning": 1, "info": 2}
