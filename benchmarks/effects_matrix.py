@@ -106,6 +106,7 @@ def one(task) -> dict:
     seed, effect, noise, colour, samples, apply = task
     setting, loop, kind, sd = loop_of(seed, effect, noise, colour, samples)
     row = {"seed": seed, "effect": effect or "none", "kind": kind, "sd": sd, "S": setting.S, "J": setting.J,
+           "colour": colour,
            "setting": dict(setting.effects)}
     t = time.perf_counter()
     try:
@@ -132,6 +133,8 @@ def one(task) -> dict:
 def right(row: dict) -> bool:
     """Whether the hidden effect came first or as an equivalent; a Karnopp valve may be named for its inertia."""
     truth, names = row["effect"], list(row["found"])
+    if row["colour"]:  # coloured noise is there, so naming it is right
+        names = [n for n in names if n != "coloured-noise"]
     if row["kind"] == "karnopp" and truth not in PHYSICAL:
         names = [n for n in names if n not in PHYSICAL]
     if truth == "none":

@@ -91,7 +91,8 @@ def equivalents(found: Round, winner: Tried) -> tuple[str, ...]:
     for t in found.tried:
         if t is winner or t.refit is None or t.delta_bic < NAMED or abs(t.delta_bic - winner.delta_bic) >= ALIKE:
             continue
-        if _listed(t.name, winner.name) or _same_output(t, winner):
+        # Beside a noise model any effect at its neutral value gives the same output: only known pairs count there.
+        if _listed(t.name, winner.name) or (not (t.noise or winner.noise) and _same_output(t, winner)):
             names.append(t.name)
     # Two variants of one effect are one answer.
     plain = [parse(n)[0].name for n in names]

@@ -48,7 +48,8 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
         if not apply or winner is None or len(added) >= MOST_ADDITIONS:
             return replace(study, missing=tuple(added)) if apply else study
         ranking = study.candidates
-        study = replace(add(loop, study, winner.name, seed=seed, progress=progress), candidates=ranking)
+        # What an addition makes superfluous goes (CRITICISM.md section 7, step 8); a finding of the step says so.
+        study = replace(add(loop, study, winner.name, seed=seed, prune=True, progress=progress), candidates=ranking)
         added.append(parse(winner.name)[0].name)
 
 
