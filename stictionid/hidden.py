@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .effects import get
-from .effects.contract import Effect
+from .effects.contract import Effect, Place
 from .errors import UsageError
 from .loop import FloatArray
 from .process import Dynamics
@@ -43,12 +43,16 @@ class Hidden:
             return 0.0
         return float(self.drifting.profile(np.array([time_s]))[0])
 
-    def move(self, position: float, y: float, part_s: float) -> float:
-        """The position after stem, trim and gain effects; `y` is the distance of the process value from its centre."""
-        if not self.movers:
+    def move(self, position: float, y: float, part_s: float, *, arrived: bool = False) -> float:
+        """The position after stem and trim effects or, once it has `arrived` at the process, after gain effects.
+
+        `y` is the distance of the process value from its centre at that time.
+        """
+        movers = [m for m in self.movers if (m[0].place is Place.PROCESS) == arrived]
+        if not movers:
             return position
-        signal, here = np.full((1, 1), position), np.array([y])
-        for effect, theta, state in self.movers:
+        signal, here = np.full((1, 1), position), np.array([[y]])
+        for effect, theta, state in movers:
             out = np.empty((1, 1))
             assert effect.run is not None
             effect.run(signal, here, theta, part_s, state, out)

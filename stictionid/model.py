@@ -39,7 +39,7 @@ _SKIP_SHARE, _SKIP_PERIODS = 0.05, 0.5
 # Parts of a sample where an effect moves the stem between two values of a held command.
 _FINE_PARTS = 4
 # Rounds after which the model's own y, which some effects follow, has settled.
-_FOLLOWED = 4
+_FOLLOWED = 6
 # A start-up transient below this share of its first value on all counted samples is gone. Unit: 1.
 _DEAD = 1e-4
 
@@ -234,7 +234,7 @@ class Model:
             position = np.repeat(position, repeat, axis=0)
         for effect, rows in zip(self.effects, self._slices, strict=True):
             if effect.run:
-                position = effect.transformed(position, values[rows], self.context)
+                position = effect.transformed(position, values[rows], self.context, values[4])
         return position
 
     def _dynamics(self, values: FloatArray) -> Dynamics:
@@ -340,7 +340,10 @@ class Model:
         settled = copy(self)
         for _ in range(_FOLLOWED):
             found = settled._evaluate(values)
-            settled.context = replace(self.context, guide=found.model)
+            guide = settled.context.guide
+            # Half a step at a time: a strong effect would swing past its own y and back.
+            mixed = found.model if guide is None else 0.5 * (guide + found.model)
+            settled.context = replace(self.context, guide=mixed)
         return settled._evaluate(values)
 
     def _evaluate(self, values: FloatArray) -> Evaluated:

@@ -8,6 +8,7 @@ Source: METHODS.md section 6; CRITICISM.md sections 1 and 7.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,19 +29,37 @@ from .fit import (
 from .loop import BoolArray, FloatArray
 from .model import BASE, Evaluated, Model, Spec
 from .noise import autoregression
+from .resonance import NUMBERS, resonance
 from .search import refine, swarm
 
 _WARM, _ROAM, _SCOUTS = 6, 2, 500
 _SETTLED = 1e-4
+# Rounds of the first look at an effect and of its swarms, and most guesses that get a swarm of their own.
+_LOOK, _SWARM, _DEEP, _GUESSES = 25, 14, 25, 6
 # Further polishes go on while each lowers the cost by this share, at most so often.
 _WORTH, _TURNS = 0.01, 4
+# A scan across valves: shares of S, of J as a share of S, and steps of the effect (shares of its range).
+_ACROSS_STEP = 0.01
+_ACROSS_S = 1.0 + _ACROSS_STEP * np.arange(-16, 17)
+_ACROSS_J, _ACROSS_EFFECT = np.array([0.7, 0.85, 1.0, 1.15, 1.35]), np.array([-0.1, -0.04, -0.015, 0.015, 0.04, 0.1])
+# Fine scans of S for the interval that all slips allow: reach either way (share), points, and slip jumps tried.
+_THRESHOLD_REACH, _THRESHOLDS = (0.02, 0.003), 241
+_THRESHOLD_J = np.array([0.95, 1.0, 1.06])
+# Steps along the ridge of dead time and break-away in a full refit.
+_RIDGE_TURNS = 3
+AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
 LARGEST_ORDER = 8
+# Rounds of noise model and refit; the second rarely matters.
+_COMPLETIONS = 2
 BLOCKS = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Refit:
-    """A model at its best point (d,), completed with its noise; `innovation` (n,) is white where it is adequate."""
+    """A model at its best point (d,), completed with its noise; `innovation` (n,) is white where it is adequate.
+
+    `taps` are those of the fitted noise model, beside the prewhitening `own` of the fit of the process.
+    """
 
     model: Model
     values: FloatArray
@@ -50,11 +69,27 @@ class Refit:
     innovation: FloatArray
     good: BoolArray
     parameters: int
+    noise_numbers: int = 0
+    own: tuple[float, ...] = ()
 
     @property
     def innovation_sd(self) -> float:
         """Standard deviation of the innovations, in the unit of y."""
         return float(np.sqrt(np.mean(self.innovation[self.good] ** 2)))
+
+    @property
+    def spec(self) -> Spec:
+        """The model's spec with the noise model in it."""
+        taps = tuple(_joined(self.own, self.taps)[1:].tolist())
+        return replace(self.model.spec, taps=taps, increments=self.increments)
+
+    def white_model(self) -> Model:
+        """The model in its prewhitened form, whose cost is the sum of squared innovations."""
+        spec = self.spec
+        if spec == self.model.spec:
+            return self.model
+        return Model(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
+                     residual=np.nan_to_num(self.evaluated.residual))
 
     def bic(self, good: BoolArray) -> float:
         """BIC of the innovations on common samples (n,)."""
@@ -67,13 +102,34 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     """Values (k, 5) of the base parameters to start refits from: the fit so far and fresh basins."""
     base = Model(model.loop, Spec(law=model.spec.law, process=model.spec.process, between=model.spec.between,
                                   substeps=model.spec.substeps, increments=model.spec.increments,
-                                  fixed=model.spec.fixed), s_max=model.s_max, period_s=model.period_s)
+                                  taps=own_taps(model.spec), fixed=model.spec.fixed), s_max=model.s_max,
+                 period_s=model.period_s)
     fresh = with_process(base, basins(base, rng))
     return np.concatenate([values[None, :len(BASE)], base.values(fresh).T])
 
 
-def with_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
-    """The model with effect `name` added, its best values (d,) and cost; neutral where nothing better was found."""
+@dataclass(frozen=True, slots=True)
+class Scouted:
+    """A first look at one more effect: the model to search on, the one to finish on, and points (k, d), best first."""
+
+    coarse: Model
+    model: Model
+    points: FloatArray
+    cost: float
+    name: str = ""
+
+    @property
+    def values(self) -> FloatArray:
+        """Values (d,) of the best point so far."""
+        return self.coarse.values(self.points[:1])[:, 0]
+
+
+def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) -> Scouted:
+    """The model with effect `name` added, searched far enough to see whether it is worth a full refit.
+
+    Starts are the neutral effect in the model so far, guesses of the effect in all basins of the pool, swarms over
+    valve and effect on the one-step error, and a swarm over everything.
+    """
     before = fit.model
     spec = replace(before.spec, effects=(*before.spec.effects, name))
     model = Model(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
@@ -82,72 +138,174 @@ def with_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generat
     effect, option = parse(name)
     guesses = effect.guess(model._context(option)) if effect.guess else np.zeros((1, 0))
     others = fit.best.values
-    starts = []
+    starts = [coarse.vector(others)]
     for base in pool:
         for guess in guesses:
-            named = {**others, **dict(zip(BASE, base, strict=True))}
-            vector = coarse.vector(named)
+            vector = coarse.vector({**others, **dict(zip(BASE, base, strict=True))})
             vector[coarse._slices[coarse.names.index(name)]] = guess
             starts.append(vector)
     cube = coarse.cube(np.array(starts).T)
-    warm = cube[np.argsort(coarse.costs(cube), kind="stable")[:_WARM]]
-    fresh = _valve_basins(coarse, name, rng) if effect.kind in "FT" else np.empty((0, model.space.size))
-    roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=20, scouts=_SCOUTS)
-    starts_cube = np.concatenate([warm, fresh, roam.points[:_ROAM]])
-    found = refine(coarse.costs, with_start(coarse, starts_cube), rng, spread=spreads(coarse), rounds=40,
-                   population=14, settle=_SETTLED)
-    near = with_start(coarse, found.points[:2])
-    if model.spec.between == "hold":
-        near = np.concatenate([near, along_ridge(coarse, found.points[:1]),
-                               with_other_start(coarse, found.points[0], 2)])
-    last = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=60, population=16, settle=_SETTLED)
+    order = np.argsort(coarse.costs(cube), kind="stable")
+    warm = cube[np.concatenate([order[order != 0][:_WARM], [0]])]
+    fresh = _valve_basins(coarse, name, guesses, rng) if effect.kind in "FT" and guesses.size \
+        else np.empty((0, model.space.size))
+    roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM, scouts=_SCOUTS)
+    found = refine(coarse.costs, with_start(coarse, np.concatenate([warm, fresh, roam.points[:_ROAM]])), rng,
+                   spread=spreads(coarse), rounds=_LOOK, population=14, settle=_SETTLED)
+    points, cost = found.points, float(found.costs[0])
+    if effect.kind in "FT" and spec.between == "hold" and cost < float(coarse.costs(cube[:1])[0]) * (1.0 - _SETTLED):
+        # The effect helps, so the process it was fitted with may be wrong: one step along the ridge.
+        near = refine(coarse.costs, np.concatenate([along_ridge(coarse, points[:2])[:3],
+                                                    _across(coarse, points[0], name, 3),
+                                                    with_other_start(coarse, points[0], 2)]), rng,
+                      spread=spreads(coarse, 0.5), rounds=_LOOK, population=14, settle=_SETTLED)
+        order = np.argsort(np.concatenate([found.costs, near.costs]), kind="stable")
+        points = np.concatenate([points, near.points])[order]
+        cost = min(cost, float(near.costs[0]))
+    return Scouted(coarse, model, points, cost, name if effect.kind in "FT" else "")
+
+
+def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
+    """The scouted model at its best: values (d,) and cost."""
+    coarse, model = look.coarse, look.model
+    found = refine(coarse.costs, look.points[:6], rng, spread=spreads(coarse, 0.5), rounds=20, population=14,
+                   settle=_SETTLED)
+    points = found.points
+    for _ in range(_RIDGE_TURNS if model.spec.between == "hold" else 1):
+        near = with_start(coarse, points[:2])
+        if model.spec.between == "hold":
+            near = np.concatenate([near, along_ridge(coarse, points[:1])[:4], with_other_start(coarse, points[0], 2)])
+            if look.name:
+                near = np.concatenate([near, _across(coarse, points[0], look.name, 4)])
+        last = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=50, population=14, settle=_SETTLED)
+        before, after = coarse.costs(np.stack([points[0], last.points[0]]))
+        points = last.points
+        if after > before * (1.0 - _WORTH):
+            break
     best, cost = polish_smooth(coarse, with_start(coarse, last.points[:1])[0], rng)
     for _ in range(_TURNS):
         again = refine(coarse.costs, with_start(coarse, best[None]), rng, spread=spreads(coarse, 0.2), rounds=60,
-                       population=20, settle=_SETTLED)
+                       population=16, settle=_SETTLED)
         best, now = polish_smooth(coarse, with_start(coarse, again.points[:1])[0], rng)
         if now > cost * (1.0 - _WORTH):
             break
         cost = now
-    final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16, settle=_SETTLED)
-    point, cost = polish_smooth(model, final.points[0], rng)
-    return model, model.values(point[None])[:, 0], cost
+    if model.spec.between == "hold":
+        best, cost = at_thresholds(coarse, best, rng)
+    if coarse is not model:
+        final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16,
+                       settle=_SETTLED)
+        best, cost = polish_smooth(model, final.points[0], rng)
+    return model, model.values(best[None])[:, 0], cost
 
 
-def _valve_basins(model: Model, name: str, rng: np.random.Generator) -> FloatArray:
-    """Starts from swarms on the one-step error over valve and effect parameters, which stays local in time."""
+def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Starts from swarms over the valve on the one-step error, which stays local in time: one swarm for each guess of
+    the effect, because the right S and J lie elsewhere for each."""
     rows = model._slices[model.names.index(name)]
-    columns = [0, 1, 2, *range(rows.start, rows.stop)]
     period = model.period_s / model.step_s
     ladder = np.unique(np.round(np.geomspace(1, int(np.clip(0.4 * period, 1, 60)) + 1, 6) - 1).astype(int))
     arx = Arx(model, 2, tuple(int(d) for d in ladder))
-    middle = np.full(model.space.size, 0.5)
+    middle = model.values(np.full((1, model.space.size), 0.5))
+    found: list[tuple[float, FloatArray]] = []
+    effect = parse(name)[0]
+    deep = effect.friction is not None and effect.kind == "F"
+    for guess in guesses[:_GUESSES]:
+        base = middle.copy()
+        base[rows, 0] = guess
+        fixed = model.cube(base)[0]
 
-    def whole(part: FloatArray) -> FloatArray:
-        cube = middle[None].repeat(len(part), axis=0)
-        cube[:, columns] = part
-        return cube
+        def whole(part: FloatArray, fixed: FloatArray = fixed) -> FloatArray:
+            cube = fixed[None].repeat(len(part), axis=0)
+            cube[:, :3] = part
+            return cube
 
-    found = swarm(lambda part: arx.costs(model.values(whole(part)))[0], len(columns), rng, groups=2, particles=32,
-                  rounds=20, scouts=_SCOUTS)
-    starts = whole(found.points[:3])
-    return with_process(model, starts)
+        def cost(part: FloatArray, whole: Callable[[FloatArray], FloatArray] = whole) -> FloatArray:
+            return arx.costs(model.values(whole(part)))[0]
+
+        # Effects on friction shift S and J themselves: their basins are narrow and far from the base's.
+        groups, rounds, scouts = (2, _DEEP, 400) if deep else (1, _SWARM, _SCOUTS // 2)
+        best = swarm(cost, 3, rng, groups=groups, particles=24, rounds=rounds, scouts=scouts)
+        found.append((float(best.costs[0]), whole(best.points[:1])[0]))
+    found.sort(key=lambda f: f[0])
+    starts = np.array([f[1] for f in found[:4]])
+    if deep:
+        columns = [0, 1, 2, *range(rows.start, rows.stop)]
+
+        def local(part: FloatArray) -> FloatArray:
+            cube = starts[:1].repeat(len(part), axis=0)
+            cube[:, columns] = part
+            return cube
+
+        polish = refine(lambda part: arx.costs(model.values(local(part)))[0], starts[:, columns], rng, spread=0.03,
+                        rounds=30, population=14, settle=_SETTLED)
+        starts = local(polish.points)
+    return with_process(model, starts[:3])
+
+
+def _across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray:
+    """The best few (count, d) valves around a point (d,) with its process as it is, distinct in S.
+
+    Break-away, slip jump and effect trade against each other, and the cost has a step for every sample at which the
+    valve might break away: a polish can't cross them.
+    """
+    rows = model._slices[model.names.index(name)]
+    values = model.values(point[None])[:, 0]
+    share = np.clip(values[1] / max(values[0], 1e-12), 0.02, None)
+    moves = np.zeros((1 + (rows.stop - rows.start) * _ACROSS_EFFECT.size, rows.stop - rows.start))
+    for i in range(rows.stop - rows.start):
+        moves[1 + i * _ACROSS_EFFECT.size:1 + (i + 1) * _ACROSS_EFFECT.size, i] = _ACROSS_EFFECT
+    S, J, E = np.meshgrid(_ACROSS_S, _ACROSS_J, np.arange(len(moves)), indexing="ij")
+    grid = values[:, None].repeat(S.size, axis=1)
+    grid[0], grid[1] = values[0] * S.ravel(), values[0] * S.ravel() * share * J.ravel()
+    trial = model.cube(grid)
+    trial[:, rows] = np.clip(trial[:, rows] + moves[E.ravel()], 0.0, 1.0)
+    order = np.argsort(model.costs(trial), kind="stable")
+    kept: list[int] = []
+    for k in order.tolist():
+        if all(abs(S.ravel()[k] - S.ravel()[j]) > 1.5 * _ACROSS_STEP for j in kept):
+            kept.append(k)
+        if len(kept) == count:
+            break
+    return trial[kept]
+
+
+def own_taps(spec: Spec) -> tuple[float, ...]:
+    """Prewhitening that belongs to the fit of the process (softened differences), not to a fitted noise model."""
+    return () if has_noise(spec) else tuple(spec.taps)
+
+
+def has_noise(spec: Spec) -> bool:
+    """Whether the model has a noise effect already, whose coefficients are estimated anew with every refit."""
+    return any(parse(name)[0].noise for name in spec.effects)
+
+
+def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
+          rng: np.random.Generator | None = None) -> Refit:
+    """The model as it is, completed with a noise model of its residual but not refitted to it."""
+    evaluated = model.evaluate(values)
+    increments = noise == RANDOM_WALK or model.spec.increments
+    own = own_taps(model.spec)
+    ar, count = _taps(evaluated, increments, order, own, noise, rng)
+    return _refit(model, values, evaluated, ar, increments, own, count)
 
 
 def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, *,
-             random_walk: bool = False, order: int = LARGEST_ORDER) -> Refit:
-    """The model with an autoregression for its residual, refitted in prewhitened form where there is one.
+             noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER) -> Refit:
+    """The model with a noise model for its residual, refitted in prewhitened form where there is one.
 
-    With `random_walk` model and data are fitted in differences, on which the autoregression sits.
+    `noise` is an autoregression, a random walk (model and data are fitted in differences, on which the autoregression
+    sits), or a resonance. Prewhitening that the model has already for its process is kept, and extended.
     """
-    evaluated = model.evaluate(values)
-    increments = random_walk or model.spec.increments
-    taps = _taps(evaluated, increments, order)
-    if taps.size == 0 and increments == model.spec.increments:
-        return _refit(model, values, evaluated, taps, increments)
+    first = quick(model, values, noise=noise, order=order, rng=rng)
+    increments, own, ar = first.increments, own_taps(model.spec), first.taps
+    if ar.size == 0 and increments == model.spec.increments and not has_noise(model.spec):
+        return first
     best: Refit | None = None
-    for _ in range(3):
-        white = Model(model.loop, replace(model.spec, taps=tuple(taps), increments=increments), s_max=model.s_max,
+    evaluated, count = first.evaluated, first.noise_numbers
+    for _ in range(_COMPLETIONS):
+        taps = tuple(_joined(own, ar)[1:].tolist())
+        white = Model(model.loop, replace(model.spec, taps=taps, increments=increments), s_max=model.s_max,
                       period_s=model.period_s, residual=np.nan_to_num(evaluated.residual))
         starts = [values]
         if pool is not None and best is None:
@@ -162,36 +320,59 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
         point, _ = polish_smooth(white, found.points[0], rng)
         values = white.values(point[None])[:, 0]
         evaluated = white.evaluate(values)
-        now = _refit(white, values, evaluated, taps, increments)
-        if best is not None and now.innovation_sd > 0.999 * best.innovation_sd:
+        now = _refit(white, values, evaluated, ar, increments, own, count)
+        if best is not None and now.innovation_sd > 0.998 * best.innovation_sd:
             break
         best = now
-        taps = _taps(evaluated, increments, order)
+        ar, count = _taps(evaluated, increments, order, own, noise, rng)
     assert best is not None
     return best
 
 
-def _taps(evaluated: Evaluated, increments: bool, order: int) -> FloatArray:
-    residual = np.nan_to_num(evaluated.residual)
-    good = evaluated.counted > 0
-    if increments:
-        residual = np.diff(residual, prepend=residual[0])
-        good = good & np.roll(good, 1)
-    return autoregression(residual, good, order)
+def _joined(own: tuple[float, ...], ar: FloatArray) -> FloatArray:
+    """The product of two prewhitening polynomials, the leading 1 included."""
+    return np.convolve(np.concatenate([[1.0], own]), np.concatenate([[1.0], ar]))
 
 
-def _refit(model: Model, values: FloatArray, evaluated: Evaluated, taps: FloatArray, increments: bool) -> Refit:
-    polynomial = np.concatenate([[1.0], taps])
-    if increments:
-        polynomial = np.convolve(polynomial, [1.0, -1.0])
+def _whitened(evaluated: Evaluated, polynomial: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """The residual (n,) passed through a polynomial, and where all its samples count."""
     residual = np.nan_to_num(evaluated.residual)
-    innovation = np.convolve(residual, polynomial)[:residual.size]
     good = evaluated.counted > 0
     for lag in range(1, polynomial.size):
         good[lag:] &= (evaluated.counted > 0)[:-lag]
+        good[:lag] = False
+    return np.convolve(residual, polynomial)[:residual.size], good
+
+
+def _taps(evaluated: Evaluated, increments: bool, order: int, own: tuple[float, ...], noise: str,
+          rng: np.random.Generator | None) -> tuple[FloatArray, int]:
+    """Taps of the noise model beside the model's own prewhitening, and how many fitted numbers they stand for."""
+    polynomial = np.concatenate([[1.0], own])
+    if increments:
+        polynomial = np.convolve(polynomial, [1.0, -1.0])
+    signal, good = _whitened(evaluated, polynomial)
+    if noise == RESONANT:
+        found = resonance(signal, good, rng or np.random.default_rng(0))
+        return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
+    ar = autoregression(signal, good, order)
+    return ar, ar.size
+
+
+def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArray, increments: bool,
+           own: tuple[float, ...], numbers: int) -> Refit:
+    polynomial = _joined(own, ar)
+    if increments:
+        polynomial = np.convolve(polynomial, [1.0, -1.0])
+    innovation, good = _whitened(evaluated, polynomial)
     good[:model.skip + polynomial.size] = False
-    count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + taps.size
-    return Refit(model, values, evaluated, taps, increments, innovation, good, count)
+    count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + numbers
+    return Refit(model, values, evaluated, ar, increments, innovation, good, count, numbers, own)
+
+
+def restored(model: Model, values: FloatArray, taps: FloatArray, *, own: tuple[float, ...], increments: bool,
+             numbers: int) -> Refit:
+    """A refit from its numbers: one run of the model, no search."""
+    return _refit(model, values, model.evaluate(values), taps, increments, own, numbers)
 
 
 def block_gains(before: Refit, after: Refit, good: BoolArray) -> FloatArray:
@@ -203,3 +384,32 @@ def block_gains(before: Refit, after: Refit, good: BoolArray) -> FloatArray:
         b = float(np.sqrt(np.mean(after.innovation[part] ** 2)))
         gains.append(1.0 - b / a if a else 0.0)
     return np.array(gains)
+
+
+def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:
+    """Point (d,) with the stickband between the right samples, everything else polished; and its cost.
+
+    Under a held command every slip allows S an interval as wide as one step of the command, and all slips together one
+    far narrower than any polish strays into: a single slip a sample early or late costs more than most missing effects.
+    """
+    values = model.values(point[None])[:, 0]
+    best, cost = point, float(model.costs(point[None])[0])
+    for reach in _THRESHOLD_REACH:
+        S, J = np.meshgrid(values[0] * (1.0 + np.linspace(-reach, reach, _THRESHOLDS)), values[1] * _THRESHOLD_J,
+                           indexing="ij")
+        grid = values[:, None].repeat(S.size, axis=1)
+        grid[0], grid[1] = S.ravel(), J.ravel()
+        cube = model.cube(grid)
+        order = np.argsort(model.costs(cube), kind="stable")
+        kept: list[int] = []
+        for k in order.tolist():
+            if all(abs(grid[0, k] - grid[0, j]) > 2.5 * reach / _THRESHOLDS * values[0] for j in kept):
+                kept.append(k)
+            if len(kept) == 2:
+                break
+        for k in kept:
+            trial, now = polish_smooth(model, cube[k], rng)
+            if now < cost:
+                best, cost = trial, now
+        values = model.values(best[None])[:, 0]
+    return best, cost

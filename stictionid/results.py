@@ -177,7 +177,8 @@ class Restarts:
 class Step:
     """One stage of a study: the model so far, its parameters and its errors.
 
-    `model` is the full description from which the model runs again without a search (see model.describe).
+    `model` is the full description from which the model runs again without a search (see model.describe); `variant`
+    says where an added disturbance enters ("output" or "load"), or which tag it is.
     """
 
     added: str | None
@@ -187,6 +188,7 @@ class Step:
     restarts: Restarts
     findings: tuple[Finding, ...] = ()
     model: dict[str, Any] = field(default_factory=dict)
+    variant: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +204,10 @@ class LawResult:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One effect of the catalogue refitted into the model, with what it gained and whether it was accepted."""
+    """One effect of the catalogue refitted into the model, with what it gained and whether it was accepted.
+
+    `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
+    """
 
     effect: str
     accepted: bool
@@ -216,6 +221,7 @@ class Candidate:
     detectable_from: str | None = None
     parameters: tuple[ParameterValue, ...] = ()
     statement: str = ""
+    variant: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from .effects.contract import Place
 from .errors import UsageError
 from .hidden import hide
 from .laws import get as get_law
@@ -143,14 +144,17 @@ class _Process:
         self.queue = [0.0] * (self.whole + 2)
         self.at = 0
 
-    def advance(self, move: float) -> float:
-        """Output after one fine step with the input held at `move` (deviation)."""
+    def arrive(self, move: float) -> float:
+        """What arrives now, one dead time late, with the input held at `move` (deviation)."""
         queue, size = self.queue, len(self.queue)
         queue[self.at] = move
         newer = queue[(self.at - self.whole) % size]
         older = queue[(self.at - self.whole - 1) % size]
         self.at = (self.at + 1) % size
-        x = newer + self.fraction * (older - newer)
+        return newer + self.fraction * (older - newer)
+
+    def advance(self, x: float) -> float:
+        """Output after one fine step with what arrives held at `x` (deviation)."""
         before = x
         for i, decay in enumerate(self.decay):
             start = self.lag[i]
@@ -210,6 +214,7 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     load = hidden.load.tolist()
     # The process rests at the operating point whatever the trim makes of it.
     base = hidden.move(OPERATING_POINT, 0.0, 1e9)
+    gains = any(effect.place is Place.PROCESS for effect, _, _ in hidden.movers)
     y, u, total, e_last = 0.0, OPERATING_POINT, 0.0, 0.0
     run_law, due = law.run, False
     run_law(command, friction, profile, state, place)
@@ -239,7 +244,10 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
         if part == 0:
             y_rec[sample], u_rec[sample], v_rec[sample] = seen, u, place[0, 0]
         moved = hidden.move(place[0, 0], y + output[sample], fine)
-        y = process.advance(moved - base + load[sample])
+        x = process.arrive(moved - base + load[sample])
+        if gains:
+            x = hidden.move(OPERATING_POINT + x, y + output[sample], fine, arrived=True) - OPERATING_POINT
+        y = process.advance(x)
     loop = Loop(output=u_rec, process_value=y_rec, setpoint=r, position=v_rec, step_s=setting.step_s, name="simulated",
                 extras=hidden.extras,
                 units={"output": "%", "process_value": "%", "setpoint": "%", "position": "%"}, origin=Origin())

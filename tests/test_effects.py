@@ -34,7 +34,8 @@ def context() -> Context:
     rng = np.random.default_rng(0)
     t = np.arange(300.0)
     y = 50 + 2 * np.sin(t / 8 - 1) + 0.1 * rng.standard_normal(300)
-    return Context(50 + 3 * np.sin(t / 8), y, np.full(300, 50.0), 1.0, 1, 50.0, 6.0, {"D1": rng.standard_normal(300)}, 0.1 * rng.standard_normal(300))
+    return Context(50 + 3 * np.sin(t / 8), y, np.full(300, 50.0), 1.0, 1, 50.0, 6.0, {"D1": rng.standard_normal(300)},
+                   0.1 * rng.standard_normal(300))
 
 
 def base(duration: float = 300.0):
@@ -76,7 +77,7 @@ def test_a_transform_runs_in_pieces_as_it_runs_whole(effect) -> None:
     whole = effect.transformed(signal, theta, c)
     assert np.isfinite(whole).all() and (signal == kept).all() and not np.allclose(whole, signal)
     state = effect.start(signal, theta) if effect.start else np.zeros((max(effect.states, 1), 2))
-    y = c.process_value - c.centre
+    y = (c.process_value - c.centre)[:, None].repeat(2, axis=1)
     pieces = []
     for a, b in ((0, 100), (100, 101), (101, 300)):
         out = np.empty((b - a, 2))
@@ -127,7 +128,7 @@ def test_a_simulation_refuses_effects_that_make_no_sense(effects) -> None:
 
 
 @needs_hidden
-@pytest.mark.parametrize(("name", "effect"), [("hidden_05", "travel-limit"), ("hidden_08", "step-disturbance@output")])
+@pytest.mark.parametrize(("name", "effect"), [("hidden_05", "travel-limit"), ("hidden_08", "step-disturbance")])
 def test_a_hidden_effect_is_found_and_the_error_falls_to_the_noise(name: str, effect: str) -> None:
     plant = json.loads((SHARED / "truth.json").read_text())[name]["plant"]
     loop = read_loop(SHARED / f"{name}.csv")

@@ -80,6 +80,7 @@ def _other(error: Exception) -> int:
 
 
 from . import batch as _batch  # noqa: E402,F401
+from . import compare as _compare  # noqa: E402,F401
 from . import diagnose as _diagnose  # noqa: E402,F401
 from . import effects as _effects  # noqa: E402,F401
 from . import identify as _identify  # noqa: E402,F401
@@ -87,4 +88,5 @@ from . import laws as _laws  # noqa: E402,F401
 from . import range as _range  # noqa: E402,F401
 from . import read as _read  # noqa: E402,F401  (commands register themselves on `app`)
 from . import report as _report  # noqa: E402,F401
+from . import selftest as _selftest  # noqa: E402,F401
 from . import simulate as _simulate  # noqa: E402,F401

@@ -43,3 +43,27 @@ def open_data(study: Any, study_path: Path, given: Path | None) -> Any:
         raise DataError(f"{found} has changed since the study was made (its sha256 differs)",
                         "run stictionid identify again, or give the file as it was")
     return loop if loop is not None else read_loop(found, options=options_from(study.data.options))
+
+
+def open_other(study: Any, study_path: Path, file: Path) -> tuple[Any, Any]:
+    """The study's own loop, and the one in `file` (None where `file` is the study's data, moved).
+
+    Where the study's own data are gone the other record stands in for them. UsageError when `file` is absent.
+    """
+    from dataclasses import replace
+
+    from ..files import sha256_of
+    from ..historian import read_loop
+    from ..historian.options import options_from
+
+    if not file.is_file():
+        raise UsageError(f"there is no file {file}", "give the data file of another record of the same loop")
+    options = options_from(study.data.options)
+    if study.data.sha256 and sha256_of(file) == study.data.sha256:
+        return read_loop(file, options=options), None
+    # A window of the first record says nothing about another one.
+    other = read_loop(file, options=replace(options, start=None, end=None))
+    try:
+        return open_data(study, study_path, None), other
+    except UsageError:
+        return None, other

@@ -23,8 +23,6 @@ from ._shared import (
 )
 from ._study import DataArgument, StudyArgument, open_data, open_study
 
-_SHOWN = 8
-
 
 @app.command()
 def diagnose(
@@ -33,6 +31,9 @@ def diagnose(
     apply: Annotated[bool, typer.Option("--apply", help="Add what is accepted and repeat until nothing is.")] = False,
     everything: Annotated[bool, typer.Option("--all", help="Refit the catalogue even when the model is adequate.")]
     = False,
+    jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; as many as there are cores.")] = None,
+    bootstrap: Annotated[int, typer.Option("--bootstrap", min=0, metavar="N", help="Replicates for a p-value of the "
+                                           "named effect, 99 or more; about half a second each.")] = 0,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Rank the physical effects that the model may be missing, and name the one to add next.
@@ -44,7 +45,8 @@ def diagnose(
     before = open_study(study)
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:
-        after = run(loop, before, everything=everything, apply=apply, seed=seed, progress=progress)
+        after = run(loop, before, everything=everything, apply=apply, seed=seed, jobs=jobs or cores(),
+                    bootstrap=bootstrap, progress=progress)
     _write(after, output or study, force, quiet)
     if as_json:
         print_json(after)
@@ -52,6 +54,9 @@ def diagnose(
     console = out_console()
     if after.candidates:
         console.print(_candidates(after))
+        for c in after.candidates:
+            if c.accepted:
+                console.print(safe(c.statement))
     if len(after.steps) > 1:
         console.print(_ladder(after))
     if after.missing:
@@ -59,6 +64,10 @@ def diagnose(
     else:
         console.print("missing: nothing" + (f", {after.adequate_reason}" if after.adequate else
                                             "; nothing in the catalogue helps enough"))
+    for step in after.steps[-1:]:
+        for f in step.findings:
+            if f.code == "better-optimum":
+                say(f"{f.severity}: {f.statement}", quiet=quiet)
     if after.missing and not apply:
         say(f"next: stictionid add {after.missing[0]} {output or study}", quiet=quiet)
 
@@ -68,6 +77,8 @@ def add(
     effect: Annotated[str, typer.Argument(metavar="EFFECT", help="Name of an effect; see stictionid effects.")],
     study: StudyArgument, file: DataArgument = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write here instead of in place.")] = None,
+    prune: Annotated[bool, typer.Option("--prune", help="Leave out earlier effects that it makes superfluous.")]
+    = False,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Refit the model with one more effect, and show the error before and after.
@@ -78,12 +89,24 @@ def add(
 
     before = open_study(study)
     loop = open_data(before, study, file)
-    after = run(loop, before, effect, seed=seed)
+    with Progress(quiet or as_json) as progress:
+        after = run(loop, before, effect, seed=seed, prune=prune, progress=progress)
     _write(after, output or study, force, quiet)
     if as_json:
         print_json(after)
-    else:
-        out_console().print(_ladder(after))
+        return
+    console = out_console()
+    console.print(_ladder(after))
+    for f in after.steps[-1].findings:
+        if f.code in ("superfluous", "pruned"):
+            console.print(f"{f.severity}: {safe(f.statement)}")
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    import os
+
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _write(study: Any, place: Path, force: bool, quiet: bool) -> None:
@@ -95,18 +118,32 @@ def _write(study: Any, place: Path, force: bool, quiet: bool) -> None:
 
 
 def _candidates(study: Any) -> Any:
-    table = plain_table("effect", "named", "one-step drop %", "free-run drop %", "BIC gain", title="candidates")
-    for c in study.candidates[:_SHOWN]:
-        table.add_row(safe(c.effect), "yes" if c.accepted else "no", number(c.one_step_drop_percent, "", 3),
-                      number(c.error_drop_percent, "", 3), number(c.delta_bic, "", 4))
+    table = plain_table("effect", "named", "1-step drop", "BIC gain", "would show", title="candidates")
+    same = study.candidates[0].equivalent_to
+    for c in study.candidates:
+        named = "yes" if c.accepted else "alike" if c.effect in same else "no"
+        table.add_row(safe(c.effect + (f"@{c.variant}" if c.variant else "")), named,
+                      number(c.one_step_drop_percent, "%", 3), number(c.delta_bic, "", 4),
+                      safe(_short(c.detectable_from)))
     return table
+
+
+def _short(size: str | None) -> str:
+    """A smallest size without its parameter's name, which the JSON has."""
+    if not size:
+        return "-"
+    for word in ("from", "down to"):
+        if f" {word} " in size:
+            return f"{word} {size.partition(f' {word} ')[2]}"
+    return size
 
 
 def _ladder(study: Any) -> Any:
     table = plain_table("model", "error", "held out", "one step", "noise", "S", "J", title="ladder")
     for step in study.steps:
         values = {p.name: p.value for p in step.parameters if p.effect is None}
-        table.add_row(f"+ {safe(step.added)}" if step.added else "base", number(step.error.rmse),
+        name = f"+ {safe(step.added)}" + (f" @{safe(step.variant)}" if step.variant else "") if step.added else "base"
+        table.add_row(name, number(step.error.rmse),
                       number(step.error.rmse_holdout), number(step.error.rmse_one_step), number(step.error.noise_sd),
                       number(values.get("S")), number(values.get("J")))
     return table

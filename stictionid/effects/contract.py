@@ -6,7 +6,8 @@ An effect is one file in this folder with a constant `EFFECT`. It fills the hook
   numbers; what changes with time does so along `profile(time_s)`. It transforms no signal, so every law gets it.
 * T (transform): `run(signal, y, theta, part_s, state, out)`, a kernel over (rows, P) that carries `state` (states, P)
   along, so that the closed-loop simulator can call it one row at a time; or `dynamics(dynamics, theta)`, other process
-  dynamics. `y` (rows,) is the process value as its distance from its centre.
+  dynamics. `y` (rows, P), or (rows, 1) for effects that don't follow it, is the process value as its distance from its
+  centre, at the time when a move of the signal arrives.
 * L (linear): `columns(theta, context)` returns columns (n, P) for the least squares; their sizes are linear. In the
   variant "load" they enter through the process.
 * N (noise): `noise` names the noise model; it cannot lower a free-run error.
@@ -133,11 +134,24 @@ class Effect:
             return self.limits(context)
         return tuple(p for p in self.parameters if self.searched is None or p.name in self.searched)
 
-    def transformed(self, signal: FloatArray, theta: FloatArray, context: Context) -> FloatArray:
-        """The whole signal (rows, P) through this effect's kernel, from its own start."""
+    def _arriving(self, signal: FloatArray, context: Context, dead_time_s: FloatArray | None) -> FloatArray:
+        """The process value (rows, P or 1) that each row of the signal meets."""
+        guide = (context.process_value if context.guide is None else context.guide) - context.centre
+        repeat = signal.shape[0] // guide.size
+        if not self.follows_y:
+            return np.zeros((signal.shape[0], 1))
+        if dead_time_s is None:
+            return np.repeat(guide, repeat)[:, None].repeat(signal.shape[1], axis=1)
+        at = np.arange(signal.shape[0]) / repeat
+        samples = np.arange(guide.size, dtype=np.float64)
+        return np.stack([np.interp(at + late / context.step_s, samples, guide) for late in dead_time_s], axis=1)
+
+    def transformed(self, signal: FloatArray, theta: FloatArray, context: Context,
+                    dead_time_s: FloatArray | None = None) -> FloatArray:
+        """The whole signal (rows, P) through this effect's kernel, from its own start; moves arrive `dead_time_s` (P,)
+        later."""
         assert self.run is not None
-        guide = context.process_value if context.guide is None else context.guide
-        y = np.repeat(guide - context.centre, signal.shape[0] // guide.size)
+        y = self._arriving(signal, context, dead_time_s)
         theta = np.ascontiguousarray(theta)
         state = self.start(signal, theta) if self.start else np.zeros((max(self.states, 1), signal.shape[1]))
         out = np.empty_like(signal)

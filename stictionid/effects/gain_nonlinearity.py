@@ -1,8 +1,8 @@
 """Gain nonlinearity: the process gain changes with the process value.
 
 The position's distance from its mean is stretched by 1 + curvature (y - mean SP), so that K stays linear; y is the
-model's own, and an error in the mean only changes the time constant. Over a short travel it can't be told from a curved
-valve characteristic.
+model's own, at the time when the move arrives (one dead time after the valve made it). An error in the mean only
+changes gain and time constant. Over a short travel it can't be told from a curved valve characteristic.
 
 Equation: K(y) = K (1 + curvature (y - mean SP)). Source: METHODS.md section 5.
 """
@@ -28,7 +28,7 @@ def _run(signal, y, theta, part_s, state, out):
     rows, lanes = signal.shape
     for k in range(rows):
         for p in range(lanes):
-            stretch = max(1.0 + theta[0, p] * y[k], _LEAST)
+            stretch = max(1.0 + theta[0, p] * y[k, p], _LEAST)
             out[k, p] = state[0, p] + (signal[k, p] - state[0, p]) * stretch
 
 

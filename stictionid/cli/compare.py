@@ -1,0 +1,78 @@
+"""`stictionid compare`: where the model fails, in sentences with numbers and one picture per question."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from . import app
+from ._shared import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, safe, say
+from ._study import StudyArgument, open_data, open_other, open_study
+
+
+@app.command()
+def compare(
+    study: StudyArgument,
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Another record to validate on, or the study's "
+                                                "own data file when it has moved.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Page with the pictures; .md or .html.")] = None,
+    series: Annotated[bool, typer.Option("--series", help="With --json: time, y, model, residual, position.")] = False,
+    force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
+) -> None:
+    """Hold the model against the measurement and say where it fails; a second FILE validates on other data.
+
+    On another file S, J and the process are held; start state and bias are refitted.
+
+    Example: stictionid compare study.json -o compare.html
+    """
+    from ..compare import compare as run
+    from ..report.compare_page import check_place, write_comparison
+
+    if output is not None:
+        check_place(output, force=force)
+    before = open_study(study)
+    loop, other = open_other(before, study, file) if file else (open_data(before, study, None), None)
+    found = run(loop, before, other)
+    if output is not None:
+        title = f"{before.data.name}: model against " + ("another record" if other is not None else "measurement")
+        written = write_comparison(found, title, output, force=force)
+        beside = f" and {len(written) - 1} pictures beside it" if len(written) > 1 else ""
+        say(f"wrote {output}{beside}", quiet=quiet)
+    if as_json:
+        print_json(_plain(found, series))
+        return
+    _print(found, study, quiet)
+
+
+def _plain(found: Any, series: bool) -> dict[str, Any]:
+    g = found.ground
+    curves = None
+    if series:
+        curves = {"time_s": g.loop.time_s, "y": g.loop.process_value, "model": g.evaluated.model,
+                  "residual": g.evaluated.residual, "innovation": g.innovation, "position": g.evaluated.position,
+                  "output": g.loop.output, "setpoint": g.loop.setpoint, "counted": g.good}
+    return {"error": found.error, "findings": found.findings, "adequate": found.adequate,
+            "adequate_reason": found.adequate_reason, "notes": found.notes, "validates": found.validates,
+            "tables": found.tables, "spectra": found.spectra, "series": curves}
+
+
+def _print(found: Any, study: Path, quiet: bool) -> None:
+    from ..report.compare_page import rows_of
+
+    console = out_console()
+    table = plain_table("error", "value", title="model against measurement")
+    for label, value in rows_of(found):
+        table.add_row(label, safe(value))
+    console.print(table)
+    for f in found.findings:
+        console.print(f"{f.severity}: {safe(f.statement)}")
+        console.print(f"  points to {', '.join(f.suggests)}")
+    if not found.findings:
+        console.print("no question shows a place where the model fails")
+    for f in found.notes:
+        console.print(f"{f.severity}: {safe(f.statement)}")
+    console.print(("adequate: " if found.adequate else "not adequate: ") + safe(found.adequate_reason))
+    if not found.adequate and not found.validates:
+        say(f"next: stictionid diagnose {study}", quiet=quiet)

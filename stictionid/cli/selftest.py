@@ -1,0 +1,45 @@
+"""`stictionid selftest`: the tool's own rates on simulated loops, so that a user can see what to trust."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from . import app
+from ._shared import JsonOption, Progress, QuietOption, SeedOption, out_console, plain_table, print_json, safe
+from .diagnose import cores
+
+
+@app.command()
+def selftest(
+    quick: Annotated[bool, typer.Option("--quick", help="A handful of loops: a smoke test.")] = False,
+    loops: Annotated[int | None, typer.Option("--loops", min=1, help="How many loops; 40 when left out.")] = None,
+    jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; as many as there are cores.")] = None,
+    seed: SeedOption = 0, as_json: JsonOption = False, quiet: QuietOption = False,
+) -> None:
+    """Identify and diagnose simulated loops whose truth is known; exit 1 when a rate is worse than chance allows.
+
+    Example: stictionid selftest --quick
+    """
+    from ..selftest import LOOPS, QUICK_LOOPS
+    from ..selftest import selftest as run
+
+    with Progress(quiet or as_json) as progress:
+        found = run(loops=loops or (QUICK_LOOPS if quick else LOOPS), seed=seed, jobs=jobs or cores(),
+                    progress=progress)
+    if as_json:
+        print_json(found)
+    else:
+        console = out_console()
+        table = plain_table("rate", "loops", "must be", "holds", title=f"selftest on {len(found.loops)} loops")
+        for r in found.rates:
+            table.add_row(r.name, f"{r.hits} of {r.of}", r.limit, "yes" if r.holds else "no")
+        console.print(table)
+        for one in found.loops:
+            if not one.right:
+                said = ", ".join(one.named) or one.message or "nothing"
+                console.print(f"seed {one.seed}: hidden {one.hidden or 'nothing'}, named {safe(said)}")
+        console.print("passed" if found.passed else "failed: a rate is worse than chance allows")
+    if not found.passed:
+        raise typer.Exit(1)

@@ -1,0 +1,183 @@
+"""Ranking and accepting: information criterion and held-out blocks must agree, and physics must beat noise models.
+
+An autoregression can imitate anything one step ahead, so a disturbance or valve effect is named only where it does
+clearly better than the best pure noise model. Source: CRITICISM.md section 7, steps 6 and 7.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..effects import parse
+from ..heldout import Held
+from ..results import Candidate
+from .detect import detectable
+from .numbers import noise_values, rows_for, values_of
+from .tells import settling
+from .tries import Round, Tried
+
+# BIC by which an effect must win to be named, and within which two are equivalent (CRITICISM.md section 7, step 7).
+NAMED, ALIKE = 10.0, 10.0
+# Blocks in which the one-step error must fall, and the median drop that counts (step 6).
+_BLOCKS_BETTER, _MEDIAN_GAIN = 4, 0.005
+# The free-run error may not get worse by more than this share.
+_NO_WORSE = 1.02
+# Two candidates look alike on this record when their outputs differ by less than this share of the innovations.
+_LOOK_ALIKE = 0.35
+# Words by how far the best rival of another kind is behind.
+_WORDS = ((50.0, "named"), (20.0, "probable"), (10.0, "probable, {rival} not excluded"))
+
+
+def clearly_better(t: Tried, found: Round) -> bool:
+    """BIC, the blocks in sample, and the blocks held out agree that the candidate helps."""
+    if t.refit is None or not t.full or t.delta_bic < NAMED:
+        return False
+    effect = parse(t.name)[0]
+    local = effect.kind == "L" or effect.profile is not None
+    if not local and ((t.gains > 0).sum() < _BLOCKS_BETTER or float(np.median(t.gains)) < _MEDIAN_GAIN):
+        return False
+    return holds(t.held, found.held, local)
+
+
+def holds(after: Held | None, before: Held | None, local: bool = False) -> bool:
+    """Whether the held-out one-step error falls, in all and in the middle block; true where none could be held out.
+
+    A `local` effect (a step, a drift) may leave most blocks as they are: it must lower the error of the whole.
+    """
+    if after is None or before is None:
+        return True
+    if after.rmse_one_step > (1.0 - _MEDIAN_GAIN) * before.rmse_one_step:
+        return False
+    a, b = (np.sqrt(h.one_step / np.maximum(h.rows, 1.0)) for h in (after, before))
+    return bool(local or np.median(1.0 - a / b) >= _MEDIAN_GAIN)
+
+
+def winner_of(found: Round) -> Tried | None:
+    """The candidate to name: physics before noise, but only physics that beats the noise models."""
+    noises = [t for t in found.tried if t.noise and clearly_better(t, found)]
+    floor = max((t.delta_bic for t in noises), default=0.0)
+    rival = next((t for t in noises if t.delta_bic == floor), None)
+    for t in found.tried:
+        if t.noise or not clearly_better(t, found) or t.delta_bic < floor + NAMED or t.refit is None:
+            continue
+        worse = t.refit.evaluated.rmse > _NO_WORSE * found.reference.evaluated.rmse
+        ahead = rival is None or rival.held is None or t.held is None \
+            or t.held.rmse_one_step <= rival.held.rmse_one_step
+        if not worse and ahead and not _out_of_range(t):
+            return t
+    return noises[0] if noises else None
+
+
+def _out_of_range(t: Tried) -> bool:
+    """Whether a signal effect or disturbance ended at a limit of its range that is not its neutral value.
+
+    Friction effects may: their far ends are laws of their own, such as a valve that rests at every sample.
+    """
+    assert t.refit is not None
+    model, effect = t.refit.model, parse(t.name)[0]
+    if effect.friction is not None or effect.noise is not None:
+        return False
+    values = {k: v for k, v in model.named(t.refit.values).items() if k.startswith(t.name + ":")}
+    for p, value in zip(effect.parameters_for(model.context), values.values(), strict=True):
+        near_neutral = abs(value - p.neutral) <= 0.01 * (p.high - p.low)
+        if p.at_bound(value) and not near_neutral and p.name not in ("lag_s", "dead_time_s"):
+            return True
+    return False
+
+
+def equivalents(found: Round, winner: Tried) -> tuple[str, ...]:
+    """At most two candidates that do equally well: known pairs, or such as give the same output on this record."""
+    names = []
+    for t in found.tried:
+        if t is winner or t.refit is None or t.delta_bic < NAMED or abs(t.delta_bic - winner.delta_bic) >= ALIKE:
+            continue
+        # Beside a noise model any effect at its neutral value gives the same output: only known pairs count there.
+        if _listed(t.name, winner.name) or (not (t.noise or winner.noise) and _same_output(t, winner)):
+            names.append(t.name)
+    # Two variants of one effect are one answer.
+    plain = [parse(n)[0].name for n in names]
+    return tuple(dict.fromkeys(n for n in plain if n != parse(winner.name)[0].name))[:2]
+
+
+def _listed(a: str, b: str) -> bool:
+    first, second = parse(a)[0], parse(b)[0]
+    return first.name == second.name or first.name in second.confused_with or second.name in first.confused_with
+
+
+def _same_output(a: Tried, b: Tried) -> bool:
+    assert a.refit is not None and b.refit is not None
+    both = (a.refit.evaluated.counted > 0) & (b.refit.evaluated.counted > 0)
+    apart = (a.refit.evaluated.model - b.refit.evaluated.model)[both]
+    return float(np.sqrt(np.mean(apart**2))) < _LOOK_ALIKE * b.refit.innovation_sd
+
+
+def candidates(found: Round, winner: Tried | None, p_value: float | None = None) -> tuple[Candidate, ...]:
+    """The ranking as it goes into the study, the named effect first."""
+    base, step = found.reference.evaluated.rmse, found.reference.innovation_sd
+    seen = detectable(found, [t.name for t in found.tried if t is not winner], winner.refit if winner else None)
+    same = equivalents(found, winner) if winner is not None else ()
+    out = []
+    for t in sorted(found.tried, key=lambda t: (t is not winner, -t.delta_bic)):
+        size = seen.get(t.name)
+        effect, variant = parse(t.name)
+        if t.refit is None:
+            out.append(Candidate(effect.name, False, None, None, None, None, None, None, (), size, (),
+                                 f"{t.name} could not be tried: {t.failed}", variant))
+            continue
+        rmse, now = t.refit.evaluated.rmse, t.refit.innovation_sd
+        out.append(Candidate(
+            effect.name, t is winner, rmse, t.held.rmse if t.held else None, t.held.rmse_one_step if t.held else None,
+            100.0 * (1.0 - rmse / base) if base else None, 100.0 * (1.0 - now / step) if step else None, t.delta_bic,
+            same if t is winner else (), size, rows_for(t.name, _numbers(t)),
+            _statement(t, found, winner, same, p_value), variant))
+    return tuple(out)
+
+
+def _numbers(t: Tried) -> dict[str, float]:
+    assert t.refit is not None
+    r = t.refit
+    if t.noise:
+        return noise_values(t.name, r.taps, r.increments, r.innovation_sd, r.model.step_s)
+    return values_of(t.name, r.model, r.values, r.evaluated)
+
+
+def _statement(t: Tried, found: Round, winner: Tried | None, same: tuple[str, ...], p_value: float | None) -> str:
+    assert t.refit is not None
+    change = (f"one-step error {found.reference.innovation_sd:.4g} to {t.refit.innovation_sd:.4g}, free run "
+              f"{found.reference.evaluated.rmse:.4g} to {t.refit.evaluated.rmse:.4g}, BIC {t.delta_bic:+.0f}")
+    if t is winner:
+        said = f"{t.name} explains it ({_how_sure(t, found, same)}): {change}"
+        if p_value is not None:
+            said += f", bootstrap p = {p_value:.3g}"
+        test = settling(t.name, same or _closest(t, found))
+        return said + (f"; what would settle it: {test}" if test else "")
+    if winner is not None and parse(t.name)[0].name in same:
+        return f"{t.name} does as well as {winner.name} on this record: {change}"
+    if not t.full:
+        return f"{t.name} did not come near enough in a first look to be refitted in full: {change}"
+    if t.delta_bic < NAMED:
+        return f"{t.name} does not help: {change}"
+    if winner is None:
+        return f"{t.name} is not sure, information criterion and held-out blocks do not agree: {change}"
+    return f"{t.name} helps less than {winner.name}: {change}"
+
+
+def _rivals(t: Tried, found: Round) -> list[Tried]:
+    kind = parse(t.name)[0].name
+    return [o for o in found.tried if o.refit is not None and parse(o.name)[0].name != kind]
+
+
+def _closest(t: Tried, found: Round) -> tuple[str, ...]:
+    near = [o.name for o in _rivals(t, found) if t.delta_bic - o.delta_bic < _WORDS[1][0] and o.delta_bic >= NAMED]
+    return tuple(near[:1])
+
+
+def _how_sure(t: Tried, found: Round, same: tuple[str, ...]) -> str:
+    if same:
+        return f"or {' or '.join(same)}: these data cannot tell"
+    rivals = _rivals(t, found)
+    margin = t.delta_bic - max((o.delta_bic for o in rivals), default=-np.inf)
+    for limit, word in _WORDS:
+        if margin >= limit:
+            return word.format(rival=rivals[0].name if rivals else "")
+    return f"or {rivals[0].name}: these data cannot tell" if rivals else "named"

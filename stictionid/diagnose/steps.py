@@ -1,0 +1,198 @@
+"""Adding one effect to a study: the refit, the step with its numbers in public names, and what became superfluous."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import parse
+from ..errors import DataError, ModelError, UsageError
+from ..fit import Fitted, finish, search_model, spreads, with_start
+from ..loop import Finding, FloatArray, Loop
+from ..methods import get as get_method
+from ..methods.options import Options
+from ..methods.run import Run
+from ..model import Model, rebuild_model
+from ..oscillation import find_range
+from ..refit import Refit, complete, has_noise, own_taps, scout, settled, starting_pool
+from ..results import Estimate, Step, Study
+from ..search import refine
+from .numbers import public_parameters
+
+Progress = Callable[[str, float], None]
+# An earlier effect is superfluous when the model without it loses less than this in BIC (CRITICISM.md section 7).
+SUPERFLUOUS = 2.0
+# Refits after which an effect that follows y has settled, and independent refits of the effect that is added.
+_FOLLOWED, _REFITS = 3, 2
+
+
+def variants(effect: str, loop: Loop) -> tuple[str, ...]:
+    """The names under which an effect is tried: one for each variant, or for each further tag of the record."""
+    found, option = parse(effect)
+    if option:
+        if "extra" in found.needs and option not in loop.extras:
+            raise UsageError(f"the record has no further tag '{option}'", "its further tags: "
+                             + (", ".join(loop.extras) or "none; read it with --extra TAG"))
+        return (effect,)
+    if "extra" in found.needs:
+        if not loop.extras:
+            raise UsageError(f"{found.name} needs a further tag of the export", "read it with --extra TAG")
+        return tuple(f"{found.name}:{tag}" for tag in loop.extras)
+    return tuple(f"{found.name}@{v}" for v in found.variants) or (found.name,)
+
+
+def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
+    """The study's last model on its record, ready for refits; DataError for an abstained study."""
+    if not study.steps or not study.steps[-1].model:
+        raise DataError("the study abstained, so there is no model to work on", study.verdict.reason)
+    piece = loop.longest_segment()
+    model, values = rebuild_model(piece, study.steps[-1].model)
+    options = Options(law=model.spec.law, seed=seed)
+    run = Run(piece, find_range(loop), options, get_method("auto"), rng=np.random.default_rng(seed),
+              tell=lambda text, share: None)
+    best = model.evaluate(values)
+    return run, Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+
+
+def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = False,
+        progress: Progress | None = None) -> Study:
+    """The study with one more step: the model refitted with `effect` ("step-disturbance@load" names a variant).
+
+    Earlier effects that the new one makes superfluous are named in a finding, and left out with `prune`. Raises
+    UsageError for an unknown effect, one that is in the model already, or one that needs what is not there.
+    """
+    tell = progress or (lambda text, share: None)
+    run, fit = opened(loop, study, seed)
+    names = variants(effect, loop)
+    if any(_plain(name) == _plain(have) for name in names for have in fit.model.spec.effects):
+        raise UsageError(f"the model has {effect} already", "choose another effect; stictionid effects lists them")
+    tell(f"refitting with {effect}", 0.1)
+    pool = starting_pool(fit.model, fit.values, run.rng)
+    refits = [(name, _refitted(fit, name, pool, run.rng)) for name in names]
+    name, done = min(refits, key=lambda r: r[1].innovation_sd)
+    if not np.isfinite(done.innovation_sd):
+        raise ModelError(f"the refit with {effect} did not converge",
+                         "try another effect; stictionid diagnose ranks them")
+    tell("polishing", 0.6)
+    after = polished(_carrier(done, name, fit), done.values, run.rng)
+    findings: list[Finding] = []
+    tell("looking for effects that are superfluous now", 0.85)
+    spare = superfluous(after, name, run.rng)
+    if spare and prune:
+        after = polished(*without(after, spare), run.rng)
+        findings.append(Finding("pruned", "info",
+                                f"left out, because {name} explains what they did: {', '.join(spare)}",
+                                {"effects": list(spare)}, (), "CRITICISM.md section 7, step 8"))
+    elif spare:
+        findings.append(Finding("superfluous", "warning",
+                                f"{', '.join(spare)} no longer helps beside {name}: without it BIC "
+                                f" changes by less than {SUPERFLUOUS:g}; add again with --prune to leave it out",
+                                {"effects": list(spare)}, (), "CRITICISM.md section 7, step 8"))
+    step = finished_step(run, after, name, findings)
+    adequate, why = judged(run, step, after)
+    return replace(study, steps=(*study.steps, step), estimate=estimate(study, after), adequate=adequate,
+                   adequate_reason=why, missing=())
+
+
+def judged(run: Run, step: Step, after: Fitted) -> tuple[bool, str]:
+    """Whether a step is adequate: the free run at the noise, or white innovations under a noise model."""
+    if has_noise(after.model.spec):
+        return True, f"the one-step error {step.error.rmse_one_step:.4g} is that of white innovations"
+    return run.adequate(step)
+
+
+def finished_step(run: Run, after: Fitted, added: str | None, findings: Sequence[Finding] = ()) -> Step:
+    """A fit as a step with the effects' numbers under their public names."""
+    step = run.step(replace(after, runs=1, agree=1), added)
+    variant = ""
+    if added:
+        effect, variant = parse(added)
+        step = replace(step, added=effect.name, variant=variant)
+    return replace(step, findings=(*step.findings, *findings),
+                   parameters=public_parameters(after, step.parameters))
+
+
+def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitted:
+    """The last polish, with errors, hold-out and intervals; repeated where an effect follows the model's own y."""
+    point = model.cube(values[:, None])
+    after = finish(model, point, model.costs(point), rng)
+    for _ in range(_FOLLOWED if any(e.follows_y for e in model.effects) else 0):
+        model = Model(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
+                      residual=np.nan_to_num(after.best.residual))
+        point = model.cube(after.values[:, None])
+        after = finish(model, point, model.costs(point), rng)
+    return after
+
+
+def _refitted(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) -> Refit:
+    noise = parse(name)[0].noise
+    if noise is not None:
+        return complete(fit.model, fit.values, pool, rng, noise=noise)
+    # Two independent refits: what goes into the study must not hang on one search.
+    model, values, _ = min((settled(scout(fit, name, pool, rng), rng) for _ in range(_REFITS)), key=lambda r: r[2])
+    return complete(model, values, None, rng)
+
+
+def _carrier(done: Refit, name: str, fit: Fitted) -> Model:
+    """The model that goes into the study: a noise model enters only as a step of its own, never with another effect."""
+    before = fit.model
+    effects = tuple(dict.fromkeys((*before.spec.effects, name)))
+    if parse(name)[0].noise is not None or has_noise(before.spec):
+        spec = replace(done.spec, effects=effects)
+    else:
+        spec = replace(before.spec, effects=effects, taps=own_taps(before.spec))
+    return Model(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
+                 residual=np.nan_to_num(done.evaluated.residual))
+
+
+def superfluous(after: Fitted, newest: str, rng: np.random.Generator) -> tuple[str, ...]:
+    """Earlier physical effects without which the model, refitted, loses next to nothing."""
+    spec = after.model.spec
+    found: list[str] = []
+    full = complete(after.model, after.values, None, rng, order=0) if not has_noise(spec) else None
+    for name in spec.effects:
+        if name == newest or parse(name)[0].noise is not None:
+            continue
+        model, values = without(after, (name,))
+        coarse = search_model(model)
+        polish = refine(coarse.costs, with_start(coarse, coarse.cube(values[:, None])), rng, spread=spreads(coarse),
+                        rounds=60, population=16, settle=1e-4)
+        if full is not None:
+            less = complete(model, coarse.values(polish.points[:1])[:, 0], None, rng, order=0)
+            loss = less.bic(full.good) - full.bic(full.good)
+        else:
+            rows = float(after.best.rows)
+            fewer = after.model.space.size - model.space.size
+            loss = rows * float(np.log(polish.costs[0] / after.sse)) - fewer * float(np.log(rows))
+        if loss < SUPERFLUOUS:
+            found.append(name)
+    return tuple(found)
+
+
+def without(after: Fitted, names: Sequence[str]) -> tuple[Model, FloatArray]:
+    """The model without some of its effects, at the values it had."""
+    before = after.model
+    spec = replace(before.spec, effects=tuple(n for n in before.spec.effects if n not in names))
+    model = Model(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
+                  residual=np.nan_to_num(after.best.residual))
+    return model, model.vector(before.named(after.values))
+
+
+def estimate(study: Study, fit: Fitted) -> Estimate | None:
+    """The study's main numbers after a refit."""
+    if study.estimate is None:
+        return None
+    v = fit.best.values
+    lags = [v["time_constant_s"], *(x for k, x in v.items() if k.endswith("second_time_constant_s"))]
+    return replace(study.estimate, S=v["S"], J=v["J"], S_interval=fit.intervals.get("S"),
+                   J_interval=fit.intervals.get("J"), gain=fit.best.gain, time_constants_s=tuple(lags),
+                   dead_time_s=v["dead_time_s"], initial_residual_force=v["initial_residual_force"])
+
+
+def _plain(name: str) -> str:
+    return name.partition("@")[0].partition(":")[0]
+
+
+

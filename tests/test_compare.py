@@ -1,0 +1,146 @@
+"""Compare: clean loops show no fault, faults show where they are, and a second record validates what the first gave."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stictionid.compare import compare
+from stictionid.compare.cells import split
+from stictionid.compare.ground import correlation_of, prepare
+from stictionid.compare.linear import chi_square_z
+from stictionid.errors import DataError
+from stictionid.identify import Options, identify
+from stictionid.loop import Loop
+from stictionid.report.compare_page import write_comparison
+from stictionid.report.compare_pictures import comparison_pictures
+from stictionid.simulate import Controller, Plant, Setting, simulate
+
+HELD = Options(base_only=True, between="hold")
+MOVES = ((0.0, 3.0), (200.0, -4.0), (450.0, 5.0), (700.0, -3.0))
+
+
+def setting(**more) -> Setting:
+    base = Setting(Plant(2.0, 6.0, 3.0), Controller(0.15, 6.0, scan_s=1.0), S=4.0, J=2.5, duration_s=900.0,
+                   setpoint_moves=MOVES, noise_sd=0.06)
+    return replace(base, **more)
+
+
+@pytest.fixture(scope="module")
+def clean():
+    loop = simulate(setting(), seed=11).loop
+    return loop, identify(loop, options=HELD)
+
+
+@pytest.fixture(scope="module")
+def stepped():
+    loop = simulate(setting(effects=(("travel-limit", {"upper": 51.5}),)), seed=12).loop
+    return loop, identify(loop, options=HELD)
+
+
+def test_a_clean_loop_shows_no_fault_and_its_errors_agree(clean) -> None:
+    found = compare(*clean)
+    assert found.adequate and found.findings == ()
+    assert found.error.rmse == pytest.approx(0.06, rel=0.06)
+    assert found.error.rmse_one_step == pytest.approx(found.error.rmse)
+    assert found.error.skill is not None and 0.5 < found.error.skill < 1.0
+    assert {"time", "phase", "direction", "output", "value", "cycle", "setpoint"} <= set(found.tables)
+    for cells in found.tables.values():
+        assert sum(c.share for c in cells) <= 1.0 + 1e-9 and not any(c.fails for c in cells)
+
+
+def test_coloured_noise_is_called_coloured_and_nothing_else() -> None:
+    noise = (("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),)
+    codes = set()
+    for seed in (1, 2):
+        loop = simulate(setting(effects=noise, noise_sd=0.0), seed=seed).loop
+        found = compare(loop, identify(loop, options=HELD))
+        codes |= {f.code for f in found.findings}
+        assert found.error.effective_rows < 0.5 * found.error.rows
+    assert codes == {"residual-coloured"}
+
+
+def test_a_fault_shows_where_it_is(stepped) -> None:
+    found = compare(*stepped)
+    assert not found.adequate
+    by_code = {f.code: f for f in found.findings}
+    for f in found.findings:
+        assert f.statement and f.suggests and f.evidence and any(c.isdigit() for c in f.statement)
+    assert "travel-limit" in by_code["error-by-output"].suggests or "travel-limit" in by_code["error-by-value"].suggests
+    worst = max(found.tables["value"], key=lambda c: c.rms)
+    assert worst.fails and worst.energy_share > 2.0 * worst.share
+
+
+def test_a_second_record_validates_and_a_different_valve_does_not(clean) -> None:
+    loop, study = clean
+    again = compare(loop, study, simulate(setting(), seed=99).loop)
+    assert again.validates and again.adequate and again.error.rmse < 1.5 * 0.06
+    assert {f.code for f in again.notes} == {"validated"} and again.error.rmse_holdout is None
+    other = compare(loop, study, simulate(setting(S=5.5), seed=98).loop)
+    assert not other.adequate and other.error.rmse > 2.0 * again.error.rmse
+    assert other.ground.evaluated.values["S"] == again.ground.evaluated.values["S"]
+
+
+def test_an_abstained_study_is_refused() -> None:
+    dead = Loop(output=np.full(300, 40.0), process_value=np.random.default_rng(0).standard_normal(300))
+    with pytest.raises(DataError):
+        compare(dead, identify(dead))
+
+
+def test_the_correlation_of_an_autoregression_is_the_known_one() -> None:
+    np.testing.assert_allclose(correlation_of(np.array([-0.8]), 6), 0.8 ** np.arange(7), atol=1e-9)
+    assert correlation_of(np.empty(0), 3).tolist() == [1.0, 0.0, 0.0, 0.0]
+
+
+def test_z_values_of_white_noise_are_those_of_chance(clean) -> None:
+    """Random cells of a clean residual: z values with mean 0 and spread 1, or thresholds mean nothing."""
+    loop, study = clean
+    ground = compare(loop, study).ground
+    ground = prepare(ground.loop, ground.model, ground.found, ground.evaluated)
+    rng = np.random.default_rng(0)
+    cells = [split(ground, {"part": rng.random(loop.samples) < 0.2})[0] for _ in range(300)]
+    for name in ("z_energy", "z_mean", "z_one_step"):
+        z = np.array([getattr(c, name) for c in cells])
+        assert abs(z.mean()) < 0.25 and 0.6 < z.std() < 1.3, name
+    draws = rng.chisquare(20, 4000)
+    assert np.mean([chi_square_z(x, 20) > 2.326 for x in draws]) == pytest.approx(0.01, abs=0.006)
+
+
+def test_pictures_and_pages_are_written_whole(stepped, tmp_path: Path) -> None:
+    found = compare(*stepped)
+    drawn = comparison_pictures(found)
+    assert {"fit", "by_time", "by_phase", "by_output", "over_cycle", "over_op", "correlation"} <= set(drawn)
+    assert all(p.alt and p.caption for p in drawn.values())
+    page = write_comparison(found, "a <loop>", tmp_path / "c.html")
+    text = page[0].read_text()
+    assert text.count("<figure>") == len(drawn) and "a &lt;loop&gt;" in text and "<script" not in text
+    written = write_comparison(found, "a loop", tmp_path / "c.md")
+    assert len(written) == len(drawn) + 1 and all(p.stat().st_size for p in written)
+
+
+def test_the_command_prints_findings_json_and_series(clean, tmp_path: Path) -> None:
+    def run(*arguments: object):
+        return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True,
+                              text=True, cwd=tmp_path, env={**os.environ}, timeout=300)
+
+    made = run("simulate", "--preset", "foptd", "--S", 4, "--J", 2, "--noise", 0.05, "--scan", 1, "-o", "a.csv")
+    assert made.returncode == 0, made.stderr
+    assert run("identify", "a.csv", "--base-only", "-o", "s.json").returncode == 0
+    shown = run("compare", "s.json", "-o", "c.md")
+    assert shown.returncode == 0 and "free-run error" in shown.stdout and (tmp_path / "c.md").is_file()
+    assert max(map(len, shown.stdout.splitlines())) <= 80
+    result = json.loads(run("compare", "s.json", "--json", "--series").stdout)
+    assert {"error", "findings", "adequate", "adequate_reason", "series"} <= set(result)
+    assert len(result["series"]["residual"]) == 1000
+    assert json.loads(run("compare", "s.json", "--json").stdout)["series"] is None
+    for arguments, code in ((("compare", "s.json", "gone.csv"), 2), (("compare", "s.json", "-o", "c.txt"), 2),
+                            (("compare", "a.csv"), 3)):
+        refused = run(*arguments)
+        assert refused.returncode == code and "Traceback" not in refused.stderr and refused.stdout == ""

@@ -1,0 +1,164 @@
+"""Diagnose and add: hidden effects are named first, the base is put right first, clean loops are left alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stictionid.diagnose import add, diagnose
+from stictionid.diagnose.judge import equivalents
+from stictionid.diagnose.steps import opened
+from stictionid.diagnose.tells import settling
+from stictionid.diagnose.tries import held_command
+from stictionid.effects import catalogue
+from stictionid.errors import DataError, UsageError
+from stictionid.identify import Options, identify
+from stictionid.loop import Loop
+from stictionid.model import Model, Spec
+from stictionid.refit import complete, own_taps, quick
+from stictionid.resonance import resonance, shape
+from stictionid.results import study_from_json, to_json
+from stictionid.simulate import Controller, Plant, Setting, simulate
+
+HELD = Options(base_only=True, between="hold")
+MOVES = ((0.0, 3.0), (200.0, -4.0), (450.0, 5.0), (700.0, -3.0))
+
+
+def setting(**more) -> Setting:
+    base = Setting(Plant(2.0, 6.0, 3.0), Controller(0.15, 6.0, scan_s=1.0), S=4.0, J=2.5, duration_s=900.0,
+                   setpoint_moves=MOVES, noise_sd=0.06)
+    return replace(base, **more)
+
+
+def hidden(name: str, seed: int = 21, **values):
+    loop = simulate(setting(effects=((name, values),)), seed=seed).loop
+    return loop, identify(loop, options=HELD)
+
+
+@pytest.mark.parametrize(("name", "values"), [
+    ("asymmetric-stiction", {"jump_up": 3.4, "jump_down": 1.6}),
+    ("sinusoidal-disturbance", {"period_s": 37.0, "amplitude": 0.5}),
+    ("measured-disturbance", {"gain": 0.8, "lag_s": 8.0, "dead_time_s": 2.0}),
+])
+def test_a_hidden_effect_is_named_first_and_the_error_falls_to_the_noise(name: str, values: dict) -> None:
+    loop, study = hidden(name, **values)
+    after = diagnose(loop, study, apply=True)
+    assert after.missing[0] == name and after.steps[1].added == name
+    assert after.steps[-1].error.rmse <= 1.05 * 0.06 and after.adequate
+    # Eleven slow cycles: S is known to about one step of the command, nine in ten of which are below 0.09 % here.
+    assert after.estimate is not None and pytest.approx(4.0, abs=0.08) == after.estimate.S
+    top = after.candidates[0]
+    assert top.accepted and top.effect == name and top.rmse_one_step_holdout is not None
+    assert {p.name for p in top.parameters} <= {p.name for p in catalogue()[name].parameters}
+    others = [c for c in after.candidates if not c.accepted]
+    assert sum(c.detectable_from is not None for c in others) > 0.7 * len(others)
+    assert study_from_json(to_json(after)) == after
+
+
+def test_the_same_seed_gives_the_same_study_whatever_the_jobs() -> None:
+    loop, study = hidden("step-disturbance", time_s=500.0, size=1.2)
+    one = diagnose(loop, study)
+    assert one.missing == ("step-disturbance",) and one.candidates[0].variant == "output"
+    assert to_json(diagnose(loop, study, jobs=2)) == to_json(one)
+
+
+def test_a_scanned_command_taken_for_a_moving_one_is_put_right_before_anything_is_named() -> None:
+    loop = simulate(setting(), seed=13).loop
+    study = identify(loop, options=Options(base_only=True, between="corner"))
+    run, fit = opened(loop, study, 0)
+    found = held_command(fit, run.rng)
+    assert found is not None and found.model.spec.between == "hold" and found.best.rmse < 0.9 * fit.best.rmse
+    assert found.best.rmse <= 1.05 * 0.06
+
+
+def test_coloured_noise_is_named_noise_and_its_root_comes_back() -> None:
+    loop = simulate(setting(effects=(("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),), noise_sd=0.0),
+                    seed=5).loop
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert after.missing == ("coloured-noise",)
+    assert after.steps[-1].error.rmse_one_step == pytest.approx(0.05, rel=0.06)
+    root = next(p.value for p in after.steps[-1].parameters if p.effect == "coloured-noise" and p.name == "root")
+    assert root == pytest.approx(0.8, abs=0.15)
+
+
+def test_a_superfluous_effect_is_named_and_left_out_on_request() -> None:
+    loop, study = hidden("step-disturbance", time_s=500.0, size=1.2)
+    wrong = add(loop, study, "sinusoidal-disturbance")
+    kept = add(loop, wrong, "step-disturbance@output")
+    assert kept.steps[-1].added == "step-disturbance" and kept.steps[-1].variant == "output"
+    assert "superfluous" in {f.code for f in kept.steps[-1].findings}
+    pruned = add(loop, wrong, "step-disturbance@output", prune=True)
+    assert pruned.steps[-1].model["effects"] == ["step-disturbance@output"]
+    assert "pruned" in {f.code for f in pruned.steps[-1].findings}
+
+
+def test_prewhitening_of_the_process_is_kept_and_extended_by_a_noise_model() -> None:
+    loop = simulate(setting(effects=(("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),), noise_sd=0.0),
+                    seed=5).loop
+    spec = Spec(taps=(0.5, 0.1))
+    model = Model(loop, spec, s_max=8.0, period_s=80.0)
+    values = np.array([4.0, 2.5, 0.15, 6.0, 3.0])
+    assert own_taps(spec) == (0.5, 0.1) and own_taps(Spec(effects=("coloured-noise",), taps=(0.5,))) == ()
+    first = quick(model, values)
+    assert first.own == (0.5, 0.1) and first.taps.size > 0
+    expected = np.convolve([1.0, 0.5, 0.1], np.concatenate([[1.0], first.taps]))[1:]
+    np.testing.assert_allclose(first.spec.taps, expected)
+    done = complete(model, values, None, np.random.default_rng(0))
+    assert done.model.spec.taps[:1] != (0.5,) and len(done.model.spec.taps) == 2 + done.taps.size
+    assert done.innovation_sd == pytest.approx(0.05, rel=0.08)
+
+
+def test_a_resonance_is_found_in_a_spectrum_made_of_it() -> None:
+    rng = np.random.default_rng(3)
+    r, w0 = np.exp(-1.0 / (4.0 * 20.0)), 2.0 * np.pi / 20.0
+    x, white = np.zeros(3000), rng.standard_normal(3000)
+    for k in range(2, x.size):
+        x[k] = 2.0 * r * np.cos(w0) * x[k - 1] - r * r * x[k - 2] + white[k]
+    x = x / x.std() + 0.5 * rng.standard_normal(x.size)
+    found = resonance(x, np.ones(x.size, bool), rng)
+    assert found is not None and found.period == pytest.approx(20.0, rel=0.03)
+    assert found.coherence == pytest.approx(4.0, rel=0.4) and found.share == pytest.approx(0.8, abs=0.08)
+    w = np.linspace(0.01, np.pi, 5)
+    flat = shape(w, np.array([0.3]), np.array([5.0]), np.array([0.0]))
+    assert np.allclose(flat, 1.0)
+
+
+def test_a_test_that_settles_is_named_for_pairs_that_look_alike() -> None:
+    assert "OP" in settling("valve-characteristic", ("gain-nonlinearity",))
+    assert settling("extra-lag", ()) == "" and settling("extra-lag", ("slew-limit",)) != ""
+    assert equivalents.__doc__
+
+
+def test_refusals_leave_the_study_as_it_is(tmp_path: Path) -> None:
+    loop, study = hidden("step-disturbance", time_s=500.0, size=1.2)
+    for name in ("step-disturbence", "measured-disturbance", "measured-disturbance:FEED", "extra-lag@load"):
+        with pytest.raises(UsageError) as refusal:
+            add(loop, study, name)
+        assert refusal.value.hint
+    dead = Loop(output=np.full(300, 40.0), process_value=np.random.default_rng(0).standard_normal(300))
+    with pytest.raises(DataError):
+        diagnose(dead, identify(dead))
+
+    def run(*arguments: object):
+        return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True,
+                              text=True, cwd=tmp_path, env={**os.environ}, timeout=300)
+
+    assert run("simulate", "--S", 4, "--J", 2, "--noise", 0.05, "--scan", 1, "-o", "a.csv").returncode == 0
+    assert run("identify", "a.csv", "--base-only", "-o", "s.json").returncode == 0
+    text = (tmp_path / "s.json").read_text()
+    newer = json.loads(text) | {"schema": "stictionid.study/99"}
+    (tmp_path / "newer.json").write_text(json.dumps(newer))
+    with open(tmp_path / "a.csv", "a") as file:
+        file.write("\n")
+    for arguments, code in ((("add", "extra-lug", "s.json"), 3), (("diagnose", "s.json"), 3),
+                            (("diagnose", "newer.json"), 3), (("add", "extra-lag", "gone.json"), 2)):
+        refused = run(*arguments)
+        assert refused.returncode == code and "Traceback" not in refused.stderr and refused.stdout == ""
+    assert (tmp_path / "s.json").read_text() == text
