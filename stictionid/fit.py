@@ -54,6 +54,9 @@ _RAY_DIFFERENCE, _RAY_LADDER = 1e-4, np.geomspace(1e-5, 0.5, 26)
 # Longest scan of a usual DCS in seconds; and share of a move of the command to which its rebuilding is exact at slips
 # (benchmarks/verdicts.py, seeds below 1000).
 _SLOWEST_SCAN_S, _REBUILT = 2.0, 0.35
+# Slip jumps (distance as shares of S) and break-aways (factors of S) tried for the interval of J.
+_JUMPS = np.array([0.01, 0.02, 0.035, 0.055, 0.08, 0.12, 0.17, 0.25, 0.4])
+_BREAKS = 1.0 + np.array([-0.008, -0.004, -0.002, -0.001, -0.0005, 0.0, 0.0005, 0.001, 0.002, 0.004, 0.008])
 # Neighbouring minima of a command rebuilt between samples, in parts of a sample of dead time, and how often to look.
 _BESIDE, _BESIDE_TURNS = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0), 4
 # Size of the cloud around the optimum from which folds and intervals choose.
@@ -469,33 +472,67 @@ def _cloud(model: Model, top: FloatArray, rng: np.random.Generator) -> tuple[Flo
     """
     movable = np.array([p.high > p.low for p in model.space.parameters])
     held = movable & ~np.isin(np.arange(top.size), (0, 2))
-    parts = [top[None], _rays(model, top), _adapted(model, top, movable, rng), _adapted(model, top, held, rng)]
+    parts = [top[None], _rays(model, top), _jump_profile(model, top), _adapted(model, top, movable, rng),
+             _adapted(model, top, held, rng)]
     cube = np.concatenate(parts)
     return cube, model.costs(cube)
+
+
+def _jump_profile(model: Model, top: FloatArray) -> FloatArray:
+    """Points (k, d) with other slip jumps, each with the break-away and the process that go best with it.
+
+    A held command makes the path of the valve jump between a few shapes as S and the initial force move by little; each
+    has another best slip jump, which no ray from the best point reaches.
+    """
+    if model.spec.between == "corner" or model.law.one_parameter or not movable(model)[:3].all():
+        return top[None]
+    values = model.values(top[None])[:, 0]
+    jumps = values[1] + values[0] * np.concatenate([-_JUMPS, _JUMPS])
+    jumps = jumps[(jumps >= 0.0) & (jumps <= 1.5 * values[0])]
+    if not jumps.size:
+        return top[None]
+    grid = values[:, None].repeat(jumps.size * _BREAKS.size, axis=1)
+    grid[0] *= np.tile(_BREAKS, jumps.size)
+    grid[1] = jumps.repeat(_BREAKS.size)
+    near = with_start(model, model.cube(grid))
+    best = model.costs(near).reshape(jumps.size, -1).argmin(axis=1) + np.arange(jumps.size) * _BREAKS.size
+    held = movable(model) * 1e-3
+    held[:3] = 0.0
+    return descend(model.residuals, model.costs, near[best], spread=held, turns=4, settle=1e-3).points
 
 
 def _rays(model: Model, top: FloatArray) -> FloatArray:
     """Points (k, d) along the directions in which a number moves while the others follow it at least cost.
 
-    The direction of each number is its column of the covariance that the slopes of the residuals give; a wide ladder
-    both ways finds where the cost leaves it. A held command adds the direction of its plateau (f_s alone).
+    The direction of each number is its column of the covariance that the slopes of the residuals give: of all numbers,
+    and with the break-away (S, initial force) held, since slopes across a held command's plateau mean little. A wide
+    ladder both ways finds where the cost leaves each ray.
     """
     free = np.flatnonzero(movable(model) > 0)
     slopes = slopes_at(model.residuals, top[None], free, np.full((1, free.size), _RAY_DIFFERENCE))[0][0]
-    normal = slopes.T @ slopes
-    size = np.sqrt(np.diag(normal))
-    size = np.maximum(size, 1e-9 * size.max(initial=0.0) + 1e-100)
-    values, vectors = np.linalg.eigh(normal / size / size[:, None])
-    spread = (vectors / np.maximum(values, 1e-9 * values[-1] + 1e-30)) @ vectors.T / size / size[:, None]
-    directions = []
-    for j in range(free.size):
-        ray = np.zeros(top.size)
-        ray[free] = spread[:, j] / max(abs(spread[j, j]), 1e-300)
-        directions += [ray, np.eye(top.size)[free[j]]]
+    directions = [*np.eye(top.size)[free], *_following(slopes, free, top.size)]
+    held = ~np.isin(free, (0, 2))
+    if held.any() and not held.all():
+        directions += _following(slopes[:, held], free[held], top.size)
     ladder = np.concatenate([-_RAY_LADDER, _RAY_LADDER])
     points = top + ladder[:, None, None] * np.array(directions)
     inside = ((points >= 0.0) & (points <= 1.0)).all(axis=2)
     return points[inside]
+
+
+def _following(slopes: FloatArray, free: FloatArray, size: int) -> list[FloatArray]:
+    """Directions (size,) along which one of the `free` numbers moves by 1 and the others follow at least cost."""
+    normal = slopes.T @ slopes
+    scale = np.sqrt(np.diag(normal))
+    scale = np.maximum(scale, 1e-9 * scale.max(initial=0.0) + 1e-100)
+    values, vectors = np.linalg.eigh(normal / scale / scale[:, None])
+    spread = (vectors / np.maximum(values, 1e-9 * values[-1] + 1e-30)) @ vectors.T / scale / scale[:, None]
+    found = []
+    for j in range(free.size):
+        ray = np.zeros(size)
+        ray[free] = spread[:, j] / max(abs(spread[j, j]), 1e-300)
+        found.append(ray)
+    return found
 
 
 def _adapted(model: Model, top: FloatArray, free: NDArray[np.bool_], rng: np.random.Generator) -> FloatArray:

@@ -78,8 +78,8 @@ def test_coloured_noise_is_a_step_of_its_own_and_gives_s_and_j_back() -> None:
     noise = ("coloured-noise", {"root": 0.8, "innovation_sd": 0.6 * sd})
     study = identify(simulate(replace(scanned(5.0, 3.0, effects=(noise,)), noise_sd=0.0), seed=4).loop)
     assert study.steps[-1].added == "coloured-noise" or "coloured-noise" in study.steps[-1].effects
-    assert study.estimate.S == pytest.approx(5.0, rel=0.01)
-    assert study.estimate.J == pytest.approx(3.0, rel=0.15)
+    assert pytest.approx(5.0, rel=0.01) == study.estimate.S
+    assert pytest.approx(3.0, rel=0.15) == study.estimate.J
     assert study.steps[-1].error.rmse_one_step == pytest.approx(0.6 * sd, rel=0.1)
     assert study.adequate
 

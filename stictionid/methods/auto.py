@@ -55,6 +55,8 @@ _ENDLESS_LAG, _ENDLESS_LOSS = 3.0, 0.05
 _CORNER_GAIN = 0.05
 # A noise of its own has no root beyond this: slower, it is a disturbance. Unit: 1.
 NOISE, _SLOWEST_ROOT = "coloured-noise", 0.97
+# Its innovations have no kurtosis beyond this (3 if normal), and no stretch of so many is louder by more than this.
+_HEAVY, _UNEVEN, _STRETCHES = 4.5, 2.0, 10
 # Below this share of the period a lag is no integrator in disguise.
 _ANY_LAG = 0.2
 
@@ -269,7 +271,7 @@ def _try_noise(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
         _try_step(run, some, made, _LAG)
     last = whitened(made[-1].model, made[-1].values)
     floor = run.floor(made[-1].best.position_means, made[-1].best.values["dead_time_s"])
-    if floor is None or last.innovation_sd > ADEQUATE * floor or _slowest(last) > _SLOWEST_ROOT:
+    if floor is None or last.innovation_sd > ADEQUATE * floor or _slowest(last) > _SLOWEST_ROOT or not _even(last):
         return
     if last.order:
         made[-1] = _noisy(run, made[-1].model.spec, last)
@@ -288,6 +290,17 @@ def _noisy(run: Run, spec: Spec, noise: Whitened) -> Fitted:
     start = model.cube(model.vector(noise.model.named(noise.values))[:, None])
     local = descend(model.residuals, model.costs, start, spread=1e-3 * movable(model))
     return run.fit(noisy, before=(local.points, local.costs))
+
+
+def _even(noise: Whitened) -> bool:
+    """Whether innovations look like noise all along: no heavy tails, no stretch much louder than another.
+
+    What physics leaves unexplained sits in places (at a travel limit, after a step, at the slips): a kurtosis of 9.6
+    and a ratio of 12 were met where a travel limit was missing, 3.2 and 1.6 at most in simulated coloured noise.
+    """
+    x = noise.innovation[noise.good]
+    loud = [float(np.mean(part**2)) ** 0.5 for part in np.array_split(x, _STRETCHES)]
+    return float(np.mean(x**4)) <= _HEAVY * float(np.mean(x**2)) ** 2 and max(loud) <= _UNEVEN * min(loud)
 
 
 def _slowest(noise: Whitened) -> float:
