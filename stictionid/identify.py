@@ -78,7 +78,8 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     position = from_position(piece, law=run.law, s_max=swing_of(piece, found), rng=run.rng)
     verdict = capped(judge(run, last), loop)
     estimate = _estimate(last, unit, outcome, position)
-    meaning = severity(piece, estimate, last.best.residual, last.best.position)
+    meaning = severity(piece, estimate, np.where(last.best.counted > 0, last.best.residual, np.nan),
+                       last.best.position, held=last.model.spec.between == "hold")
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
                  adequate=outcome.adequate, adequate_reason=outcome.reason,

@@ -36,14 +36,17 @@ class ControllerLaw:
     fit: float
 
 
-def controller_law(loop: Loop) -> ControllerLaw | None:
-    """The PI law behind r, y and u by least squares; None without r, or where it is no PI law."""
+def controller_law(loop: Loop, *, held: bool = True) -> ControllerLaw | None:
+    """The PI law behind r, y and u by least squares; None without r, or where it is no PI law.
+
+    A `held` output comes from a scanning controller, which adds the whole error of its scan to the integral.
+    """
     if loop.setpoint is None:
         return None
     e = np.nan_to_num(loop.setpoint - loop.process_value)
     good = loop.used
     # In levels, not in changes: a continuous controller never saw the noise of the samples.
-    total = np.cumsum(e) * loop.step_s - 0.5 * e * loop.step_s
+    total = (np.cumsum(e) - (0.0 if held else 0.5 * e)) * loop.step_s
     columns = np.stack([e, total, np.ones_like(e)], axis=1)[good]
     u = loop.output[good]
     if u.size < 10 or not np.ptp(u) > 0:
@@ -61,14 +64,18 @@ def band(S: float) -> str:
     return next(word for limit, word in BANDS if limit > S)
 
 
-def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: FloatArray) -> Severity:
-    """What S, J mean for the plant. `residual` (n,) is the model's free-run error, `position` (n,) the valve's."""
+def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: FloatArray, *,
+             held: bool = True) -> Severity:
+    """What S, J mean for the plant. `residual` (n,) is the model's free-run error, `position` (n,) the valve's.
+
+    `residual` is not a number where the model says nothing; `held` says whether the output was held between samples.
+    """
     percent = estimate.unit == "%"
     hours = max(float(loop.used.sum()) * loop.step_s, 1e-9)
     now = _travel(position[loop.used]) / hours * _DAY_S
     low, high = estimate.S_interval or (estimate.S, estimate.S)
     words = sorted({band(low), band(estimate.S), band(high)}, key=[w for _, w in BANDS].index)
-    law = controller_law(loop)
+    law = controller_law(loop, held=held)
     sd = float(np.std(loop.process_value[loop.used]))
     after = None if law is None else _repaired(loop, estimate, law, np.nan_to_num(residual))
     if after is not None:

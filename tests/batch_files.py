@@ -20,7 +20,7 @@ def records(count: int, rows: int = ROWS, *, seed: int = 0) -> dict[str, Loop]:
     for i in range(count):
         S = 0.0 if i % 3 == 2 else float(rng.uniform(3.0, 8.0))
         # A healthy loop does not swing by itself: its setpoint moves.
-        moves = ((0.0, 5.0),) if S else tuple((k * rows / 8, 5.0 + 3.0 * (k % 2)) for k in range(8))
+        moves = ((0.0, 5.0),) if S else tuple((k * rows / 8, 5.0 - 9.0 * (k % 2)) for k in range(8))
         setting = replace(preset("foptd"), S=S, J=0.8 * S, noise_sd=0.02, duration_s=float(rows), setpoint_moves=moves)
         made[f"FIC{100 + i}"] = simulate(setting, seed=seed + i).loop
     return made

@@ -68,19 +68,19 @@ def test_mode_codes_that_are_no_whole_numbers_give_averages_away(tmp_path):
 
 
 def test_what_caps_the_verdict_does_cap_it(tmp_path):
-    from stictionid.identify import _capped
     from stictionid.loop import Finding
     from stictionid.results import Verdict
+    from stictionid.verdict import capped
 
     loop = _read(tmp_path, wide(R)).loop
     sure = Verdict("stiction", "because", 0.9)
-    assert _capped(sure, loop) == sure
+    assert capped(sure, loop) == sure
     averaged = Finding("averaged", "warning", "b", {"caps_verdict": True})
     for finding in (Finding("irregular-steps", "serious", "a"), averaged):
         spoilt = replace(loop, origin=replace(loop.origin, findings=(finding,)))
-        capped = _capped(sure, spoilt)
-        assert capped.stiction == "undecided" and capped.confidence < 0.5
-        assert capped.evidence["capped_by"] == finding.code and "because" in capped.reason
+        verdict = capped(sure, spoilt)
+        assert verdict.stiction == "undecided" and verdict.confidence < 0.5
+        assert verdict.evidence["capped_by"] == finding.code and "because" in verdict.reason
 
 
 def _file(cells, names="time,SP,PV,OP"):

@@ -22,7 +22,7 @@ from stictionid.report.facts import facts
 from stictionid.report.json import report_json
 from stictionid.report.pictures import pictures
 from stictionid.report.write import write_report
-from stictionid.results import Study, to_json
+from stictionid.results import Severity, to_json
 
 GOLDEN = Path(__file__).parent / "golden"
 KINDS = ("good", "doubtful", "abstained")
@@ -191,17 +191,12 @@ def test_what_to_do_next_names_the_effect_that_waits() -> None:
     assert any("stictionid add slew-limit STUDY" in b for b in bullets)
 
 
-@pytest.mark.parametrize("severity", [{"word": "service soon", "statement": "it cycles 3 times an hour"},
-                                      "service soon: it cycles 3 times an hour"])
-def test_a_severity_in_the_study_is_shown(severity: object) -> None:
-    @dataclasses.dataclass(frozen=True)
-    class Later(Study):
-        severity: object = None
-
-    study = study_factory.good().study
-    later = Later(**{f.name: getattr(study, f.name) for f in dataclasses.fields(study)}, severity=severity)
+def test_a_severity_in_the_study_is_shown() -> None:
+    meaning = Severity("severe", ("severe",), 2.0, 0.5, 0.9, 5000.0, 900.0, 0.1, 5.0,
+                       "without friction the process value would scatter by 0.5 instead of 2", "EnTech (1998)")
+    later = dataclasses.replace(study_factory.good().study, severity=meaning)
     text = " ".join(next(s for s in facts(later).sections if s.key == "size").text)
-    assert "ervice soon" in text and "cycles 3 times an hour" in text
+    assert "ithout friction the process value would scatter by 0.5 instead of 2" in text
 
 
 def test_rule_labels_never_lie_on_each_other_nor_outside() -> None:

@@ -171,7 +171,7 @@ def test_a_loop_without_setpoint_has_no_controller_law() -> None:
 
 
 def test_severity_is_what_the_same_loop_does_without_friction() -> None:
-    setting = scanned(5.0, 3.0, setpoint_moves=((0.0, 0.0), (10.0, 2.0)))
+    setting = scanned(4.0, 2.5, setpoint_moves=((0.0, 0.0), (10.0, 2.0)))
     found = identify(simulate(setting, seed=1).loop).severity
     repaired = simulate(replace(setting, S=0.0, J=0.0), seed=1).loop.process_value
     assert found.pv_sd_repaired == pytest.approx(float(np.std(repaired)), rel=0.3)

@@ -118,12 +118,14 @@ def _write(study: Any, place: Path, force: bool, quiet: bool) -> None:
 
 
 def _candidates(study: Any) -> Any:
-    table = plain_table("effect", "named", "1-step drop", "BIC gain", "would show", title="candidates")
+    table = plain_table("effect", "named", "drop %", "BIC", "would show", title="candidates")
+    # The name is never broken: the numbers are narrow, and the last column may be.
+    table.columns[0].no_wrap = True
     same = study.candidates[0].equivalent_to
     for c in study.candidates:
         named = "yes" if c.accepted else "alike" if c.effect in same else "no"
         table.add_row(safe(c.effect + (f"@{c.variant}" if c.variant else "")), named,
-                      number(c.one_step_drop_percent, "%", 3), number(c.delta_bic, "", 4),
+                      number(c.one_step_drop_percent, "", 3), number(c.delta_bic, "", 4),
                       safe(_short(c.detectable_from)))
     return table
 
@@ -132,9 +134,9 @@ def _short(size: str | None) -> str:
     """A smallest size without its parameter's name, which the JSON has."""
     if not size:
         return "-"
-    for word in ("from", "down to"):
+    for word, sign in (("from", ">"), ("down to", "<")):
         if f" {word} " in size:
-            return f"{word} {size.partition(f' {word} ')[2]}"
+            return f"{sign} {size.partition(f' {word} ')[2]}"
     return size
 
 

@@ -6,7 +6,7 @@ rounds what a study holds, so terminal, markdown, HTML and JSON can't disagree.
 
 from __future__ import annotations
 
-from ..results import Estimate, Study, plain
+from ..results import Estimate, Study
 from . import sections, wording
 from .document import Facts, KeyNumber, Section, Table
 
@@ -127,17 +127,8 @@ def _size(study: Study) -> Section | None:
 
 
 def severity_sentences(study: Study) -> list[str]:
-    """What the study itself says about severity (by the damage it does, not by S alone); none where it says nothing."""
-    found = plain(getattr(study, "severity", None))
-    if isinstance(found, str):
-        return [wording.sentence(found)]
-    if not isinstance(found, dict):
-        return []
-    said = [wording.sentence(str(found[k])) for k in ("statement", "reason") if found.get(k)]
-    word = next((str(found[k]) for k in ("word", "band", "class", "severity") if found.get(k)), "")
-    if word and not any(word.casefold() in s.casefold() for s in said):
-        said.insert(0, wording.sentence(f"severity: {word}"))
-    return said
+    """What the friction does to the loop (by the damage, not by S alone); none where the study does not say."""
+    return [wording.sentence(study.severity.statement)] if study.severity is not None else []
 
 
 def _value_row(value: float, interval: tuple[float, float] | None, unit: str) -> tuple[str, str, str]:
