@@ -38,7 +38,7 @@ from .results import (
     Study,
     Verdict,
 )
-from .severity import severity
+from .severity import severity_of
 from .verdict import capped, judge
 
 _MAP_S, _MAP_J = 41, 31
@@ -78,8 +78,7 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     position = from_position(piece, law=run.law, s_max=swing_of(piece, found), rng=run.rng)
     verdict = capped(judge(run, last), loop)
     estimate = _estimate(last, unit, outcome, position)
-    meaning = severity(piece, estimate, np.where(last.best.counted > 0, last.best.residual, np.nan),
-                       last.best.position, held=last.model.spec.between == "hold")
+    meaning = severity_of(piece, estimate, last)
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
                  adequate=outcome.adequate, adequate_reason=outcome.reason,

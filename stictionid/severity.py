@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .fit import Fitted
 from .loop import FloatArray, Loop
 from .results import Estimate, Severity
 
@@ -64,6 +65,13 @@ def band(S: float) -> str:
     return next(word for limit, word in BANDS if limit > S)
 
 
+def severity_of(loop: Loop, estimate: Estimate, fit: Fitted) -> Severity:
+    """What S and J of a fit mean for the plant."""
+    best = fit.best
+    return severity(loop, estimate, np.where(best.counted > 0, best.residual, np.nan), best.position,
+                    held=fit.model.spec.between == "hold")
+
+
 def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: FloatArray, *,
              held: bool = True) -> Severity:
     """What S, J mean for the plant. `residual` (n,) is the model's free-run error, `position` (n,) the valve's.
@@ -92,8 +100,8 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
     share = max(1.0 - (sd_after / sd) ** 2, 0.0) if sd else 0.0
     later = _travel(u[loop.used]) / hours * _DAY_S
     said = (f"without friction the process value would scatter by {sd_after:.3g} instead of {sd:.3g} "
-            f"({100 * share:.0f} % of its variance is the valve's doing) and the valve travel {later:.3g} % a day "
-            f"instead of {now:.3g}")
+            f"({100 * share:.0f} % of its variance is the valve's doing) and the valve travel {later:,.0f} % a day "
+            f"instead of {now:,.0f} %")
     return Severity(band(estimate.S) if percent else None, tuple(words) if percent else (), sd, sd_after, share, now,
                     later, law.gain, law.integral_time_s, said, BANDS_SOURCE)
 

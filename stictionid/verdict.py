@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from .causes import looks_like
 from .descent import descend
 from .effects import parse
 from .fit import Fitted, movable, process_costs
@@ -74,6 +75,10 @@ def compared(run: Run, sticking: Whitened) -> Verdict:
     said += (f"; it changes the one-step error, noise model included, by {-100 * one_step:+.1f} % (better in "
              f"{sum(blocks)} of {_BLOCKS} blocks, likelihood ratio {ratio:.0f})")
     answer, confidence = _answer(ratio, sum(blocks), explained, drop, one_step)
+    instead = looks_like(run.loop, free) if answer != "stiction" else ""
+    if instead:
+        said += f"; {instead}"
+        evidence["looks_like"] = instead
     few = run.found.reversals < _FEWEST_FOR_TRUST
     if few and answer != "undecided":
         said += f"; the output reverses only {run.found.reversals} times, so this is not sure"

@@ -431,3 +431,21 @@ def test_without_a_writable_cache_everybody_just_works(tmp_path, monkeypatch) ->
     monkeypatch.setattr(warm, "_done", set())
     with warm.first_turn("screen") as first:
         assert first is False
+
+
+def test_every_loop_may_have_a_page_that_the_summary_links_to(site, tmp_path) -> None:
+    work = Work("screen", Options(), pages=True)
+    store = run(plan([str(site)], work), tmp_path / "out", work=work)
+    made = {p.stem for p in store.pages.glob("*.html")}
+    assert made == {p.stem for p in store.studies.glob("*.json")} and made
+    summary = (store.folder / "summary.html").read_text()
+    for name in made:
+        assert f'href="pages/{name}.html"' in summary
+        page = (store.pages / f"{name}.html").read_text()
+        assert "stictionid report" in page and "<svg" in page and "<script src" not in page
+    lost = next(iter(store.pages.glob("*.html")))
+    text = lost.read_bytes()
+    lost.unlink()
+    run(plan([str(site)], work), tmp_path / "out", work=work, resume=True)
+    assert lost.read_bytes() == text, "a study without its page is done again"
+    run(plan([str(site)], SCREEN), tmp_path / "out", resume=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stictionid.causes import steady
 from stictionid.descent import descend
 from stictionid.errors import UsageError
 from stictionid.historian import read_loop
@@ -155,6 +156,38 @@ def test_two_records_of_one_valve_agree() -> None:
 def test_real_records_that_cannot_tell_say_why(name, code) -> None:
     study = identify(read_loop(SHARED / name))
     assert study.estimate is None and study.verdict.evidence["code"] == code
+
+
+# What moves it instead ---------------------------------------------------------------------------------------------
+
+
+def test_a_steady_sine_holds_its_variance_and_a_wandering_wave_does_not() -> None:
+    rng, t = np.random.default_rng(3), np.arange(1500)
+    everywhere = np.ones(t.size, bool)
+    period, sine, _ = steady(np.sin(2 * np.pi * t / 73.4) + 0.1 * rng.standard_normal(t.size), everywhere)
+    assert period == pytest.approx(73.4, rel=0.005) and sine > 0.95
+    phase = np.cumsum(0.15 * rng.standard_normal(t.size))
+    assert steady(np.sin(2 * np.pi * t / 73.4 + phase), everywhere)[1] < 0.6
+    square = np.sign(np.sin(2 * np.pi * t / 60.0 + 0.3))
+    _, one, all_ = steady(square, everywhere)
+    assert one == pytest.approx(8 / np.pi**2, abs=0.02) and all_ > one + 0.05
+
+
+@pytest.mark.parametrize(("cause", "word"), [("sine", "steady sine of period"), ("setpoint", "setpoint does"),
+                                             ("noise", "wanders")])
+def test_the_verdict_says_what_the_record_looks_like(cause, word) -> None:
+    setting, disturbance = replace(scanned(0.0, 0.0), noise_sd=0.05), None
+    rng = np.random.default_rng(8)
+    if cause == "sine":
+        disturbance = 3.0 * np.sin(2 * np.pi * np.arange(1000) / 70.0)
+    elif cause == "setpoint":
+        moves = tuple((60.0 * k, 4.0 if k % 2 else -4.0) for k in range(16))
+        setting = replace(setting, setpoint_moves=moves)
+    else:
+        disturbance = np.convolve(rng.standard_normal(1200), np.exp(-np.arange(200) / 25.0), "valid")[:1000]
+    verdict = identify(simulate(setting, seed=3, disturbance=disturbance).loop).verdict
+    assert verdict.stiction != "stiction"
+    assert word in verdict.evidence["looks_like"] and verdict.evidence["looks_like"] in verdict.reason
 
 
 # Severity ----------------------------------------------------------------------------------------------------------

@@ -67,7 +67,7 @@ def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume
         while waiting and len(flying) < crew.room:
             number, task = waiting.popleft()
             if resume:
-                have, had = store.standing(task)
+                have, had = store.standing(task, pages=work.pages)
                 task = replace(task, have=have, had=had)
             flying[_handed_in(crew, attempt, task, work)] = (number, task)
 

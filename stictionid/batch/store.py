@@ -28,7 +28,7 @@ from .task import ABSTAINED, FAILED, OK, Outcome, Task
 SCHEMA = "stictionid.batch/1"
 FAILURE_SCHEMA = "stictionid.failure/1"
 SUMMARIES = ("summary.csv", "summary.parquet", "summary.md", "summary.html")
-_TIMES = ("read", "screen", "identify", "diagnose", "total")
+_TIMES = ("read", "screen", "identify", "diagnose", "page", "total")
 _HOSTILE = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -37,7 +37,7 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.studies, self.failures = folder / "studies", folder / "failures"
+        self.studies, self.failures, self.pages = folder / "studies", folder / "failures", folder / "pages"
         self._lock: Any = None
 
     def check(self, *, force: bool = False) -> None:
@@ -114,9 +114,14 @@ class Store:
             self._lock.close()
             self._lock = None
 
-    def standing(self, task: Task) -> tuple[str | None, str]:
-        """SHA-256 of the data behind the task's study, if this version made it with the task's options; its status."""
+    def standing(self, task: Task, *, pages: bool = False) -> tuple[str | None, str]:
+        """SHA-256 of the data behind the task's study, if this version made it with the task's options; its status.
+
+        With `pages` a study without its page does not stand.
+        """
         study = self._load(self.studies / f"{task.key}.json")
+        if pages and not (self.pages / f"{task.key}.html").exists():
+            return None, OK
         if study is None or (self.failures / f"{task.key}.json").exists():
             return None, OK
         data, status = study.get("data") or {}, status_of(study)
@@ -134,6 +139,13 @@ class Store:
             write_whole(failure, json.dumps(record, indent=1) + "\n", force=True)
         else:
             failure.unlink(missing_ok=True)
+            # The page first: a study on disk then has its page, whatever stops the batch.
+            page = self.pages / f"{task.key}.html"
+            if out.page is not None:
+                self.pages.mkdir(exist_ok=True)
+                write_whole(page, out.page, force=True)
+            else:
+                page.unlink(missing_ok=True)
             write_whole(self.studies / f"{task.key}.json", out.text or "", force=True)
         self._time(task, out)
 

@@ -35,17 +35,19 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What is done with every loop: the level and the options of `identify`."""
+    """What is done with every loop: the level, the options of `identify`, and whether each gets an HTML page."""
 
     level: str = "identify"
     options: Options = field(default_factory=Options)
+    pages: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """What became of a task: the study's text, or why there is none; `kept` when the study at hand still holds.
 
-    `seconds` is the time by stage; `detail` the traceback of a defect; `version` that of the worker's program.
+    `page` is its HTML page, where one was wanted; `seconds` is the time by stage; `detail` the traceback of a defect;
+    `version` that of the worker's program.
     """
 
     key: str
@@ -57,3 +59,4 @@ class Outcome:
     worker: str = ""
     detail: str = ""
     version: str = ""
+    page: str | None = None

@@ -92,7 +92,21 @@ def _study(task: Task, work: Work, times: dict[str, float]) -> Outcome:
     status = ABSTAINED if study.estimate is None and "code" in study.verdict.evidence else OK
     # A path may hold bytes that are no UTF-8; the study must be a file all the same.
     text = to_json(study).encode("utf-8", "replace").decode("utf-8")
-    return Outcome(task.key, status, text, study.verdict.reason if status == ABSTAINED else "")
+    page = _page(loop, study, times) if work.pages else None
+    return Outcome(task.key, status, text, study.verdict.reason if status == ABSTAINED else "", page=page)
+
+
+def _page(loop: Loop, study: Study, times: dict[str, float]) -> str:
+    """The loop's report as one HTML page."""
+    from ..report.curves import Case, curves
+    from ..report.html import html
+    from ..report.pictures import pictures
+
+    start = time.perf_counter()
+    case = Case(study, loop, tuple(curves(study, loop)))
+    page = html([case], [pictures(case)])
+    times["page"] = time.perf_counter() - start
+    return page
 
 
 def _done(loop: Loop, work: Work, times: dict[str, float]) -> Study:

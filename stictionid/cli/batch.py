@@ -56,6 +56,7 @@ def batch(
     base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold or corner.")] = "auto",
     seed: SeedOption = 0,
+    pages: Annotated[bool, typer.Option("--pages", help="One HTML report per loop, linked from summary.html.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when loops failed.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Write to a folder that is not empty, or of another version.")]
     = False,
@@ -79,7 +80,7 @@ def batch(
         raise UsageError(f"unknown level '{level}'", "choose one of " + ", ".join(LEVELS))
     options = Options(method, law, tuple(with_effect or ()), base_only, between, seed=seed)
     options.check()
-    work = Work(level, options)
+    work = Work(level, options, pages)
     _refuse_ignored(work)
     store = Store(output)
     store.check(force=force)

@@ -13,7 +13,7 @@ from ..effects import parse
 from ..loop import Finding, Loop
 from ..results import Study
 from .judge import candidates, winner_of
-from .steps import add, estimate, finished_step, judged, opened, polished
+from .steps import add, finished_step, opened, polished, with_steps
 from .tries import Round, try_all
 
 MOST_ADDITIONS = 4
@@ -65,6 +65,4 @@ def _replaced(study: Study, run, found: Round) -> Study:
                    {"rmse_before": before.error.rmse, "rmse": after.best.rmse}, (), "CRITICISM.md section 7, step 5")
     kept = tuple(f for f in before.findings if f.code != note.code)
     step = finished_step(run, after, before.added, (*kept, note))
-    adequate, why = judged(run, step, after)
-    return replace(study, steps=(*study.steps[:-1], step), estimate=estimate(study, after), adequate=adequate,
-                   adequate_reason=why)
+    return replace(with_steps(study, run, (*study.steps[:-1], step), after), missing=study.missing)

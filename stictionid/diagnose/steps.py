@@ -19,6 +19,7 @@ from ..oscillation import find_range
 from ..refit import Refit, complete, has_noise, own_taps, scout, settled, starting_pool
 from ..results import Estimate, Step, Study
 from ..search import refine
+from ..severity import severity_of
 from .numbers import public_parameters
 
 Progress = Callable[[str, float], None]
@@ -91,9 +92,15 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
                                 f" changes by less than {SUPERFLUOUS:g}; add again with --prune to leave it out",
                                 {"effects": list(spare)}, (), "CRITICISM.md section 7, step 8"))
     step = finished_step(run, after, name, findings)
-    adequate, why = judged(run, step, after)
-    return replace(study, steps=(*study.steps, step), estimate=estimate(study, after), adequate=adequate,
-                   adequate_reason=why, missing=())
+    return with_steps(study, run, (*study.steps, step), after)
+
+
+def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -> Study:
+    """The study with new steps: main numbers, adequacy and severity are those of the last one's fit."""
+    adequate, why = judged(run, steps[-1], after)
+    main = estimate(study, after)
+    return replace(study, steps=steps, estimate=main, adequate=adequate, adequate_reason=why, missing=(),
+                   severity=severity_of(run.loop, main, after) if main else None)
 
 
 def judged(run: Run, step: Step, after: Fitted) -> tuple[bool, str]:
