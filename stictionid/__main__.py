@@ -6,6 +6,7 @@ libraries load is as quiet as one later on.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 
@@ -21,6 +22,7 @@ def main() -> None:
 
         run()
     except (KeyboardInterrupt, Exception):
+        signals.over = True
         code = signals.ended_by()
         if code is None:
             raise
@@ -28,7 +30,24 @@ def main() -> None:
             print("stictionid: interrupted", file=sys.stderr)
         sys.exit(code)
     finally:
+        signals.over = True
         signals.finish()
+        _leave_if_interrupted()
+
+
+def _leave_if_interrupted() -> None:
+    """End here with the code of the interruption.
+
+    Where the exception once passed through code that a library runs as text, the interpreter remembers it as unhandled
+    and kills itself by SIGINT on its way out (seen while numba loads), whatever the exit code.
+    """
+    code = signals.ended_by()
+    if code is None:
+        return
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)
 
 
 def _streams() -> None:

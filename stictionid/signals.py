@@ -16,6 +16,8 @@ INTERRUPTED, TERMINATED = 130, 143
 # Wait before a signal is sent again whose exception a callback has swallowed. Unit: s.
 _AGAIN = 0.02
 _ended: list[int] = []
+# Set, inline and before anything else, by whoever deals with an interruption: calls are where the next one strikes.
+over = False
 
 
 def install() -> None:
@@ -54,10 +56,14 @@ def _unraisable(unraisable: Any) -> None:
 
 
 def _interrupt(*_: Any) -> None:
+    if over:
+        return
     _ended.append(INTERRUPTED)
     raise KeyboardInterrupt
 
 
 def _terminate(*_: Any) -> None:
+    if over:
+        return
     _ended.append(TERMINATED)
     raise SystemExit(TERMINATED)

@@ -45,16 +45,26 @@ def main() -> None:
     except StictionidError as error:
         code = _refuse(error.message, error.hint, error.exit_code)
     except KeyboardInterrupt:
+        signals.over = True
         code = _refuse("interrupted", "", 130)
     except BrokenPipeError:
-        # The reader (head, less) has seen enough; pointing stdout elsewhere keeps the interpreter's exit quiet.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_stdout()  # the reader (head, less) has seen enough
     except OSError as error:
+        _drop_stdout()
         code = _refuse(f"{error.filename or 'a file'}: {error.strerror or error}", "", 2)
     except Exception as error:
+        signals.over = True
         ended = signals.ended_by()
         code = _other(error) if ended is None else _refuse("interrupted", "", ended)
     sys.exit(code)
+
+
+def _drop_stdout() -> None:
+    """Point stdout elsewhere where it takes no more, so that the interpreter's last flush is quiet."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _refuse(message: str, hint: str, code: int) -> int:

@@ -57,6 +57,8 @@ _CORNER_GAIN = 0.05
 NOISE, _SLOWEST_ROOT = "coloured-noise", 0.97
 # Its innovations have no kurtosis beyond this (3 if normal), and no stretch of so many is louder by more than this.
 _HEAVY, _UNEVEN, _STRETCHES = 4.5, 2.0, 10
+# Below this share of the scatter of y an error is no noise of a plant.
+_NO_NOISE = 0.002
 # Below this share of the period a lag is no integrator in disguise.
 _ANY_LAG = 0.2
 
@@ -259,10 +261,10 @@ def _try_noise(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     """
     before = fits[-1]
     spec = before.model.spec
-    if spec.taps or NOISE in spec.effects:
+    if spec.taps or NOISE in spec.effects or before.best.rmse < _NO_NOISE * float(np.std(run.used_y())):
         return
     local = whitened(before.model, before.values)
-    if not local.order or _slowest(local) > _SLOWEST_ROOT:
+    if not local.order or _slowest(local) > _SLOWEST_ROOT or not _even(local, 2.0):
         return
     base = tuple(name for name in fits[0].model.spec.effects)
     found = _noisy(run, replace(spec, effects=(*base, NOISE)), local)
@@ -292,15 +294,18 @@ def _noisy(run: Run, spec: Spec, noise: Whitened) -> Fitted:
     return run.fit(noisy, before=(local.points, local.costs))
 
 
-def _even(noise: Whitened) -> bool:
+def _even(noise: Whitened, slack: float = 1.0) -> bool:
     """Whether innovations look like noise all along: no heavy tails, no stretch much louder than another.
+
+    `slack` widens both limits: before the model was fitted with the noise its slips, too, are in the innovations.
 
     What physics leaves unexplained sits in places (at a travel limit, after a step, at the slips): a kurtosis of 9.6
     and a ratio of 12 were met where a travel limit was missing, 3.2 and 1.6 at most in simulated coloured noise.
     """
     x = noise.innovation[noise.good]
     loud = [float(np.mean(part**2)) ** 0.5 for part in np.array_split(x, _STRETCHES)]
-    return float(np.mean(x**4)) <= _HEAVY * float(np.mean(x**2)) ** 2 and max(loud) <= _UNEVEN * min(loud)
+    tails = float(np.mean(x**4)) / max(float(np.mean(x**2)) ** 2, 1e-300)
+    return tails <= slack * _HEAVY and max(loud) <= slack * _UNEVEN * min(loud)
 
 
 def _slowest(noise: Whitened) -> float:
@@ -336,7 +341,17 @@ def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
 
 
 def _first_look(run: Run, before: Model, values: dict[str, float], effect: str) -> tuple[Model, Found]:
-    """The model to search on with `effect` added, and what a short descent finds: from the model so far and anew."""
+    """The model to search on with `effect` added, and what a short descent finds: from the model so far and anew.
+
+    Made once for every structure.
+    """
+    key = f"{before.spec} {effect}"
+    if key not in run.looks:
+        run.looks[key] = _look(run, before, values, effect)
+    return run.looks[key]
+
+
+def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tuple[Model, Found]:
     model = search_model(run.model(replace(before.spec, effects=(*before.spec.effects, effect))))
     guess = model.effects[model.names.index(effect)].guess
     at = model._slices[model.names.index(effect)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,8 @@ class Run:
         self.loop, self.found, self.options, self.rng, self.tell = loop, found, options, rng, tell
         self.law, self.order = options.law or method.law, options.order or method.order
         self.period_s, self.s_max = time_scale_s(loop, found), swing_of(loop, found)
+        # First looks at an effect by the structure they were made for: several stages ask for the same one.
+        self.looks: dict[str, Any] = {}
 
     def model(self, spec: Spec) -> Model:
         """The spec bound to this record."""
