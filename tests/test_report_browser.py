@@ -210,6 +210,41 @@ def test_the_comparison_sorts_and_filters(browser: Any, pages: Path) -> None:
     assert browser.execute_script(names) == ["LIC7", "TIC9"]
 
 
+def test_the_summary_of_a_batch_sorts_filters_and_opens_a_loops_page(browser: Any, tmp_path: Path) -> None:
+    from batch_files import records, write_csv
+    from selenium.webdriver.common.by import By
+
+    from stictionid.batch.crew import crew_for
+    from stictionid.batch.drive import drive
+    from stictionid.batch.plan import plan
+    from stictionid.batch.store import Store
+    from stictionid.batch.summary import write_summary
+    from stictionid.batch.task import Work
+
+    for name, loop in records(3).items():
+        write_csv(tmp_path / f"{name}.csv", loop)
+    work, store, crew = Work("screen", pages=True), Store(tmp_path / "out"), crew_for(1, None)
+    try:
+        store.begin()
+        drive(plan([str(tmp_path)], work).tasks, work, crew, store)
+        write_summary(store)
+    finally:
+        crew.shutdown(wait=False, cancel_futures=True)
+        store.close()
+    show(browser, store.folder / "summary.html")
+    names = "return [...document.querySelectorAll('tbody tr')].filter(r => r.offsetHeight)" \
+            ".map(r => r.cells[0].textContent)"
+    browser.find_elements(By.CSS_SELECTOR, "thead button")[0].click()
+    assert browser.execute_script(names) == ["FIC100", "FIC101", "FIC102"]
+    browser.find_element(By.ID, "filter").send_keys("FIC101")
+    assert browser.execute_script(names) == ["FIC101"]
+    link = browser.find_element(By.CSS_SELECTOR, "tbody tr:not([hidden]) a")
+    assert "/pages/FIC101" in link.get_attribute("href")
+    link.click()
+    assert "FIC101" in browser.title
+    assert not [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+
+
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 @pytest.mark.parametrize("page", PAGES)
 def test_axe_finds_nothing_serious(browser: Any, pages: Path, page: str, dark: bool) -> None:
