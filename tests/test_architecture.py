@@ -13,6 +13,7 @@ PACKAGE = Path(__file__).parent.parent / "stictionid"
 # Rooms from the ground up: a module may import from rooms further down only (or from its own).
 FLOORS = [
     {"_version", "errors", "kernels", "signals"},
+    {"rooms"},
     {"loop", "files", "spreadsheet"},
     {"parameters", "results"},
     {"process", "regression", "search", "noise", "armax", "conic"},

@@ -2,40 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
-import importlib
-import pkgutil
-from functools import cache
-
 from ..errors import UsageError
+from ..rooms import room
 from .contract import Effect
 
-
-@cache
-def catalogue() -> dict[str, Effect]:
-    """All effects by name, in physical order and then by name."""
-    found = {}
-    for module in pkgutil.iter_modules(__path__):
-        effect = getattr(importlib.import_module(f"{__name__}.{module.name}"), "EFFECT", None)
-        if effect is not None:
-            found[effect.name] = effect
-    return {e.name: e for e in sorted(found.values(), key=lambda e: (e.place.value, e.name))}
-
-
-def get(name: str) -> Effect:
-    """The effect called `name`; UsageError naming the nearest one where there is none."""
-    try:  # the usual case loads one file only
-        effect = getattr(importlib.import_module(f"{__name__}.{name.replace('-', '_')}"), "EFFECT", None)
-        if isinstance(effect, Effect) and effect.name == name:
-            return effect
-    except (ImportError, ValueError):
-        pass
-    effects = catalogue()
-    if name in effects:
-        return effects[name]
-    near = difflib.get_close_matches(name, effects, 1)
-    raise UsageError(f"unknown effect '{name}'", (f"did you mean '{near[0]}'? " if near else "")
-                     + "effects: " + ", ".join(effects))
+# All effects by name, in physical order and then by name; and one of them.
+catalogue, get = room(__name__, "EFFECT", Effect, "effect", lambda effect: (effect.place.value, effect.name))
 
 
 def parse(name: str) -> tuple[Effect, str]:
