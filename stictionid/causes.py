@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .loop import FloatArray, Loop
+from .loop import BoolArray, FloatArray, Loop
+from .model import INTEGRATOR
 from .severity import ControllerLaw, controller_law
 from .whitened import Whitened
 
@@ -27,7 +28,7 @@ _FINER, _MULTIPLES = 16, 4
 
 def looks_like(loop: Loop, free: Whitened) -> str:
     """One sentence on what moves the loop, from the friction-free model; empty where nothing stands out."""
-    e = free.model.evaluate(free.values)
+    e = free.evaluated
     good = e.counted > 0
     y = loop.process_value[good]
     variance = float(np.var(y))
@@ -52,7 +53,7 @@ def looks_like(loop: Loop, free: Whitened) -> str:
     return "what moves y is no steady oscillation: a disturbance that wanders, or noise"
 
 
-def steady(signal: FloatArray, good: FloatArray) -> tuple[float, float, float]:
+def steady(signal: FloatArray, good: BoolArray) -> tuple[float, float, float]:
     """Period in samples of the strongest steady sine in the good samples, its share of their variance, and that of it
     and its multiples together; a wave whose phase wanders holds little, however narrow its band."""
     x = np.where(good, signal - signal[good].mean(), 0.0)
@@ -74,8 +75,7 @@ def steady(signal: FloatArray, good: FloatArray) -> tuple[float, float, float]:
 
 def _of_ultimate_gain(free: Whitened, law: ControllerLaw | None) -> float | None:
     """The controller's gain as a share of the gain at which the loop just oscillates; None where that is unknown."""
-    e = free.model.evaluate(free.values)
-    v = e.values
+    e, v = free.evaluated, free.evaluated.values
     if law is None or law.gain * e.gain <= 0.0:
         return None
     lags = [v["time_constant_s"], v.get("extra-lag:second_time_constant_s", 0.0)]
@@ -84,7 +84,7 @@ def _of_ultimate_gain(free: Whitened, law: ControllerLaw | None) -> float | None
     response = np.exp(-s * v["dead_time_s"]) * (1.0 + 1.0 / (s * law.integral_time_s)) * abs(e.gain)
     for lag in lags:
         response = response / (1.0 + s * lag)
-    if free.model.spec.process != "first-order":
+    if free.model.spec.process == INTEGRATOR:
         response = response / s
     phase = np.unwrap(np.angle(response))
     if not (phase < -np.pi).any():

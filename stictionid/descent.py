@@ -92,12 +92,17 @@ def slopes_at(residuals: Residuals, points: FloatArray, free: FloatArray,
     return np.moveaxis(slopes, 1, 0), np.ascontiguousarray(r[:, :, 0].T)
 
 
-def _moves(slopes: FloatArray, now: FloatArray) -> FloatArray:
-    """Steps (dampings, f) that lower the squared residuals (n,) by their slopes (n, f)."""
-    normal, pull = slopes.T @ slopes, slopes.T @ now
+def principal(slopes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Eigenvalues (f,), vectors (f, f) of the normal matrix of slopes (n, f) scaled to a diagonal of 1, and scales."""
+    normal = slopes.T @ slopes
     size = np.sqrt(np.diag(normal))
     size = np.maximum(size, 1e-9 * size.max(initial=0.0) + 1e-100)
-    scaled = normal / size / size[:, None]
-    values, vectors = np.linalg.eigh(scaled)
-    along = vectors.T @ (pull / size)
+    values, vectors = np.linalg.eigh(normal / size / size[:, None])
+    return values, vectors, size
+
+
+def _moves(slopes: FloatArray, now: FloatArray) -> FloatArray:
+    """Steps (dampings, f) that lower the squared residuals (n,) by their slopes (n, f)."""
+    values, vectors, size = principal(slopes)
+    along = vectors.T @ ((slopes.T @ now) / size)
     return -(along / (np.maximum(values, 0.0) + _DAMPINGS[:, None])) @ vectors.T / size

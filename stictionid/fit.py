@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arx import Arx
-from .descent import descend, slopes_at
+from .descent import descend, principal, slopes_at
 from .loop import FloatArray, Loop
-from .model import BASE, INTEGRATOR, Evaluated, Model
+from .model import BASE, Evaluated, Model
 from .regression import whiten
 from .search import Found, refine, swarm
 
@@ -35,6 +35,8 @@ _ROAMERS, _ROAM_ROUNDS = 1, 25
 _RIDGE_POINTS, _RIDGE_S, _RIDGE_SAMPLES = 161, 0.12, 5
 _RIDGE_J = (None, 0.3, 0.9)
 _RIDGE_KEPT = 6
+# First differences of a descent, as a share of the range.
+_DIFFERENCE = 1e-3
 # Turns of descent that tell which of the points beside the best deserve a population, and how many get one.
 _GLANCE, _KEPT = 3, 3
 # A polish has settled when its cost falls by less than this share in a dozen rounds. Unit: 1.
@@ -304,7 +306,7 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
     for _ in range(0 if moving else _RIDGE_TURNS):
         near = np.concatenate([with_start(model, np.concatenate([points[:2], along_ridge(model, points[:2])])),
                                with_other_start(model, points[0])])
-        near = descend(model.residuals, model.costs, near, spread=1e-3 * movable(model), turns=_GLANCE).points[:_KEPT]
+        near = descended(model, near, turns=_GLANCE).points[:_KEPT]
         last = refine(model.costs, near, rng, spread=spreads(model, 0.4), rounds=45, population=14, settle=_SETTLED)
         dead = model.values(np.stack([points[0], last.points[0]]))[4]
         points = last.points
@@ -312,12 +314,11 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
             break
     if moving:
         # Where the command moves between samples the ridge is a smooth, narrow valley: walk along it.
-        points = descend(model.residuals, model.costs, with_start(model, points), spread=1e-3 * movable(model), turns=6,
-                         settle=1e-2).points
+        points = descended(model, with_start(model, points), turns=6, settle=1e-2).points
         near = np.concatenate([with_start(model, points[:2]), with_other_start(model, points[0], 1)])
-        found = descend(model.residuals, model.costs, near, spread=1e-3 * movable(model))
+        found = descended(model, near)
         return found.points[0], float(found.costs[0])
-    return polish_smooth(model, with_start(model, points[:1])[0], rng)
+    return polish_smooth(model, with_start(model, points[:1])[0])
 
 
 def thinned(model: Model, every: int) -> Model:
@@ -384,17 +385,23 @@ def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
     return found if float(model.costs(found[None])[0]) <= same else point
 
 
+def descended(model: Model, starts: FloatArray, *, held: tuple[int, ...] = (), turns: int = 20,
+              settle: float = 1e-5) -> Found:
+    """Starts (k, d) of a model polished by descent, in all numbers that may move but those `held`; best first."""
+    spread = _DIFFERENCE * movable(model)
+    spread[list(held)] = 0.0
+    return descend(model.residuals, model.costs, starts, spread=spread, turns=turns, settle=settle)
+
+
 def movable(model: Model) -> FloatArray:
     """1 for parameters that may move, 0 for those that are fixed (d,)."""
     return np.array([float(p.high > p.low) for p in model.space.parameters])
 
 
-def polish_smooth(model: Model, point: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:
+def polish_smooth(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
     """Point (d,) polished with the break-away as it is: S has a plateau narrower than anything else, and holding it
     lets J, the process and the effects settle in a smooth cost."""
-    held = movable(model)
-    held[[0, 2]] = 0.0
-    found = descend(model.residuals, model.costs, point[None], spread=1e-3 * held)
+    found = descended(model, point[None], held=(0, 2))
     return found.points[0], float(found.costs[0])
 
 
@@ -404,11 +411,11 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     values = model.values(points)
     near = with_start(model, _distinct(points)[:3])
     if model.spec.between == "corner":
-        found = _beside(model, descend(model.residuals, model.costs, near, spread=1e-3 * movable(model), turns=40))
+        found = _beside(model, descended(model, near, turns=40))
     else:
         found = refine(model.costs, near, rng, spread=spreads(model, 0.15), rounds=rounds, population=18,
                        settle=_SETTLED)
-    top, best_cost = polish_smooth(model, found.points[0], rng)
+    top, best_cost = polish_smooth(model, found.points[0])
     agree = agreement(model, points, costs)
     cube, cost = _cloud(model, top, rng)
     if cost.min() < best_cost:
@@ -432,13 +439,11 @@ def _beside(model: Model, found: Found) -> Found:
     dead, part = model.space.parameters[4], model.step_s / model.spec.substeps
     if dead.high <= dead.low:
         return found
-    step, held = movable(model) * 1e-3, movable(model) * 1e-3
-    held[4] = 0.0
     for _ in range(_BESIDE_TURNS):
         starts = found.points[:1].repeat(len(_BESIDE), axis=0)
         starts[:, 4] = np.clip(starts[:, 4] + np.array(_BESIDE) * part / (dead.high - dead.low), 0.0, 1.0)
-        shifted = descend(model.residuals, model.costs, starts, spread=held, turns=5, settle=1e-2)
-        more = descend(model.residuals, model.costs, shifted.points[:2], spread=step, turns=40)
+        shifted = descended(model, starts, held=(4,), turns=5, settle=1e-2)
+        more = descended(model, shifted.points[:2], turns=40)
         if not more.costs[0] < found.costs[0] * (1.0 - _SETTLED):
             break
         found = more
@@ -496,9 +501,7 @@ def _jump_profile(model: Model, top: FloatArray) -> FloatArray:
     grid[1] = jumps.repeat(_BREAKS.size)
     near = with_start(model, model.cube(grid))
     best = model.costs(near).reshape(jumps.size, -1).argmin(axis=1) + np.arange(jumps.size) * _BREAKS.size
-    held = movable(model) * 1e-3
-    held[:3] = 0.0
-    return descend(model.residuals, model.costs, near[best], spread=held, turns=4, settle=1e-3).points
+    return descended(model, near[best], held=(0, 1, 2), turns=4, settle=1e-3).points
 
 
 def _rays(model: Model, top: FloatArray) -> FloatArray:
@@ -522,10 +525,7 @@ def _rays(model: Model, top: FloatArray) -> FloatArray:
 
 def _following(slopes: FloatArray, free: FloatArray, size: int) -> list[FloatArray]:
     """Directions (size,) along which one of the `free` numbers moves by 1 and the others follow at least cost."""
-    normal = slopes.T @ slopes
-    scale = np.sqrt(np.diag(normal))
-    scale = np.maximum(scale, 1e-9 * scale.max(initial=0.0) + 1e-100)
-    values, vectors = np.linalg.eigh(normal / scale / scale[:, None])
+    values, vectors, scale = principal(slopes)
     spread = (vectors / np.maximum(values, 1e-9 * values[-1] + 1e-30)) @ vectors.T / scale / scale[:, None]
     found = []
     for j in range(free.size):
@@ -649,11 +649,6 @@ def _fold(own: FloatArray, columns: FloatArray, own_test: FloatArray, columns_te
     tail = np.linalg.lstsq(r, q.T @ (y - own[:, :, p].T @ sizes[p]), rcond=1e-12)[0]
     model_test = own_test[:, :, p].T @ sizes[p] + columns_test[:, :-1] @ tail
     return float(np.sum((columns_test[:, -1] - model_test) ** 2))
-
-
-def is_integrator(model: Model) -> bool:
-    """Whether the model's process integrates."""
-    return model.spec.process == INTEGRATOR
 
 
 def _distinct(points: FloatArray) -> FloatArray:

@@ -17,6 +17,18 @@ def autocovariance(signal: FloatArray, good: BoolArray, lags: int) -> FloatArray
     return np.array([float(x[lag:] @ x[:x.size - lag]) / count for lag in range(lags + 1)])
 
 
+def filtered(residual: FloatArray, counted: BoolArray, polynomial: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """A residual (n,) passed through a polynomial in the lag, and where all the samples behind a value count.
+
+    NaN counts as 0; where it stands no sample may count.
+    """
+    good = counted.copy()
+    for lag in range(1, polynomial.size):
+        good[lag:] &= counted[:-lag]
+        good[:lag] = False
+    return np.convolve(np.nan_to_num(residual), polynomial)[:residual.size], good
+
+
 def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10) -> FloatArray:
     """Taps of an AR model (coefficients after the leading 1) whose order 0..largest BIC chooses (Levinson-Durbin)."""
     r = autocovariance(residual, good, largest)

@@ -28,7 +28,7 @@ from .fit import (
 )
 from .loop import BoolArray, FloatArray
 from .model import BASE, Evaluated, Model, Spec
-from .noise import autoregression
+from .noise import autoregression, filtered
 from .resonance import NUMBERS, resonance
 from .search import refine, swarm
 
@@ -182,11 +182,11 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
         points = last.points
         if after > before * (1.0 - _WORTH):
             break
-    best, cost = polish_smooth(coarse, with_start(coarse, last.points[:1])[0], rng)
+    best, cost = polish_smooth(coarse, with_start(coarse, last.points[:1])[0])
     for _ in range(_TURNS):
         again = refine(coarse.costs, with_start(coarse, best[None]), rng, spread=spreads(coarse, 0.2), rounds=60,
                        population=16, settle=_SETTLED)
-        best, now = polish_smooth(coarse, with_start(coarse, again.points[:1])[0], rng)
+        best, now = polish_smooth(coarse, with_start(coarse, again.points[:1])[0])
         if now > cost * (1.0 - _WORTH):
             break
         cost = now
@@ -195,7 +195,7 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
     if coarse is not model:
         final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16,
                        settle=_SETTLED)
-        best, cost = polish_smooth(model, final.points[0], rng)
+        best, cost = polish_smooth(model, final.points[0])
     return model, model.values(best[None])[:, 0], cost
 
 
@@ -317,7 +317,7 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
             near = np.concatenate([found.points[:1], along_ridge(coarse, found.points[:1])])
             found = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=40, population=14,
                            settle=_SETTLED)
-        point, _ = polish_smooth(white, found.points[0], rng)
+        point, _ = polish_smooth(white, found.points[0])
         values = white.values(point[None])[:, 0]
         evaluated = white.evaluate(values)
         now = _refit(white, values, evaluated, ar, increments, own, count)
@@ -334,23 +334,13 @@ def _joined(own: tuple[float, ...], ar: FloatArray) -> FloatArray:
     return np.convolve(np.concatenate([[1.0], own]), np.concatenate([[1.0], ar]))
 
 
-def _whitened(evaluated: Evaluated, polynomial: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """The residual (n,) passed through a polynomial, and where all its samples count."""
-    residual = np.nan_to_num(evaluated.residual)
-    good = evaluated.counted > 0
-    for lag in range(1, polynomial.size):
-        good[lag:] &= (evaluated.counted > 0)[:-lag]
-        good[:lag] = False
-    return np.convolve(residual, polynomial)[:residual.size], good
-
-
 def _taps(evaluated: Evaluated, increments: bool, order: int, own: tuple[float, ...], noise: str,
           rng: np.random.Generator | None) -> tuple[FloatArray, int]:
     """Taps of the noise model beside the model's own prewhitening, and how many fitted numbers they stand for."""
     polynomial = np.concatenate([[1.0], own])
     if increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
-    signal, good = _whitened(evaluated, polynomial)
+    signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
     if noise == RESONANT:
         found = resonance(signal, good, rng or np.random.default_rng(0))
         return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
@@ -363,7 +353,7 @@ def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArra
     polynomial = _joined(own, ar)
     if increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
-    innovation, good = _whitened(evaluated, polynomial)
+    innovation, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
     good[:model.skip + polynomial.size] = False
     count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + numbers
     return Refit(model, values, evaluated, ar, increments, innovation, good, count, numbers, own)
@@ -408,7 +398,7 @@ def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> 
             if len(kept) == 2:
                 break
         for k in kept:
-            trial, now = polish_smooth(model, cube[k], rng)
+            trial, now = polish_smooth(model, cube[k])
             if now < cost:
                 best, cost = trial, now
         values = model.values(best[None])[:, 0]

@@ -11,9 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from . import methods as method_room
-from .descent import descend
 from .errors import CannotTell
-from .fit import basins, movable, search_model, with_process
+from .fit import basins, descended, search_model, with_process
 from .gates import check
 from .identify import Options, abstained, data_record, made_by, whole
 from .loop import Loop
@@ -54,7 +53,7 @@ def _verdict(run: Run) -> Verdict:
     if not np.isfinite(polished.costs[0]):
         raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
                          code="valve-never-moves")
-    found = descend(model.residuals, model.costs, polished.points[:_POLISHED], spread=1e-3 * movable(model))
+    found = descended(model, polished.points[:_POLISHED])
     values = model.values(found.points[:1])[:, 0]
     quick = compared(run, whitened(model, values))
     return replace(quick, reason=f"quick look: {quick.reason}", confidence=min(quick.confidence, _SUREST),

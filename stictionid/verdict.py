@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 
 from .causes import looks_like
-from .descent import descend
 from .effects import parse
-from .fit import Fitted, movable, process_costs
+from .fit import Fitted, descended, process_costs
 from .loop import FloatArray, Loop
 from .methods.run import Run
 from .model import FIRST_ORDER, INTEGRATOR, Model, Spec
@@ -146,5 +145,5 @@ def _free(run: Run, spec: Spec) -> tuple[Model, FloatArray]:
         cube[:, model._slices[model.names.index(_LAG)].start] = T2.ravel()
     costs = process_costs(model, model.values(cube), model.positions(model.values(cube[:1])))
     order = np.argsort(costs, kind="stable")
-    found = descend(model.residuals, model.costs, cube[order[[0, 3, 10]]], spread=1e-3 * movable(model))
+    found = descended(model, cube[order[[0, 3, 10]]])
     return model, model.values(found.points[:1])[:, 0]

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .descent import descend
-from .fit import movable
+from .fit import descended
 from .loop import BoolArray, FloatArray
-from .model import Model
-from .noise import autoregression
+from .model import Evaluated, Model
+from .noise import autoregression, filtered
 
 ORDER, TURNS = 8, 4
 # A further turn must lower the innovations to this share of what they were.
@@ -24,10 +23,14 @@ WORTH = 0.999
 
 @dataclass(frozen=True, slots=True)
 class Whitened:
-    """A model with its noise: its values (d,), free-run error, and innovations (n,) with the samples that count."""
+    """A model with its noise: values (d,), run in full, innovations (n,) with the samples that count.
+
+    `rmse` is the free-run error of the model before the noise had a say.
+    """
 
     model: Model
     values: FloatArray
+    evaluated: Evaluated
     rmse: float
     innovation: FloatArray
     good: BoolArray
@@ -48,7 +51,7 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
         if np.array_equal(taps, best.model.spec.taps):
             break
         white = Model(model.loop, replace(model.spec, taps=tuple(taps)), s_max=model.s_max, period_s=model.period_s)
-        found = descend(white.residuals, white.costs, white.cube(best.values[:, None]), spread=1e-3 * movable(white))
+        found = descended(white, white.cube(best.values[:, None]))
         now = with_taps(white, white.values(found.points[:1])[:, 0], taps)
         if now.innovation_sd > WORTH * best.innovation_sd:
             break
@@ -58,12 +61,8 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
 
 def noise_taps(w: Whitened) -> FloatArray:
     """Autoregression of the free-run residual, in differences where the model is fitted in them."""
-    e = w.model.evaluate(w.values)
-    residual, good = np.nan_to_num(e.residual), e.counted > 0
-    if w.model.spec.increments:
-        residual = np.diff(residual, prepend=residual[0])
-        good = good & np.roll(good, 1)
-    return autoregression(residual, good, ORDER)
+    polynomial = np.array([1.0, -1.0]) if w.model.spec.increments else np.ones(1)
+    return autoregression(*filtered(w.evaluated.residual, w.evaluated.counted > 0, polynomial), ORDER)
 
 
 def with_taps(model: Model, values: FloatArray, taps: FloatArray) -> Whitened:
@@ -72,11 +71,6 @@ def with_taps(model: Model, values: FloatArray, taps: FloatArray) -> Whitened:
     polynomial = np.concatenate([[1.0], taps])
     if model.spec.increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
-    residual = np.nan_to_num(e.residual)
-    innovation = np.convolve(residual, polynomial)[:residual.size]
-    counted = e.counted > 0
-    good = counted.copy()
-    for lag in range(1, polynomial.size):
-        good[lag:] &= counted[:-lag]
+    innovation, good = filtered(e.residual, e.counted > 0, polynomial)
     good[:model.skip + polynomial.size] = False
-    return Whitened(model, values, e.rmse, innovation, good, taps.size)
+    return Whitened(model, values, e, e.rmse, innovation, good, taps.size)

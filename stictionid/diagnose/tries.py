@@ -164,7 +164,7 @@ def better_base(fit: Fitted, starts: Sequence[FloatArray], rng: np.random.Genera
     near = np.concatenate([with_start(model, found.points[:1]), model.cube(fit.values[:, None])])
     near = near[[int(np.argmin(model.costs(near)))]]
     last = refine(model.costs, near, rng, spread=spreads(model, 0.15), rounds=60, population=16, settle=1e-4)
-    point, cost = polish_smooth(model, last.points[0], rng)
+    point, cost = polish_smooth(model, last.points[0])
     if model.spec.between == "hold":
         point, cost = at_thresholds(model, point, rng)
     if rows * np.log(max(fit.sse, 1e-300) / max(cost, 1e-300)) <= _BETTER_LR:

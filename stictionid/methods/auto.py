@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..descent import descend
 from ..errors import CannotTell
-from ..fit import Fitted, basins, movable, one_run, region, search_model, with_process, with_start
+from ..fit import Fitted, basins, descended, one_run, region, search_model, with_process, with_start
 from ..gates import SAMPLES_PER_PERIOD
 from ..loop import FloatArray
 from ..model import FIRST_ORDER, INTEGRATOR, Evaluated, Model, Spec
@@ -290,7 +289,7 @@ def _noisy(run: Run, spec: Spec, noise: Whitened) -> Fitted:
     noisy = replace(spec, taps=tuple(noise.model.spec.taps))
     model = run.model(noisy)
     start = model.cube(model.vector(noise.model.named(noise.values))[:, None])
-    local = descend(model.residuals, model.costs, start, spread=1e-3 * movable(model))
+    local = descended(model, start)
     return run.fit(noisy, before=(local.points, local.costs))
 
 
@@ -364,8 +363,7 @@ def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tup
     starts = starts.repeat(len(guesses), axis=1)
     starts[at] = np.tile(guesses.T, starts.shape[1] // len(guesses))
     near = with_start(model, model.cube(starts))
-    return model, descend(model.residuals, model.costs, near, spread=1e-3 * movable(model), turns=_QUICK_TURNS,
-                          settle=_QUICK_SETTLE)
+    return model, descended(model, near, turns=_QUICK_TURNS, settle=_QUICK_SETTLE)
 
 
 METHOD = Method(
