@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .arx import Arx
 from .descent import descend, principal, slopes_at
+from .folds import best_of_fold
 from .loop import FloatArray, Loop
 from .model import BASE, Evaluated, Model
 from .regression import whiten
@@ -606,49 +607,32 @@ def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
     values = model.values(cube)
     base, offsets = model.responses(values)
     own = np.stack([base[o:o + n] for o in offsets])
-    T, L = values[3, 0], values[4, 0]
-    gap = int(min(max(L + 3.0 * T, model.period_s / 2.0) / model.step_s, (n - first) / (2 * HOLDOUT_BLOCKS)))
+    gap = gap_rows(model, values[:, 0], first)
     level = model.context.process_value - best.transient
     own = own[:own.shape[0] - best.transients]
-    columns = whiten(np.concatenate([model._columns(), level[:, None]], axis=1), model.taps)
+    goal = whiten(level[:, None], model.taps)[:, 0]
+    columns = whiten(model._columns(), model.taps)
     if model.spec.increments:
         columns = columns[:, 1:]  # a constant has no differences
     total, rows = 0.0, 0
-    fixed = model.spec.fixed.get("gain")
     for a, b in pairwise(edges.tolist()):
         test = np.zeros(n, bool)
         test[a:b] = True
         test &= model.weight > 0
         train = model.weight > 0
         train[max(a - gap, 0):b + gap] = False
-        if test.sum() < 3 or train.sum() < 5 * (own.shape[0] + columns.shape[1]):
+        if test.sum() < 3 or train.sum() < 5 * (own.shape[0] + columns.shape[1] + 1):
             return None
-        error = _fold(own[:, train], columns[train], own[:, test], columns[test], fixed)
-        total, rows = total + error, rows + int(test.sum())
+        p, sizes, tail = best_of_fold(own, columns, goal, train, model.spec.fixed.get("gain"))
+        error = goal[test] - (own[:, test, p].T @ sizes + columns[test] @ tail)
+        total, rows = total + float(np.sum(error**2)), rows + int(test.sum())
     return float(np.sqrt(total / rows)) if np.isfinite(total) else None
 
 
-def _fold(own: FloatArray, columns: FloatArray, own_test: FloatArray, columns_test: FloatArray,
-          fixed_gain: float | None) -> float:
-    """Sum of squared errors on the test rows of the candidate that fits the training rows best."""
-    k = own.shape[0]
-    basis, y = columns[:, :-1], columns[:, -1]
-    q, r = np.linalg.qr(basis)
-    rest = own - np.einsum("ic,kcp->kip", q, np.einsum("ic,kip->kcp", q, own))
-    goal = y - q @ (q.T @ y)
-    cross = np.einsum("kip,i->pk", rest, goal)
-    squares = np.einsum("kip,jip->pkj", rest, rest)
-    if fixed_gain is not None:
-        sizes = np.zeros((own.shape[2], k))
-        sizes[:, 0] = fixed_gain
-    else:
-        ridge = 1e-12 * np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(k)
-        sizes = np.linalg.solve(squares + ridge + 1e-300 * np.eye(k), cross[:, :, None])[:, :, 0]
-    costs = goal @ goal - 2.0 * (sizes * cross).sum(axis=1) + np.einsum("pk,pkj,pj->p", sizes, squares, sizes)
-    p = int(np.argmin(costs))
-    tail = np.linalg.lstsq(r, q.T @ (y - own[:, :, p].T @ sizes[p]), rcond=1e-12)[0]
-    model_test = own_test[:, :, p].T @ sizes[p] + columns_test[:, :-1] @ tail
-    return float(np.sum((columns_test[:, -1] - model_test) ** 2))
+def gap_rows(model: Model, values: FloatArray, first: int) -> int:
+    """Rows left out on either side of a block: while the process of values (d,) remembers, half a period at least."""
+    wanted = max(values[4] + 3.0 * values[3], model.period_s / 2.0) / model.step_s
+    return int(min(wanted, (model.loop.samples - first) / (2 * HOLDOUT_BLOCKS)))
 
 
 def _distinct(points: FloatArray) -> FloatArray:

@@ -12,9 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from .fit import _CLOUD, HOLDOUT_BLOCKS, _cloud
+from .fit import _CLOUD, HOLDOUT_BLOCKS, _cloud, gap_rows
+from .folds import best_of_fold
 from .loop import FloatArray
-from .model import Model
 from .refit import Refit
 from .regression import whiten
 
@@ -60,7 +60,7 @@ def held_out(done: Refit, rng: np.random.Generator) -> Held | None:
     columns = whiten(shared, model.taps)
     if model.spec.increments:
         columns, shared = columns[:, 1:], shared[:, 1:]
-    gap = _gap(model, done.values, n)
+    gap = gap_rows(model, done.values, model.skip)
     counted, sums = done.evaluated.counted > 0, []
     for a, b in pairwise(np.linspace(model.skip, n, HOLDOUT_BLOCKS + 1).astype(int).tolist()):
         inside = np.zeros(n, bool)
@@ -69,7 +69,7 @@ def held_out(done: Refit, rng: np.random.Generator) -> Held | None:
         train[max(a - gap, 0):b + gap] = False
         if test.sum() < 3 or train.sum() < 5 * (keep + columns.shape[1]):
             return None
-        p, sizes, tail = _fold(white[:keep], columns, goal, train, model.spec.fixed.get("gain"))
+        p, sizes, tail = best_of_fold(white[:keep], columns, goal, train, model.spec.fixed.get("gain"))
         error = goal - white[:keep, :, p].T @ sizes - columns @ tail
         rest = y - level[:keep, :, p].T @ sizes - shared @ tail
         if model.spec.increments:
@@ -78,34 +78,3 @@ def held_out(done: Refit, rng: np.random.Generator) -> Held | None:
                      float((inside & counted).sum())))
     found = np.array(sums).T
     return Held(*found) if np.isfinite(found).all() else None
-
-
-def _gap(model: Model, values: FloatArray, n: int) -> int:
-    T, L = values[3], values[4]
-    return int(min(max(L + 3.0 * T, model.period_s / 2.0) / model.step_s, (n - model.skip) / (2 * HOLDOUT_BLOCKS)))
-
-
-def _fold(own: FloatArray, columns: FloatArray, goal: FloatArray, train: np.ndarray,
-          fixed_gain: float | None) -> tuple[int, FloatArray, FloatArray]:
-    """The candidate that fits the training rows best, with the sizes of its own (k,) and of the shared columns."""
-    k = own.shape[0]
-    q, r = np.linalg.qr(columns[train])
-    y = goal[train]
-    mine = own[:, train]
-    rest = mine - np.einsum("ic,kcp->kip", q, np.einsum("ic,kip->kcp", q, mine))
-    left = y - q @ (q.T @ y)
-    cross = np.einsum("kip,i->pk", rest, left)
-    squares = np.einsum("kip,jip->pkj", rest, rest)
-    if fixed_gain is not None:
-        sizes = np.zeros((own.shape[2], k))
-        sizes[:, 0] = fixed_gain
-        if k > 1:
-            cut = squares[:, 1:, 1:] + 1e-12 * np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(k - 1)
-            sizes[:, 1:] = np.linalg.solve(cut, (cross[:, 1:] - fixed_gain * squares[:, 1:, 0])[:, :, None])[:, :, 0]
-    else:
-        ridge = 1e-12 * np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(k) + 1e-300 * np.eye(k)
-        sizes = np.linalg.solve(squares + ridge, cross[:, :, None])[:, :, 0]
-    costs = left @ left - 2.0 * (sizes * cross).sum(axis=1) + np.einsum("pk,pkj,pj->p", sizes, squares, sizes)
-    p = int(np.argmin(costs))
-    tail = np.linalg.lstsq(r, q.T @ (y - mine[:, :, p].T @ sizes[p]), rcond=1e-12)[0]
-    return p, sizes[p], tail

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,13 +58,6 @@ class Space:
         except ValueError:
             raise KeyError(name) from None
 
-    def from_cube(self, cube: FloatArray) -> FloatArray:
-        """Physical values (d, P) of points in the unit cube (P, d)."""
-        low, span, log = self.scales()
-        values = low[:, None] + span[:, None] * cube.T
-        values[log] = np.exp(values[log])
-        return values
-
     def to_cube(self, values: FloatArray) -> FloatArray:
         """Points in the unit cube (P, d) of physical values (d, P), clipped to the limits; fixed ones sit at 0."""
         low, span, log = self.scales()
@@ -81,7 +73,3 @@ class Space:
         low = np.array([np.log(p.low) if p.log else p.low for p in self.parameters])
         high = np.array([np.log(p.high) if p.log else p.high for p in self.parameters])
         return low, high - low, log
-
-    def as_dict(self, vector: Sequence[float]) -> dict[str, float]:
-        """A vector as named values."""
-        return {p.name: float(v) for p, v in zip(self.parameters, vector, strict=True)}

@@ -11,9 +11,14 @@ def cell(text: str, separator: str = ",") -> str:
 
     For text only: numbers are written as they are, so that -1.5 stays a number.
     """
-    flat = "".join(c if c.isprintable() else " " for c in text)
-    if text[:1] in tuple(_FORMULA) or flat.lstrip()[:1] in tuple(_FORMULA):
-        flat = "'" + flat
+    flat = harmless(text)
     if separator in flat or '"' in flat or flat != flat.strip():
         return '"' + flat.replace('"', '""') + '"'
     return flat
+
+
+def harmless(text: str) -> str:
+    """`text` without control characters, and a leading ' where a spreadsheet would take it for a formula; no quotes."""
+    flat = "".join(c if c.isprintable() else " " for c in text)
+    hostile = text[:1] in tuple(_FORMULA) or flat.lstrip()[:1] in tuple(_FORMULA)
+    return "'" + flat if hostile else flat

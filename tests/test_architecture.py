@@ -17,7 +17,7 @@ FLOORS = [
     {"loop", "files", "spreadsheet"},
     {"parameters", "results"},
     {"process", "regression", "search", "noise", "armax", "conic"},
-    {"laws", "descent"},
+    {"laws", "descent", "folds"},
     {"effects", "between"},
     {"model", "oscillation", "export", "bench", "hidden", "resonance"},
     {"arx", "simulate", "historian", "gates", "steptest"},

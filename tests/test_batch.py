@@ -19,13 +19,14 @@ from stictionid.batch.crew import Processes, crew_for
 from stictionid.batch.drive import drive
 from stictionid.batch.plan import plan
 from stictionid.batch.rank import rank_key
-from stictionid.batch.store import Store, harmless
+from stictionid.batch.store import Store
 from stictionid.batch.summary import COLUMNS, rows_of, write_summary
 from stictionid.batch.task import FAILED, OK, Outcome, Task, Work
 from stictionid.batch.worker import attempt
 from stictionid.errors import DataError, UsageError
 from stictionid.historian import ReadOptions
 from stictionid.methods.options import Options
+from stictionid.spreadsheet import harmless
 
 SCREEN = Work("screen")
 RESULTS = ("summary.csv", "summary.parquet", "summary.md", "summary.html")

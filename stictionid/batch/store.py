@@ -23,13 +23,13 @@ from .._version import __version__
 from ..errors import DataError, UsageError
 from ..files import unwritable, write_whole
 from ..historian.dataset import RESULTS_MARK
+from ..spreadsheet import harmless
 from .task import ABSTAINED, FAILED, OK, Outcome, Task
 
 SCHEMA = "stictionid.batch/1"
 FAILURE_SCHEMA = "stictionid.failure/1"
 SUMMARIES = ("summary.csv", "summary.parquet", "summary.md", "summary.html")
 _TIMES = ("read", "screen", "identify", "diagnose", "page", "total")
-_HOSTILE = ("=", "+", "-", "@", "\t", "\r")
 
 
 class Store:
@@ -188,9 +188,3 @@ def status_of(study: dict[str, Any]) -> str:
     """Abstained where a study's verdict carries the code of a gate, else ok."""
     evidence = (study.get("verdict") or {}).get("evidence") or {}
     return ABSTAINED if not study.get("estimate") and "code" in evidence else OK
-
-
-def harmless(text: str) -> str:
-    """A cell that a spreadsheet would take for a formula gets an apostrophe in front; line ends become blanks."""
-    text = " ".join(text.splitlines()) if text.splitlines() != [text] else text
-    return f"'{text}" if text.lstrip(" ").startswith(_HOSTILE) or text.startswith(_HOSTILE) else text

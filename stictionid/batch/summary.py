@@ -8,8 +8,9 @@ import json
 from typing import Any
 
 from ..files import write_whole
+from ..spreadsheet import harmless
 from .rank import rank_key
-from .store import Store, harmless, status_of
+from .store import Store, status_of
 from .task import ABSTAINED, FAILED, OK
 
 # Columns in order, with whether they hold numbers.

@@ -217,13 +217,5 @@ def selection(opened: Opened, options: ReadOptions) -> tuple[str, ...]:
                  if key_of(loop) == key_of(options.loop)), named if options.pv and options.op else ())
 
 
-def read_loop_of(opened: Opened, select: Iterable[str], options: ReadOptions) -> Any:
-    """The Reading of one loop of an opened dataset. Errors as `historian.read`."""
-    from .reading import _read_table
-
-    source, table = rows_of(opened, select)
-    return _read_table(source, table, options)
-
-
 def _first(error: BaseException) -> str:
     return str(error).splitlines()[0][:160] if str(error) else type(error).__name__

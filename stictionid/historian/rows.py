@@ -42,7 +42,6 @@ class RowBook:
 
     def __init__(self, rows: int, dropped: dict[str, int]) -> None:
         self._reason: NDArray[np.uint8] = np.zeros(rows, np.uint8)
-        self._marked: NDArray[np.bool_] | None = None
         self._dropped = dropped
         self._rows = rows
 
