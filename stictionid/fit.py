@@ -60,6 +60,11 @@ _SLOWEST_SCAN_S, _REBUILT = 2.0, 0.35
 # Slip jumps (distance as shares of S) and break-aways (factors of S) tried for the interval of J.
 _JUMPS = np.array([0.01, 0.02, 0.035, 0.055, 0.08, 0.12, 0.17, 0.25, 0.4])
 _BREAKS = 1.0 + np.array([-0.008, -0.004, -0.002, -0.001, -0.0005, 0.0, 0.0005, 0.001, 0.002, 0.004, 0.008])
+_BREAKS_KEPT = 3
+# Grid of time constants and dead times for the process of a given valve, as shares of their ranges.
+_GRID_T, _GRID_L = np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12)
+# Ladders of initial residual forces, as shares of their range: for points that deserve it, and to choose those.
+_FORCES, _ROUGH_FORCES = np.linspace(0.01, 0.99, 33), np.linspace(0.05, 0.95, 7)
 # Neighbouring minima of a command rebuilt between samples, in parts of a sample of dead time, and how often to look.
 _BESIDE, _BESIDE_TURNS = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0), 4
 # Size of the cloud around the optimum from which folds and intervals choose.
@@ -84,10 +89,16 @@ class Fitted:
     rmse_holdout: float | None
     intervals: dict[str, tuple[float, float]]
     searched: FloatArray
+    # Values (d, k) with other slip jumps that a wider model's intervals start from.
+    jumps: FloatArray | None = None
 
 
 def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> FloatArray:
-    """Starting points (groups, d) from independent swarms on the ARX cost; each swarm's best, (S, J, force) only."""
+    """Starting points (groups, d) from independent swarms on the ARX cost; each swarm's best, (S, J, force) only.
+
+    A record with very many samples a period is thinned first: its one-step error is all noise.
+    """
+    whole, model = model, thinned(model, _every(model))
     period = model.period_s / model.step_s
     longest = int(np.clip(0.4 * period, 1, 60))
     ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
@@ -107,7 +118,7 @@ def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> F
         if len(picked) == groups:
             break
     starts = np.concatenate([np.array(picked), np.zeros((len(picked), rest))], axis=1)
-    starts[:, 3:] = neutral
+    starts[:, 3:] = _neutral(whole)[None, 3:]
     return starts
 
 
@@ -127,21 +138,23 @@ def _neutral(model: Model) -> FloatArray:
 
 def with_process(model: Model, starts: FloatArray) -> FloatArray:
     """Starts (k, d) with the best time constant and dead time of a grid on the free-run cost, best start first."""
-    T, L = np.meshgrid(np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12), indexing="ij")
-    grid = np.stack([T.ravel(), L.ravel()], axis=1)
-    further = _further_lags(model)
     out, costs = starts.copy(), np.empty(len(starts))
     for i, start in enumerate(starts):
-        values = model.values(start[None])
-        position = model.positions(values)
-        times = len(further[0][1]) if further else 1
-        points = start[None].repeat(len(grid) * times, 0)
-        points[:, 3:5] = np.tile(grid, (times, 1))
-        for rows, guesses in further[:1]:
-            points[:, rows] = guesses.repeat(len(grid), axis=0)
-        c = process_costs(model, model.values(points), position)
+        points, c = process_grid(model, start)
         out[i], costs[i] = points[c.argmin()], c.min()
     return out[np.argsort(costs, kind="stable")]
+
+
+def process_grid(model: Model, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A point (d,) with every process of a grid of time constants, dead times and further lags, and the costs."""
+    T, L = np.meshgrid(_GRID_T, _GRID_L, indexing="ij")
+    grid = np.stack([T.ravel(), L.ravel()], axis=1)
+    further = _further_lags(model)
+    points = start[None].repeat(len(grid) * (len(further[0][1]) if further else 1), 0)
+    points[:, 3:5] = np.tile(grid, (len(points) // len(grid), 1))
+    for rows, guesses in further[:1]:
+        points[:, rows] = guesses.repeat(len(grid), axis=0)
+    return points, process_costs(model, model.values(points), model.positions(model.values(start[None])))
 
 
 def _further_lags(model: Model) -> list[tuple[slice, FloatArray]]:
@@ -170,11 +183,15 @@ def process_costs(model: Model, values: FloatArray, position: FloatArray) -> Flo
 
 def with_start(model: Model, points: FloatArray) -> FloatArray:
     """Points (k, d) with the best initial residual force of a ladder: the force decides basins of its own."""
-    ladder = np.linspace(0.01, 0.99, 33)
+    return _first_force(model, points, _FORCES)[0]
+
+
+def _first_force(model: Model, points: FloatArray, ladder: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (k, d) with the best initial residual force of a ladder, their own included, and their costs (k,)."""
     trial = points[:, None, :].repeat(ladder.size + 1, axis=1)
     trial[:, 1:, 2] = ladder
     c = model.costs(trial.reshape(-1, points.shape[1])).reshape(len(points), -1)
-    return trial[np.arange(len(points)), c.argmin(axis=1)]
+    return trial[np.arange(len(points)), c.argmin(axis=1)], c.min(axis=1)
 
 
 def along_ridge(model: Model, points: FloatArray) -> FloatArray:
@@ -286,21 +303,23 @@ def search_model(model: Model) -> Model:
                  period_s=model.period_s, residual=model.context.residual)
 
 
-def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = None) -> tuple[FloatArray, float]:
-    """One search from nothing (or from given starts): best point (d,) and cost.
+def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = None,
+            near: FloatArray | None = None) -> tuple[FloatArray, float]:
+    """One search from nothing (or from given starts): best point (d,) and cost. `near` are basins that are known.
 
     A record with very many samples a period is searched thinned first: its ridge is too long to walk sample by
     sample, and the thinned one is short.
     """
     moving = model.spec.between == "corner"
-    every = int(model.period_s / model.step_s / _SEARCH_SAMPLES)
+    every = _every(model)
     if starts is None and every > 1:
         small = thinned(model, every)
-        point, _ = one_run(small, rng)
+        point, _ = one_run(small, rng, near=near)
         starts = model.cube(small.values(point[None]).repeat(3, axis=1)
                             + np.outer(np.arange(model.space.size) == 4, 0.5 * every * model.step_s * np.arange(-1, 2)))
     elif starts is None:
-        starts = np.concatenate([with_process(model, basins(model, rng)), roamed(model, rng)])
+        near = basins(model, rng) if near is None else near
+        starts = np.concatenate([with_process(model, near), roamed(model, rng)])
     found = refine(model.costs, with_start(model, starts), rng, spread=spreads(model), rounds=12 if moving else 35,
                    population=14, settle=_SETTLED)
     points = found.points
@@ -322,11 +341,18 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
     return polish_smooth(model, with_start(model, points[:1])[0])
 
 
+def _every(model: Model) -> int:
+    """One sample in how many a search from nothing needs."""
+    return int(model.period_s / model.step_s / _SEARCH_SAMPLES)
+
+
 def thinned(model: Model, every: int) -> Model:
     """The same model on every so many samples: y is averaged around them, the valve still sees every command.
 
     The one-step error of a record sampled much faster than its dynamics is all noise; thinned, it shows the valve.
     """
+    if every <= 1:
+        return model
     loop = model.loop
     half = every // 2
     part = slice(half, loop.samples - half, every)
@@ -418,7 +444,8 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
                        settle=_SETTLED)
     top, best_cost = polish_smooth(model, found.points[0])
     agree = agreement(model, points, costs)
-    cube, cost = _cloud(model, top, rng)
+    jumps = _jump_profile(model, top)
+    cube, cost = _cloud(model, top, rng, jumps)
     if cost.min() < best_cost:
         top, best_cost = cube[cost.argmin()], float(cost.min())
     if model.spec.between == "hold":
@@ -429,7 +456,7 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     best = model.evaluate(best_values)
     held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:_CLOUD // 2]]) if holdout else None
     return Fitted(model, best_values, best_cost, len(points), agree, best, held,
-                  _intervals(model, cube, cost, best_cost, best), values[:2].T)
+                  _intervals(model, cube, cost, best_cost, best), values[:2].T, model.values(jumps))
 
 
 def _beside(model: Model, found: Found) -> Found:
@@ -463,22 +490,28 @@ def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
     return int((close & alike).sum())
 
 
-def region(model: Model, top: FloatArray, rng: np.random.Generator) -> dict[str, tuple[float, float]]:
-    """Intervals of all numbers of a model around a point (d,) that has been polished."""
-    cube, cost = _cloud(model, top, rng)
+def region(model: Model, top: FloatArray, rng: np.random.Generator,
+           jumps: FloatArray | None = None) -> dict[str, tuple[float, float]]:
+    """Intervals of all numbers of a model around a point (d,) that has been polished.
+
+    `jumps` (k, d) are points with other slip jumps where they are known from a narrower model.
+    """
+    cube, cost = _cloud(model, top, rng, None if jumps is None else _jumps_settled(model, jumps))
     best = int(cost.argmin())
     return _intervals(model, cube, cost, float(cost[best]), model.evaluate(model.values(cube[best:best + 1])[:, 0]))
 
 
-def _cloud(model: Model, top: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Points around the optimum, shaped by the points that do nearly as well, and their costs.
+def _cloud(model: Model, top: FloatArray, rng: np.random.Generator,
+           jumps: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Points around the optimum, shaped by the points that do nearly as well, and their costs; `jumps` among them.
 
     Rays along which one number moves and the others follow; a cloud of all numbers together; and one with the
     break-away (S, initial force) held, since on a sampled command its plateau is far narrower than the rest.
     """
     movable = np.array([p.high > p.low for p in model.space.parameters])
     held = movable & ~np.isin(np.arange(top.size), (0, 2))
-    parts = [top[None], _rays(model, top), _jump_profile(model, top), _adapted(model, top, movable, rng),
+    jumps = _jump_profile(model, top) if jumps is None else jumps
+    parts = [top[None], _rays(model, top), jumps, _adapted(model, top, movable, rng),
              _adapted(model, top, held, rng)]
     cube = np.concatenate(parts)
     return cube, model.costs(cube)
@@ -500,9 +533,17 @@ def _jump_profile(model: Model, top: FloatArray) -> FloatArray:
     grid = values[:, None].repeat(jumps.size * _BREAKS.size, axis=1)
     grid[0] *= np.tile(_BREAKS, jumps.size)
     grid[1] = jumps.repeat(_BREAKS.size)
-    near = with_start(model, model.cube(grid))
-    best = model.costs(near).reshape(jumps.size, -1).argmin(axis=1) + np.arange(jumps.size) * _BREAKS.size
-    return descended(model, near[best], held=(0, 1, 2), turns=4, settle=1e-3).points
+    rough, cost = _first_force(model, model.cube(grid), _ROUGH_FORCES)
+    order = np.argsort(cost.reshape(jumps.size, -1), axis=1, kind="stable")[:, :_BREAKS_KEPT]
+    kept = (order + np.arange(jumps.size)[:, None] * _BREAKS.size).ravel()
+    near, cost = _first_force(model, rough[kept], _FORCES)
+    best = cost.reshape(jumps.size, -1).argmin(axis=1) + np.arange(jumps.size) * _BREAKS_KEPT
+    return _jumps_settled(model, near[best])
+
+
+def _jumps_settled(model: Model, points: FloatArray) -> FloatArray:
+    """Points (k, d) with the process that goes best with each one's valve."""
+    return descended(model, points, held=(0, 1, 2), turns=4, settle=1e-3).points
 
 
 def _rays(model: Model, top: FloatArray) -> FloatArray:

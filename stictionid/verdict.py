@@ -21,7 +21,7 @@ import numpy as np
 
 from .causes import looks_like
 from .effects import parse
-from .fit import Fitted, descended, process_costs
+from .fit import Fitted, descended, process_grid
 from .loop import FloatArray, Loop
 from .methods.run import Run
 from .model import FIRST_ORDER, INTEGRATOR, Model, Spec
@@ -38,6 +38,8 @@ _EXPLAINED, _CLEAR, _CLEAR_DROP = 0.03, 200.0, 0.08
 _NOTHING, _NOTHING_DROP = 0.02, 0.05
 # Below this share it does not matter, whatever the one-step errors say short of a clear ratio.
 _IRRELEVANT = 0.005
+# Which processes of a grid, best first, are polished: neighbours of the best would end where it does.
+_STARTS = (0, 3, 10)
 # Fewer reversals of the output than this cap the confidence (CRITICISM.md section 7, gate 0).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 
@@ -136,14 +138,8 @@ def _whitened_free(run: Run, spec: Spec) -> Whitened:
 def _free(run: Run, spec: Spec) -> tuple[Model, FloatArray]:
     """The friction-free model of a spec and its best values (d,), from a grid of time constants and dead times."""
     model = run.model(spec)
-    lags = _LAG in model.names
-    T, L, T2 = np.meshgrid(np.linspace(0.05, 0.95, 20), np.linspace(0.0, 0.95, 16),
-                           (0.02, 0.3, 0.6) if lags else (0.0,), indexing="ij")
-    cube = np.full((T.size, model.space.size), 0.5)
-    cube[:, :3], cube[:, 3], cube[:, 4] = 0.0, T.ravel(), L.ravel()
-    if lags:
-        cube[:, model._slices[model.names.index(_LAG)].start] = T2.ravel()
-    costs = process_costs(model, model.values(cube), model.positions(model.values(cube[:1])))
-    order = np.argsort(costs, kind="stable")
-    found = descended(model, cube[order[[0, 3, 10]]])
+    start = np.full(model.space.size, 0.5)
+    start[:3] = 0.0
+    points, costs = process_grid(model, start)
+    found = descended(model, points[np.argsort(costs, kind="stable")[list(_STARTS)]])
     return model, model.values(found.points[:1])[:, 0]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import CannotTell
-from ..fit import Fitted, basins, descended, one_run, region, search_model, with_process, with_start
+from ..fit import Fitted, descended, one_run, region, search_model, with_process, with_start
 from ..gates import SAMPLES_PER_PERIOD
 from ..loop import FloatArray
 from ..model import FIRST_ORDER, INTEGRATOR, Evaluated, Model, Spec
@@ -123,18 +123,44 @@ def _choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray]]:
     if run.options.between != "auto" or not _smooth(run):
         best = _structure(run, spec)
     else:
-        run.tell("rebuilding the command between samples", 0.2)
-        best = _structure(run, replace(spec, between="corner", substeps=SUBSTEPS))
-        run.tell("trying a held command", 0.3)
-        held = _structure(run, spec)
-        # A second lag, not yet in the model, rounds the slips and speaks for the wrong one of the two.
-        stationary = best.spec.process == held.spec.process == FIRST_ORDER
-        moving, resting = _with_lag(run, best, stationary), _with_lag(run, held, stationary)
-        # Most plants hold: at the noise, where neither is clearly better, the smaller error decides.
-        least = 0.0 if _at_noise(run, best) else _CORNER_GAIN
-        if moving >= (1.0 - least) * resting:
-            best = held
+        # Most plants hold their command: at the noise, a moving one is only looked at.
+        best = _structure(run, spec)
+        moving = replace(spec, between="corner", substeps=SUBSTEPS)
+        if not _at_noise(run, best) or _moves_better(run, best, moving):
+            run.tell("rebuilding the command between samples", 0.3)
+            corner = _structure(run, moving)
+            if _of_two(run, corner, best):
+                best = corner
     return best.spec, (best.point[None], np.array([best.cost]))
+
+
+def _moves_better(run: Run, held: _Tried, moving: Spec) -> bool:
+    """Whether a command that moves between samples does better from the point where the held one ended."""
+    assert held.evaluated is not None
+    model = search_model(run.model(replace(moving, process=held.spec.process, increments=held.spec.increments,
+                                           taps=held.spec.taps)))
+    values = model.vector(held.evaluated.values)[:, None].repeat(3, axis=1)
+    values[4] = np.maximum(values[4] + run.loop.step_s * np.array([0.0, 0.5, 1.0]), 0.0)
+    found = descended(model, with_start(model, model.cube(values)), turns=_QUICK_TURNS, settle=_QUICK_SETTLE)
+    return float(found.costs[0]) < held.cost
+
+
+def _of_two(run: Run, corner: _Tried, held: _Tried) -> bool:
+    """Whether the moving command is the better of two searches.
+
+    Where neither reaches the noise, a second lag, not yet in the model, may round the slips and speak for the wrong
+    one, so both may have it.
+    """
+    stationary = corner.spec.process == held.spec.process == FIRST_ORDER
+
+    def error(tried: _Tried) -> float:
+        if tried.evaluated is None:
+            return np.inf
+        return tried.evaluated.rmse if stationary else increment_error(tried.evaluated)
+
+    if _at_noise(run, corner) or _at_noise(run, held):
+        return error(corner) < error(held)
+    return _with_lag(run, corner, stationary) < (1.0 - _CORNER_GAIN) * _with_lag(run, held, stationary)
 
 
 def _with_lag(run: Run, tried: _Tried, stationary: bool) -> float:
@@ -156,9 +182,9 @@ def _smooth(run: Run) -> bool:
     return noise_of(u) < _ROUGH * float(np.ptp(u))
 
 
-def _first(run: Run, spec: Spec, rng: np.random.Generator | None = None) -> _Tried:
+def _first(run: Run, spec: Spec) -> _Tried:
     model = search_model(run.model(spec))
-    point, cost = one_run(model, rng or run.rng)
+    point, cost = one_run(model, run.rng, near=run.basins(spec))
     if not np.isfinite(cost):
         return _Tried(spec, point, cost, None, np.inf)
     e = model.evaluate(model.values(point[None])[:, 0])
@@ -316,7 +342,10 @@ def _try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str) -> N
     """Add `effect` as a step of its own where held-out error and BIC both fall clearly."""
     before = fits[-1]
     coarse, quick = _first_look(run, before.model, before.best.values, effect)
-    if not quick.costs[0] < float(search_model(before.model).costs_of(before.values[:, None])[0]) * (1.0 - _LOOK_DROP):
+    # The look is taken on a coarser model than the fit: the base gets the same descent on the same model.
+    base = search_model(before.model)
+    same = descended(base, base.cube(before.values[:, None]), turns=_QUICK_TURNS, settle=_QUICK_SETTLE)
+    if not quick.costs[0] < float(same.costs[0]) * (1.0 - _LOOK_DROP):
         return
     spec = replace(before.model.spec, effects=coarse.spec.effects)
     after = run.fit(spec, quick.points[:_QUICK_KEPT])
@@ -333,7 +362,12 @@ def _try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str) -> N
 def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
     """The fit with intervals that hold whether or not the process has a second lag too small to be named."""
     model, quick = _first_look(run, fit.model, fit.best.values, _LAG)
-    wide = region(model, quick.points[0], run.rng)
+    jumps = None
+    if fit.jumps is not None:
+        values = model.values(quick.points[:1]).repeat(fit.jumps.shape[1], axis=1)
+        values[:len(fit.jumps)] = fit.jumps
+        jumps = model.cube(values)
+    wide = region(model, quick.points[0], run.rng, jumps)
     names = {name: (min(low, wide[name][0]), max(high, wide[name][1]))
              for name, (low, high) in fit.intervals.items() if name in wide}
     return replace(fit, intervals={**fit.intervals, **names})
@@ -357,7 +391,7 @@ def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tup
     guesses = guess(model.context) if guess is not None else np.zeros((1, at.stop - at.start))
     # What is missing bends S and J: fresh basins of the base, too, are tried with it.
     base = search_model(before)
-    fresh = base.values(with_process(base, basins(base, run.rng)))
+    fresh = base.values(with_process(base, run.basins(before.spec)))
     starts = np.zeros((model.space.size, 1 + fresh.shape[1]))
     starts[:, 0], starts[:len(fresh), 1:] = model.vector(values), fresh
     starts = starts.repeat(len(guesses), axis=1)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import CannotTell
-from ..fit import Fitted, effective_rows, finish, process_costs, search
+from ..fit import Fitted, basins, effective_rows, finish, process_costs, search
 from ..gates import swing_of, time_scale_s
 from ..loop import Finding, FloatArray, Loop
 from ..model import FIRST_ORDER, INTEGRATOR, Evaluated, Model, Spec, skipped
@@ -40,10 +41,21 @@ class Run:
         self.period_s, self.s_max = time_scale_s(loop, found), swing_of(loop, found)
         # First looks at an effect by the structure they were made for: several stages ask for the same one.
         self.looks: dict[str, Any] = {}
+        self._basins: dict[tuple[Any, ...], FloatArray] = {}
 
     def model(self, spec: Spec) -> Model:
         """The spec bound to this record."""
         return Model(self.loop, spec, s_max=self.s_max, period_s=self.period_s)
+
+    def basins(self, spec: Spec) -> FloatArray:
+        """Basins (k, d) of the spec's valve on the ARX cost, looked for once for all structures of the process.
+
+        They are looked for with a held command: one that moves between samples has the same.
+        """
+        key = (spec.law, spec.effects)
+        if key not in self._basins:
+            self._basins[key] = basins(self.model(replace(spec, between="hold", substeps=1)), self.rng)
+        return self._basins[key]
 
     def used_y(self) -> FloatArray:
         """The process values that count (m,)."""
