@@ -29,7 +29,7 @@ FLOORS = [
     {"causes"},
     {"verdict"},
     {"identify"},
-    {"compare", "screen"},
+    {"compare", "screen", "agreement"},
     {"diagnose"},
     {"report", "selftest"},
     {"batch"},

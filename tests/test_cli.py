@@ -200,7 +200,7 @@ def test_strict_makes_doubt_an_exit_code() -> None:
     assert run("identify", SAMPLE / "itptd.parquet", "--strict", "-q").returncode in (0, 4)
 
 
-@pytest.mark.parametrize("command", ["simulate", "range", "identify", "read", "report", "laws"])
+@pytest.mark.parametrize("command", ["simulate", "range", "identify", "read", "report", "laws", "agree"])
 def test_every_help_has_an_example_that_runs(command: str, tmp_path: Path) -> None:
     text = run(command, "--help", env={"COLUMNS": "200"}).stdout
     examples = [line.split("Example:", 1)[1].strip() for line in text.splitlines() if "Example:" in line]

@@ -89,6 +89,7 @@ def _other(error: Exception) -> int:
     return 1
 
 
+from . import agree as _agree  # noqa: E402,F401
 from . import batch as _batch  # noqa: E402,F401
 from . import compare as _compare  # noqa: E402,F401
 from . import diagnose as _diagnose  # noqa: E402,F401

@@ -20,7 +20,7 @@ def markdown(cases: Sequence[Case], pictures: Sequence[dict[str, Picture]], name
     parts = [KIND, ""]
     all_facts = [facts_of.facts(c.study, no_pictures=c.missing) for c in cases]
     if len(cases) > 1:
-        parts += ["# Valve stiction: comparison", "", _table(facts_of.comparison([c.study for c in cases])), ""]
+        parts += ["# Valve stiction: comparison", "", table_text(facts_of.comparison([c.study for c in cases])), ""]
         if compared is not None:
             parts += [_picture(*compared), ""]
     for facts, drawn, files in zip(all_facts, pictures, names, strict=True):
@@ -53,7 +53,7 @@ def _section(section: Section, drawn: dict[str, Picture], files: dict[str, str],
     for key in shown:
         parts += [_picture(drawn[key], files[key]), ""]
     for table in section.tables:
-        parts += [_table(table), ""]
+        parts += [table_text(table), ""]
     if section.commands:
         text = "\n".join(section.commands)
         fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
@@ -67,7 +67,8 @@ def _picture(picture: Picture, file: str) -> str:
     return f"![{escape(picture.title)}. {escape(picture.alt)}]({target})\n\n*{escape(picture.caption)}*"
 
 
-def _table(table: Table) -> str:
+def table_text(table: Table) -> str:
+    """A table in markdown, its caption above it."""
     head = "| " + " | ".join(escape(c) for c in table.columns) + " |"
     rule = "|" + "|".join("---:" if i in table.numeric else "---" for i in range(len(table.columns))) + "|"
     rows = ["| " + " | ".join(escape(c) for c in row) + " |" for row in table.rows]
