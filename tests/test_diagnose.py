@@ -88,6 +88,25 @@ def test_coloured_noise_is_named_noise_and_its_root_comes_back() -> None:
     assert root == pytest.approx(0.8, abs=0.15)
 
 
+def test_a_noise_model_that_imitates_physics_gives_way_to_it() -> None:
+    loop, study = hidden("sinusoidal-disturbance", period_s=37.0, amplitude=0.5)
+    noisy = add(loop, study, "coloured-noise")
+    assert noisy.adequate
+    after = diagnose(loop, noisy)
+    assert after.missing == ("sinusoidal-disturbance",) and not after.adequate
+    assert [s.added for s in after.steps] == [None]
+    assert "noise-gave-way" in {f.code for f in after.steps[-1].findings}
+
+
+def test_a_noise_model_stays_where_no_physics_does_better() -> None:
+    loop = simulate(setting(effects=(("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),), noise_sd=0.0),
+                    seed=5).loop
+    study = add(loop, identify(loop, options=HELD), "coloured-noise")
+    after = diagnose(loop, study)
+    assert after.steps == study.steps and after.missing == () and after.adequate
+    assert all(c.effect != "coloured-noise" and not c.accepted for c in after.candidates)
+
+
 def test_a_superfluous_effect_is_named_and_left_out_on_request() -> None:
     loop, study = hidden("step-disturbance", time_s=500.0, size=1.2)
     wrong = add(loop, study, "sinusoidal-disturbance")
