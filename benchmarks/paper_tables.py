@@ -18,8 +18,8 @@ from stictionid.descent import descend
 from stictionid.fit import with_start
 from stictionid.identify import Options, identify
 from stictionid.loop import Loop
-from stictionid.model import rebuild_model
 from stictionid.oscillation import find_range
+from stictionid.rerun import rebuild_model
 from stictionid.results import Study
 from stictionid.simulate import Plant, preset, simulate, with_stiction
 

@@ -79,9 +79,10 @@ def kernel() -> list[str]:
 
     from stictionid.arx import Arx
     from stictionid.laws import catalogue
-    from stictionid.model import Model, Spec
+    from stictionid.model import Model
     from stictionid.oscillation import find_range
     from stictionid.simulate import preset, simulate
+    from stictionid.spec import Spec
 
     loop = simulate(preset("foptd")).loop
     found = find_range(loop)
@@ -135,10 +136,11 @@ def search(seeds: int) -> list[str]:
 
     from stictionid.arx import Arx
     from stictionid.methods.arx import J_OVER_S, S_OVER_S_MAX
-    from stictionid.model import Model, Spec
+    from stictionid.model import Model
     from stictionid.oscillation import find_range
     from stictionid.search import refine, swarm
     from stictionid.simulate import preset, simulate
+    from stictionid.spec import Spec
 
     rows: dict[str, list[tuple[float, float, int]]] = {}
     for seed in range(seeds):

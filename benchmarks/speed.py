@@ -43,9 +43,10 @@ def kernels() -> list[str]:
 
     from stictionid.arx import Arx
     from stictionid.laws import catalogue
-    from stictionid.model import Model, Spec
+    from stictionid.model import Model
     from stictionid.oscillation import find_range
     from stictionid.simulate import preset, simulate
+    from stictionid.spec import Spec
 
     loop = simulate(preset("foptd")).loop
     found = find_range(loop)

@@ -19,17 +19,19 @@ if TYPE_CHECKING:
     from .historian import ReadOptions, read_loop
     from .identify import Options, identify
     from .loop import Finding, Loop
-    from .model import Curves, rerun
     from .oscillation import find_range
+    from .rerun import rerun
     from .results import Estimate, Range, Study, Verdict, study_from_json, to_json
     from .simulate import Controller, Plant, Setting, Simulation, preset, simulate
+    from .spec import Curves
 
 _HOMES = {
     "errors": ("CannotTell", "DataError", "ModelError", "StictionidError", "UsageError"),
     "historian": ("ReadOptions", "read_loop"),
     "identify": ("Options", "identify"),
     "loop": ("Finding", "Loop"),
-    "model": ("Curves", "rerun"),
+    "rerun": ("rerun",),
+    "spec": ("Curves",),
     "oscillation": ("find_range",),
     "results": ("Estimate", "Range", "Study", "Verdict", "study_from_json", "to_json"),
     "simulate": ("Controller", "Plant", "Setting", "Simulation", "preset", "simulate"),

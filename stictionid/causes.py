@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from .loop import BoolArray, FloatArray, Loop
-from .model import INTEGRATOR
 from .severity import ControllerLaw, controller_law
+from .spec import INTEGRATOR
 from .whitened import Whitened
 
 # Share of PV's variance that one steady sine must hold, or a sine with its multiples.

@@ -19,9 +19,11 @@ from .arx import Arx
 from .descent import descend, principal, slopes_at
 from .folds import best_of_fold
 from .loop import FloatArray, Loop
-from .model import BASE, Evaluated, Model
+from .model import Model
 from .regression import whiten
+from .restarts import bound
 from .search import Found, refine, swarm
+from .spec import BASE, Evaluated
 
 GROUPS = 3
 _PARTICLES, _ROUNDS, _SCOUTS = 20, 12, 300
@@ -299,7 +301,7 @@ def search_model(model: Model) -> Model:
     """The model to search on: a command that moves between samples is searched on a coarser grid than finished on."""
     if model.spec.substeps <= _COARSE_SUBSTEPS:
         return model
-    return Model(model.loop, replace(model.spec, substeps=_COARSE_SUBSTEPS), s_max=model.s_max,
+    return bound(model.loop, replace(model.spec, substeps=_COARSE_SUBSTEPS), s_max=model.s_max,
                  period_s=model.period_s, residual=model.context.residual)
 
 
@@ -367,7 +369,7 @@ def thinned(model: Model, every: int) -> Model:
                  extras={tag: x[part] for tag, x in loop.extras.items()}, step_s=loop.step_s * every, units=loop.units)
     rows = small.samples * every * m
     command = np.concatenate([command[:rows], np.full(max(rows - command.size, 0), command[-1])])
-    return Model(small, replace(model.spec, substeps=every * m), s_max=model.s_max, period_s=model.period_s,
+    return bound(small, replace(model.spec, substeps=every * m), s_max=model.s_max, period_s=model.period_s,
                  residual=None if residual is None else residual[part], command=command)
 
 

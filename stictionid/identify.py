@@ -24,7 +24,6 @@ from .loop import Finding, Loop
 from .methods.contract import Method, Outcome
 from .methods.options import ALL_LAWS, BETWEEN, Options, searchable
 from .methods.run import ADEQUATE, Run
-from .model import INTEGRATOR
 from .oscillation import find_range
 from .position import from_position
 from .results import (
@@ -39,6 +38,7 @@ from .results import (
     Verdict,
 )
 from .severity import severity_of
+from .spec import INTEGRATOR
 from .verdict import capped, judge
 
 _MAP_S, _MAP_J = 41, 31

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -68,7 +69,9 @@ class Loop:
     Shapes: all arrays (n,). Units: u in % of OP span unless `units["output"]` says otherwise, r and y in the
     unit of `units["process_value"]`, position in the unit of `units["position"]`. `setpoint` and `position` may
     be None. `used` (n,) marks samples that count; a False sample still drives the valve but enters no cost.
-    `starts` holds the first index of every segment: nothing is continuous across a segment boundary.
+    `starts` holds the first index of every segment: nothing is continuous across a segment boundary. `begins_s` are
+    the times of those samples in seconds since the first one, gaps included; none given, no time passed in a gap.
+    `picked` are their indices in the record that the segments were picked from, where they were.
     Raises DataError when lengths differ or a used sample is not finite.
     """
 
@@ -80,6 +83,8 @@ class Loop:
     step_s: float = 1.0
     used: BoolArray | None = None
     starts: tuple[int, ...] = (0,)
+    begins_s: tuple[float, ...] = ()
+    picked: tuple[int, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
     name: str = "loop"
     origin: Origin = field(default_factory=Origin)
@@ -99,6 +104,9 @@ class Loop:
         lengths |= {tag: values.size for tag, values in self.extras.items()}
         if len(set(lengths.values())) > 1:
             raise DataError(f"signals of one loop differ in length: {lengths}", "give arrays of one length")
+        if self.begins_s and len(self.begins_s) != len(self.starts):
+            raise DataError(f"{len(self.starts)} segments, but {len(self.begins_s)} times at which they begin",
+                            "give one time in seconds for each segment")
         if not (np.isfinite(self.step_s) and self.step_s > 0):
             raise DataError(f"sampling time {self.step_s} s is not a positive number", "give --step SECONDS")
         for role in ("output", "process_value", "setpoint"):
@@ -115,8 +123,16 @@ class Loop:
 
     @property
     def time_s(self) -> FloatArray:
-        """Seconds since the first sample, shape (n,)."""
+        """Seconds since the first sample without the gaps, shape (n,)."""
         return np.arange(self.samples) * self.step_s
+
+    @property
+    def clock_s(self) -> FloatArray:
+        """Seconds since the first sample by the clock, gaps included, shape (n,)."""
+        clock = self.time_s
+        for part, begin in zip(self.segments, self.begins_s, strict=False):
+            clock[part] += begin - part.start * self.step_s
+        return clock
 
     @property
     def segments(self) -> tuple[slice, ...]:
@@ -138,7 +154,24 @@ class Loop:
         def part(a: NDArray[Any] | None) -> Any:
             return None if a is None else a[first:last]
 
-        starts = tuple(sorted({0, *(s - first for s in self.starts if first < s < last)}))
+        return self._of([slice(first, last)], part, (first, *(s for s in self.starts if first < s < last)))
+
+    def pick(self, pieces: Sequence[slice]) -> Loop:
+        """Segments of this loop, in order, as a loop of their own that keeps their times on the clock."""
+        def part(a: NDArray[Any] | None) -> Any:
+            return None if a is None else np.concatenate([a[p] for p in pieces])
+
+        return self._of(pieces, part, tuple(p.start for p in pieces))
+
+    def _of(self, pieces: Sequence[slice], part: Callable[[Any], Any], firsts: tuple[int, ...]) -> Loop:
+        sizes = np.cumsum([0, *(p.stop - p.start for p in pieces)])
+        starts = tuple(int(size) + first - p.start for size, p in zip(sizes, pieces, strict=False)
+                       for first in firsts if p.start <= first < p.stop)
+        begins: tuple[float, ...] = ()
+        if self.begins_s and len(starts) > 1:
+            clock = self.clock_s
+            begins = tuple(float(clock[first] - clock[firsts[0]]) for first in firsts)
         return replace(self, output=part(self.output), process_value=part(self.process_value),
                        setpoint=part(self.setpoint), position=part(self.position), used=part(self.used),
-                       extras={tag: part(v) for tag, v in self.extras.items()}, starts=starts)
+                       extras={tag: part(v) for tag, v in self.extras.items()}, starts=starts, begins_s=begins,
+                       picked=firsts if len(pieces) > 1 else ())

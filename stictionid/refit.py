@@ -27,10 +27,12 @@ from .fit import (
     with_start,
 )
 from .loop import BoolArray, FloatArray
-from .model import BASE, Evaluated, Model, Spec
+from .model import Model
 from .noise import autoregression, filtered
 from .resonance import NUMBERS, resonance
+from .restarts import bound
 from .search import refine, swarm
+from .spec import BASE, Evaluated, Spec
 
 _WARM, _ROAM, _SCOUTS = 6, 2, 500
 _SETTLED = 1e-4
@@ -88,7 +90,7 @@ class Refit:
         spec = self.spec
         if spec == self.model.spec:
             return self.model
-        return Model(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
+        return bound(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
                      residual=np.nan_to_num(self.evaluated.residual))
 
     def bic(self, good: BoolArray) -> float:
@@ -100,7 +102,7 @@ class Refit:
 
 def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Values (k, 5) of the base parameters to start refits from: the fit so far and fresh basins."""
-    base = Model(model.loop, Spec(law=model.spec.law, process=model.spec.process, between=model.spec.between,
+    base = bound(model.loop, Spec(law=model.spec.law, process=model.spec.process, between=model.spec.between,
                                   substeps=model.spec.substeps, increments=model.spec.increments,
                                   taps=own_taps(model.spec), fixed=model.spec.fixed), s_max=model.s_max,
                  period_s=model.period_s)
@@ -132,7 +134,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
     """
     before = fit.model
     spec = replace(before.spec, effects=(*before.spec.effects, name))
-    model = Model(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
+    model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
                   residual=np.nan_to_num(fit.best.residual))
     coarse = search_model(model)
     effect, option = parse(name)
@@ -305,7 +307,7 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
     evaluated, count = first.evaluated, first.noise_numbers
     for _ in range(_COMPLETIONS):
         taps = tuple(_joined(own, ar)[1:].tolist())
-        white = Model(model.loop, replace(model.spec, taps=taps, increments=increments), s_max=model.s_max,
+        white = bound(model.loop, replace(model.spec, taps=taps, increments=increments), s_max=model.s_max,
                       period_s=model.period_s, residual=np.nan_to_num(evaluated.residual))
         starts = [values]
         if pool is not None and best is None:

@@ -17,12 +17,12 @@ from .loop import BoolArray, FloatArray
 
 # A candidate whose own columns carry less than this share of the energy of what they were before the shared
 # columns were taken out never moved: it is rejected. Unit: 1.
-_DEPENDENT = 1e-10
+DEPENDENT = 1e-10
 REJECTED = np.inf
 
 
 @kernel
-def _products(base, offsets, shared, weight, squares, cross):
+def products(base, offsets, shared, weight, squares, cross):
     """Sums over rows of weight * column_i * column_j and of column_i * shared_c (weighted already), four rows a pass.
 
     Column i of a candidate is base[row + offsets[i]], so lagged copies and stacked signals need no copying.
@@ -174,7 +174,7 @@ class Shared:
         own, lanes, q = len(offsets), base.shape[1], self.basis.shape[1]
         squares = np.empty((own, own, lanes))
         cross = np.empty((own, q + 1, lanes))
-        _products(base, np.asarray(offsets, np.int64), self.right, self.weight, squares, cross)
+        products(base, np.asarray(offsets, np.int64), self.right, self.weight, squares, cross)
         cost, sizes = np.empty(lanes), np.empty((own, lanes))
         _solve(squares, cross, self.target_energy, cost, sizes)
         return cost, sizes
@@ -206,10 +206,10 @@ def _solve(squares, cross, energy, cost, sizes):
                 a[i, j] = squares[i, j, p]
                 for c in range(q):
                     a[i, j] -= cross[i, c, p] * cross[j, c, p]
-        moved = a[0, 0] > _DEPENDENT * squares[0, 0, p]
+        moved = a[0, 0] > DEPENDENT * squares[0, 0, p]
         gain = 0.0
         for i in range(own):
-            if not a[i, i] > _DEPENDENT * squares[i, i, p]:
+            if not a[i, i] > DEPENDENT * squares[i, i, p]:
                 # A further column that says nothing new (a transient long gone, say) gets no coefficient.
                 a[i, i] = 1.0
                 b[i] = 0.0

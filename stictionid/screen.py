@@ -17,10 +17,10 @@ from .gates import check
 from .identify import Options, abstained, data_record, made_by, whole
 from .loop import Loop
 from .methods.run import Run
-from .model import Spec
 from .oscillation import find_range
 from .results import Study, Verdict
 from .search import refine
+from .spec import Spec
 from .verdict import capped, compared
 from .whitened import whitened
 

@@ -24,8 +24,9 @@ from .effects import parse
 from .fit import Fitted, descended, process_grid
 from .loop import FloatArray, Loop
 from .methods.run import Run
-from .model import FIRST_ORDER, INTEGRATOR, Model, Spec
+from .model import Model
 from .results import Verdict
+from .spec import FIRST_ORDER, INTEGRATOR, Spec
 from .whitened import TURNS, WORTH, Whitened, noise_taps, whitened, with_taps
 
 _BLOCKS = 5

@@ -13,8 +13,10 @@ import numpy as np
 
 from .fit import descended
 from .loop import BoolArray, FloatArray
-from .model import Evaluated, Model
+from .model import Model
 from .noise import autoregression, filtered
+from .restarts import bound
+from .spec import Evaluated
 
 ORDER, TURNS = 8, 4
 # A further turn must lower the innovations to this share of what they were.
@@ -50,7 +52,7 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
         taps = noise_taps(best)
         if np.array_equal(taps, best.model.spec.taps):
             break
-        white = Model(model.loop, replace(model.spec, taps=tuple(taps)), s_max=model.s_max, period_s=model.period_s)
+        white = bound(model.loop, replace(model.spec, taps=tuple(taps)), s_max=model.s_max, period_s=model.period_s)
         found = descended(white, white.cube(best.values[:, None]))
         now = with_taps(white, white.values(found.points[:1])[:, 0], taps)
         if now.innovation_sd > WORTH * best.innovation_sd:

@@ -188,3 +188,28 @@ def arx_cost(command, process_value, S, J, order, delay, first):
                           + [v[first - delay - i:n - delay - i] for i in range(1, order + 1)])
     theta, *_ = np.linalg.lstsq(phi, y[first:], rcond=None)
     return float(np.mean((y[first:] - phi @ theta) ** 2))
+
+
+def restarted_cost(segments, S, J, forces_, T, dead, *, step, skip, integrating=False, taps=()):
+    """Smallest sum of squares of one valve and one process over segments (command, y): gain common, level, drift and
+    start-up of each segment its own, all of it in one wide design, restarted and filtered segment by segment."""
+    f_s = forces(S, J)[0]
+    goal, blocks, keeps = [], [], []
+    for (command, y), share, first in zip(segments, forces_, skip, strict=True):
+        v = chen(command, S, J, v=command[0] - share * f_s)
+        n = len(y)
+        own = [response(v, T, 0.0, dead, integrating, step, fine=200), np.exp(-np.arange(n) * step / T), np.ones(n)]
+        if integrating:
+            own.append(np.arange(n) / n)
+        blocks.append(np.stack([filtered(column, taps) for column in own], axis=1))
+        goal.append(filtered(y, taps))
+        keeps.append(np.arange(n) >= max(first, len(taps)))
+    rows, local = sum(len(b) for b in blocks), blocks[0].shape[1] - 1
+    design, at = np.zeros((rows, 1 + local * len(blocks))), 0
+    for i, block in enumerate(blocks):
+        design[at:at + len(block), 0] = block[:, 0]
+        design[at:at + len(block), 1 + i * local:1 + (i + 1) * local] = block[:, 1:]
+        at += len(block)
+    keep, goal = np.concatenate(keeps), np.concatenate(goal)
+    solution, *_ = np.linalg.lstsq(design[keep], goal[keep], rcond=None)
+    return float(np.sum((goal[keep] - design[keep] @ solution) ** 2)), float(solution[0])

@@ -21,11 +21,12 @@ from stictionid.effects import catalogue
 from stictionid.errors import DataError, UsageError
 from stictionid.identify import Options, identify
 from stictionid.loop import Loop
-from stictionid.model import Model, Spec
+from stictionid.model import Model
 from stictionid.refit import complete, own_taps, quick
 from stictionid.resonance import resonance, shape
 from stictionid.results import study_from_json, to_json
 from stictionid.simulate import Controller, Plant, Setting, simulate
+from stictionid.spec import Spec
 
 HELD = Options(base_only=True, between="hold")
 MOVES = ((0.0, 3.0), (200.0, -4.0), (450.0, 5.0), (700.0, -3.0))

@@ -16,10 +16,12 @@ from stictionid.fit import search
 from stictionid.historian import read_loop
 from stictionid.identify import Options, identify
 from stictionid.loop import Loop
-from stictionid.model import Model, Spec, rerun
+from stictionid.model import Model
 from stictionid.oscillation import find_range
+from stictionid.rerun import rerun
 from stictionid.results import study_from_json, to_json
 from stictionid.simulate import preset, simulate, with_stiction
+from stictionid.spec import Spec
 
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"

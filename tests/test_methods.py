@@ -22,7 +22,7 @@ from stictionid.lawrank import _signed_ranks
 from stictionid.loop import Loop
 from stictionid.methods import catalogue
 from stictionid.methods.contract import SPELLING
-from stictionid.model import rerun
+from stictionid.rerun import rerun
 from stictionid.results import study_from_json, to_json
 from stictionid.simulate import preset, simulate, with_stiction
 from stictionid.steptest import fit_step

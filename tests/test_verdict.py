@@ -14,10 +14,11 @@ from stictionid.errors import UsageError
 from stictionid.historian import read_loop
 from stictionid.identify import Options, identify
 from stictionid.loop import Finding
-from stictionid.model import Model, Spec
+from stictionid.model import Model
 from stictionid.search import refine
 from stictionid.severity import band, controller_law
 from stictionid.simulate import Controller, preset, simulate, with_stiction
+from stictionid.spec import Spec
 from stictionid.verdict import capped
 from stictionid.whitened import whitened
 

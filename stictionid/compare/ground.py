@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..loop import BoolArray, FloatArray, Loop
-from ..model import Evaluated, Model
+from ..model import Model
 from ..noise import autoregression
 from ..results import Range
+from ..spec import Evaluated
 
 # Largest order of the autoregression behind the standard errors. Unit: samples.
 _ORDER = 10

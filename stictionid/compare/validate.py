@@ -13,7 +13,10 @@ import numpy as np
 from ..effects import parse
 from ..errors import DataError
 from ..loop import Finding, Loop
-from ..model import Evaluated, Model, Spec, rebuild_model
+from ..model import Model
+from ..rerun import rebuild_model
+from ..restarts import bound
+from ..spec import Evaluated, Spec
 
 # Start forces tried, and how often the ladder is refined.
 _FORCES, _TURNS = 41, 3
@@ -53,7 +56,7 @@ def transferred(loop: Loop, description: dict[str, Any],
     spec = Spec(description["law"], description["process"], tuple(kept), description["between"],
                 int(description["substeps"]), bool(description["increments"]), tuple(description["taps"]), fixed,
                 bool(description.get("friction_free", False)))
-    model = Model(loop, spec, s_max=description["s_max"], period_s=description["period_s"])
+    model = bound(loop, spec, s_max=description["s_max"], period_s=description["period_s"])
     values = model.vector(description["values"])
     low, high = -1.0, 1.0
     for _ in range(_TURNS):

@@ -14,8 +14,8 @@ import numpy as np
 
 from ..effects import parse
 from ..fit import Fitted, search_model, spreads, with_start
-from ..model import Model
 from ..refit import Refit, quick
+from ..restarts import bound
 from ..search import refine
 from .tries import Round, Tried
 from .work import Answer, Ground, Workers, look, noise
@@ -69,7 +69,7 @@ def _replicate(ground: Ground, draw: _Draw) -> Answer:
         back = residual[max(k - polynomial.size + 1, 0):k][::-1]
         residual[k] = white[k] - polynomial[1:1 + back.size] @ back
     loop = replace(fit.model.loop, process_value=null.evaluated.model + residual)
-    model = Model(loop, fit.model.spec, s_max=fit.model.s_max, period_s=fit.model.period_s)
+    model = bound(loop, fit.model.spec, s_max=fit.model.s_max, period_s=fit.model.period_s)
     coarse = search_model(model)
     polish = refine(coarse.costs, with_start(coarse, coarse.cube(fit.values[:, None])), rng,
                     spread=spreads(coarse, 0.5), rounds=40, population=14, settle=1e-4)

@@ -19,9 +19,11 @@ from ..effects import parse
 from ..effects.contract import Effect
 from ..errors import ModelError
 from ..loop import FloatArray
-from ..model import BASE, Model
+from ..model import Model
 from ..refit import Refit
 from ..resonance import shape
+from ..restarts import bound
+from ..spec import BASE
 
 if TYPE_CHECKING:
     from .tries import Round
@@ -72,7 +74,7 @@ def _size(name: str, best: Refit) -> str | None:
         return _noise_size(effect, best)
     model = best.white_model()
     spec = replace(model.spec, effects=(*model.spec.effects, name))
-    wide = Model(model.loop, spec, s_max=model.s_max, period_s=model.period_s,
+    wide = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s,
                  residual=np.nan_to_num(best.evaluated.residual))
     values = wide.vector(best.evaluated.values)
     directions = _directions(model, best)

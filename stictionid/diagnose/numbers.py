@@ -10,8 +10,9 @@ import numpy as np
 from ..effects import parse
 from ..fit import Fitted
 from ..loop import FloatArray
-from ..model import Evaluated, Model
+from ..model import Model
 from ..results import ParameterValue
+from ..spec import Evaluated
 
 
 def values_of(name: str, model: Model, values: FloatArray, evaluated: Evaluated) -> dict[str, float]:

@@ -14,9 +14,11 @@ from ..loop import Finding, FloatArray, Loop
 from ..methods import get as get_method
 from ..methods.options import Options
 from ..methods.run import Run
-from ..model import Model, rebuild_model
+from ..model import Model
 from ..oscillation import find_range
 from ..refit import Refit, complete, has_noise, own_taps, scout, settled, starting_pool
+from ..rerun import rebuild_model
+from ..restarts import bound
 from ..results import Estimate, Step, Study
 from ..search import refine
 from ..severity import severity_of
@@ -126,7 +128,7 @@ def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitt
     point = model.cube(values[:, None])
     after = finish(model, point, model.costs(point), rng)
     for _ in range(_FOLLOWED if any(e.follows_y for e in model.effects) else 0):
-        model = Model(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
+        model = bound(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
                       residual=np.nan_to_num(after.best.residual))
         point = model.cube(after.values[:, None])
         after = finish(model, point, model.costs(point), rng)
@@ -150,7 +152,7 @@ def _carrier(done: Refit, name: str, fit: Fitted) -> Model:
         spec = replace(done.spec, effects=effects)
     else:
         spec = replace(before.spec, effects=effects, taps=own_taps(before.spec))
-    return Model(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
+    return bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
                  residual=np.nan_to_num(done.evaluated.residual))
 
 
@@ -182,7 +184,7 @@ def without(after: Fitted, names: Sequence[str]) -> tuple[Model, FloatArray]:
     """The model without some of its effects, at the values it had."""
     before = after.model
     spec = replace(before.spec, effects=tuple(n for n in before.spec.effects if n not in names))
-    model = Model(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
+    model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
                   residual=np.nan_to_num(after.best.residual))
     return model, model.vector(before.named(after.values))
 

@@ -15,9 +15,10 @@ from ..effects import catalogue, parse
 from ..fit import Fitted, polish_smooth, search_model, spreads, with_start
 from ..heldout import Held, held_out
 from ..loop import FloatArray, Loop
-from ..model import BASE, Model
 from ..refit import Refit, at_thresholds, block_gains, complete, starting_pool
+from ..restarts import bound
 from ..search import refine
+from ..spec import BASE
 from .steps import variants
 from .work import Answer, Ground, Workers, base_values, finish, look, noise
 
@@ -93,7 +94,7 @@ def held_command(fit: Fitted, rng: np.random.Generator) -> Fitted | None:
     spec = fit.model.spec
     if spec.between != "corner":
         return None
-    model = Model(fit.model.loop, replace(spec, between="hold", substeps=1), s_max=fit.model.s_max,
+    model = bound(fit.model.loop, replace(spec, between="hold", substeps=1), s_max=fit.model.s_max,
                   period_s=fit.model.period_s, residual=fit.model.context.residual)
     best = model.evaluate(fit.values)
     start = Fitted(model, fit.values, best.sse, fit.runs, fit.agree, best, None, {}, fit.values[None, :2])
@@ -170,7 +171,7 @@ def better_base(fit: Fitted, starts: Sequence[FloatArray], rng: np.random.Genera
     if rows * np.log(max(fit.sse, 1e-300) / max(cost, 1e-300)) <= _BETTER_LR:
         return fit
     values = model.values(point[None])[:, 0]
-    guided = Model(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
+    guided = bound(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
                    residual=model.context.residual)
     best = guided.evaluate(values)
     return replace(fit, values=values, sse=cost, best=best, searched=values[None, :2])

@@ -21,8 +21,9 @@ from ..errors import ModelError
 from ..fit import Fitted, search_model
 from ..heldout import Held, held_out
 from ..loop import FloatArray
-from ..model import BASE, Model, Spec
 from ..refit import Refit, Scouted, complete, quick, restored, scout, settled
+from ..restarts import bound
+from ..spec import BASE, Spec
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ class Answer:
         """The refit with its arrays again; one run of the model, no search."""
         assert self.spec is not None and self.values is not None and self.taps is not None
         before = ground.fit.model
-        model = Model(before.loop, self.spec, s_max=before.s_max, period_s=before.period_s, residual=self.residual)
+        model = bound(before.loop, self.spec, s_max=before.s_max, period_s=before.period_s, residual=self.residual)
         return restored(model, self.values, self.taps, own=self.own, increments=self.increments,
                         numbers=self.noise_numbers)
 
@@ -78,7 +79,7 @@ def finish(ground: Ground, seen: Answer) -> Answer:
     before = ground.fit.model
     assert seen.spec is not None and seen.points is not None
     spec = replace(before.spec, effects=(*before.spec.effects, seen.name))
-    model = Model(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
+    model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
                   residual=np.nan_to_num(ground.fit.best.residual))
     model, values, cost = settled(Scouted(search_model(model), model, seen.points, seen.cost, seen.name
                                            if parse(seen.name)[0].kind in "FT" else ""), rng)

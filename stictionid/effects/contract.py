@@ -43,11 +43,20 @@ class Place(Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class Record:
+    """What a segment of a record must know of the whole: where it starts in it, how long that is, and y's centre."""
+
+    start_s: float
+    length_s: float
+    centre: float
+
+
+@dataclass(frozen=True, slots=True)
 class Context:
     """What an effect may look at: the record and its grid. Rows are fine steps, samples are every `substeps` rows.
 
     `guide` (n,) is the process value as the model has it: an effect that depends on y must not see the measured one,
-    or it would predict y from itself.
+    or it would predict y from itself. `record` is there where this is one segment of a record with gaps.
     """
 
     command: FloatArray
@@ -60,6 +69,7 @@ class Context:
     extras: dict[str, FloatArray] = field(default_factory=dict)
     residual: FloatArray | None = None
     guide: FloatArray | None = None
+    record: Record | None = None
 
     @property
     def part_s(self) -> float:
@@ -73,17 +83,24 @@ class Context:
 
     @property
     def length_s(self) -> float:
-        """Seconds of the whole record."""
-        return self.process_value.size * self.step_s
+        """Seconds of the whole record, gaps included."""
+        return self.process_value.size * self.step_s if self.record is None else self.record.length_s
+
+    @property
+    def start_s(self) -> float:
+        """Seconds from the start of the whole record to the first sample."""
+        return 0.0 if self.record is None else self.record.start_s
 
     @property
     def time_s(self) -> FloatArray:
-        """Seconds at the samples, (n,)."""
-        return np.arange(self.process_value.size) * self.step_s
+        """Seconds at the samples since the start of the whole record, (n,)."""
+        return self.start_s + np.arange(self.process_value.size) * self.step_s
 
     @property
     def centre(self) -> float:
-        """Mean setpoint, or mean of y without one: where gains are referred to."""
+        """Mean setpoint of the whole record, or mean of y without one: where gains are referred to."""
+        if self.record is not None:
+            return self.record.centre
         return float(np.mean(self.process_value if self.setpoint is None else self.setpoint))
 
 

@@ -255,6 +255,7 @@ def _finish(
         "step_s": step_s,
         "used": used,
         "starts": tuple(starts),
+        "begins_s": tuple(float(ns[i] - ns[0]) / 1e9 for i in starts) if len(starts) > 1 else (),
         "units": units,
     }
     zone = shaped.times.zone if shaped.times else None

@@ -19,8 +19,9 @@ import numpy as np
 from ..arx import Arx, continuous
 from ..fit import finish, with_process
 from ..loop import FloatArray
-from ..model import INTEGRATOR, J_OVER_S, S_OVER_S_MAX, Model, Spec
+from ..model import J_OVER_S, S_OVER_S_MAX, Model
 from ..search import swarm
+from ..spec import INTEGRATOR, Spec
 from .contract import Method, Outcome, Process
 from .run import Run
 

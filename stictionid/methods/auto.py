@@ -17,11 +17,12 @@ from ..errors import CannotTell
 from ..fit import Fitted, descended, one_run, region, search_model, with_process, with_start
 from ..gates import SAMPLES_PER_PERIOD
 from ..loop import FloatArray
-from ..model import FIRST_ORDER, INTEGRATOR, Evaluated, Model, Spec
+from ..model import Model
 from ..noise import autocovariance
 from ..oscillation import noise_of
 from ..results import Step
 from ..search import Found
+from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 from ..whitened import Whitened, whitened
 from .contract import Method, Outcome
 from .run import ADEQUATE, INTEGRATOR_GAIN, LONG_LAG, Run, increment_error, parameters

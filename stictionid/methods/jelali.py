@@ -22,8 +22,9 @@ from ..arx import Arx
 from ..conic import pv_op_ellipse
 from ..errors import CannotTell
 from ..loop import FloatArray
-from ..model import S_OVER_S_MAX, Spec
+from ..model import S_OVER_S_MAX
 from ..search import Cost
+from ..spec import Spec
 from .contract import Method, Outcome
 from .run import Run
 

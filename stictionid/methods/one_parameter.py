@@ -21,7 +21,8 @@ from ..armax import Armax, Regression, armax
 from ..arx import Arx
 from ..errors import CannotTell
 from ..loop import FloatArray
-from ..model import Model, Spec
+from ..model import Model
+from ..spec import Spec
 from .contract import Method, Outcome
 from .run import Run
 

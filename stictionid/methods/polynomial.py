@@ -19,10 +19,11 @@ import numpy as np
 from ..armax import Armax, Regression, armax
 from ..fit import one_run
 from ..loop import FloatArray
-from ..model import Model, Spec
+from ..model import Model
 from ..process import Dynamics, free_run, transient
 from ..results import Verdict
 from ..search import refine
+from ..spec import Spec
 from .contract import Method, Outcome
 from .run import Run
 

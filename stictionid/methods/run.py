@@ -12,11 +12,13 @@ from ..errors import CannotTell
 from ..fit import Fitted, basins, effective_rows, finish, process_costs, search
 from ..gates import swing_of, time_scale_s
 from ..loop import Finding, FloatArray, Loop
-from ..model import FIRST_ORDER, INTEGRATOR, Evaluated, Model, Spec, skipped
+from ..model import Model, skipped
 from ..noise import irreducible
 from ..regression import bic
+from ..restarts import bound
 from ..results import ErrorSummary, ParameterValue, Range, Restarts, Step
 from ..search import refine
+from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 from .contract import Method
 from .options import Options
 
@@ -45,7 +47,7 @@ class Run:
 
     def model(self, spec: Spec) -> Model:
         """The spec bound to this record."""
-        return Model(self.loop, spec, s_max=self.s_max, period_s=self.period_s)
+        return bound(self.loop, spec, s_max=self.s_max, period_s=self.period_s)
 
     def basins(self, spec: Spec) -> FloatArray:
         """Basins (k, d) of the spec's valve on the ARX cost, looked for once for all structures of the process.

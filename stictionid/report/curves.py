@@ -18,7 +18,7 @@ from ..results import Study
 from . import wording
 
 if TYPE_CHECKING:
-    from ..model import Curves
+    from ..spec import Curves
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ def curves(study: Study, loop: Loop) -> list[Curves]:
     """
     if not any(step.model for step in study.steps):
         return []
-    from ..model import rerun
+    from ..rerun import rerun
 
     return [rerun(loop, step.model) for step in study.steps if step.model]
 

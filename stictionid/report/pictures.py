@@ -19,7 +19,7 @@ from .picture import Band, Box, Cells, Line, Mark, Panel, Picture, Rule
 from .sections import added_later, mapped_step
 
 if TYPE_CHECKING:
-    from ..model import Curves
+    from ..spec import Curves
 
 # Bins of the min-max thinning of a static trend. Unit: 1; about two per 3 pixels of a page-wide picture.
 TREND_BINS = 600

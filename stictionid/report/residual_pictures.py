@@ -12,7 +12,7 @@ from . import measures, wording
 from .picture import Line, Panel, Picture, Rule
 
 if TYPE_CHECKING:
-    from ..model import Curves
+    from ..spec import Curves
 
 # Fewer residuals than this say nothing about correlation. Unit: samples.
 _FEWEST = 32

@@ -1,0 +1,132 @@
+"""A model over several segments of a record: restarted in each, with one valve and one process for all.
+
+S, J, the process and the effects are common. Each segment has an initial residual force of its own in the search, and
+a level, a drift (integrators) and start-up transients of its own in the least squares (blockwise.py). Filters, the
+rebuilt command and the rows left out at the start begin anew with every segment: nothing reaches across a gap.
+Effects that run by the clock (drifts, sine waves, ramps) see the clock, gaps included.
+
+Wrong where the valve or the process was changed during a gap: then each segment is a record of its own.
+Source: METHODS.md section 4, trap 1; HISTORIAN.md item 3.12.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .blockwise import Blockwise, block_columns
+from .effects.contract import Context, Record
+from .loop import FloatArray, Loop
+from .model import Model
+from .regression import Shared
+from .spec import BASE, Spec
+
+
+def bound(loop: Loop, spec: Spec, *, s_max: float, period_s: float, residual: FloatArray | None = None,
+          command: FloatArray | None = None) -> Model:
+    """The spec bound to a record: a plain model for one segment, a restarted one for several."""
+    kind = Model if len(loop.starts) == 1 else Restarted
+    return kind(loop, spec, s_max=s_max, period_s=period_s, residual=residual, command=command)
+
+
+class Restarted(Model):
+    """A `Spec` bound to several segments. Not changed after it is made."""
+
+    def __init__(self, loop: Loop, spec: Spec, *, s_max: float, period_s: float,
+                 residual: FloatArray | None = None, command: FloatArray | None = None,
+                 record: Record | None = None) -> None:
+        self._name(loop, spec, s_max, period_s)
+        self.forces = (*Model.forces, *range(len(BASE), len(BASE) + len(loop.starts) - 1))
+        clock = loop.clock_s
+        centre = float(np.mean(loop.setpoint if loop.setpoint is not None
+                               else loop.process_value[np.isfinite(loop.process_value)]))
+        m = 1 if command is None else command.size // loop.samples
+        self._pieces = tuple(
+            Model(loop.cut(p.start, p.stop), spec, s_max=s_max, period_s=period_s,
+                  residual=None if residual is None else residual[p],
+                  command=None if command is None else command[p.start * m:p.stop * m],
+                  record=Record(float(clock[p.start]), float(clock[-1]) + loop.step_s, centre))
+            for p in loop.segments)
+        parts = [piece.context for piece in self._pieces]
+        self.context = Context(np.concatenate([c.command for c in parts]),
+                               np.concatenate([c.process_value for c in parts]), loop.setpoint, loop.step_s,
+                               self.parts, period_s, s_max, dict(loop.extras), residual,
+                               None if residual is None else np.concatenate([c.guide for c in parts]),
+                               Record(0.0, float(clock[-1]) + loop.step_s, centre))
+        self._range()
+        self.skip = min(piece.skip for piece in self._pieces)
+        self.weight = np.concatenate([piece.weight for piece in self._pieces])
+        self.target = np.concatenate([piece.target for piece in self._pieces])
+        middle = self.values(np.full((1, self.space.size), 0.5))
+        common = 1 + sum(len(effect.columns(middle[rows], piece._context(option)))
+                         for piece in self._pieces[:1] for effect, rows, option in
+                         zip(self.effects, self._slices, self._options, strict=True) if effect.columns)
+        self.shared = Blockwise(tuple(p.shared for p in self._pieces if isinstance(p.shared, Shared)), common)
+
+    @property
+    def pieces(self) -> tuple[Model, ...]:
+        """The models of the segments."""
+        return self._pieces
+
+    def of(self, piece: int, values: FloatArray) -> FloatArray:
+        """The values (d, P) of one segment's model, out of those of all."""
+        rows = [0, 1, self.forces[piece], 3, 4, *range(self.head, values.shape[0])]
+        return values[rows]
+
+    def split(self, rows: FloatArray) -> list[FloatArray]:
+        """An array (n * parts, …) cut at the segments."""
+        return np.split(rows, [start * (len(rows) // self.loop.samples) for start in self.loop.starts[1:]])
+
+    def filtered(self, columns: FloatArray) -> FloatArray:
+        """Columns (n, c) passed through the noise filter of the model, which starts anew with every segment."""
+        return np.concatenate([piece.filtered(part) for piece, part in zip(self._pieces, self.split(columns),
+                                                                           strict=True)])
+
+    def _columns(self) -> FloatArray:
+        """Level and drift of every segment (n, q): all levels first."""
+        return block_columns([piece._columns() for piece in self._pieces])
+
+    def positions(self, values: FloatArray) -> FloatArray:
+        """Valve positions (n*parts, P) in % of travel, restarted in every segment."""
+        return np.concatenate([piece.positions(self.of(i, values)) for i, piece in enumerate(self._pieces)])
+
+    def responses(self, values: FloatArray, position: FloatArray | None = None, *,
+                  filtered: bool = True) -> tuple[FloatArray, tuple[int, ...]]:
+        """Own columns of every candidate stacked in one array (rows, P), with the first row of each column.
+
+        Column i of the whole record is made of column i of every segment.
+        """
+        position = self.positions(values) if position is None else position
+        made = [piece.responses(self.of(i, values), part, filtered=filtered)
+                for i, (piece, part) in enumerate(zip(self._pieces, self.split(position), strict=True))]
+        n, count = self.loop.samples, len(made[0][1])
+        base = np.empty((count * n, position.shape[1]))
+        for part, (own, offsets) in zip(self.loop.segments, made, strict=True):
+            for i, o in enumerate(offsets):
+                base[i * n + part.start:i * n + part.stop] = own[o:o + part.stop - part.start]
+        return base, tuple(i * n for i in range(count))
+
+    def own_columns(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
+        """What `responses` stacked as columns (k, n, P): common ones first, then every transient segment by segment."""
+        whole = super().own_columns(base, offsets)
+        common = self.shared.common
+        local = np.zeros((len(whole) - common, len(self._pieces), *whole.shape[1:]))
+        for i, part in enumerate(self.loop.segments):
+            local[:, i, part] = whole[common:, part]
+        return np.concatenate([whole[:common], local.reshape(-1, *whole.shape[1:])])
+
+    def guided(self, guide: FloatArray) -> Model:
+        """The same model with effects that follow a given y (n,)."""
+        other = copy(self)
+        other.context = replace(self.context, guide=guide)
+        other._pieces = tuple(piece.guided(part) for piece, part in zip(self._pieces, self.split(guide), strict=True))
+        return other
+
+    def describe(self, values: FloatArray) -> dict[str, Any]:
+        """Everything needed to run this model again without a search, the segments among it."""
+        sizes = [p.stop - p.start for p in self.loop.segments]
+        return {**super().describe(values),
+                "segments": [[first, size] for first, size in zip(self.loop.picked, sizes, strict=True)]}

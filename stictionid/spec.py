@@ -1,0 +1,78 @@
+"""What a model is made of, before it meets a record, and what one run of it gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .loop import FloatArray
+
+FIRST_ORDER, INTEGRATOR = "first-order", "integrator"
+BASE = ("S", "J", "initial_residual_force", "time_constant_s", "dead_time_s")
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """What a model is made of, without its numbers: what `identify` chooses and a study remembers.
+
+    `fixed` holds values the user knows ("gain", "time_constant_s", "dead_time_s"). `taps` is the autoregressive
+    noise model (coefficients after the leading 1); `increments` fits differences, for integrators.
+    """
+
+    law: str = "chen"
+    process: str = FIRST_ORDER
+    effects: tuple[str, ...] = ()
+    between: str = "hold"
+    substeps: int = 1
+    increments: bool = False
+    taps: tuple[float, ...] = ()
+    fixed: dict[str, float] = field(default_factory=dict)
+    friction_free: bool = False
+
+    def whitening(self) -> FloatArray:
+        """All taps of the prewhitening filter, the difference for integrators included."""
+        polynomial = np.concatenate([[1.0], self.taps])
+        if self.increments:
+            polynomial = np.convolve(polynomial, [1.0, -1.0])
+        return polynomial[1:]
+
+
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """One model run against its record, arrays (n,): what pictures are drawn from. NaN where not defined."""
+
+    time_s: FloatArray
+    setpoint: FloatArray | None
+    output: FloatArray
+    process_value: FloatArray
+    model: FloatArray
+    residual: FloatArray
+    position: FloatArray
+    innovation: FloatArray
+    measured_position: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluated:
+    """One candidate in full: named values, linear coefficients, curves in the unit of y, and the sums behind them."""
+
+    values: dict[str, float]
+    gain: float
+    offset: float
+    own: FloatArray
+    transient: FloatArray
+    transients: int
+    model: FloatArray
+    residual: FloatArray
+    innovation: FloatArray
+    position: FloatArray
+    position_means: FloatArray
+    rows: int
+    sse: float
+    counted: FloatArray
+
+    @property
+    def rmse(self) -> float:
+        """Free-run error over the samples that count, in the unit of y."""
+        return float(np.sqrt(np.mean(self.residual[self.counted > 0] ** 2)))

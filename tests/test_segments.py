@@ -1,0 +1,106 @@
+"""Records with gaps: segments are restarted with a start of their own and never glued; S, J and process are common."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import naive
+import numpy as np
+import pytest
+
+from stictionid.blockwise import Blockwise, block_columns
+from stictionid.loop import Loop
+from stictionid.model import Model
+from stictionid.regression import Shared
+from stictionid.restarts import Restarted, bound
+from stictionid.simulate import preset, simulate
+from stictionid.spec import INTEGRATOR, Spec
+
+
+def with_gaps(loop: Loop, *gaps: tuple[int, int]) -> Loop:
+    """The loop without the samples of the gaps, each segment at its time on the clock."""
+    keep = np.ones(loop.samples, bool)
+    for a, b in gaps:
+        keep[a:b] = False
+    starts = (0, *(int(keep[:b].sum()) for _, b in gaps))
+    begins = (0.0, *(b * loop.step_s for _, b in gaps))
+    return Loop(output=loop.output[keep], process_value=loop.process_value[keep],
+                setpoint=None if loop.setpoint is None else loop.setpoint[keep],
+                position=None if loop.position is None else loop.position[keep],
+                extras={tag: x[keep] for tag, x in loop.extras.items()}, step_s=loop.step_s, units=loop.units,
+                starts=starts, begins_s=begins)
+
+
+def scanned(name: str = "foptd", *, S: float = 5.0, J: float = 3.0, seed: int = 0, noise: float = 0.0,
+            duration_s: float = 400.0) -> Loop:
+    setting = preset(name)
+    setting = replace(setting, S=S, J=J, noise_sd=noise, duration_s=duration_s,
+                      controller=replace(setting.controller, scan_s=1.0))
+    return simulate(setting, seed=seed).loop
+
+
+@pytest.mark.parametrize("process", ["first-order", INTEGRATOR])
+@pytest.mark.parametrize("taps", [(), (-0.6, 0.1)])
+def test_a_restarted_model_costs_what_its_twin_does(process: str, taps: tuple[float, ...]) -> None:
+    loop = with_gaps(scanned(noise=0.3), (101, 143), (231, 260))
+    spec = Spec(process=process, taps=taps)
+    model = bound(loop, spec, s_max=10.0, period_s=40.0)
+    assert isinstance(model, Restarted)
+    values = np.array([4.6, 2.1, 0.3, 6.5, 4.3, -0.7, 0.9])
+    segments = [(loop.output[p], loop.process_value[p]) for p in loop.segments]
+    cost, gain = naive.restarted_cost(segments, 4.6, 2.1, (0.3, -0.7, 0.9), 6.5, 4.3, step=1.0, taps=taps,
+                                      skip=[m.skip for m in model.pieces], integrating=process == INTEGRATOR)
+    assert model.costs_of(values[:, None])[0] == pytest.approx(cost, rel=1e-4)
+    evaluated = model.evaluate(values)
+    assert evaluated.sse == pytest.approx(cost, rel=1e-4) and evaluated.gain == pytest.approx(gain, rel=1e-3)
+    residual = model.residuals(model.cube(values[:, None]))[:, 0]
+    assert float(residual @ residual) == pytest.approx(cost, rel=1e-4)
+    np.testing.assert_allclose(residual[model.weight > 0], evaluated.innovation[model.weight > 0], atol=1e-6)
+
+
+def test_one_segment_is_the_plain_model_and_alone_in_a_restarted_one_the_same() -> None:
+    loop = scanned(noise=0.2)
+    assert type(bound(loop, Spec(), s_max=10.0, period_s=40.0)) is Model
+    plain = Model(loop, Spec(), s_max=10.0, period_s=40.0)
+    cube = np.random.default_rng(0).random((40, 5))
+    whole = Restarted(loop, Spec(), s_max=10.0, period_s=40.0)
+    np.testing.assert_allclose(whole.costs(cube), plain.costs(cube), rtol=1e-7)
+
+
+def test_blockwise_elimination_is_one_wide_least_squares() -> None:
+    rng = np.random.default_rng(3)
+    sizes, common, local, lanes = (37, 58, 24), 2, 2, 9
+    n = sum(sizes)
+    weight = rng.random(n) > 0.2
+    target = rng.standard_normal(n) + np.repeat([5.0, -3.0, 8.0], sizes)
+    base = rng.standard_normal(((common + local) * n, lanes))
+    base[2 * n:2 * n + sizes[0], 4] = 0.0  # a transient that is not there gets no coefficient
+    edges = np.cumsum([0, *sizes])
+    spans = [slice(a, b) for a, b in itertools.pairwise(edges)]
+    shared = [np.stack([np.ones(s), np.arange(s)], axis=1) for s in sizes]
+    ours = Blockwise(tuple(Shared.prepare(target[p], c, weight[p]) for p, c in zip(spans, shared, strict=True)), common)
+    offsets = tuple(i * n for i in range(common + local))
+    cost, coefficients = ours.solve(base, offsets)
+    residual = ours.residuals(base, offsets)
+    for lane in range(lanes):
+        columns = [base[i * n:(i + 1) * n, lane] for i in range(common + local)]
+        own = columns[:common] + [np.where((np.arange(n) >= p.start) & (np.arange(n) < p.stop), c, 0.0)
+                                  for p in spans for c in columns[common:]]
+        sse, theta = naive.least_squares(own, block_columns(shared), target, weight.astype(float))
+        assert cost[lane] == pytest.approx(sse, rel=1e-9)
+        np.testing.assert_allclose(coefficients[:, :common, lane], np.tile(theta[:common], (3, 1)), rtol=1e-7)
+        np.testing.assert_allclose(coefficients[:, common:, lane].ravel(), theta[common:], rtol=1e-7, atol=1e-9)
+        assert float(residual[:, lane] @ residual[:, lane]) == pytest.approx(sse, rel=1e-9)
+
+
+def test_glued_segments_are_wrong_where_restarted_ones_are_right() -> None:
+    whole = scanned(noise=0.05, duration_s=600.0)
+    loop = with_gaps(whole, (151, 173), (297, 340))
+    truth = np.array([5.0, 3.0, 0.0, 5.0, 5.0])
+    glued = Model(replace(loop, starts=(0,), begins_s=()), Spec(), s_max=10.0, period_s=40.0)
+    model = bound(loop, Spec(), s_max=10.0, period_s=40.0)
+    forces = (whole.output - whole.position)[[0, 173, 340]] / 4.0
+    right = model.evaluate(np.concatenate([truth[:2], forces[:1], truth[3:], forces[1:]]))
+    assert right.rmse < 0.06
+    assert glued.evaluate(truth).rmse > 5.0 * right.rmse
