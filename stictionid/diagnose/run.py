@@ -12,8 +12,8 @@ from dataclasses import replace
 from ..effects import parse
 from ..loop import Finding, Loop
 from ..methods.run import Run
-from ..model import rebuild_model
 from ..refit import quick
+from ..rerun import rebuild_model
 from ..results import Study
 from .judge import NAMED, candidates, winner_of
 from .steps import add, finished_step, opened, polished, with_steps
