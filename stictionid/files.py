@@ -9,16 +9,40 @@ import stat
 import tempfile
 from pathlib import Path
 
-from .errors import UsageError
+from .errors import DataError, UsageError
+
+MOST_TEXT_BYTES = 64 << 20
+"""Largest study, loop list or profile that is read, bytes; what this program writes stays far below."""
 
 
 def sha256_of(path: str | Path) -> str:
-    """SHA-256 of a file's bytes, as hex."""
+    """SHA-256 of a file's bytes, as hex. UsageError for a device or a pipe, which may have no end."""
+    if _is_special(Path(path)):
+        raise UsageError(f"{path} is a device or a pipe, and its end can't be known", "give a file")
     digest = hashlib.sha256()
     with open(path, "rb") as file:
         while block := file.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
+
+
+def text_of(path: str | Path, what: str, *, hint: str, encoding: str = "utf-8") -> str:
+    """The text of a small file, called `what` in errors: UsageError where it is absent, DataError where it is no text.
+
+    Never more than `MOST_TEXT_BYTES` of it are read, whatever the path leads to.
+    """
+    try:
+        with open(path, "rb") as file:
+            data = file.read(MOST_TEXT_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(f"{what} {path} can't be read: {reason}".lstrip(), hint) from None
+    if len(data) > MOST_TEXT_BYTES:
+        raise DataError(f"{what} {path} is larger than {MOST_TEXT_BYTES >> 20} MiB".lstrip(), hint)
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError:
+        raise DataError(f"{what} {path} is not UTF-8 text".lstrip(), hint) from None
 
 
 def write_whole(path: str | Path, content: bytes | str, *, force: bool = False, kind: bytes | None = None) -> None:

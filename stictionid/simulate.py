@@ -28,6 +28,10 @@ FINEST_STEP_S = 0.05
 # A step must resolve the fastest time constant by at least this many parts.
 _PARTS_PER_TIME_CONSTANT = 6
 OPERATING_POINT = 50.0
+# Integration steps (and samples) of one record: eleven days of a continuous loop, about two minutes of work.
+MOST_STEPS = 20_000_000
+# Largest number that can be said, in whatever unit; products of a few of them stay finite.
+LARGEST = 1e12
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,21 +105,47 @@ def _check(setting: Setting) -> None:
         ("--step", setting.step_s, 1e-6), ("--duration", setting.duration_s, setting.step_s),
         ("--noise", setting.noise_sd, 0.0), ("--quantise", setting.quantise, 0.0), ("--scan", c.scan_s, 0.0),
         ("--time-constant", p.time_constant_s, 0.0), ("--second-time-constant", p.second_time_constant_s, 0.0),
-        ("--dead-time", p.dead_time_s, 0.0), ("--derivative-time", c.derivative_time_s, 0.0),
+        ("--dead-time", p.dead_time_s, 0.0), ("--td", c.derivative_time_s, 0.0), ("--kc", c.gain, -LARGEST),
+        ("--gain", p.gain, -LARGEST), ("--ti", c.integral_time_s, -LARGEST),
+        *(("--setpoint", value, -LARGEST) for move in setting.setpoint_moves for value in move),
     ):
-        if not (math.isfinite(value) and value >= low):
+        if math.isnan(value):
+            raise UsageError(f"{what} nan is no number", f"give {what} {max(low, 1.0):g}, for example")
+        if value < low:
             raise UsageError(f"{what} {value:g} is below its limit {low:g}", f"give {what} {max(low, 1.0):g} or more")
-    if not (math.isfinite(c.integral_time_s) and c.integral_time_s > 0):
-        raise UsageError(f"--integral-time {c.integral_time_s:g} s is not positive", "give seconds above 0")
-    if not math.isfinite(p.gain) or p.gain == 0:
+        if value > LARGEST:
+            raise UsageError(f"{what} {value:g} is above its limit {LARGEST:g}", f"give {what} 1, for example")
+    if c.integral_time_s <= 0:
+        raise UsageError(f"--ti {c.integral_time_s:g} s is not positive", "give seconds above 0")
+    if p.gain == 0:
         raise UsageError(f"--gain {p.gain:g} moves nothing", "give a gain other than 0")
+    if 0 < setting.quantise < 1 / LARGEST:
+        raise UsageError(f"--quantise {setting.quantise:g} is finer than {1 / LARGEST:g}", "give 0 for none")
+    samples = setting.duration_s / setting.step_s
+    if samples > MOST_STEPS:
+        raise UsageError(f"{samples:.3g} samples are more than {MOST_STEPS:,}", "give a shorter --duration")
+    _check_fineness(setting)
+
+
+def _check_fineness(setting: Setting) -> None:
+    """Refuse a loop that would take more integration steps than anybody waits for."""
+    c, p = setting.controller, setting.plant
+    # Before it is divided by: a scan or a lag far below the step would make more steps than a number can hold.
+    for what, value in (("--scan", c.scan_s), ("--time-constant", p.time_constant_s),
+                        ("--second-time-constant", p.second_time_constant_s)):
+        if 0 < value < setting.step_s / MOST_STEPS:
+            raise UsageError(f"{what} {value:g} s is too short beside the --step of {setting.step_s:g} s",
+                             f"give {what} 0, or {setting.step_s / 100:g} s or more")
     if c.scan_s and abs(c.scan_s / setting.step_s - round(c.scan_s / setting.step_s)) > 1e-9 \
             and abs(setting.step_s / c.scan_s - round(setting.step_s / c.scan_s)) > 1e-9:
         raise UsageError(f"--scan {c.scan_s:g} s and --step {setting.step_s:g} s are not multiples of each other",
                          "give one as a whole multiple of the other")
-    samples = setting.duration_s / setting.step_s
-    if samples > 20_000_000:
-        raise UsageError(f"{samples:.3g} samples are more than 20 million", "give a shorter --duration")
+    fine, per_sample = _fine_step(setting)
+    for what, seconds in (("--duration", round(setting.duration_s / setting.step_s) * per_sample * fine),
+                          ("--dead-time", p.dead_time_s)):
+        if seconds / fine > MOST_STEPS:
+            raise UsageError(f"{what} {seconds:g} s takes {seconds / fine:.3g} integration steps of {fine:g} s, more "
+                             f"than {MOST_STEPS:,}", f"give a shorter {what}, or longer time constants and --scan")
 
 
 def _fine_step(setting: Setting) -> tuple[float, int]:
@@ -193,6 +223,7 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     hidden = hide(setting.effects, S=setting.S, J=setting.J, lags=(plant.time_constant_s, plant.second_time_constant_s),
                   time_s=time, start=OPERATING_POINT, rng=np.random.default_rng([seed, 1]))
     setting = replace(setting, plant=replace(plant, second_time_constant_s=hidden.lags[1]))
+    _check_fineness(setting)
     fine, per_sample = _fine_step(setting)
     samples = time.size
     c = setting.controller

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import DataError, UsageError
+from ..files import text_of
 
 COLUMNS = ("loop", "sp", "pv", "op", "position", "span_op", "span_pv")
 _NEEDED = ("loop", "pv", "op")
@@ -33,13 +34,7 @@ class Listed:
 
 def read_list(path: Path) -> tuple[Listed, ...]:
     """The loops of a list. UsageError where the file is absent, DataError where a row can't be used."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise UsageError(f"the loop list {path} can't be read: {error.strerror or error}", "give --loops LIST.csv") \
-            from None
-    except UnicodeDecodeError:
-        raise DataError(f"the loop list {path} is not UTF-8 text", "save it as CSV UTF-8") from None
+    text = text_of(path, "the loop list", hint="give --loops LIST.csv, saved as CSV UTF-8", encoding="utf-8-sig")
     separator = ";" if text.partition("\n")[0].count(";") > text.partition("\n")[0].count(",") else ","
     try:
         rows = list(csv.reader(io.StringIO(text), delimiter=separator, strict=True))

@@ -12,8 +12,8 @@ from ..errors import DataError, UsageError
 from ..historian.assign import key_of
 from ..historian.dataset import groups_of, open_dataset
 from ..historian.options import ReadOptions
-from ..historian.profile import with_profile
 from ..historian.roles import listing
+from ..historian.settled import settled
 from .command import command_for
 from .looplist import Listed, read_list
 from .names import key_for
@@ -38,9 +38,7 @@ def plan(paths: Iterable[str], work: Work, *, reading: ReadOptions | None = None
 
     UsageError for absent paths and for two loops of one name; DataError where there is no loop at all.
     """
-    reading = reading or ReadOptions()
-    if reading.profile is not None:
-        reading = with_profile(reading)
+    reading = settled(reading)
     listed = read_list(loops) if loops is not None else ()
     found = look(paths, leave=[loops] if loops is not None else [])
     peeked, skipped = _peek_all(found, reading)

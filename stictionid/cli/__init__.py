@@ -21,6 +21,9 @@ app = typer.Typer(
 )
 
 
+_LONGEST_SENTENCE = 900
+
+
 def _version(show: bool) -> None:
     if show:
         print(f"stictionid {__version__}")
@@ -68,6 +71,8 @@ def _drop_stdout() -> None:
 
 
 def _refuse(message: str, hint: str, code: int) -> int:
+    # The option parser repeats what was typed, whatever its length.
+    message = message if len(message) <= _LONGEST_SENTENCE else message[:_LONGEST_SENTENCE] + "…"
     print(f"stictionid: {safe(message)}", file=sys.stderr)
     if hint:
         print(f"  {safe(hint)}", file=sys.stderr)

@@ -15,15 +15,10 @@ DataArgument = Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Its
 
 def open_study(path: Path) -> Any:
     """The study in a file; UsageError where it can't be read, DataError where it is none."""
+    from ..files import text_of
     from ..results import study_from_json
 
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise DataError(f"{path} is not a study: it is not text", "give a file written by identify -o") from None
-    except OSError as error:
-        raise UsageError(f"{path} can't be read: {error.strerror}", "give a file written by identify -o") from None
-    return study_from_json(text)
+    return study_from_json(text_of(path, "the study", hint="give a file written by stictionid identify -o"))
 
 
 def open_data(study: Any, study_path: Path, given: Path | None) -> Any:
@@ -33,7 +28,7 @@ def open_data(study: Any, study_path: Path, given: Path | None) -> Any:
 
     name = study.data.file
     places = [given] if given else [Path(name), study_path.parent / Path(name).name] if name else []
-    found = next((p for p in places if p is not None and p.exists()), None)
+    found = next((p for p in places if p is not None and (p.is_file() or p.is_dir())), None)
     if found is None:
         raise UsageError(f"the data of the study ({name or 'unnamed'}) are not there", "give the file after the study")
     # A file is known by its bytes before it is read, a folder by the rows that were read of it.

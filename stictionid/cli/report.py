@@ -9,6 +9,7 @@ import typer
 
 from . import app
 from ._shared import ForceOption, JsonOption, Progress, QuietOption, out_console, print_json_text, say
+from ._study import open_study
 
 
 @app.command(help="Write a report of one or more studies: markdown with pictures, one HTML page, or JSON.\n\n"
@@ -56,19 +57,9 @@ def report(
 
 
 def _case(path: Path, data: Path | None):
-    from ..errors import DataError, UsageError
     from ..report.curves import gather
-    from ..results import study_from_json
 
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise DataError(f"{path} is not a study: it is not text", "give a file written by stictionid identify -o") \
-            from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise UsageError(f"{path} can't be read: {reason}", "give a file written by stictionid identify -o") from None
-    return gather(study_from_json(text), data=data, near=(path.resolve().parent,))
+    return gather(open_study(path), data=data, near=(path.resolve().parent,))
 
 
 def _print_json(cases: list) -> None:

@@ -98,7 +98,8 @@ def follows_valve(ground: Ground) -> tuple[FloatArray, Finding | None]:
     taps = ground.model.taps if ground.model.taps.size else ground.taps
     v = np.convolve(v - v.mean(), np.concatenate([[1.0], taps]))[:v.size]
     moves = np.diff(v, prepend=v[0])
-    longest = int(np.clip(ground.period_s / ground.step_s, 2, 60))
+    # A short record (a second one, compared with an old study) may hold less than one period.
+    longest = min(int(np.clip(ground.period_s / ground.step_s, 2, 60)), v.size - 1)
     n = int(good.sum())
     cross = np.array([_correlation(e, _shifted(moves, k), good) for k in range(longest + 1)])
     lags = np.unique(np.round(np.linspace(0, longest, _MOST_RESPONSE)).astype(int))

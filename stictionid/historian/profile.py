@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DataError, UsageError
-from ..files import write_whole
+from ..files import text_of, write_whole
 from .options import ReadOptions, typed
 from .roles import take_apart
 
@@ -21,17 +21,7 @@ _NOT_KEPT = ("profile", "no_guess", "start", "end", "loop", "limit")
 def with_profile(options: ReadOptions) -> ReadOptions:
     """Options with what they leave open taken from their profile. UsageError where absent, DataError where damaged."""
     path = Path(options.profile or "")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise UsageError(
-            f"profile {path} can't be read: {error.strerror or error}",
-            "write one with stictionid read FILE --save-profile",
-        ) from None
-    except UnicodeDecodeError:
-        raise DataError(
-            f"profile {path} is not UTF-8 text", "write one with stictionid read FILE --save-profile"
-        ) from None
+    text = text_of(path, "profile", hint="write one with stictionid read FILE --save-profile")
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

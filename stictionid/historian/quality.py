@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UsageError
 from ..loop import BoolArray
 from .arrow import booleans, indices
-from .cells import shown, to_numbers
+from .cells import to_numbers
 
 OPC_MASK, OPC_GOOD, OPC_UNCERTAIN = 0xC0, 0xC0, 0x40
 """Quality bits of OPC DA: 0xC0 good, 0x40 uncertain, 0 bad (216 = good, local override)."""
@@ -46,8 +45,6 @@ def read_quality(column: Any, name: str, kind: str | None) -> Quality:
     """A quality column; `kind` overrides the guess by its values."""
     import pyarrow as pa
 
-    if kind is not None and kind not in KINDS:
-        raise UsageError(f"quality kind {shown(kind)} is unknown", f"one of {', '.join(KINDS)}")
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
     if pa.types.is_boolean(column.type):

@@ -8,24 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError, UsageError
+from ..errors import DataError
 from ..loop import Finding, Loop, Origin
 from .align import Aligned, align
 from .arrow import booleans
 from .assemble import Assembled, assemble
 from .cells import shown
 from .limits import limits_from
-from .modes import check_map
 from .notes import bad_findings
 from .options import ReadOptions
 from .rows import RowBook
+from .settled import settled
 from .shapes import Shaped, shape_table
 from .source import Source, open_source
 from .table import Table, read_table
-from .units import check_span
 
-MIN_STEP_S, MAX_STEP_S = 1e-6, 1e7
-"""Sampling times that can be said, seconds: a microsecond to 116 days."""
 EXCEL_ROWS = (1_048_576, 65_536)
 """Rows of a sheet in Excel since 2007, and before."""
 
@@ -74,12 +71,7 @@ def read_loop(file: Any, *, options: ReadOptions | None = None) -> Loop:
 
 def read(file: Any, *, options: ReadOptions | None = None) -> Reading:
     """The loop in a file with what was understood, assumed and left out on the way. Errors as `read_loop`."""
-    options = options or ReadOptions()
-    if options.profile is not None:
-        from .profile import with_profile
-
-        options = with_profile(options)
-    _check(options)
+    options = settled(options)
     if not hasattr(file, "read") and str(file) != "-" and Path(file).is_dir():
         from .folder import read_folder
 
@@ -101,24 +93,7 @@ def read_frame(frame: Any, *, options: ReadOptions | None = None, name: str = "d
 
     named = any(n is not None for n in frame.index.names)
     table = table_from_arrow(pa.Table.from_pandas(frame, preserve_index=named), name)
-    return _read_table(Source(name, "parquet", b"", ""), table, options or ReadOptions())
-
-
-def _check(options: ReadOptions) -> None:
-    for span, flag in ((options.span_pv, "--span-pv"), (options.span_op, "--span-op"), (options.split, "--split")):
-        check_span(span, flag)
-    check_map(options.mode_map)
-    step, header, separator = options.step_s, options.header, options.separator
-    if step is not None and not MIN_STEP_S <= step <= MAX_STEP_S:
-        raise UsageError(f"--step {step:g} is not between {MIN_STEP_S:g} and {MAX_STEP_S:g} s", "for example --step 1")
-    if header is not None and header < 0:
-        raise UsageError(f"--header {header} is below 0", "give the number of lines before the data")
-    if separator is not None and (len(separator) != 1 or not separator.isascii() or separator in "\r\n\"\0"):
-        raise UsageError(f"--separator {separator!r} is not one plain character", "use , ; | tab or space")
-    if options.decimal not in (None, ".", ","):
-        raise UsageError(f"--decimal {options.decimal!r} is no decimal mark", "use . or ,")
-    if options.decimal == "," and separator == ",":
-        raise UsageError("--decimal , and --separator , can't both be", "export it with semicolons, tabs or quotes")
+    return _read_table(Source(name, "parquet", b"", ""), table, settled(options))
 
 
 def _read_table(source: Source, table: Table, options: ReadOptions) -> Reading:
@@ -276,5 +251,5 @@ def loops_in(file: Any, *, options: ReadOptions | None = None) -> tuple[str, ...
     """Names of the loops in a file, in order; empty where it holds one loop without a name."""
     from .listing import names_of
 
-    options = options or ReadOptions()
+    options = settled(options)
     return names_of(read_table(open_source(file, limits_from(options.limit)), options, loops=True), options)

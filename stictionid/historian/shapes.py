@@ -63,8 +63,6 @@ def shape_table(table: Table, options: ReadOptions, book: RowBook) -> Shaped:
     kinds = [_kind(table, i) for i in range(len(table.names))]
     tag_column, value_column = _long_columns(table, kinds)
     shape = options.shape
-    if shape not in (None, "wide", "long", "paired"):
-        raise UsageError(f"shape {shown(shape)} is unknown", "one of wide, long, paired")
     times = [i for i, k in enumerate(kinds) if k in ("time", "date", "clock")]
     if shape == "long" or (shape is None and tag_column >= 0 and value_column >= 0):
         from .long_shape import shape_long

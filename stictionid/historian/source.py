@@ -74,11 +74,17 @@ def open_source(file: Any, limits: Limits | None = None) -> Source:
         data = content.encode() if isinstance(content, str) else bytes(content)
         return _from_bytes(data, str(getattr(file, "name", "data")), limits)
     if str(file) == "-":
-        return _from_bytes(_read_limited(sys.stdin.buffer, "standard input", limits), "standard input", limits)
+        name = "standard input"
+        start = sys.stdin.buffer.read(limits.line + 1)
+        if _kind(start) == "text":
+            _check_lines(start, name, limits)  # before all of it is taken: it may have no end
+        return _from_bytes(start + _read_limited(sys.stdin.buffer, name, limits, len(start)), name, limits)
     path = Path(file)
     try:
         if not path.exists():
             raise UsageError(f"{path} does not exist", "check the spelling; ls shows what is there")
+        if path.is_char_device() or path.is_block_device():
+            raise UsageError(f"{path} is a device, which may have no end", "give a file, or - for standard input")
         with open(path, "rb") as stream:
             start = stream.read(_BLOCK + 1)
             size = os.fstat(stream.fileno()).st_size

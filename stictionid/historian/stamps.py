@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DataError, UsageError
+from ..errors import DataError
 from ..loop import BoolArray
 from .arrow import floats, integers
 from .cells import shown
@@ -83,8 +83,6 @@ def parse_times(
     """The stamps in one column, or in a date and a clock column. DataError where days and months can't be told."""
     import pyarrow as pa
 
-    if time_format is not None and time_format not in FORMATS:
-        raise UsageError(f"time format {time_format!r} is unknown", f"one of {', '.join(FORMATS)}")
     column = _plain(columns[0]) if len(columns) == 1 else _joined([_plain(c) for c in columns])
     kind = column.type
     if pa.types.is_timestamp(kind):

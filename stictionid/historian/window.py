@@ -49,6 +49,11 @@ def cut_window(frame: Frame, start: str | None, end: str | None, *, elapsed: boo
     return left
 
 
+def check_bound(text: str, flag: str) -> None:
+    """UsageError for a text that is no bound of any record."""
+    _bound(text, flag, 0, False)
+
+
 def _bound(text: str, flag: str, first: int, elapsed: bool) -> int:
     if _NUMBER.match(text):
         return first + round(float(text) * _SECOND)

@@ -19,10 +19,26 @@ def apply_zone(times: Times, zone: str | None, keep: IntArray) -> Times:
     """Naive local stamps of rows `keep` as UTC; stamps that carry a zone of their own and elapsed times stay."""
     if zone is None or times.elapsed or times.zone is not None:
         return times
+    local = times.ns[keep]
+    early, late = _to_utc(local, zone)
+    newest_first = local.size > 1 and np.count_nonzero(np.diff(local) < 0) > 0.5 * local.size
+    order = slice(None, None, -1) if newest_first else slice(None)
+    utc = _unfold(local[order], early[order], late[order])[order]
+    ns = times.ns.copy()
+    ns[keep] = utc
+    return replace(times, ns=ns, zone=zone)
+
+
+def check_zone(zone: str) -> None:
+    """UsageError for a time zone that is not known here."""
+    _to_utc(np.zeros(1, dtype=np.int64), zone)
+
+
+def _to_utc(local: IntArray, zone: str) -> tuple[IntArray, IntArray]:
+    """Local stamps as UTC, in ns: the earlier and the later one where the clock shows the same hour twice."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    local = times.ns[keep]
     array = timestamps(local)
     try:
         early, late = (
@@ -37,12 +53,7 @@ def apply_zone(times: Times, zone: str | None, keep: IntArray) -> Times:
         raise UsageError(
             f"time zone {shown(zone)} is unknown", "use a name such as Europe/Berlin or America/Chicago"
         ) from None
-    newest_first = local.size > 1 and np.count_nonzero(np.diff(local) < 0) > 0.5 * local.size
-    order = slice(None, None, -1) if newest_first else slice(None)
-    utc = _unfold(local[order], early[order], late[order])[order]
-    ns = times.ns.copy()
-    ns[keep] = utc
-    return replace(times, ns=ns, zone=zone)
+    return early, late
 
 
 def _unfold(local: IntArray, early: IntArray, late: IntArray) -> IntArray:

@@ -51,7 +51,7 @@ def find_data(study: Study, *, near: Sequence[Path] = ()) -> Path | None:
     try:
         places = [Path(recorded), *(folder / recorded for folder in near),
                   *(folder / Path(recorded).name for folder in near)]
-        return next((p for p in places if p.exists()), None)
+        return next((p for p in places if p.is_file() or p.is_dir()), None)
     except (OSError, ValueError):
         # A name too long or with a NUL byte is no place on this machine.
         return None

@@ -18,15 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import fuzz_inputs as make
+from fuzz_commands import GOLDEN, Broken, make_command, make_list, run_command, run_list
+from fuzz_commands import memory as _memory
 
 from stictionid.errors import StictionidError
 from stictionid.historian.options import ReadOptions
-
-GOLDEN = Path(__file__).resolve().parents[1] / "golden"
-
-
-class Broken(AssertionError):
-    """A result or a refusal that breaks a promise."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +37,14 @@ class Door:
 def put_through(door: Door, data: bytes) -> str:
     """"read" or "refused"; raises whatever a user must never see."""
     try:
-        door.run(data)
+        said = door.run(data)
     except StictionidError as refusal:
         if not refusal.message or "\n" in refusal.message or len(refusal.message) > 1000:
             raise Broken(f"refusal is not one sentence: {refusal.message[:300]!r}") from None
         if refusal.exit_code not in (2, 3) or not refusal.hint:
             raise Broken(f"refusal without exit code 2 or 3, or without a hint: {refusal.message[:300]!r}") from None
         return "refused"
-    return "read"
+    return "refused" if said == "refused" else "read"
 
 
 def _check(reading: object) -> None:
@@ -205,11 +201,6 @@ def _make_study(rng: random.Random) -> bytes:
 
 
 @functools.cache
-def _memory() -> str | None:
-    return "/dev/shm" if Path("/dev/shm").is_dir() else None
-
-
-@functools.cache
 def _parquets() -> tuple[bytes, ...]:
     return tuple(make.arrow_table(random.Random(i)) for i in range(60))
 
@@ -241,6 +232,8 @@ DOORS = {
     "site profile": Door(lambda rng: make.damage(rng, _PROFILE, 3), _profile, 3),
     "options kept in a study": Door(_make_said, _said, 2),
     "study JSON": Door(_make_study, _study, 12),
+    "loop list": Door(make_list, run_list, 6),
+    "command line": Door(make_command, run_command, 2),
 }
 """Every door by its name; executions are dealt out by `share`."""
 
