@@ -9,11 +9,43 @@ y(n+τ-1), Eq. 16 and 19 want the squared norm, Eq. 17 wants Φᵀy.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 
-from .loop import FloatArray
+from .loop import FloatArray, IntArray
 from .model import Model
+from .products import lagged_products
 from .regression import Shared
+
+
+@dataclass(frozen=True, slots=True)
+class _Shifts:
+    """What `lagged_products` needs of a record without gaps; `mix` makes the columns of `Shared` of y at its lags."""
+
+    level: float
+    y: FloatArray
+    mix: FloatArray
+    rows: tuple[int, int]
+    delays: IntArray
+
+    @classmethod
+    def of(cls, arx: Arx, y: FloatArray, constant: bool) -> _Shifts:
+        rows = (arx.first, y.size)
+        # With a constant among the columns any level will do: the middle of the signals keeps the sums small.
+        y = y - y[arx.first:].mean() if constant else y
+        raw = np.stack([y[arx.first - i:y.size - i] for i in range(3)] + [np.ones(y.size - arx.first)], axis=1)
+        kept = [1, 2, 3] if constant else [1, 2]
+        scale, coordinates = np.linalg.norm(raw[:, kept], axis=0), arx.shared.basis.T
+        mix = np.zeros((4, arx.shared.freedom + 1))
+        # The basis is that of the raw columns, so each of its columns is a sum of them; so is the target without it.
+        turned = np.linalg.lstsq(raw[:, kept] / scale, arx.shared.basis, rcond=None)[0] / scale[:, None]
+        mix[kept, :-1] = turned
+        mix[kept, -1] = -turned @ (coordinates @ raw[:, 0])
+        mix[0, -1] = 1.0
+        level = float(arx.model.context.command.mean())
+        return cls(level, np.append(y, 0.0), mix, rows, np.unique(np.asarray(arx.delays, np.int64)))
 
 
 class Arx:
@@ -42,12 +74,11 @@ class Arx:
         self.columns = np.stack(columns, axis=1)
         self.target = y[rows]
         self.shared = Shared.prepare(self.target, self.columns, self.weight)
+        self._shifts = _Shifts.of(self, y, constant) if order == 2 and bool(weight[rows].all()) else None
 
     def _driving(self, values: FloatArray) -> FloatArray:
-        """Position at the samples (n, P): the mean over each interval where the command moves in between."""
-        position = self.model.positions(values)
-        if self.command_mean:
-            position -= self.command_mean
+        """Position at the samples (n, P), lent: the mean over each interval where the command moves in between."""
+        position = self.model.positions(values, lent=True)
         m = self.model.parts
         return position if m == 1 else position.reshape(-1, m, position.shape[1]).mean(axis=1)
 
@@ -55,20 +86,30 @@ class Arx:
         """Smallest sum of squared one-step errors (P,) over the delays, and the delay (P,) that gave it."""
         best = np.full(values.shape[1], np.inf)
         delay = np.zeros(values.shape[1], np.int64)
-        block = self.model.lanes()
-        for a in range(0, best.size, block):
-            driving = self._driving(values[:, a:a + block])
-            part, chosen = best[a:a + block], delay[a:a + block]
-            for d in self.delays:
-                offsets = tuple(self.first - d - i for i in range(1, self.order + 1))
-                c = self.shared.costs(driving, offsets)
-                better = c < part
-                part[better], chosen[better] = c[better], d
+        for rows, part in self.model.blocks(values):
+            least, chosen = best[rows], delay[rows]
+            for d, c in self._costs(self._driving(part)):
+                c = c[:least.size]
+                better = c < least
+                least[better], chosen[better] = c[better], d
         return best, delay
+
+    def _costs(self, driving: FloatArray) -> Iterator[tuple[int, FloatArray]]:
+        """Every delay with the costs (P,) of positions (n, P)."""
+        if self._shifts is not None:
+            s = self._shifts
+            squares, cross = lagged_products(driving, s.level, s.y, s.mix, s.rows, s.delays)
+            for i, d in enumerate(s.delays.tolist()):
+                yield d, self.shared.solved(squares[i], cross[i])[0]
+            return
+        if self.command_mean:
+            driving -= self.command_mean
+        for d in self.delays:
+            yield d, self.shared.costs(driving, tuple(self.first - d - i for i in range(1, self.order + 1)))
 
     def coefficients(self, values: FloatArray, delay: int) -> tuple[FloatArray, FloatArray, float]:
         """Coefficients a (order,) and b (order,) of one candidate (d,) and its mean squared error (Eq. 18, 19)."""
-        driving = self._driving(values.reshape(-1, 1))[:, 0]
+        driving = self._driving(values.reshape(-1, 1))[:, 0] - self.command_mean
         rows = np.arange(self.first, driving.size)
         own = np.stack([driving[rows - delay - i] for i in range(1, self.order + 1)], axis=1)
         keep = self.weight > 0

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from .errors import UsageError
-from .kernels import kernel
+from .kernels import kernel, output
 from .laws.contract import FS_DOWN, FS_DRIFT, FS_UP
 from .loop import FloatArray
 
@@ -93,13 +93,15 @@ def _means(command, fs_up, fs_down, drift, profile, position, out):
             sink[p] = share * before + rest * (now - 0.5 * rest * du)
 
 
-def interval_means(command: FloatArray, table: FloatArray, profile: FloatArray, position: FloatArray) -> FloatArray:
+def interval_means(command: FloatArray, table: FloatArray, profile: FloatArray, position: FloatArray, *,
+                   lent: bool = False) -> FloatArray:
     """Mean position (rows, P) over the part that ends at each row, with the break-away at its instant inside it.
 
     A valve at rest breaks away when |e| reaches f_s, which a command moving in a straight line does at a known share
     of the part; before it the position is the old one, after it the new. That makes the cost continuous in S, which
-    a break-away on the next grid point does not (the jaggedness of METHODS.md section 4, trap 3).
+    a break-away on the next grid point does not (the jaggedness of METHODS.md section 4, trap 3). `lent` means hold
+    until the next call (see `kernels.scratch`).
     """
-    out = np.empty_like(position)
+    out = output("means", *position.shape, lent)
     _means(command, table[FS_UP], table[FS_DOWN], table[FS_DRIFT], profile, position, out)
     return out

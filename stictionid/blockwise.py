@@ -16,7 +16,8 @@ import numpy as np
 
 from .kernels import kernel
 from .loop import FloatArray
-from .regression import DEPENDENT, REJECTED, Shared, products
+from .products import products
+from .regression import DEPENDENT, REJECTED, Shared
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +76,11 @@ class Blockwise:
         cross = np.empty((count, own, lanes))
         raw = np.empty((count, own, lanes))
         for i, (block, first) in enumerate(zip(self.blocks, self.firsts, strict=True)):
-            part = np.empty((own, block.basis.shape[1] + 1, lanes))
-            products(base, np.asarray(offsets, np.int64) + first, block.right, block.weight, squares[i], part)
-            raw[i] = np.einsum("iip->ip", squares[i])
-            shared = part[:, :-1]
-            squares[i] -= np.einsum("icp,jcp->ijp", shared, shared)
-            cross[i] = part[:, -1]
+            among, part = products(base, tuple(o + first for o in offsets), block.right, *block.runs)
+            raw[i] = np.einsum("iip->ip", among)
+            shared = part[:, :block.freedom]
+            squares[i] = among - np.einsum("icp,jcp->ijp", shared, shared)
+            cross[i] = part[:, block.freedom]
         cost, sizes = np.empty(lanes), np.zeros((count, own, lanes))
         _solve(squares, cross, raw, self.common, self.target_energy, cost, sizes)
         return cost, sizes

@@ -156,7 +156,7 @@ def process_grid(model: Model, start: FloatArray) -> tuple[FloatArray, FloatArra
     points[:, 3:5] = np.tile(grid, (len(points) // len(grid), 1))
     for rows, guesses in further[:1]:
         points[:, rows] = guesses.repeat(len(grid), axis=0)
-    return points, process_costs(model, model.values(points), model.positions(model.values(start[None])))
+    return points, model.costs_of(model.values(points), model.positions(model.values(start[None])))
 
 
 def _further_lags(model: Model) -> list[tuple[slice, FloatArray]]:
@@ -169,18 +169,6 @@ def _further_lags(model: Model) -> list[tuple[slice, FloatArray]]:
             values[rows] = guesses.T
             found.append((rows, model.cube(values)[:, rows]))
     return found
-
-
-def process_costs(model: Model, values: FloatArray, position: FloatArray) -> FloatArray:
-    """Free-run costs of candidates that share one valve path (rows, 1)."""
-    out = np.empty(values.shape[1])
-    block = model.lanes()
-    for a in range(0, out.size, block):
-        part = values[:, a:a + block]
-        base, offsets = model.responses(part, np.repeat(position, part.shape[1], axis=1))
-        out[a:a + block] = (model._fixed_gain_costs(base, offsets) if "gain" in model.spec.fixed
-                            else model.shared.costs(base, offsets))
-    return out
 
 
 def with_start(model: Model, points: FloatArray) -> FloatArray:
@@ -228,12 +216,11 @@ def _shifted_costs(model: Model, values: FloatArray, shifts: int) -> list[tuple[
     """For a dead time 0, 1, … samples longer: the smallest cost over the candidates (d, P), and which one it is."""
     shifts = min(shifts, model.skip)
     costs = np.empty((shifts + 1, values.shape[1]))
-    block = model.lanes()
-    for a in range(0, values.shape[1], block):
-        base, offsets = model.responses(values[:, a:a + block])
+    for rows, part in model.blocks(values):
+        base, offsets = model.responses(part, lent=True)
         for s in range(shifts + 1):
             # Rows before the record have weight 0: the first `skip` samples never count.
-            costs[s, a:a + block] = model.shared.costs(base, tuple(o - s for o in offsets))
+            costs[s, rows] = model.shared.costs(base, tuple(o - s for o in offsets))[:rows.stop - rows.start]
     return [(float(c.min()), int(c.argmin())) for c in costs]
 
 
@@ -269,7 +256,7 @@ def with_other_start(model: Model, point: FloatArray, count: int = 3) -> FloatAr
     for force in np.linspace(-0.95, 0.95, 9):
         trial = values[:, None].repeat(grid.shape[1], axis=1)
         trial[2], trial[3:5] = force, grid
-        costs = process_costs(model, trial, model.positions(trial[:, :1]))
+        costs = model.costs_of(trial, model.positions(trial[:, :1]))
         found.append((float(costs.min()), trial[:, int(costs.argmin())]))
     found.sort(key=lambda f: f[0])
     return model.cube(np.stack([f[1] for f in found[:count]], axis=1))

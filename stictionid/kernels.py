@@ -6,14 +6,23 @@ changed (measured), and a loop that takes a compiled function as an argument rec
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 # Fixed-width lanes: candidates are evaluated in blocks of this many, so that one row of every state fits in L1
 # and a block of positions (n x 32 x 8 bytes) in L2 for records of about a thousand samples.
 LANES = 32
+# Candidates are filled up to a multiple of this, so that no loop over them ends in single steps.
+FULL = 8
+# Larger arrays than this are not kept. Unit: numbers; four blocks of a search.
+_KEPT = 1 << 20
+
+_own = threading.local()
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -27,3 +36,25 @@ def kernel(function: Callable[..., Any]) -> Any:
     except RuntimeError:
         # A read-only install without a home folder has no place for a cache: compile in memory every time.
         return njit(error_model="numpy")(function)
+
+
+def scratch(name: str, rows: int, lanes: int) -> NDArray[np.float64]:
+    """An array (rows, lanes) of undefined numbers that lives until the next call with this name in this thread.
+
+    A search asks for the same few arrays thousands of times, and fresh ones of this size come from the system page by
+    page: more time than the arithmetic on them (measured). What is lent must be used up before the lender is called
+    again; whoever keeps a result asks for an array of its own.
+    """
+    size = rows * lanes
+    if size > _KEPT:
+        return np.empty((rows, lanes))
+    kept: NDArray[np.float64] | None = getattr(_own, name, None)
+    if kept is None or kept.size < size:
+        kept = np.empty(size)
+        setattr(_own, name, kept)
+    return kept[:size].reshape(rows, lanes)
+
+
+def output(name: str, rows: int, lanes: int, lent: bool) -> NDArray[np.float64]:
+    """A result of a kernel: lent (see `scratch`), or the caller's to keep."""
+    return scratch(name, rows, lanes) if lent else np.empty((rows, lanes))

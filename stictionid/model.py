@@ -10,6 +10,7 @@ Source: paper Eq. 7 to 19; METHODS.md section 4, traps 1, 2, 4 and 5.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -22,6 +23,7 @@ from .between import interval_means, rebuild
 from .blockwise import Blockwise
 from .effects.contract import Context, Effect, Record
 from .errors import ModelError
+from .kernels import FULL, scratch
 from .loop import BoolArray, FloatArray, Loop
 from .parameters import Parameter, Space
 from .process import Dynamics, free_run, transient
@@ -196,16 +198,20 @@ class Model:
         moved[1] = moved[1] / np.maximum(moved[0], 1e-12)
         return self.space.to_cube(moved)
 
-    def positions(self, values: FloatArray) -> FloatArray:
-        """Valve positions (n*substeps, P) in % of travel, stem and trim effects included."""
+    def positions(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
+        """Valve positions (n*substeps, P) in % of travel, stem and trim effects included.
+
+        `lent` ones hold until the next call (see `kernels.scratch`).
+        """
         table = self.law.searched_friction(values[0], values[1])
         for effect, rows in zip(self.effects, self._slices, strict=True):
             if effect.friction:
                 table = effect.friction(table, values[rows], self.context.command_step_s,
                                         self.spec.between == "hold")
-        position = self.law.positions(self.context.command, table, profile=self._profile, share=values[2])
+        position = self.law.positions(self.context.command, table, profile=self._profile, share=values[2],
+                                      lent=lent)
         if self.spec.between == "corner":
-            position = interval_means(self.context.command, table, self._profile, position)
+            position = interval_means(self.context.command, table, self._profile, position, lent=lent)
         repeat = self.loop.samples * self.parts // position.shape[0]
         if repeat > 1:
             position = np.repeat(position, repeat, axis=0)
@@ -222,12 +228,13 @@ class Model:
         return dynamics
 
     def responses(self, values: FloatArray, position: FloatArray | None = None, *,
-                  filtered: bool = True) -> tuple[FloatArray, tuple[int, ...]]:
+                  filtered: bool = True, lent: bool = False) -> tuple[FloatArray, tuple[int, ...]]:
         """Own columns of every candidate stacked in one array (rows, P), with the first row of each column.
 
-        The response of the process comes first, then the columns of linear effects, then start-up transients.
+        The response of the process comes first, then the columns of linear effects, then start-up transients. A `lent`
+        stack holds until the next call (see `kernels.scratch`).
         """
-        position = self.positions(values) if position is None else position
+        position = self.positions(values, lent=True) if position is None else position
         settings = {"step_s": self.step_s, "substeps": self.parts, "ahead": self.spec.between == "corner"}
         dynamics = self._dynamics(values)
         n = self.loop.samples
@@ -241,7 +248,7 @@ class Model:
         # An unknown start dies away with every lag.
         lags = [lag for lag in (dynamics.time_constant_s, dynamics.second_time_constant_s) if lag.any()]
         count = 1 + len(columns) + len(lags)
-        base = free_run(position, dynamics, room=(count - 1) * n, **settings)
+        base = free_run(position, dynamics, room=(count - 1) * n, lent=lent, **settings)
         for i, column in enumerate(columns, 1):
             base[i * n:(i + 1) * n] = column
         for i, lag in enumerate(lags, 1 + len(columns)):
@@ -264,25 +271,35 @@ class Model:
         """An array (n * parts, …) cut at the segments."""
         return [rows]
 
-    def lanes(self) -> int:
-        """How many candidates are evaluated together."""
-        return int(np.clip(_BLOCK // (self.loop.samples * self.parts) // 16 * 16, _FEWEST_LANES, _MOST_LANES))
+    def blocks(self, values: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
+        """Values (d, P) in blocks that are evaluated together: where each belongs, and its values (d, >= its width).
+
+        A block is filled up with copies of its last candidate to a width that the kernels like.
+        """
+        lanes = int(np.clip(_BLOCK // (self.loop.samples * self.parts) // 16 * 16, _FEWEST_LANES, _MOST_LANES))
+        for a in range(0, values.shape[1], lanes):
+            part = values[:, a:a + lanes]
+            missing = -part.shape[1] % FULL
+            if missing:
+                part = np.concatenate([part, part[:, -1:].repeat(missing, axis=1)], axis=1)
+            yield slice(a, min(a + lanes, values.shape[1])), part
 
     def costs(self, cube: FloatArray) -> FloatArray:
         """Sum of squared residuals (P,) of points (P, d) of the unit cube; inf for a valve that never moves."""
-        values = self.values(cube)
-        return self.costs_of(values)
+        return self.costs_of(self.values(cube))
 
-    def costs_of(self, values: FloatArray) -> FloatArray:
-        """The same for physical values (d, P)."""
+    def costs_of(self, values: FloatArray, position: FloatArray | None = None) -> FloatArray:
+        """The same for physical values (d, P), which may all share one valve path (rows, 1) that is known."""
         out = np.empty(values.shape[1])
-        block = self.lanes()
-        for a in range(0, out.size, block):
-            base, offsets = self.responses(values[:, a:a + block])
-            if "gain" in self.spec.fixed:
-                out[a:a + block] = self._fixed_gain_costs(base, offsets)
-            else:
-                out[a:a + block] = self.shared.costs(base, offsets)
+        for rows, part in self.blocks(values):
+            shared = None
+            if position is not None:
+                shared = scratch("path", position.shape[0], part.shape[1])
+                shared[:] = position
+            base, offsets = self.responses(part, shared, lent=True)
+            costs = (self._fixed_gain_costs(base, offsets) if "gain" in self.spec.fixed
+                     else self.shared.costs(base, offsets))
+            out[rows] = costs[:rows.stop - rows.start]
         return out
 
     def residuals(self, cube: FloatArray) -> FloatArray:
@@ -292,11 +309,11 @@ class Model:
         """
         values = self.values(cube)
         out = np.empty((self.loop.samples, values.shape[1]))
-        block = self.lanes()
-        for a in range(0, out.shape[1], block):
-            base, offsets = self.responses(values[:, a:a + block])
-            out[:, a:a + block] = (self._fixed_gain_residuals(base, offsets) if "gain" in self.spec.fixed
-                                   else self.shared.residuals(base, offsets))
+        for rows, part in self.blocks(values):
+            base, offsets = self.responses(part, lent=True)
+            found = (self._fixed_gain_residuals(base, offsets) if "gain" in self.spec.fixed
+                     else self.shared.residuals(base, offsets))
+            out[:, rows] = found[:, :rows.stop - rows.start]
         return out
 
     def _fixed_gain_residuals(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:

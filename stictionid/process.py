@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .kernels import LANES, kernel
+from .kernels import LANES, kernel, output
 from .loop import FloatArray
 from .parameters import Parameter
 
@@ -136,12 +136,13 @@ def _coefficients(T1, L, T2, part, substeps, ahead, integrating, table, whole, f
 
 
 def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substeps: int = 1,
-             ahead: bool = False, room: int = 0) -> FloatArray:
+             ahead: bool = False, room: int = 0, lent: bool = False) -> FloatArray:
     """Response per unit of gain (n, P) at the samples to positions (n*substeps, P), from rest at the first one.
 
     `step_s` is the sampling time. A position holds over the part that follows its instant or, with `ahead`, over the
     part that ended there (as `between.interval_means` gives them); dead times below one part then count as one part.
-    `room` rows are left behind the response for further columns of the caller; what they hold is undefined.
+    `room` rows are left behind the response for further columns of the caller; what they hold is undefined. A `lent`
+    response holds until the next call (see `kernels.scratch`).
     """
     lanes = position.shape[1]
     table = np.empty((_COEFFICIENTS, lanes))
@@ -150,7 +151,9 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
                  for x in (dynamics.time_constant_s, dynamics.dead_time_s, dynamics.second_time_constant_s))
     lagged = _coefficients(T1, L, T2, step_s / substeps, substeps, ahead, dynamics.integrating, table, whole, fine)
     samples = position.shape[0] // substeps
-    response = np.zeros((samples + max(int(whole.max(initial=0)), room), lanes))
+    late = int(whole.max(initial=0))
+    response = output("response", samples + max(late, room), lanes, lent)
+    response[:late + 1] = 0.0
     _run(np.ascontiguousarray(position), substeps, table, whole, fine, not dynamics.integrating and not lagged,
          response)
     return response[:samples + room]

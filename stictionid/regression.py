@@ -1,9 +1,9 @@
 """Separable least squares for many candidates at once: the one cost, and the information criteria.
 
 For each candidate the columns that differ between candidates (valve position, or response of the process) are
-fitted together with the columns that all share. Sums of products are collected row by row with the candidates as
-the fast axis; the small normal equations are then solved by Cholesky. Shared columns are made orthonormal first,
-so that the sums stay well conditioned. Source: paper Eq. 16 to 19 (squared norm), variable projection.
+fitted together with the columns that all share. Sums of products are collected with the candidates as the fast axis
+(`products`), and so are the small normal equations solved. Shared columns are made orthonormal first, so that the sums
+stay well conditioned. Source: paper Eq. 16 to 19 (squared norm), variable projection.
 """
 
 from __future__ import annotations
@@ -12,82 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .kernels import LANES, kernel
-from .loop import BoolArray, FloatArray
+from .kernels import kernel
+from .loop import BoolArray, FloatArray, IntArray
+from .products import products
 
 # A candidate whose own columns carry less than this share of the energy of what they were before the shared
 # columns were taken out never moved: it is rejected. Unit: 1.
 DEPENDENT = 1e-10
 REJECTED = np.inf
-
-
-@kernel
-def products(base, offsets, shared, weight, squares, cross):
-    """Sums over rows of weight * column_i * column_j and of column_i * shared_c (weighted already), four rows a pass.
-
-    Column i of a candidate is base[row + offsets[i]], so lagged copies and stacked signals need no copying.
-    """
-    rows = shared.shape[0]
-    count = shared.shape[1]
-    own = offsets.size
-    lanes = base.shape[1]
-    for first in range(0, lanes, LANES):
-        width = min(LANES, lanes - first)
-        last = first + width
-        sums = np.zeros((own * (own + 1) // 2 + own * count, LANES))
-        k = 0
-        while k < rows:
-            many = k + 4 <= rows
-            at = 0
-            for i in range(own):
-                o = k + offsets[i]
-                a0 = base[o, first:last]
-                if many:
-                    a1 = base[o + 1, first:last]
-                    a2 = base[o + 2, first:last]
-                    a3 = base[o + 3, first:last]
-                    w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
-                    for j in range(i + 1):
-                        o = k + offsets[j]
-                        b0 = base[o, first:last]
-                        b1 = base[o + 1, first:last]
-                        b2 = base[o + 2, first:last]
-                        b3 = base[o + 3, first:last]
-                        sink = sums[at]
-                        for p in range(width):
-                            sink[p] += (w0 * a0[p] * b0[p] + w1 * a1[p] * b1[p]) + (
-                                w2 * a2[p] * b2[p] + w3 * a3[p] * b3[p])
-                        at += 1
-                    for c in range(count):
-                        s0, s1, s2, s3 = shared[k, c], shared[k + 1, c], shared[k + 2, c], shared[k + 3, c]
-                        sink = sums[at]
-                        for p in range(width):
-                            sink[p] += (s0 * a0[p] + s1 * a1[p]) + (s2 * a2[p] + s3 * a3[p])
-                        at += 1
-                else:
-                    for j in range(i + 1):
-                        b0 = base[k + offsets[j], first:last]
-                        sink = sums[at]
-                        for p in range(width):
-                            sink[p] += weight[k] * a0[p] * b0[p]
-                        at += 1
-                    for c in range(count):
-                        sink = sums[at]
-                        for p in range(width):
-                            sink[p] += shared[k, c] * a0[p]
-                        at += 1
-            k += 4 if many else 1
-        at = 0
-        for i in range(own):
-            for j in range(i + 1):
-                for p in range(width):
-                    squares[i, j, first + p] = sums[at, p]
-                    squares[j, i, first + p] = sums[at, p]
-                at += 1
-            for c in range(count):
-                for p in range(width):
-                    cross[i, c, first + p] = sums[at, p]
-                at += 1
 
 
 @kernel
@@ -137,7 +69,11 @@ def whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """What all candidates share in a least squares: rows (n,) that count, orthonormal columns, target without them."""
+    """What all candidates share in a least squares: rows (n,) that count, orthonormal columns, target without them.
+
+    `runs` (2, r) are first and last row + 1 of every stretch that counts; `right` (n, even) holds the orthonormal
+    columns, the target without them, and zeros where that makes an odd number.
+    """
 
     weight: FloatArray
     basis: FloatArray
@@ -146,6 +82,7 @@ class Shared:
     rows: int
     freedom: int
     right: FloatArray
+    runs: IntArray
 
     @classmethod
     def prepare(cls, target: FloatArray, columns: FloatArray, weight: BoolArray | FloatArray) -> Shared:
@@ -159,8 +96,10 @@ class Shared:
             columns = u[:, s > 1e-10 * s[0]]
         y = np.where(w > 0, target, 0.0)
         y = y - columns @ (columns.T @ y)
-        right = np.ascontiguousarray(np.concatenate([columns, y[:, None]], axis=1))
-        return cls(w, np.ascontiguousarray(columns), y, float(y @ y), int((w > 0).sum()), columns.shape[1], right)
+        none = np.zeros((y.size, 1 - columns.shape[1] % 2))
+        right = np.ascontiguousarray(np.concatenate([columns, y[:, None], none], axis=1))
+        return cls(w, np.ascontiguousarray(columns), y, float(y @ y), int((w > 0).sum()), columns.shape[1], right,
+                   _runs(w > 0))
 
     def costs(self, base: FloatArray, offsets: tuple[int, ...] = (0,)) -> FloatArray:
         """Sum of squared residuals (P,) of each candidate; `inf` where a candidate's columns never move."""
@@ -171,12 +110,13 @@ class Shared:
 
         `base` is (rows, P): column i of candidate p is base[offsets[i] : offsets[i] + n, p].
         """
-        own, lanes, q = len(offsets), base.shape[1], self.basis.shape[1]
-        squares = np.empty((own, own, lanes))
-        cross = np.empty((own, q + 1, lanes))
-        products(base, np.asarray(offsets, np.int64), self.right, self.weight, squares, cross)
+        return self.solved(*products(base, offsets, self.right, *self.runs))
+
+    def solved(self, squares: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same from products (own, own, P) and (own, freedom + 1 or more, P), which are overwritten."""
+        own, _, lanes = cross.shape
         cost, sizes = np.empty(lanes), np.empty((own, lanes))
-        _solve(squares, cross, self.target_energy, cost, sizes)
+        _solve(squares, cross, self.freedom, self.target_energy, cost, sizes)
         return cost, sizes
 
     def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,)) -> FloatArray:
@@ -193,42 +133,54 @@ class Shared:
 
 
 @kernel
-def _solve(squares, cross, energy, cost, sizes):
-    """Normal equations of every candidate, shared columns (orthonormal) taken out first; by elimination."""
+def _solve(squares, cross, q, energy, cost, sizes):
+    """Normal equations of every candidate, shared columns (orthonormal) taken out first; by elimination, in place."""
     own, lanes = sizes.shape
-    q = cross.shape[1] - 1
-    a = np.empty((own, own))
-    b = np.empty(own)
     for p in range(lanes):
-        for i in range(own):
-            b[i] = cross[i, q, p]
-            for j in range(own):
-                a[i, j] = squares[i, j, p]
-                for c in range(q):
-                    a[i, j] -= cross[i, c, p] * cross[j, c, p]
-        moved = a[0, 0] > DEPENDENT * squares[0, 0, p]
-        gain = 0.0
-        for i in range(own):
-            if not a[i, i] > DEPENDENT * squares[i, i, p]:
-                # A further column that says nothing new (a transient long gone, say) gets no coefficient.
-                a[i, i] = 1.0
-                b[i] = 0.0
-                for j in range(i + 1, own):
-                    a[i, j] = 0.0
-                    a[j, i] = 0.0
+        cost[p] = energy
+    least = np.empty((own, lanes))
+    for i in range(own):
+        for p in range(lanes):
+            least[i, p] = DEPENDENT * squares[i, i, p]
+        for j in range(i + 1):
+            for c in range(q):
+                for p in range(lanes):
+                    squares[i, j, p] -= cross[i, c, p] * cross[j, c, p]
+    for p in range(lanes):
+        cost[p] = cost[p] if squares[0, 0, p] > least[0, p] else np.inf
+    for i in range(own):
+        for p in range(lanes):
+            # A further column that says nothing new (a transient long gone, say) gets no coefficient.
+            new = squares[i, i, p] > least[i, p]
+            squares[i, i, p] = squares[i, i, p] if new else 1.0
+            cross[i, q, p] = cross[i, q, p] if new else 0.0
             for j in range(i + 1, own):
-                factor = a[j, i] / a[i, i]
-                for c in range(i, own):
-                    a[j, c] -= factor * a[i, c]
-                b[j] -= factor * b[i]
-            gain += b[i] * b[i] / a[i, i]
-        for i in range(own - 1, -1, -1):
-            total = b[i]
-            for j in range(i + 1, own):
-                total -= a[i, j] * sizes[j, p]
-            sizes[i, p] = total / a[i, i]
-        value = max(energy - gain, 0.0)
-        cost[p] = value if moved and np.isfinite(value) else np.inf
+                squares[j, i, p] = squares[j, i, p] if new else 0.0
+        for j in range(i + 1, own):
+            for p in range(lanes):
+                factor = squares[j, i, p] / squares[i, i, p]
+                cross[j, q, p] -= factor * cross[i, q, p]
+                squares[i, j, p] = factor
+            for m in range(i + 1, j + 1):
+                for p in range(lanes):
+                    squares[j, m, p] -= squares[i, j, p] * squares[m, i, p]
+        for p in range(lanes):
+            cost[p] -= cross[i, q, p] * cross[i, q, p] / squares[i, i, p]
+    for p in range(lanes):
+        value = max(cost[p], 0.0)
+        cost[p] = value if np.isfinite(value) else np.inf
+    for i in range(own - 1, -1, -1):
+        for p in range(lanes):
+            sizes[i, p] = cross[i, q, p] / squares[i, i, p]
+        for j in range(i + 1, own):
+            for p in range(lanes):
+                sizes[i, p] -= squares[i, j, p] * sizes[j, p]
+
+
+def _runs(counts: BoolArray) -> IntArray:
+    """First row and last row + 1 (2, r) of every stretch of rows (n,) that count."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], counts, [False]]).astype(np.int8)))
+    return np.ascontiguousarray(edges.reshape(-1, 2).T.astype(np.int64))
 
 
 def bic(sse: float, rows: float, parameters: int) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 
 from .blockwise import Blockwise, block_columns
 from .effects.contract import Context, Record
+from .kernels import output
 from .loop import FloatArray, Loop
 from .model import Model
 from .regression import Shared
@@ -89,25 +90,26 @@ class Restarted(Model):
         """Level and drift of every segment (n, q): all levels first."""
         return block_columns([piece._columns() for piece in self._pieces])
 
-    def positions(self, values: FloatArray) -> FloatArray:
-        """Valve positions (n*parts, P) in % of travel, restarted in every segment."""
+    def positions(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
+        """Valve positions (n*parts, P) in % of travel, restarted in every segment; never lent."""
         return np.concatenate([piece.positions(self.of(i, values)) for i, piece in enumerate(self._pieces)])
 
     def responses(self, values: FloatArray, position: FloatArray | None = None, *,
-                  filtered: bool = True) -> tuple[FloatArray, tuple[int, ...]]:
+                  filtered: bool = True, lent: bool = False) -> tuple[FloatArray, tuple[int, ...]]:
         """Own columns of every candidate stacked in one array (rows, P), with the first row of each column.
 
-        Column i of the whole record is made of column i of every segment.
+        Column i of the whole record is made of column i of every segment. A `lent` stack holds until the next call.
         """
-        position = self.positions(values) if position is None else position
-        made = [piece.responses(self.of(i, values), part, filtered=filtered)
-                for i, (piece, part) in enumerate(zip(self._pieces, self.split(position), strict=True))]
-        n, count = self.loop.samples, len(made[0][1])
-        base = np.empty((count * n, position.shape[1]))
-        for part, (own, offsets) in zip(self.loop.segments, made, strict=True):
-            for i, o in enumerate(offsets):
-                base[i * n + part.start:i * n + part.stop] = own[o:o + part.stop - part.start]
-        return base, tuple(i * n for i in range(count))
+        given = [None] * len(self._pieces) if position is None else self.split(position)
+        n, base, count = self.loop.samples, np.empty((0, 0)), 0
+        for i, (piece, rows, known) in enumerate(zip(self._pieces, self.loop.segments, given, strict=True)):
+            own, offsets = piece.responses(self.of(i, values), known, filtered=filtered, lent=True)
+            if not count:
+                count = len(offsets)
+                base = output("segments", count * n, values.shape[1], lent)
+            for j, o in enumerate(offsets):
+                base[j * n + rows.start:j * n + rows.stop] = own[o:o + rows.stop - rows.start]
+        return base, tuple(j * n for j in range(count))
 
     def own_columns(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
         """What `responses` stacked as columns (k, n, P): common ones first, then every transient segment by segment."""

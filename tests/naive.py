@@ -179,13 +179,17 @@ def interval_means(command, f_s, position):
     return np.array(means)
 
 
-def arx_cost(command, process_value, S, J, order, delay, first):
-    """The paper's V_N (Eq. 12 to 19) by numpy.linalg.lstsq over rows first..; deviations from means, u_v(0) = u(0)."""
+def arx_cost(command, process_value, S, J, order, delay, first, constant=False):
+    """The paper's V_N (Eq. 12 to 19) by numpy.linalg.lstsq over rows first..; deviations from means, u_v(0) = u(0).
+
+    With `constant` an offset is fitted, too.
+    """
     v = np.asarray(chen(command, S, J)) - np.mean(command)
     y = process_value - process_value[first:].mean()
     n = len(y)
     phi = np.column_stack([y[first - i:n - i] for i in range(1, order + 1)]
-                          + [v[first - delay - i:n - delay - i] for i in range(1, order + 1)])
+                          + [v[first - delay - i:n - delay - i] for i in range(1, order + 1)]
+                          + [np.ones(n - first)] * constant)
     theta, *_ = np.linalg.lstsq(phi, y[first:], rcond=None)
     return float(np.mean((y[first:] - phi @ theta) ** 2))
 

@@ -15,7 +15,7 @@ FLOORS = [
     {"_version", "errors", "kernels", "signals"},
     {"rooms"},
     {"loop", "files", "spreadsheet"},
-    {"parameters", "results"},
+    {"parameters", "results", "products"},
     {"process", "regression", "search", "noise", "armax", "conic", "spec"},
     {"blockwise"},
     {"laws", "descent", "folds"},

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import threading
+from dataclasses import replace
+
 import naive
 import numpy as np
 import pytest
 
-from stictionid import between, process, regression
+from stictionid import between, kernels, process, products, regression
+from stictionid.arx import Arx
 from stictionid.laws import get
 from stictionid.laws.contract import neutral_friction
+from stictionid.model import Model, Spec
+from stictionid.simulate import preset, simulate
 
 
 def staircase(samples: int = 40, seed: int = 0) -> np.ndarray:
@@ -57,11 +63,11 @@ def test_transient_is_an_exponential() -> None:
     assert (out[:, 0] == 0).all()
 
 
-@pytest.mark.parametrize("own", [1, 2, 3])
+@pytest.mark.parametrize("own", [1, 2, 3, 4, 5])
 def test_costs_are_those_of_plain_least_squares(own: int) -> None:
     rng = np.random.default_rng(own)
     rows, lanes = 53, 35
-    base = rng.standard_normal((rows + 4, lanes))
+    base = rng.standard_normal((rows + 5, lanes))
     columns, target = rng.standard_normal((rows, 2)), rng.standard_normal(rows)
     weight = (rng.random(rows) > 0.2).astype(float)
     offsets = tuple(range(own, 0, -1))
@@ -71,6 +77,81 @@ def test_costs_are_those_of_plain_least_squares(own: int) -> None:
         cost, size = naive.least_squares([base[o:o + rows, p] for o in offsets], columns, target, weight)
         assert costs[p] == pytest.approx(cost, rel=1e-9)
         np.testing.assert_allclose(sizes[:, p], size, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("columns", [0, 1, 2, 5])
+def test_products_are_plain_sums_over_the_rows_that_count(columns: int) -> None:
+    rng = np.random.default_rng(columns)
+    base, right = rng.standard_normal((90, 37)), rng.standard_normal((60, columns + columns % 2))
+    counts = rng.random(60) > 0.15
+    offsets = (20, 0, 7)
+    squares, cross = products.products(base, offsets, right, *regression._runs(counts))
+    own = [base[o:o + 60][counts] for o in offsets]
+    for i in range(3):
+        for j in range(3):
+            if columns:
+                np.testing.assert_allclose(squares[i, j], (own[i] * own[j]).sum(axis=0), atol=1e-12)
+        np.testing.assert_allclose(cross[i], right[counts].T @ own[i], atol=1e-12)
+
+
+@pytest.mark.parametrize("constant", [False, True])
+@pytest.mark.parametrize("delays", [(5,), (0, 1, 4, 9)])
+def test_arx_costs_of_many_delays_are_those_of_each_by_least_squares(constant: bool, delays: tuple[int, ...]) -> None:
+    loop = simulate(preset("foptd")).loop
+    model = Model(loop, Spec(), s_max=5.0, period_s=50.0)
+    arx = Arx(model, 2, delays, constant=constant)
+    values = model.values(np.random.default_rng(0).random((19, 5)) * [0.5, 1.0, 1.0, 1.0, 1.0])  # all of them move
+    values[2] = 0.0
+    costs, chosen = arx.costs(values)
+    for p in range(0, 19, 6):
+        each = [naive.arx_cost(loop.output, loop.process_value, values[0, p], values[1, p], 2, d, arx.first,
+                               constant=constant) * (loop.samples - arx.first) for d in delays]
+        assert costs[p] == pytest.approx(min(each), rel=1e-8)
+        assert chosen[p] == delays[int(np.argmin(each))]
+
+
+def test_gaps_take_the_rows_of_an_arx_model_that_they_touch() -> None:
+    loop = simulate(preset("foptd"), seed=1).loop
+    used = np.ones(loop.samples, bool)
+    used[300:320] = False
+    model = Model(replace(loop, used=used), Spec(), s_max=5.0, period_s=50.0)
+    arx = Arx(model, 2, (5,))
+    values = model.values(np.random.default_rng(0).random((3, 5)))
+    v = model.positions(values)
+    rows = np.array([k for k in range(arx.first, loop.samples) if used[k - 2:k + 1].all()])
+    y = loop.process_value
+    for p in range(3):
+        design = np.column_stack([y[rows - 1], y[rows - 2], v[rows - 6, p], v[rows - 7, p], np.ones(rows.size)])
+        theta, *_ = np.linalg.lstsq(design, y[rows], rcond=None)
+        assert arx.costs(values)[0][p] == pytest.approx(np.sum((y[rows] - design @ theta) ** 2), rel=1e-7)
+
+
+def test_costs_do_not_depend_on_who_is_evaluated_together() -> None:
+    model = Model(simulate(preset("foptd")).loop, Spec(), s_max=5.0, period_s=50.0)
+    cube = np.random.default_rng(2).random((75, 5))
+    together, residuals = model.costs(cube), model.residuals(cube)
+    assert together.tolist() == [float(model.costs(cube[p:p + 1])[0]) for p in range(75)]
+    np.testing.assert_array_equal(residuals[:, 70:], model.residuals(cube[70:]))
+
+
+def test_what_is_lent_lives_until_the_next_call_and_the_rest_is_kept() -> None:
+    first = kernels.scratch("test", 3, 4)
+    first[:] = 1.0
+    again = kernels.scratch("test", 2, 2)
+    again[:] = 2.0
+    assert first[0, 0] == 2.0
+    assert kernels.scratch("other", 3, 4).base is not first.base
+    seen = []
+    thread = threading.Thread(target=lambda: seen.append(kernels.scratch("test", 3, 4)))
+    thread.start()
+    thread.join()
+    assert not np.shares_memory(seen[0], first)
+    model = Model(simulate(preset("foptd")).loop, Spec(), s_max=5.0, period_s=50.0)
+    values = model.values(np.random.default_rng(0).random((40, 5)))
+    kept = model.positions(values)
+    before = kept.copy()
+    model.costs_of(values[:, ::-1])
+    np.testing.assert_array_equal(kept, before)
 
 
 def test_a_valve_that_never_moves_is_rejected_and_a_dead_transient_is_not() -> None:

@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import ModelError
+from ..kernels import output
 from ..loop import FloatArray
 from ..parameters import Parameter
 
@@ -111,14 +112,17 @@ class Law:
         return table if self.supply is None else self.supply(table, dict(self.defaults), 1.0, True)
 
     def positions(self, command: FloatArray, friction: FloatArray, *, profile: FloatArray | None = None,
-                  share: FloatArray | float = 0.0) -> FloatArray:
-        """Valve positions (n, P) under `command` (n,) for a friction table (ROWS, P), from rest at `share` of f_s."""
+                  share: FloatArray | float = 0.0, lent: bool = False) -> FloatArray:
+        """Valve positions (n, P) under `command` (n,) for a friction table (ROWS, P), from rest at `share` of f_s.
+
+        `lent` positions hold until the next call (see `kernels.scratch`).
+        """
         command = np.ascontiguousarray(command, dtype=np.float64)
         friction = np.ascontiguousarray(friction, dtype=np.float64)
         lanes = friction.shape[1]
         profile = np.zeros(command.size) if profile is None else np.ascontiguousarray(profile)
         state = self.start(float(command[0]), friction, np.broadcast_to(np.asarray(share, float), lanes))
-        position = np.empty((command.size, lanes))
+        position = output("law", command.size, lanes, lent)
         self.run(command, friction, profile, state, position)
         return position
 

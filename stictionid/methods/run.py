@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import CannotTell
-from ..fit import Fitted, basins, effective_rows, finish, process_costs, search
+from ..fit import Fitted, basins, effective_rows, finish, search
 from ..gates import swing_of, time_scale_s
 from ..loop import Finding, FloatArray, Loop
 from ..model import Model, skipped
@@ -147,7 +147,7 @@ class Run:
         found: list[tuple[float, FloatArray]] = []
         for force in _FORCES:
             grid[2] = force
-            costs = process_costs(model, grid, model.positions(grid[:, :1]))
+            costs = model.costs_of(grid, model.positions(grid[:, :1]))
             found.append((float(costs.min()), grid[:, int(costs.argmin())].copy()))
         found.sort(key=lambda f: f[0])
         if not np.isfinite(found[0][0]):
