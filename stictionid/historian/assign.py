@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import DataError, UsageError
-from .cells import shown
+from .cells import brief, shown
 from .options import ReadOptions
 from .roles import Tag, listing, pick, take_apart, tidy
 
@@ -136,7 +136,7 @@ def _choose_loop(
     if len(full) > 1:
         loops = [g["name"] or "(no name)" for g in full.values()]
         raise UsageError(
-            f"{file} holds {len(full)} loops: {listing(loops)}", f"choose one with --loop {loops[0] or loops[1]}"
+            f"{file} holds {len(full)} loops: {listing(loops)}", f"choose one with --loop {brief(loops[0] or loops[1])}"
         )
     if full:
         found.loop = next(iter(full.values()))["name"]

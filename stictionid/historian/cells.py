@@ -45,6 +45,12 @@ def shown(cell: object, limit: int = 60) -> str:
     return repr(text if len(text) <= limit else text[:limit] + "…")
 
 
+def brief(name: str, limit: int = 60) -> str:
+    """A name as it stands, on one line, cut where it is too long for a sentence."""
+    text = " ".join(name.split())
+    return text if len(text) <= limit else text[:limit] + "…"
+
+
 def decimal_evidence(cells: list[str]) -> tuple[str, str, str]:
     """One example each of a cell with a decimal point, with a decimal comma, and of one that may be either."""
     found = {"point": "", "comma": "", "open": ""}

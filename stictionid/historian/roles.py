@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 
 from ..errors import DataError
-from .cells import shown
+from .cells import brief, shown
 
 _WORDS = {
     "setpoint": """
@@ -167,6 +167,6 @@ def pick(names: tuple[str, ...], wanted: str, option: str, file: str) -> int:
 
 
 def listing(names: tuple[str, ...] | list[str], most: int = 12) -> str:
-    """Column names for a message, at most a dozen."""
-    shown = [n or f"(unnamed {i + 1})" for i, n in enumerate(names)]
-    return ", ".join(shown[:most]) + (f", … {len(shown) - most} more" if len(shown) > most else "")
+    """Column names for a message, at most a dozen, each on one line and cut where it is long."""
+    shown = [brief(n) or f"(unnamed {i + 1})" for i, n in enumerate(names[:most])]
+    return ", ".join(shown) + (f", … {len(names) - most} more" if len(names) > most else "")

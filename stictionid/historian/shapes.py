@@ -12,7 +12,7 @@ from ..errors import DataError, UsageError
 from ..loop import FloatArray
 from .arrow import booleans
 from .assign import Assignment, assign
-from .cells import check_thousands, shown, to_numbers
+from .cells import brief, check_thousands, shown, to_numbers
 from .clock import Order, put_in_order
 from .datetext import looks_like_time
 from .modes import Modes, read_modes
@@ -336,7 +336,7 @@ def _loop_rows(table: Table, kinds: list[str], options: ReadOptions, book: RowBo
         return None
     if options.loop is None:
         raise UsageError(
-            f"{table.file} holds {len(loops)} loops: {listing(loops)}", f"choose one with --loop {loops[0]}"
+            f"{table.file} holds {len(loops)} loops: {listing(loops)}", f"choose one with --loop {brief(loops[0])}"
         )
     if options.loop not in loops:
         raise UsageError(f"{table.file} has no loop {shown(options.loop)}", f"loops found: {listing(loops)}")

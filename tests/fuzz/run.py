@@ -1,16 +1,15 @@
 """Fuzzes every door for a number of executions or minutes and keeps every failing input.
 
-Run: python tests/fuzz/run.py --executions 100000 --minutes 10 --seed 1 [--doors "study JSON"] [--tally tally.json]
+Run: python tests/fuzz/run.py --executions 100000 --minutes 10 --seed 1 [--doors "study JSON"] [--record [FILE]]
 
-One worker process at a time; when it dies (a crash in native code) or stands still for 30 s, the input it was at is
-kept and a new worker goes on. Exit 1 when anything failed. A tally file adds up several runs.
+One worker process at a time; when it dies (a crash in native code) or stands still, the input it was at is kept and a
+new worker goes on. Exit 1 when anything failed. `--record` adds the run to docs/hard_results.json.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import multiprocessing
 import os
 import random
@@ -25,8 +24,9 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
+sys.path[:0] = [str(HERE), str(HERE.parent / "faults")]
 
+import hard_results  # noqa: E402
 from fuzz_doors import DOORS, put_through, slug  # noqa: E402
 
 CORPUS = HERE / "corpus"
@@ -160,6 +160,18 @@ def run(names: list[str], seed: int, executions: int, minutes: float) -> tuple[d
     return total, failures
 
 
+def _load() -> None:
+    """Import the whole package before the first worker is forked."""
+    import importlib
+    import pkgutil
+
+    import stictionid
+
+    for module in pkgutil.walk_packages(stictionid.__path__, "stictionid."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+
+
 def main() -> None:
     """Run, print the table, add to the tally."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -167,15 +179,16 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=5.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--doors", nargs="*", choices=list(DOORS), default=list(DOORS))
-    parser.add_argument("--tally", type=Path)
+    parser.add_argument("--record", type=Path, nargs="?", const=hard_results.RESULTS)
     options = parser.parse_args()
-    started = time.time()
+    # The code as it is now is the code that runs, whatever happens to the files meanwhile.
+    fingerprint, started = hard_results.code(), time.time()
+    _load()
     total, failures = run(options.doors, options.seed, options.executions, options.minutes)
-    if options.tally:
-        before = json.loads(options.tally.read_text()) if options.tally.exists() else {}
-        total = {n: [a + b for a, b in zip(total.get(n, [0] * 3), before.get(n, [0] * 3), strict=True)]
-                 for n in {**before, **total}}
-        options.tally.write_text(json.dumps(total, indent=1) + "\n")
+    if options.record:
+        hard_results.add("fuzz", fingerprint, {
+            "seed": options.seed, "seconds": round(time.time() - started), "doors": total,
+            "failing": sorted(failures)}, options.record)
     print(f"{'door':28s} {'executions':>10s} {'read':>10s} {'refused':>10s} {'failed':>8s}")
     for name, counts in [*total.items(), ("all", [sum(c) for c in zip(*total.values(), strict=True)])]:
         print(f"{name:28s} {sum(counts):10,d} {counts[0]:10,d} {counts[1]:10,d} {counts[2]:8,d}")
