@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..errors import DataError, UsageError
 from ..files import text_of
+from ..historian.cells import shown
 
 COLUMNS = ("loop", "sp", "pv", "op", "position", "span_op", "span_pv")
 _NEEDED = ("loop", "pv", "op")
@@ -44,7 +45,7 @@ def read_list(path: Path) -> tuple[Listed, ...]:
     unknown = [c for c in head if c and c not in COLUMNS]
     absent = [c for c in _NEEDED if c not in head]
     if absent or unknown:
-        what = f"has no column {absent[0]!r}" if absent else f"has an unknown column {unknown[0]!r}"
+        what = f"has no column {absent[0]!r}" if absent else f"has an unknown column {shown(unknown[0])}"
         raise DataError(f"the loop list {path} {what}", "its first line is " + ",".join(COLUMNS))
     found: dict[str, int] = {}
     listed = []
@@ -55,10 +56,11 @@ def read_list(path: Path) -> tuple[Listed, ...]:
         loop = cells.get("loop", "")
         for name in _NEEDED:
             if not cells.get(name):
-                raise DataError(f"the loop list {path}, line {number}: no {name}" + (f" for {loop!r}" if loop else ""),
+                whose = f" for {shown(loop)}" if loop else ""
+                raise DataError(f"the loop list {path}, line {number}: no {name}{whose}",
                                 "every row needs loop, pv and op")
         if loop in found:
-            raise UsageError(f"the loop list {path} has two loops {loop!r}, in lines {found[loop]} and {number}",
+            raise UsageError(f"the loop list {path} has two loops {shown(loop)}, in lines {found[loop]} and {number}",
                              "give each loop a name of its own")
         found[loop] = number
         spans = {n: _span(cells.get(n, ""), f"{path}, line {number}, {n}") for n in ("span_op", "span_pv")}
@@ -77,5 +79,5 @@ def _span(text: str, where: str) -> tuple[float, float] | None:
     except ValueError:
         low, high = 1.0, 0.0
     if not low < high < float("inf"):
-        raise DataError(f"the loop list {where}: {text!r} is no range", 'two numbers, for example "0,100"')
+        raise DataError(f"the loop list {where}: {shown(text)} is no range", 'two numbers, for example "0,100"')
     return low, high

@@ -36,7 +36,7 @@ def _unit(c: Comparison) -> str:
 
 def _shading(c: Comparison) -> tuple[Band, ...]:
     g = c.ground
-    width = int(max(0.25 * g.period_s / g.step_s, 8))
+    width = min(int(max(0.25 * g.period_s / g.step_s, 8)), g.residual.size)
     window = np.ones(width)
     mean = np.convolve(g.residual**2, window, "same") / np.maximum(np.convolve(g.good.astype(float), window, "same"), 1)
     bad = np.concatenate([[False], (mean > (_STANDS_OUT * g.rmse) ** 2) & g.good, [False]])

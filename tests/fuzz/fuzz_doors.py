@@ -224,16 +224,16 @@ DOORS = {
     "text, damaged bytes": Door(_make_bytes, _read, 18),
     "text, random tables": Door(make.text_table, _read, 17),
     "text, packed or encoded": Door(_make_packed, _read, 11),
-    "text, noise": Door(_make_noise, _read, 20),
-    "Parquet, damaged bytes": Door(lambda rng: make.damage(rng, rng.choice(_parquets()), 3), _read, 17),
+    "text, noise": Door(_make_noise, _read, 24),
+    "Parquet, damaged bytes": Door(lambda rng: make.damage(rng, rng.choice(_parquets()), 3), _read, 30),
     "Parquet, random tables": Door(make.arrow_table, _read, 6),
     "folder, one file per tag": Door(_make_folder, _folder, 1),
     "options": Door(_make_options, _options, 4),
     "site profile": Door(lambda rng: make.damage(rng, _PROFILE, 3), _profile, 3),
     "options kept in a study": Door(_make_said, _said, 2),
-    "study JSON": Door(_make_study, _study, 12),
-    "loop list": Door(make_list, run_list, 6),
-    "command line": Door(make_command, run_command, 2),
+    "study JSON": Door(_make_study, _study, 14),
+    "loop list": Door(make_list, run_list, 12),
+    "command line": Door(make_command, run_command, 1),
 }
 """Every door by its name; executions are dealt out by `share`."""
 
