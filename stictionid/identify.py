@@ -1,8 +1,8 @@
 """From a record to S and J, or to the reason why they can't be told.
 
-`identify` checks what the record can hold (gates), finds period and S_max, hands the record to a method (see
-methods/), and judges what comes back: does the valve stick, what does a measured position say, where does the cost
-lie. With the law "all" it does so for every law that can be searched and ranks them.
+`identify` checks what the record can hold (gates), finds period and S_max, hands the record (of a long one
+an excerpt) to a method (see methods/), and judges what comes back: does the valve stick, what does a measured position
+say, where does the cost lie. With the law "all" it does so for every law that can be searched and ranks them.
 Source: METHODS.md section 4.
 """
 
@@ -18,6 +18,7 @@ from . import lawrank
 from . import methods as method_room
 from ._version import __version__
 from .errors import CannotTell
+from .excerpt import excerpt, judged
 from .fit import INTERVAL_LEVEL, Fitted, search_model
 from .gates import check, swing_of
 from .loop import Finding, Loop
@@ -63,26 +64,31 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     laws: tuple[LawResult, ...] = ()
     try:
         check(piece, found)
+        view = excerpt(piece, found, options)
+        near = piece if view is None else view.loop
         if options.law == ALL_LAWS:
-            run, outcome, laws = _every_law(piece, found, options, method, tell)
+            run, outcome, laws = _every_law(near, found, options, method, tell)
         else:
-            run = _run_of(piece, found, options, method, tell)
+            run = _run_of(near, found, options, method, tell)
             outcome = method.run(run)
     except CannotTell as reason:
         return abstained(loop, found, options, reason)
     if outcome.verdict is not None:
         return Study(made_by(options), data_record(loop, piece, notes), found, capped(outcome.verdict, loop), None,
                      command=options.command)
-    last = outcome.fits[-1]
+    near_fit = last = outcome.fits[-1]
+    if view is not None:
+        outcome, note = judged(view, _run_of(piece, found, run.options, method, tell), outcome)
+        last, notes = outcome.fits[-1], (*notes, note)
     unit = loop.unit("output", "%")
-    position = from_position(piece, law=run.law, s_max=swing_of(piece, found), rng=run.rng)
-    verdict = capped(judge(run, last), loop)
+    position = from_position(near, law=run.law, s_max=swing_of(piece, found), rng=run.rng)
+    verdict = capped(judge(run, near_fit), loop)
     estimate = _estimate(last, unit, outcome, position)
     meaning = severity_of(piece, estimate, last)
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
                  adequate=outcome.adequate, adequate_reason=outcome.reason,
-                 cost_map=_cost_map(last, len(outcome.steps) - 1), command=options.command, severity=meaning)
+                 cost_map=_cost_map(near_fit, len(outcome.steps) - 1), command=options.command, severity=meaning)
 
 
 def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:

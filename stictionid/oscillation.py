@@ -52,8 +52,7 @@ def crossings(signal: FloatArray, band: float) -> FloatArray:
     low = False
     found: list[float] = []
     last_up = -1.0
-    for k in range(1, signal.size):
-        a, b = signal[k - 1], signal[k]
+    for k, (a, b) in enumerate(pairwise(signal.tolist()), 1):
         if b < -band:
             low = True
             last_up = -1.0
@@ -65,10 +64,11 @@ def crossings(signal: FloatArray, band: float) -> FloatArray:
     return np.array([t for t in found if t >= 0.0])
 
 
-def count_reversals(command: FloatArray, threshold: float) -> int:
-    """How often the command turns by more than `threshold` (zigzag count)."""
-    turns, direction, extreme = 0, 0, float(command[0]) if command.size else 0.0
-    for value in command.tolist():
+def reversals(command: FloatArray, threshold: float) -> list[int]:
+    """Samples at which the command has turned by more than `threshold` and it is sure."""
+    turns: list[int] = []
+    direction, extreme = 0, float(command[0]) if command.size else 0.0
+    for k, value in enumerate(command.tolist()):
         if (direction >= 0 and value > extreme) or (direction <= 0 and value < extreme):
             if direction == 0 and abs(value - extreme) > threshold:
                 direction = 1 if value > extreme else -1
@@ -76,8 +76,14 @@ def count_reversals(command: FloatArray, threshold: float) -> int:
             elif direction != 0:
                 extreme = value
         elif direction != 0 and abs(value - extreme) > threshold:
-            direction, extreme, turns = -direction, value, turns + 1
+            direction, extreme = -direction, value
+            turns.append(k)
     return turns
+
+
+def count_reversals(command: FloatArray, threshold: float) -> int:
+    """How often the command turns by more than `threshold` (zigzag count)."""
+    return len(reversals(command, threshold))
 
 
 def find_range(loop: Loop) -> Range:
@@ -102,14 +108,14 @@ def find_range(loop: Loop) -> Range:
     if float(np.ptp(u[used])) <= FLAT * max(float(np.abs(u[used]).max()), 1e-30):
         return _none(f"the controller output is constant at {u[used][0]:g} {unit}", unit, reference)
     band = max(_HYSTERESIS * spread, _HYSTERESIS_NOISE * noise_of(e[used]))
-    reversals = count_reversals(u[used], max(0.1 * float(np.ptp(u[used])), 4.0 * noise_of(u[used])))
+    turns = count_reversals(u[used], max(0.1 * float(np.ptp(u[used])), 4.0 * noise_of(u[used])))
     times = crossings(e, band)
     cycles = tuple(
         Cycle(float(a * loop.step_s), float((b - a) * loop.step_s), float(np.ptp(u[int(np.ceil(a)):int(b) + 1])))
         for a, b in pairwise(times.tolist()) if b - a >= 2
     )
     if not cycles:
-        return _none("the deviation never completes a cycle", unit, reference, reversals)
+        return _none("the deviation never completes a cycle", unit, reference, turns)
     counted = cycles[1:] if len(cycles) > FEWEST_CYCLES else cycles
     periods = np.array([c.period_s for c in counted])
     scatter = float(periods.std() / periods.mean())
@@ -123,7 +129,7 @@ def find_range(loop: Loop) -> Range:
         reason = (f"{len(counted)} whole cycles, lengths within {100 * scatter:.0f} % of the mean"
                   + ("" if reference == "setpoint" else "; no setpoint, so deviations are from the mean of y"))
     return Range(enough and regular, float(periods.max()), float(np.median(periods)),
-                 float(max(c.u_swing for c in counted)), cycles, reason, unit, reference, reversals)
+                 float(max(c.u_swing for c in counted)), cycles, reason, unit, reference, turns)
 
 
 def _none(reason: str, unit: str, reference: str, reversals: int = 0) -> Range:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .fit import Fitted
+from .kernels import kernel
 from .loop import FloatArray, Loop
 from .results import Estimate, Severity
 
@@ -26,6 +27,8 @@ _DAY_S = 86400.0
 # A simulated loop that swings this many times wider than the record has not been understood.
 _RUNAWAY = 3.0
 _PARTS = 6
+# A process value beyond this has run away. Unit: that of y.
+_LOST = 1e12
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,31 +121,42 @@ def _repaired(loop: Loop, estimate: Estimate, law: ControllerLaw,
     fastest = min([*lags, estimate.dead_time_s or np.inf, loop.step_s * _PARTS])
     parts = int(np.clip(np.ceil(_PARTS * loop.step_s / max(fastest, 1e-9)), 1, 20)) if loop.samples < 50_000 else 1
     h = loop.step_s / parts
-    decays = [float(np.exp(-h / t)) for t in lags]
-    states = [0.0] * len(lags)
-    delay = round(estimate.dead_time_s / h)
-    queue = [0.0] * (delay + 1)
-    n = loop.samples
-    y, u = np.empty(n), np.empty(n)
     r = np.where(np.isfinite(loop.setpoint), loop.setpoint, loop.process_value)
-    start_u, start_y = float(loop.output[0]), float(loop.process_value[0])
-    level, total, at, gain = 0.0, 0.0, 0, estimate.gain
-    for k in range(n):
+    y, u = np.empty(loop.samples), np.empty(loop.samples)
+    fine = _closed(r, residual, parts, h, np.exp(-h / np.array(lags)), round(estimate.dead_time_s / h),
+                   estimate.gain, estimate.integrating, law.gain, law.gain / law.integral_time_s * h,
+                   float(loop.output[0]), float(loop.process_value[0]), y, u)
+    return (y, u) if fine else None
+
+
+@kernel
+def _closed(r, residual, parts, h, decays, delay, gain, integrating, proportional, integral, start_u, start_y, y, u):
+    """Fill y and u (n,) of the closed loop, a command, `delay` parts, lags, an integrator; False where it runs away."""
+    states = np.zeros(decays.size)
+    queue = np.zeros(delay + 1)
+    level, total, at = 0.0, 0.0, 0
+    for k in range(r.size):
+        now, command = 0.0, 0.0
         for _ in range(parts):
-            out = level if estimate.integrating else (states[-1] if states else queue[at % (delay + 1)])
+            if integrating:
+                out = level
+            elif decays.size:
+                out = states[-1]
+            else:
+                out = queue[at % (delay + 1)]
             now = start_y + gain * out + residual[k]
             e = r[k] - now
-            total += law.gain / law.integral_time_s * h * e
-            command = start_u + law.gain * e + total
+            total += integral * e
+            command = start_u + proportional * e + total
             queue[at % (delay + 1)] = command - start_u
             at += 1
             x = queue[at % (delay + 1)]
-            for i, decay in enumerate(decays):
-                states[i] = x + (states[i] - x) * decay
+            for i in range(decays.size):
+                states[i] = x + (states[i] - x) * decays[i]
                 x = states[i]
-            if estimate.integrating:
+            if integrating:
                 level += h * x
         y[k], u[k] = now, command
-        if not np.isfinite(now) or abs(now) > 1e12:
-            return None
-    return y, u
+        if not np.isfinite(now) or abs(now) > _LOST:
+            return False
+    return True

@@ -28,7 +28,7 @@ FLOORS = [
     {"refit", "whitened"},
     {"heldout"},
     {"methods", "lawrank"},
-    {"severity"},
+    {"severity", "excerpt"},
     {"causes"},
     {"verdict"},
     {"identify"},
