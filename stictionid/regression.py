@@ -93,7 +93,9 @@ class Shared:
         columns = columns[:, norms > 0] / norms[norms > 0]
         if columns.shape[1]:
             u, s, _ = np.linalg.svd(columns, full_matrices=False)
-            columns = u[:, s > 1e-10 * s[0]]
+            # Rounding leaves 1e-17 in rows that don't count, where a start-up transient is still 1: its whole energy
+            # in the rows that do count may be smaller, and the cost then came out as 0.
+            columns = np.where(w[:, None] > 0, u[:, s > 1e-10 * s[0]], 0.0)
         y = np.where(w > 0, target, 0.0)
         y = y - columns @ (columns.T @ y)
         none = np.zeros((y.size, 1 - columns.shape[1] % 2))

@@ -48,6 +48,8 @@ _ROUGH = 2e-3
 SOFT = tuple(0.8**k for k in range(1, 15))
 # Correlation of neighbouring differences below which noise fills them. Unit: 1; white noise has -0.5.
 _NOISY = -0.25
+# Share of the differences' variance that the noise of the record must make to fill them. Unit: 1.
+_NOISE_SHARE = 0.5
 # A lag beyond this many periods needs no proof that the process integrates: the integrator may even predict this much
 # worse, because its slips add up their errors. Units: periods, 1.
 _ENDLESS_LAG, _ENDLESS_LOSS = 3.0, 0.05
@@ -207,7 +209,7 @@ def _structure(run: Run, spec: Spec) -> _Tried:
         return first
     run.tell("trying an integrating process", 0.2)
     second = _first(run, replace(plain, process=INTEGRATOR, increments=True))
-    if second.evaluated is not None and _noise_fills(second.evaluated):
+    if _noise_fills(run, second):
         second = _first(run, replace(second.spec, taps=SOFT))
     gain = -_ENDLESS_LOSS if lag > _ENDLESS_LAG * run.period_s else INTEGRATOR_GAIN
     return second if _one_step(run, second) < (1.0 - gain) * _one_step(run, first) else first
@@ -226,10 +228,18 @@ def _one_step(run: Run, tried: _Tried) -> float:
     return min(whitened(m, m.vector(tried.evaluated.values)).innovation_sd for m in models)
 
 
-def _noise_fills(e: Evaluated) -> bool:
-    """Whether the differences of the residual are mostly those of white measurement noise (their correlation -1/2)."""
+def _noise_fills(run: Run, tried: _Tried) -> bool:
+    """Whether the differences of the residual are mostly those of white measurement noise.
+
+    Seen at the residual (correlation -1/2) where the search ended in the right basin, else at the record itself: a
+    valve in the wrong basin leaves its own errors, and these made a noisy integrator be searched as a quiet one.
+    """
+    e = tried.evaluated
+    if e is None:
+        return False
     r = autocovariance(np.nan_to_num(e.innovation), e.counted > 0, 1)
-    return bool(r[0] > 0 and r[1] < _NOISY * r[0])
+    noise = noise_of(run.used_y())
+    return bool(r[0] > 0 and (r[1] < _NOISY * r[0] or 2.0 * noise**2 > _NOISE_SHARE * tried.increments**2))
 
 
 def _at_noise(run: Run, tried: _Tried) -> bool:
