@@ -9,6 +9,7 @@ Source: METHODS.md section 4, traps 1 to 5; the paper's Eq. 7 to 21 for the ARX 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..loop import FloatArray
 from ..model import Model
 from ..noise import autocovariance
 from ..oscillation import noise_of
+from ..regression import whiten
 from ..results import Step
 from ..search import Found
 from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
@@ -61,8 +63,8 @@ NOISE, _SLOWEST_ROOT = "coloured-noise", 0.97
 _HEAVY, _UNEVEN, _STRETCHES = 4.5, 2.0, 10
 # Below this share of the scatter of y an error is no noise of a plant.
 _NO_NOISE = 0.002
-# Below this share of the period a lag is no integrator in disguise.
-_ANY_LAG = 0.2
+# Below this share of the period a lag is no integrator in disguise, unless the error is this many times the noise.
+_ANY_LAG, _FAR = 0.2, 2.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,22 +157,27 @@ def _of_two(run: Run, corner: _Tried, held: _Tried) -> bool:
     one, so both may have it.
     """
     stationary = corner.spec.process == held.spec.process == FIRST_ORDER
+    noisy = bool(corner.spec.taps or held.spec.taps)
 
-    def error(tried: _Tried) -> float:
-        if tried.evaluated is None:
-            return np.inf
-        return tried.evaluated.rmse if stationary else increment_error(tried.evaluated)
+    def error(e: Evaluated) -> float:
+        # Plain differences of a noisy record are all noise: nothing could be 5 % better by them.
+        return e.rmse if stationary else _soft_error(e) if noisy else increment_error(e)
 
     if _at_noise(run, corner) or _at_noise(run, held):
-        return error(corner) < error(held)
-    return _with_lag(run, corner, stationary) < (1.0 - _CORNER_GAIN) * _with_lag(run, held, stationary)
+        return (corner.evaluated is not None and held.evaluated is not None
+                and error(corner.evaluated) < error(held.evaluated))
+    return _with_lag(run, corner, error) < (1.0 - _CORNER_GAIN) * _with_lag(run, held, error)
 
 
-def _with_lag(run: Run, tried: _Tried, stationary: bool) -> float:
-    """Error of a search, a second lag allowed where it helps: of y where that is `stationary`, else of differences."""
-    def error(e: Evaluated) -> float:
-        return e.rmse if stationary else increment_error(e)
+def _soft_error(e: Evaluated) -> float:
+    """Root mean square of the softened differences of the free-run residual (see `SOFT`), in the unit of y."""
+    soft = whiten(np.nan_to_num(e.residual)[:, None], Spec(increments=True, taps=SOFT).whitening())[:, 0]
+    good = np.convolve(e.counted > 0, np.ones(len(SOFT) + 2))[:soft.size] > len(SOFT) + 1.5
+    return float(np.sqrt(np.mean(soft[good] ** 2)))
 
+
+def _with_lag(run: Run, tried: _Tried, error: Callable[[Evaluated], float]) -> float:
+    """Error of a search, a second lag allowed where it helps."""
     if tried.evaluated is None:
         return np.inf
     if run.options.fixed or _LAG in tried.spec.effects:
@@ -203,9 +210,10 @@ def _structure(run: Run, spec: Spec) -> _Tried:
     plain = spec if spec.process == FIRST_ORDER else replace(spec, process=FIRST_ORDER, increments=False, taps=())
     first = _first(run, plain)
     lag = first.evaluated.values["time_constant_s"] if first.evaluated else np.inf
-    if "time_constant_s" in spec.fixed or lag < _ANY_LAG * run.period_s:
+    if "time_constant_s" in spec.fixed or (lag < LONG_LAG * run.period_s and _at_noise(run, first)):
         return first
-    if lag < LONG_LAG * run.period_s and _at_noise(run, first):
+    # Far from the noise a short lag says little: the valve may be in a wrong basin, and the lag with it.
+    if lag < _ANY_LAG * run.period_s and _at_noise(run, first, _FAR):
         return first
     run.tell("trying an integrating process", 0.2)
     second = _first(run, replace(plain, process=INTEGRATOR, increments=True))
@@ -242,10 +250,10 @@ def _noise_fills(run: Run, tried: _Tried) -> bool:
     return bool(r[0] > 0 and (r[1] < _NOISY * r[0] or 2.0 * noise**2 > _NOISE_SHARE * tried.increments**2))
 
 
-def _at_noise(run: Run, tried: _Tried) -> bool:
+def _at_noise(run: Run, tried: _Tried, factor: float = ADEQUATE) -> bool:
     e = tried.evaluated
     floor = run.floor(e.position_means, e.values["dead_time_s"]) if e else None
-    return e is not None and floor is not None and e.rmse <= ADEQUATE * floor
+    return e is not None and floor is not None and e.rmse <= factor * floor
 
 
 def _try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
@@ -256,7 +264,11 @@ def _try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     """
     before = fits[-1]
     spec = before.model.spec
-    if spec.between != "hold" or before.model.law.sliding_state is None or run.adequate(steps[-1])[0]:
+    if before.model.law.sliding_state is None or run.adequate(steps[-1])[0]:
+        return
+    if spec.between != "hold":
+        # Under a command that moves between samples the valve slides on most of the way: no basin of its own.
+        _try_step(run, steps, fits, "re-sticking", _STEP_DROP, _STEP_BIC, _RESTING_TAKEN)
         return
     resting = _structure(run, replace(spec, law=_RESTING_LAW))
     floor = steps[-1].error.noise_sd
@@ -349,8 +361,12 @@ def _slowest(noise: Whitened) -> float:
     return float(np.abs(np.roots(np.concatenate([[1.0], noise.model.spec.taps]))).max()) if noise.order else 0.0
 
 
-def _try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str) -> None:
-    """Add `effect` as a step of its own where held-out error and BIC both fall clearly."""
+def _try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str, least_drop: float = _LAG_DROP,
+              least_bic: float = _LAG_BIC, within: float = np.inf) -> None:
+    """Add `effect` as a step of its own where held-out error and BIC both fall by the least that is asked for.
+
+    `within` is how many times the irreducible noise the error may be with it.
+    """
     before = fits[-1]
     coarse, quick = _first_look(run, before.model, before.best.values, effect)
     # The look is taken on a coarser model than the fit: the base gets the same descent on the same model.
@@ -365,7 +381,7 @@ def _try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str) -> N
         return
     drop = 1.0 - after.rmse_holdout / before.rmse_holdout
     gain = (steps[-1].error.bic or 0.0) - (step.error.bic or 0.0)
-    if drop > _LAG_DROP and gain > _LAG_BIC:
+    if drop > least_drop and gain > least_bic and step.error.rmse <= within * (step.error.noise_sd or np.inf):
         steps.append(step)
         fits.append(after)
 
