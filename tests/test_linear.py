@@ -198,3 +198,21 @@ def test_interval_means_place_the_break_away_inside_the_part() -> None:
     exact = np.concatenate([[50.0], slow[1:].reshape(-1, 1000)[:38].mean(axis=1)]) if slow.size % 1000 == 1 else None
     if exact is not None:
         np.testing.assert_allclose(means[:exact.size], exact, atol=2e-3)
+
+
+def test_a_start_up_transient_long_gone_does_not_make_a_cost_of_nothing() -> None:
+    """Where rows don't count the transient is still 1; 1e-16 of rounding there outweighed what it is where they do."""
+    n, first = 1000, 21
+    good = np.arange(n) >= first
+    rng = np.random.default_rng(3)
+    target = rng.normal(size=n)
+    shared = regression.Shared.prepare(target, np.stack([np.ones(n), np.arange(n) / n], axis=1), good)
+    base = np.empty((2 * n, 1))
+    base[:n, 0] = 1000.0 + np.cumsum(rng.normal(size=n))
+    process.transient(np.array([0.637]), base[n:], step_s=1.0)
+    base[n + first, 0] = 4e-15
+    base[n + first + 1:, 0] = 0.0
+    # It fits the first row, and nothing else.
+    design = np.stack([base[:n, 0], np.ones(n), np.arange(n) / n], axis=1)[good][1:]
+    expected = np.linalg.lstsq(design, target[good][1:], rcond=None)[1][0]
+    assert shared.costs(base, (0, n))[0] == pytest.approx(expected, rel=1e-6)
