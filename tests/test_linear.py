@@ -207,6 +207,7 @@ def test_a_start_up_transient_long_gone_does_not_make_a_cost_of_nothing() -> Non
     rng = np.random.default_rng(3)
     target = rng.normal(size=n)
     shared = regression.Shared.prepare(target, np.stack([np.ones(n), np.arange(n) / n], axis=1), good)
+    assert not shared.basis[~good].any()
     base = np.empty((2 * n, 1))
     base[:n, 0] = 1000.0 + np.cumsum(rng.normal(size=n))
     process.transient(np.array([0.637]), base[n:], step_s=1.0)
