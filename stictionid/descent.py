@@ -53,7 +53,7 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
         spent += live.size * (2 * free.size + 1)
         trial = points[live, None, :].repeat(_DAMPINGS.size, axis=1)
         for i in range(live.size):
-            trial[i][:, free] += _moves(slopes[i], now[i])
+            trial[i][:, free] += damped_moves(slopes[i], now[i])
         trial = np.clip(trial, 0.0, 1.0)
         c = cost(trial.reshape(-1, d)).reshape(live.size, -1)
         spent += c.size
@@ -101,7 +101,7 @@ def principal(slopes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return values, vectors, size
 
 
-def _moves(slopes: FloatArray, now: FloatArray) -> FloatArray:
+def damped_moves(slopes: FloatArray, now: FloatArray) -> FloatArray:
     """Steps (dampings, f) that lower the squared residuals (n,) by their slopes (n, f)."""
     values, vectors, size = principal(slopes)
     along = vectors.T @ ((slopes.T @ now) / size)

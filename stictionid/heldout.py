@@ -1,8 +1,8 @@
 """Held-out errors of a completed model, block by block, so that two models can be compared on the same blocks.
 
-The valve runs through the whole record; only the rows of a block and a gap beside it are left out of the regression,
-and each fold takes the best point of a cloud around the optimum for its own rows. Source: CRITICISM.md section 7, step
-6.
+The valve runs through the whole record; only the rows of a block and a gap beside it are left out of the regression.
+Each fold is polished again from the optimum by damped Gauss-Newton steps on its own rows, of which it takes the best.
+Source: CRITICISM.md section 7, step 6.
 """
 
 from __future__ import annotations
@@ -12,14 +12,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from .fit import _CLOUD, HOLDOUT_BLOCKS, _cloud, gap_rows
+from .descent import damped_moves, slopes_at
+from .fit import HOLDOUT_BLOCKS, gap_rows, movable
 from .folds import best_of_fold
-from .loop import FloatArray
+from .loop import BoolArray, FloatArray
+from .model import Model
 from .refit import Refit
 from .regression import whiten
 
-# Points of the cloud that folds choose from.
-_CHOICE = _CLOUD // 3
+# Difference behind the slopes, as a share of the range.
+_DIFFERENCE = 1e-3
+# Share of what a number does to the residuals that a fold must see of it.
+_TOLD = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +46,13 @@ class Held:
         return float(np.sqrt(self.level.sum() / max(self.level_rows.sum(), 1.0)))
 
 
-def held_out(done: Refit, rng: np.random.Generator) -> Held | None:
+def held_out(done: Refit) -> Held | None:
     """Held-out errors of a refit; None where the record is too short for the folds."""
     model = done.white_model()
-    cube, cost = _cloud(model, model.cube(done.values[:, None])[0], rng)
-    points = cube[np.argsort(cost, kind="stable")[:_CHOICE]]
-    values = model.values(points)
+    folds = _folds(model, done)
+    if folds is None:
+        return None
+    values = model.values(_polished(model, model.cube(done.values[:, None])[0], [train for _, train, _ in folds]))
     n = model.loop.samples
     base, offsets = model.responses(values, filtered=False)
     level = np.stack([base[o:o + n] for o in offsets])
@@ -60,14 +65,9 @@ def held_out(done: Refit, rng: np.random.Generator) -> Held | None:
     columns = whiten(shared, model.taps)
     if model.spec.increments:
         columns, shared = columns[:, 1:], shared[:, 1:]
-    gap = gap_rows(model, done.values, model.skip)
     counted, sums = done.evaluated.counted > 0, []
-    for a, b in pairwise(np.linspace(model.skip, n, HOLDOUT_BLOCKS + 1).astype(int).tolist()):
-        inside = np.zeros(n, bool)
-        inside[a:b] = True
-        test, train = inside & (model.weight > 0), model.weight > 0
-        train[max(a - gap, 0):b + gap] = False
-        if test.sum() < 3 or train.sum() < 5 * (keep + columns.shape[1]):
+    for test, train, inside in folds:
+        if train.sum() < 5 * (keep + columns.shape[1]):
             return None
         p, sizes, tail = best_of_fold(white[:keep], columns, goal, train, model.spec.fixed.get("gain"))
         error = goal - white[:keep, :, p].T @ sizes - columns @ tail
@@ -78,3 +78,42 @@ def held_out(done: Refit, rng: np.random.Generator) -> Held | None:
                      float((inside & counted).sum())))
     found = np.array(sums).T
     return Held(*found) if np.isfinite(found).all() else None
+
+
+def _folds(model: Model, done: Refit) -> list[tuple[BoolArray, BoolArray, BoolArray]] | None:
+    """For each block the rows (n,) that test, that train, and all of the block's; None where a block has none."""
+    n, gap, found = model.loop.samples, gap_rows(model, done.values, model.skip), []
+    for a, b in pairwise(np.linspace(model.skip, n, HOLDOUT_BLOCKS + 1).astype(int).tolist()):
+        inside = np.zeros(n, bool)
+        inside[a:b] = True
+        test, train = inside & (model.weight > 0), model.weight > 0
+        train[max(a - gap, 0):b + gap] = False
+        if test.sum() < 3 or not train.any():
+            return None
+        found.append((test, train, inside))
+    return found
+
+
+def _polished(model: Model, top: FloatArray, trains: list[BoolArray]) -> FloatArray:
+    """The optimum (d,) and, for each fold's rows, the points that damped steps from it reach (k, d).
+
+    What a fold's rows can't tell stays as it is: the start of the valve, as its transient does, and numbers that show
+    in the block alone. So does a held command's break-away, on whose plateau slopes mean nothing.
+    """
+    free = movable(model) > 0
+    free[list(model.forces)] = False
+    if model.spec.between == "hold":
+        free[0] = False
+    columns = np.flatnonzero(free)
+    if not columns.size:
+        return top[None]
+    slopes, now = slopes_at(model.residuals, top[None], columns, np.full((1, columns.size), _DIFFERENCE))
+    whole = np.sum(slopes[0] ** 2, axis=0)
+    points = [top[None]]
+    for train in trains:
+        told = np.flatnonzero(np.sum(slopes[0][train] ** 2, axis=0) > _TOLD * whole)
+        if told.size:
+            moved = top[None].repeat(len(moves := damped_moves(slopes[0][train][:, told], now[0][train])), axis=0)
+            moved[:, columns[told]] = np.clip(top[columns[told]] + moves, 0.0, 1.0)
+            points.append(moved)
+    return np.concatenate(points)

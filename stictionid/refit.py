@@ -19,6 +19,7 @@ from .fit import (
     Fitted,
     along_ridge,
     basins,
+    descended,
     polish_smooth,
     search_model,
     spreads,
@@ -36,6 +37,9 @@ from .spec import BASE, Evaluated, Spec
 
 _WARM, _ROAM, _SCOUTS = 6, 2, 500
 _SETTLED = 1e-4
+# Turns of descent from every start, when one has settled, starts that get a population after it, and twice the
+# log-likelihood that must have been gained by then for one.
+_GLANCE, _GLANCED, _KEPT, _PROMISING = 3, 1e-2, 4, 3.0
 # Rounds of the first look at an effect and of its swarms, and most guesses that get a swarm of their own.
 _LOOK, _SWARM, _DEEP, _GUESSES = 25, 14, 25, 6
 # Further polishes go on while each lowers the cost by this share, at most so often.
@@ -112,13 +116,22 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
 
 @dataclass(frozen=True, slots=True)
 class Scouted:
-    """A first look at one more effect: the model to search on, the one to finish on, and points (k, d), best first."""
+    """A first look at one more effect: the model to search on, the one to finish on, and points (k, d), best first.
+
+    `neutral` is the cost of the model so far, where the effect vanishes, on the model to search on.
+    """
 
     coarse: Model
     model: Model
     points: FloatArray
     cost: float
+    neutral: float
     name: str = ""
+
+    @property
+    def gain(self) -> float:
+        """Twice the log-likelihood of the free run that the effect has gained so far."""
+        return self.model.shared.rows * float(np.log(max(self.neutral, 1e-300) / max(self.cost, 1e-300)))
 
     @property
     def values(self) -> FloatArray:
@@ -147,24 +160,31 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
             vector[coarse._slices[coarse.names.index(name)]] = guess
             starts.append(vector)
     cube = coarse.cube(np.array(starts).T)
-    order = np.argsort(coarse.costs(cube), kind="stable")
+    costs = coarse.costs(cube)
+    order, neutral = np.argsort(costs, kind="stable"), float(costs[0])
     warm = cube[np.concatenate([order[order != 0][:_WARM], [0]])]
     fresh = _valve_basins(coarse, name, guesses, rng) if effect.kind in "FT" and guesses.size \
         else np.empty((0, model.space.size))
     roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM, scouts=_SCOUTS)
-    found = refine(coarse.costs, with_start(coarse, np.concatenate([warm, fresh, roam.points[:_ROAM]])), rng,
-                   spread=spreads(coarse), rounds=_LOOK, population=14, settle=_SETTLED)
-    points, cost = found.points, float(found.costs[0])
-    if effect.kind in "FT" and spec.between == "hold" and cost < float(coarse.costs(cube[:1])[0]) * (1.0 - _SETTLED):
+    near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam.points[:_ROAM]])), turns=_GLANCE,
+                     settle=_GLANCED)
+    found = Scouted(coarse, model, near.points, float(near.costs[0]), neutral,
+                    name if effect.kind in "FT" else "")
+    if not found.gain > _PROMISING:
+        return found
+    polish = refine(coarse.costs, near.points[:_KEPT], rng, spread=spreads(coarse), rounds=_LOOK, population=14,
+                    settle=_SETTLED)
+    points, cost = polish.points, float(polish.costs[0])
+    if effect.kind in "FT" and spec.between == "hold" and cost < neutral * (1.0 - _SETTLED):
         # The effect helps, so the process it was fitted with may be wrong: one step along the ridge.
-        near = refine(coarse.costs, np.concatenate([along_ridge(coarse, points[:2])[:3],
-                                                    _across(coarse, points[0], name, 3),
-                                                    with_other_start(coarse, points[0], 2)]), rng,
-                      spread=spreads(coarse, 0.5), rounds=_LOOK, population=14, settle=_SETTLED)
-        order = np.argsort(np.concatenate([found.costs, near.costs]), kind="stable")
-        points = np.concatenate([points, near.points])[order]
-        cost = min(cost, float(near.costs[0]))
-    return Scouted(coarse, model, points, cost, name if effect.kind in "FT" else "")
+        beside = refine(coarse.costs, np.concatenate([along_ridge(coarse, points[:2])[:3],
+                                                      _across(coarse, points[0], name, 3),
+                                                      with_other_start(coarse, points[0], 2)]), rng,
+                        spread=spreads(coarse, 0.5), rounds=_LOOK, population=14, settle=_SETTLED)
+        order = np.argsort(np.concatenate([polish.costs, beside.costs]), kind="stable")
+        points = np.concatenate([points, beside.points])[order]
+        cost = min(cost, float(beside.costs[0]))
+    return replace(found, points=points, cost=cost)
 
 
 def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:

@@ -14,10 +14,10 @@ from ..results import Candidate
 from .detect import detectable
 from .numbers import noise_values, rows_for, values_of
 from .tells import settling
-from .tries import Round, Tried
+from .tries import NAMED, Round, Tried
 
-# BIC by which an effect must win to be named, and within which two are equivalent (CRITICISM.md section 7, step 7).
-NAMED, ALIKE = 10.0, 10.0
+# BIC within which two effects are equivalent (CRITICISM.md section 7, step 7).
+ALIKE = 10.0
 # Blocks in which the one-step error must fall, and the median drop that counts (step 6).
 _BLOCKS_BETTER, _MEDIAN_GAIN = 4, 0.005
 # The free-run error may not get worse by more than this share.

@@ -15,9 +15,9 @@ from ..methods.run import Run
 from ..refit import quick
 from ..rerun import rebuild_model
 from ..results import Study
-from .judge import NAMED, candidates, winner_of
+from .judge import candidates, winner_of
 from .steps import add, finished_step, opened, polished, with_steps
-from .tries import Round, Tried, try_all
+from .tries import NAMED, Round, Tried, try_all
 
 MOST_ADDITIONS = 4
 Progress = Callable[[str, float], None]

@@ -6,7 +6,7 @@ refit's S, J, start and process are handed back to it. Source: CRITICISM.md sect
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..effects import catalogue, parse
 from ..fit import Fitted, polish_smooth, search_model, spreads, with_start
 from ..heldout import Held, held_out
 from ..loop import FloatArray, Loop
-from ..refit import Refit, at_thresholds, block_gains, complete, starting_pool
+from ..refit import Refit, at_thresholds, block_gains, complete, quick, starting_pool
 from ..restarts import bound
 from ..search import refine
 from ..spec import BASE
@@ -23,13 +23,16 @@ from .steps import variants
 from .work import Answer, Ground, Workers, base_values, finish, look, noise
 
 Progress = Callable[[str, float], None]
-# Full refits: at most so many, of looks whose BIC is within so much (or this share of the best gain) of the best look.
-_FINALISTS, _WITHIN, _WITHIN_SHARE = 6, 150.0, 0.12
-# Where no look gains this much in BIC a few full refits will do.
-_NOTHING, _FEW = 0.0, 3
+# Full refits: at most so many, so many at a time whatever the jobs, of looks whose BIC is within so much (or this share
+# of the best gain) of the best full refit so far.
+_FINALISTS, _BATCH, _WITHIN, _WITHIN_SHARE = 6, 2, 150.0, 0.12
+# What a look must gain in BIC, or twice the log-likelihood of the free run, to be worth a full refit (CRITICISM.md
+# section 7, step 7: the gain that names an effect).
+NAMED = 10.0
 # A better optimum of the base: twice the log-likelihood it must gain (CRITICISM.md section 7, step 5), how often the
-# round starts again, and how many refits are handed back.
-_BETTER_LR, _AGAIN, _HANDED = 2.0, 2, 6
+# round starts again, and how many refits are handed back; the round stays where the base gained less than this share of
+# what the best effect gains.
+_BETTER_LR, _AGAIN, _HANDED, _MATTERS = 2.0, 2, 6, 0.1
 # Likelihood-ratio gain from which a moving command is taken for a held one after all.
 _HELD_LR = 10.0
 
@@ -81,9 +84,18 @@ def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress) -> Ro
         now = better_base(fit, [base_values(a) for a in told], rng)
         if now is fit:
             break
+        gained = _likelihood(fit, fit.sse, now.sse)
         fit = now
+        # Where the best effect gains far more than the base did, the base's own optimum decides nothing.
+        if told and gained < _MATTERS * _likelihood(fit, fit.sse, told[0].cost):
+            break
     reference = complete(fit.model, fit.values, None, rng, order=0)
-    return _judged(fit, reference, held_out(reference, rng), ground, answers, fit.sse < first)
+    return _judged(fit, reference, held_out(reference), ground, answers, fit.sse < first)
+
+
+def _likelihood(fit: Fitted, before: float, after: float) -> float:
+    """Twice the log-likelihood gained between two sums of squared errors of one record."""
+    return max(float(fit.best.rows), 1.0) * float(np.log(max(before, 1e-300) / max(after, 1e-300)))
 
 
 def held_command(fit: Fitted, rng: np.random.Generator) -> Fitted | None:
@@ -100,8 +112,7 @@ def held_command(fit: Fitted, rng: np.random.Generator) -> Fitted | None:
     start = Fitted(model, fit.values, best.sse, fit.runs, fit.agree, best, None, {}, fit.values[None, :2])
     pool = starting_pool(model, fit.values, rng)
     found = better_base(start, [*pool], rng)
-    gain = float(fit.best.rows) * float(np.log(max(fit.sse, 1e-300) / max(found.sse, 1e-300)))
-    return found if gain > _HELD_LR else None
+    return found if _likelihood(fit, fit.sse, found.sse) > _HELD_LR else None
 
 
 def candidate_names(loop: Loop, present: Sequence[str]) -> list[str]:
@@ -125,27 +136,43 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress) -> l
         for answer in workers.map(noise, noises):
             answers[answer.name] = answer
             tell(f"fitted {answer.name}", 0.05 + 0.9 * len(answers) / total)
-        for i, answer in enumerate(workers.map(finish, _finalists(ground, answers, physical))):
+        for i, answer in enumerate(_finished(workers, ground, [answers[n] for n in physical])):
             answers[answer.name] = answer
             tell(f"refitted with {answer.name}", 0.05 + 0.9 * (len(physical) + len(noises) + i + 1) / total)
     return list(answers.values())
 
 
-def _finalists(ground: Ground, answers: dict[str, Answer], physical: Sequence[str]) -> list[Answer]:
-    """The looks that deserve a full refit: best by innovations, and best by the free run."""
-    good = [answers[n] for n in physical if not answers[n].failed]
+def _finished(workers: Workers, ground: Ground, looks: Sequence[Answer]) -> Iterator[Answer]:
+    """Full refits of the looks that deserve one, a few at a time: the best by innovations and the best by the free run
+    first, then those that the best full refit so far does not leave far behind."""
+    fit = ground.fit
+    good = [a for a in looks if not a.failed]
     if not good:
-        return []
-    refits = {a.name: a.refit(ground) for a in good}
-    base = complete(ground.fit.model, ground.fit.values, None, np.random.default_rng(0), order=0)
-    common = np.logical_and.reduce([base.good, *(r.good for r in refits.values())])
-    gains = {name: base.bic(common) - r.bic(common) for name, r in refits.items()}
-    ranked = sorted(good, key=lambda a: -gains[a.name])
-    best = gains[ranked[0].name]
-    near = [a for a in ranked if gains[a.name] >= best - max(_WITHIN, _WITHIN_SHARE * best)]
-    by_cost = min(good, key=lambda a: a.cost)
-    chosen = near[:_FINALISTS if best > _NOTHING else _FEW]
-    return chosen if by_cost in chosen else [*chosen[:_FINALISTS - 1], by_cost]
+        return
+    base, silent = quick(fit.model, fit.values), quick(fit.model, fit.values, order=0)
+
+    def gain(answer: Answer, before: Refit) -> float:
+        after = answer.refit(ground)
+        both = before.good & after.good
+        return before.bic(both) - after.bic(both)
+
+    gains = {a.name: gain(a, silent) for a in good}
+    queue = sorted(good, key=lambda a: -gains[a.name])
+    first = min(good, key=lambda a: a.cost)
+    # A look that gains nothing, neither in the free run nor beside the noise model of the base, shows nothing to refit.
+    queue = [a for a in queue if a is queue[0] or a.gain > NAMED or gain(a, base) > 0.0]
+    if first in queue[2:]:
+        queue.remove(first)
+        queue.insert(1, first)
+    best, done = -np.inf, 0
+    while queue and done < _FINALISTS:
+        batch, queue = queue[:_BATCH], queue[_BATCH:]
+        for answer in workers.map(finish, batch):
+            if not answer.failed:
+                best = max(best, gain(answer, silent))
+            yield answer
+        done += len(batch)
+        queue = [a for a in queue if gains[a.name] >= best - max(_WITHIN, _WITHIN_SHARE * best)]
 
 
 def better_base(fit: Fitted, starts: Sequence[FloatArray], rng: np.random.Generator) -> Fitted:
@@ -161,14 +188,13 @@ def better_base(fit: Fitted, starts: Sequence[FloatArray], rng: np.random.Genera
     cube = cube[np.argsort(coarse.costs(cube), kind="stable")[:4]]
     found = refine(coarse.costs, with_start(coarse, cube), rng, spread=spreads(coarse, 0.5), rounds=40, population=14,
                    settle=1e-4)
-    rows = max(float(fit.best.rows), 1.0)
     near = np.concatenate([with_start(model, found.points[:1]), model.cube(fit.values[:, None])])
     near = near[[int(np.argmin(model.costs(near)))]]
     last = refine(model.costs, near, rng, spread=spreads(model, 0.15), rounds=60, population=16, settle=1e-4)
     point, cost = polish_smooth(model, last.points[0])
     if model.spec.between == "hold":
         point, cost = at_thresholds(model, point, rng)
-    if rows * np.log(max(fit.sse, 1e-300) / max(cost, 1e-300)) <= _BETTER_LR:
+    if _likelihood(fit, fit.sse, cost) <= _BETTER_LR:
         return fit
     values = model.values(point[None])[:, 0]
     guided = bound(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,

@@ -51,6 +51,8 @@ class Answer:
     cost: float = np.inf
     held: Held | None = None
     failed: str = ""
+    # What a first look gained over the model so far: twice the log-likelihood of the free run.
+    gain: float = 0.0
 
     def refit(self, ground: Ground) -> Refit:
         """The refit with its arrays again; one run of the model, no search."""
@@ -70,7 +72,8 @@ def look(ground: Ground, name: str) -> Answer:
         return Answer(name, failed=error.message)
     if not np.isfinite(found.cost):
         return Answer(name, failed="its refit found no model whose valve moves")
-    return _packed(name, quick(found.model, found.values), points=found.points[:8], cost=found.cost)
+    return replace(_packed(name, quick(found.model, found.values), points=found.points[:8], cost=found.cost),
+                   gain=found.gain)
 
 
 def finish(ground: Ground, seen: Answer) -> Answer:
@@ -81,12 +84,12 @@ def finish(ground: Ground, seen: Answer) -> Answer:
     spec = replace(before.spec, effects=(*before.spec.effects, seen.name))
     model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
                   residual=np.nan_to_num(ground.fit.best.residual))
-    model, values, cost = settled(Scouted(search_model(model), model, seen.points, seen.cost, seen.name
+    model, values, cost = settled(Scouted(search_model(model), model, seen.points, seen.cost, seen.cost, seen.name
                                            if parse(seen.name)[0].kind in "FT" else ""), rng)
     if not np.isfinite(cost):
         return Answer(seen.name, failed="its refit did not converge")
     done = complete(model, values, None, rng)
-    return _packed(seen.name, done, cost=cost, held=held_out(done, rng))
+    return _packed(seen.name, done, cost=cost, held=held_out(done))
 
 
 def noise(ground: Ground, name: str) -> Answer:
@@ -95,7 +98,7 @@ def noise(ground: Ground, name: str) -> Answer:
     kind = parse(name)[0].noise
     assert kind is not None
     done = complete(ground.fit.model, ground.fit.values, ground.pool, rng, noise=kind)
-    return _packed(name, done, held=held_out(done, rng))
+    return _packed(name, done, held=held_out(done))
 
 
 def _packed(name: str, done: Refit, *, points: FloatArray | None = None, cost: float = np.inf,

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..kernels import kernel
 from ..loop import FloatArray
 from ..parameters import Parameter
 from .contract import Context, Disturbance, Effect, Place, Values
@@ -20,15 +21,34 @@ _PERIOD = Parameter("period_s", "s", 1e-3, 1e7, 60.0, "period of the disturbance
 _AMPLITUDE = Parameter("amplitude", "unit of y", 0.0, 1e9, 0.0, "amplitude at the output")
 _PHASE = Parameter("phase", "rad", -7.0, 7.0, 0.0, "phase at the start of the record")
 _LINES = 8
+# Rows after which the waves are computed anew. Unit: samples.
+_ANEW = 64
 
 
 def _limits(context: Context) -> tuple[Parameter, ...]:
     return (replace(_PERIOD, low=2.5 * context.step_s, high=context.length_s, neutral=context.length_s),)
 
 
+@kernel
+def _waves(turn, sine, cosine):
+    """Sine and cosine of k turns, by turning on from row to row; computed anew now and then: no error adds up."""
+    rows, lanes = sine.shape
+    a, b = np.cos(turn), np.sin(turn)
+    for k in range(rows):
+        if k % _ANEW == 0:
+            for p in range(lanes):
+                sine[k, p] = np.sin(k * turn[p])
+                cosine[k, p] = np.cos(k * turn[p])
+        else:
+            for p in range(lanes):
+                sine[k, p] = sine[k - 1, p] * a[p] + cosine[k - 1, p] * b[p]
+                cosine[k, p] = cosine[k - 1, p] * a[p] - sine[k - 1, p] * b[p]
+
+
 def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
-    angle = 2.0 * np.pi * context.time_s[:, None] / theta[0]
-    return np.sin(angle), np.cos(angle)
+    sine, cosine = (np.empty((context.process_value.size, theta.shape[1])) for _ in range(2))
+    _waves(2.0 * np.pi * context.step_s / theta[0], sine, cosine)
+    return sine, cosine
 
 
 def _guess(context: Context) -> FloatArray:
