@@ -156,3 +156,13 @@ def _finding(view: Excerpt, fit: Fitted, inside: float) -> Finding:
                    {"samples": whole.samples, "searched": [first.start, first.stop],
                     "polished": [more.start, more.stop], "reversals": int(view.turns.size),
                     "reversals_searched": view.count(first), "rmse_polished": inside, "rmse": fit.best.rmse})
+
+
+def looked_at(view: Excerpt) -> Finding:
+    """The finding of a quick look, which polishes and judges nothing."""
+    first = view.searched
+    return Finding("searched-on-excerpt", "info",
+                   f"of {view.whole.samples:,} samples, {first.start:,} to {first.stop:,} were looked at "
+                   f"({view.count(first):,} of {len(view.turns):,} reversals of the output)",
+                   {"samples": view.whole.samples, "searched": [first.start, first.stop],
+                    "reversals": int(view.turns.size), "reversals_searched": view.count(first)})

@@ -8,6 +8,8 @@ from .loop import BoolArray, FloatArray
 
 # Lags of the free model that estimates the irreducible noise (CRITICISM.md section 7, step 9).
 CEILING_LAGS = 20
+# Rows that are brought to triangular form at once.
+_PIECE = 50_000
 
 
 def autocovariance(signal: FloatArray, good: BoolArray, lags: int) -> FloatArray:
@@ -67,12 +69,16 @@ def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray
     rows = rows[keep]
     if rows.size < 6 * lags:
         return None
-    columns = [process_value[rows - lag] for lag in range(1, lags + 1)]
-    columns += [position[rows - delay - lag] for lag in range(1, lags + 1)]
-    design = np.stack([*columns, np.ones(rows.size)], axis=1)
-    mean = design.mean(axis=0)
-    mean[-1] = 0.0
-    solution, *_ = np.linalg.lstsq(design - mean, process_value[rows] - process_value[rows].mean(), rcond=1e-10)
-    error = process_value[rows] - process_value[rows].mean() - (design - mean) @ solution
-    error -= error.mean()
-    return float(np.sqrt(error @ error / max(rows.size - design.shape[1], 1)))
+    # Centred, so that the constant costs nothing; triangular factors of pieces are those of the whole (its size would
+    # count in memory: 40 columns of a long record).
+    y_mean, v_mean = float(process_value[rows].mean()), float(position[rows - delay].mean())
+    y, v = process_value - y_mean, position - v_mean
+    factor = np.empty((0, 2 * lags + 2))
+    for part in np.array_split(rows, -(-rows.size // _PIECE)):
+        columns = [y[part - lag] for lag in range(1, lags + 1)]
+        columns += [v[part - delay - lag] for lag in range(1, lags + 1)]
+        piece = np.stack([*columns, np.ones(part.size), y[part]], axis=1)
+        factor = np.linalg.qr(np.concatenate([factor, piece]), mode="r")
+    solution, *_ = np.linalg.lstsq(factor[:, :-1], factor[:, -1], rcond=1e-10)
+    error = factor[:, -1] - factor[:, :-1] @ solution
+    return float(np.sqrt(error @ error / max(rows.size - solution.size, 1)))

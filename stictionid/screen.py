@@ -12,6 +12,7 @@ import numpy as np
 
 from . import methods as method_room
 from .errors import CannotTell
+from .excerpt import excerpt, looked_at
 from .fit import basins, descended, search_model, with_process
 from .gates import check
 from .identify import Options, abstained, data_record, made_by, whole
@@ -38,7 +39,10 @@ def screen(loop: Loop, *, options: Options | None = None) -> Study:
     piece, notes = whole(loop)
     try:
         check(piece, found)
-        run = Run(piece, found, options, method_room.get("auto"), rng=np.random.default_rng(options.seed),
+        view = excerpt(piece, found, options)
+        if view is not None:
+            notes = (*notes, looked_at(view))
+        run = Run(piece if view is None else view.loop, found, options, method_room.get("auto"), rng=np.random.default_rng(options.seed),
                   tell=lambda text, share: None)
         verdict = capped(_verdict(run), loop)
     except CannotTell as reason:

@@ -14,6 +14,7 @@ from stictionid.identify import Options, identify
 from stictionid.loop import Loop
 from stictionid.oscillation import crossings, find_range, reversals
 from stictionid.rerun import rerun
+from stictionid.screen import screen
 from stictionid.severity import ControllerLaw, _repaired
 from stictionid.simulate import preset, simulate
 
@@ -81,6 +82,10 @@ def test_an_excerpt_gives_the_answer_of_the_whole_record_and_its_errors(short, m
     assert study.steps[-1].error.rmse == pytest.approx(np.sqrt(np.nanmean(curves.residual**2)), rel=1e-9)
     assert study.steps[-1].error.rmse == pytest.approx(whole.steps[-1].error.rmse, rel=0.01)
     assert study.adequate and study.verdict.stiction == whole.verdict.stiction == "stiction"
+    monkeypatch.setattr(room, "SEARCHED", 1000)
+    quick = screen(loop)
+    assert quick.verdict.stiction == "stiction" and quick.data.findings[-1].evidence["searched"] == [
+        *note.evidence["searched"]]
 
 
 def test_a_loop_that_changed_on_the_way_is_said_to(short) -> None:
