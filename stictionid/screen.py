@@ -41,8 +41,8 @@ def screen(loop: Loop, *, options: Options | None = None) -> Study:
         check(piece, found)
         view = excerpt(piece, found, options)
         if view is not None:
-            notes = (*notes, looked_at(view))
-        run = Run(piece if view is None else view.loop, found, options, method_room.get("auto"), rng=np.random.default_rng(options.seed),
+            piece, notes = view.loop, (*notes, looked_at(view))
+        run = Run(piece, found, options, method_room.get("auto"), rng=np.random.default_rng(options.seed),
                   tell=lambda text, share: None)
         verdict = capped(_verdict(run), loop)
     except CannotTell as reason:

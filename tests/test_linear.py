@@ -9,7 +9,7 @@ import naive
 import numpy as np
 import pytest
 
-from stictionid import between, kernels, process, products, regression
+from stictionid import between, kernels, noise, process, products, regression
 from stictionid.arx import Arx
 from stictionid.laws import get
 from stictionid.laws.contract import neutral_friction
@@ -124,6 +124,19 @@ def test_gaps_take_the_rows_of_an_arx_model_that_they_touch() -> None:
         design = np.column_stack([y[rows - 1], y[rows - 2], v[rows - 6, p], v[rows - 7, p], np.ones(rows.size)])
         theta, *_ = np.linalg.lstsq(design, y[rows], rcond=None)
         assert arx.costs(values)[0][p] == pytest.approx(np.sum((y[rows] - design @ theta) ** 2), rel=1e-7)
+
+
+@pytest.mark.parametrize("piece", [90, 50_000])
+def test_the_irreducible_noise_is_what_a_free_model_leaves(piece: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(noise, "_PIECE", piece)
+    rng = np.random.default_rng(5)
+    y, v, good, delay = rng.standard_normal(500), staircase(500), rng.random(500) > 0.01, 3
+    rows = np.array([k for k in range(24, 500) if good[k - 20:k + 1].all()])
+    design = np.stack([y[rows - lag] for lag in range(1, 21)] + [v[rows - delay - lag] for lag in range(1, 21)]
+                      + [np.ones(rows.size)], axis=1)
+    theta, *_ = np.linalg.lstsq(design, y[rows], rcond=None)
+    left = np.sqrt(np.sum((y[rows] - design @ theta) ** 2) / (rows.size - 41))
+    assert noise.irreducible(y, v, good, delay) == pytest.approx(left, rel=1e-9)
 
 
 def test_costs_do_not_depend_on_who_is_evaluated_together() -> None:
