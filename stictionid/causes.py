@@ -27,14 +27,17 @@ _FINER, _MULTIPLES = 16, 4
 
 
 def looks_like(loop: Loop, free: Whitened) -> str:
-    """One sentence on what moves the loop, from the friction-free model; empty where nothing stands out."""
-    e = free.evaluated
-    good = e.counted > 0
+    """One sentence on what moves the loop, from the friction-free model; empty where nothing stands out.
+
+    Of several segments the longest is looked at: a sine keeps its phase within one.
+    """
+    e, part = free.evaluated, loop.longest
+    loop, good, residual = loop.longest_segment(), e.counted[part] > 0, e.residual[part]
     y = loop.process_value[good]
     variance = float(np.var(y))
     if not variance:
         return ""
-    left = float(np.var(e.residual[good])) / variance
+    left = float(np.var(residual[good])) / variance
     moves = loop.setpoint is not None and float(np.var(loop.setpoint[good])) > _FOLLOWED * variance
     if moves and left <= _FOLLOWED:
         return "the loop moves because its setpoint does"

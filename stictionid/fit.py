@@ -8,9 +8,9 @@ Source: METHODS.md section 4, traps 1 to 5; CRITICISM.md sections 5 and 7.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from .arx import Arx
 from .descent import descend, principal, slopes_at
 from .folds import best_of_fold
-from .loop import FloatArray, Loop
+from .loop import BoolArray, FloatArray, Loop
 from .model import Model
-from .regression import whiten
 from .restarts import bound
 from .search import Found, refine, swarm
 from .spec import BASE, Evaluated
@@ -44,6 +43,8 @@ _GROWTH, _GROWN_KEPT = (0.25, 0.5, 0.75, 1.0), 8
 _RIDGE_POINTS, _RIDGE_S, _RIDGE_SAMPLES = 161, 0.12, 5
 _RIDGE_J = (None, 0.3, 0.9)
 _RIDGE_KEPT = 6
+# Initial residual forces tried for each segment there, where there are several.
+_RIDGE_FORCES = np.linspace(-0.96, 0.96, 9)
 # First differences of a descent, as a share of the range.
 _DIFFERENCE = 1e-3
 # Turns of descent that tell which of the points beside the best deserve a population, and how many get one.
@@ -104,14 +105,16 @@ class Fitted:
 def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> FloatArray:
     """Starting points (groups, d) from independent swarms on the ARX cost; each swarm's best, (S, J, force) only.
 
-    A record with very many samples a period is thinned first: its one-step error is all noise.
+    A record with very many samples a period is thinned first: its one-step error is all noise. Of several segments
+    the longest is searched: a basin is common to all, and one unknown start is easier to find than four.
     """
-    whole, model = model, thinned(model, _every(model))
+    whole, at = model, longest_piece(model)
+    model = model.pieces[at]
+    model = thinned(model, _every(model))
     period = model.period_s / model.step_s
     longest = int(np.clip(0.4 * period, 1, 60))
     ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
     arx = Arx(model, 2, tuple(int(d) for d in ladder))
-    rest = model.space.size - 3
     neutral = _neutral(model)[None, 3:]
 
     def cost(cube: FloatArray) -> FloatArray:
@@ -125,9 +128,14 @@ def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> F
             picked.append(point)
         if len(picked) == groups:
             break
-    starts = np.concatenate([np.array(picked), np.zeros((len(picked), rest))], axis=1)
-    starts[:, 3:] = _neutral(whole)[None, 3:]
+    starts = _neutral(whole)[None].repeat(len(picked), axis=0)
+    starts[:, [0, 1, whole.forces[at]]] = picked
     return starts
+
+
+def longest_piece(model: Model) -> int:
+    """Which segment of a model has the most samples that count."""
+    return int(np.argmax([float(piece.weight.sum()) for piece in model.pieces]))
 
 
 def _neutral(model: Model) -> FloatArray:
@@ -183,11 +191,22 @@ def with_start(model: Model, points: FloatArray) -> FloatArray:
 
 
 def _first_force(model: Model, points: FloatArray, ladder: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points (k, d) with the best initial residual force of a ladder, their own included, and their costs (k,)."""
+    """Points (k, d) with the best initial residual force of a ladder, their own included, and their costs (k,).
+
+    Of several segments each takes its own best, found as if it were alone.
+    """
     trial = points[:, None, :].repeat(ladder.size + 1, axis=1)
-    trial[:, 1:, 2] = ladder
-    c = model.costs(trial.reshape(-1, points.shape[1])).reshape(len(points), -1)
-    return trial[np.arange(len(points)), c.argmin(axis=1)], c.min(axis=1)
+    trial[:, 1:, list(model.forces)] = ladder[:, None]
+    if len(model.pieces) == 1:
+        c = model.costs(trial.reshape(-1, points.shape[1])).reshape(len(points), -1)
+        return trial[np.arange(len(points)), c.argmin(axis=1)], c.min(axis=1)
+    alone = model.piece_costs(model.values(trial.reshape(-1, points.shape[1])))
+    best = alone.reshape(len(alone), len(points), -1).argmin(axis=2)
+    chosen = points.copy()
+    for force, at in zip(model.forces, best, strict=True):
+        chosen[:, force] = trial[np.arange(len(points)), at, force]
+    before, after = model.costs(np.concatenate([points, chosen])).reshape(2, -1)
+    return np.where((after < before)[:, None], chosen, points), np.minimum(before, after)
 
 
 def along_ridge(model: Model, points: FloatArray) -> FloatArray:
@@ -209,7 +228,9 @@ def along_ridge(model: Model, points: FloatArray) -> FloatArray:
         grid[1] = grid[0] * (1.0 if model.law.one_parameter else share.repeat(S.size))
         back = min(_RIDGE_SAMPLES, int((values[4] - dead.low) / model.step_s))
         grid[4] = values[4] - back * model.step_s
-        for shift, (cost, at) in enumerate(_shifted_costs(model, grid, back + _RIDGE_SAMPLES)):
+        looks = _shifted_costs(model, grid, back + _RIDGE_SAMPLES) if len(model.pieces) == 1 else \
+            _shifted_pieces(model, grid, back + _RIDGE_SAMPLES)
+        for shift, (cost, at) in enumerate(looks):
             if shift != back:
                 neighbour = grid[:, at].copy()
                 neighbour[4] += shift * model.step_s
@@ -233,6 +254,21 @@ def _all_shifted(model: Model, values: FloatArray, shifts: int) -> FloatArray:
             # Rows before the record have weight 0: the first `skip` samples never count.
             costs[s, rows] = model.shared.costs(base, tuple(o - s for o in offsets))[:rows.stop - rows.start]
     return costs
+
+
+def _shifted_pieces(model: Model, values: FloatArray, shifts: int) -> list[tuple[float, int]]:
+    """The same for a model of several segments, each with the start that goes best with the candidate's valve.
+
+    A start that goes with one break-away makes any other slip at the wrong sample right after it.
+    """
+    ladder = np.concatenate([[np.nan], _RIDGE_FORCES])
+    rows = list(model.forces)
+    trial = values[:, :, None].repeat(ladder.size, axis=2)
+    trial[rows, :, 1:] = ladder[1:]
+    shifts = min(shifts, model.skip)
+    alone = np.stack([model.piece_costs(trial.reshape(len(values), -1), shift) for shift in range(shifts + 1)])
+    costs = alone.reshape(shifts + 1, len(rows), values.shape[1], -1).min(axis=3).sum(axis=1)
+    return [(float(c.min()), int(c.argmin())) for c in costs]
 
 
 def roamed(model: Model, rng: np.random.Generator) -> FloatArray:
@@ -307,9 +343,9 @@ def with_other_start(model: Model, point: FloatArray, count: int = 3) -> FloatAr
     axes = model.space.parameters
     grid = np.clip(grid, [[axes[3].low], [axes[4].low]], [[axes[3].high], [axes[4].high]])
     found: list[tuple[float, FloatArray]] = []
-    for force in np.linspace(-0.95, 0.95, 9):
+    for row, force in product(model.forces, np.linspace(-0.95, 0.95, 9)):
         trial = values[:, None].repeat(grid.shape[1], axis=1)
-        trial[2], trial[3:5] = force, grid
+        trial[row], trial[3:5] = force, grid
         costs = model.costs_of(trial, model.positions(trial[:, :1]))
         found.append((float(costs.min()), trial[:, int(costs.argmin())]))
     found.sort(key=lambda f: f[0])
@@ -319,7 +355,8 @@ def with_other_start(model: Model, point: FloatArray, count: int = 3) -> FloatAr
 def spreads(model: Model, factor: float = 1.0) -> FloatArray:
     """First standard deviations of a polish, as shares of the ranges (d,)."""
     base = np.array([0.01, 0.05, 0.1, 0.03, 0.03])
-    return factor * np.concatenate([base, np.full(model.space.size - len(BASE), 0.05)])
+    further = np.full(model.head - len(BASE), base[2])
+    return factor * np.concatenate([base, further, np.full(model.space.size - model.head, 0.05)])
 
 
 def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None = None,
@@ -397,6 +434,8 @@ def thinned(model: Model, every: int) -> Model:
     """
     if every <= 1:
         return model
+    if len(model.pieces) > 1:
+        return _thinned_segments(model, every)
     loop = model.loop
     half = every // 2
     part = slice(half, loop.samples - half, every)
@@ -412,7 +451,18 @@ def thinned(model: Model, every: int) -> Model:
     rows = small.samples * every * m
     command = np.concatenate([command[:rows], np.full(max(rows - command.size, 0), command[-1])])
     return bound(small, replace(model.spec, substeps=every * m), s_max=model.s_max, period_s=model.period_s,
-                 residual=None if residual is None else residual[part], command=command)
+                 residual=None if residual is None else residual[part], command=command, record=model.context.record)
+
+
+def _thinned_segments(model: Model, every: int) -> Model:
+    """The model of several segments, each thinned on its own."""
+    parts = [thinned(piece, every) for piece in model.pieces]
+    clock = model.loop.clock_s
+    small = Loop.joined([part.loop for part in parts],
+                        begins_s=tuple(float(clock[first]) for first in model.loop.starts))
+    residual = None if model.context.residual is None else np.concatenate([p.context.residual for p in parts])
+    return bound(small, parts[0].spec, s_max=model.s_max, period_s=model.period_s, residual=residual,
+                 command=np.concatenate([part.context.command for part in parts]))
 
 
 def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
@@ -423,7 +473,7 @@ def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
     """
     if model.law.one_parameter or not movable(model)[:3].all():
         return point
-    values = model.values(point[None])[:, 0]
+    values, forces = model.values(point[None])[:, 0], list(model.forces)
     fs = 0.5 * (values[0] + values[1])
     cost = float(model.costs(point[None])[0])
     same = cost * (1.0 + _SAME_PATH) + _SAME_PATH * _SAME_PATH * model.shared.target_energy
@@ -432,8 +482,8 @@ def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
         trial = values[:, None].repeat(moves.size, axis=1)
         trial[0] += moves
         trial[1] += moves
-        trial[2] *= fs / (fs + moves)
-        inside = ((np.abs(trial[2]) <= 1.0) & (trial[1] >= 0.0) & (trial[1] <= 2.0 * trial[0])
+        trial[forces] *= fs / (fs + moves)
+        inside = ((np.abs(trial[forces]) <= 1.0).all(axis=0) & (trial[1] >= 0.0) & (trial[1] <= 2.0 * trial[0])
                   & (trial[0] <= model.space.parameters[0].high))
         trial[:, ~inside] = values[:, None]
         return (model.costs_of(trial) <= same) & inside
@@ -451,7 +501,7 @@ def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
     move = 0.5 * (ends[0] + ends[1])
     moved = values.copy()
     moved[:2] += move
-    moved[2] *= fs / (fs + move)
+    moved[forces] *= fs / (fs + move)
     found = model.cube(moved[:, None])[0]
     return found if float(model.costs(found[None])[0]) <= same else point
 
@@ -472,7 +522,7 @@ def movable(model: Model) -> FloatArray:
 def polish_smooth(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
     """Point (d,) polished with the break-away as it is: S has a plateau narrower than anything else, and holding it
     lets J, the process and the effects settle in a smooth cost."""
-    found = descended(model, point[None], held=(0, 2))
+    found = descended(model, point[None], held=(0, *model.forces))
     return found.points[0], float(found.costs[0])
 
 
@@ -553,7 +603,7 @@ def _cloud(model: Model, top: FloatArray, rng: np.random.Generator,
     break-away (S, initial force) held, since on a sampled command its plateau is far narrower than the rest.
     """
     movable = np.array([p.high > p.low for p in model.space.parameters])
-    held = movable & ~np.isin(np.arange(top.size), (0, 2))
+    held = movable & ~np.isin(np.arange(top.size), (0, *model.forces))
     jumps = _jump_profile(model, top) if jumps is None else jumps
     parts = [top[None], _rays(model, top), jumps, _adapted(model, top, movable, rng),
              _adapted(model, top, held, rng)]
@@ -587,7 +637,7 @@ def _jump_profile(model: Model, top: FloatArray) -> FloatArray:
 
 def _jumps_settled(model: Model, points: FloatArray) -> FloatArray:
     """Points (k, d) with the process that goes best with each one's valve."""
-    return descended(model, points, held=(0, 1, 2), turns=4, settle=1e-3).points
+    return descended(model, points, held=(0, 1, *model.forces), turns=4, settle=1e-3).points
 
 
 def _rays(model: Model, top: FloatArray) -> FloatArray:
@@ -600,7 +650,7 @@ def _rays(model: Model, top: FloatArray) -> FloatArray:
     free = np.flatnonzero(movable(model) > 0)
     slopes = slopes_at(model.residuals, top[None], free, np.full((1, free.size), _RAY_DIFFERENCE))[0][0]
     directions = [*np.eye(top.size)[free], *_following(slopes, free, top.size)]
-    held = ~np.isin(free, (0, 2))
+    held = ~np.isin(free, (0, *model.forces))
     if held.any() and not held.all():
         directions += _following(slopes[:, held], free[held], top.size)
     ladder = np.concatenate([-_RAY_LADDER, _RAY_LADDER])
@@ -645,7 +695,7 @@ def effective_rows(residual: FloatArray, good: FloatArray) -> float:
     """Rows that count as independent, by the residual's lag-one autocorrelation (n (1-ρ)/(1+ρ))."""
     from .noise import autocovariance
 
-    r = autocovariance(residual, good > 0, 1)
+    r = autocovariance(residual, good > 0, 1)  # the first sample of a segment never counts
     rho = float(np.clip(r[1] / r[0], 0.0, 0.999)) if r[0] > 0 else 0.0
     return max(float((good > 0).sum()) * (1.0 - rho) / (1.0 + rho), 5.0)
 
@@ -673,11 +723,12 @@ def _between_samples(model: Model, best: Evaluated) -> float:
     from one sample to the next; a continuous command is rebuilt between samples, to a share of such a move.
     """
     share = _REBUILT if model.spec.between == "corner" else 1.0 if model.step_s > _SLOWEST_SCAN_S else 0.0
-    moved = np.abs(np.diff(best.position)) > 1e-9
-    slips = np.flatnonzero(moved[1:] & ~moved[:-1]) + 1
-    if not slips.size or not share:
-        return 0.0
-    return share * float(np.median(np.abs(np.diff(model.loop.output))[slips]))
+    moves = []
+    for position, output in zip(model.split(best.position), model.split(model.loop.output), strict=True):
+        moved = np.abs(np.diff(position)) > 1e-9
+        moves.append(np.abs(np.diff(output))[np.flatnonzero(moved[1:] & ~moved[:-1]) + 1])
+    slips = np.concatenate(moves)
+    return share * float(np.median(slips)) if slips.size and share else 0.0
 
 
 def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
@@ -686,32 +737,43 @@ def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
     The valve runs through the whole record, so no fold restarts it; the block and a gap beside it are left out. The
     start-up transient is taken from the full fit: a fold without the start could not know it.
     """
-    n = model.loop.samples
-    first = max(model.skip, model.taps.size)
-    edges = np.linspace(first, n, HOLDOUT_BLOCKS + 1).astype(int)
     values = model.values(cube)
-    base, offsets = model.responses(values)
-    own = np.stack([base[o:o + n] for o in offsets])
-    gap = gap_rows(model, values[:, 0], first)
+    own = model.own_columns(*model.responses(values))
     level = model.context.process_value - best.transient
     own = own[:own.shape[0] - best.transients]
-    goal = whiten(level[:, None], model.taps)[:, 0]
-    columns = whiten(model._columns(), model.taps)
+    goal = model.filtered(level[:, None])[:, 0]
+    columns = model.filtered(model._columns())
     if model.spec.increments:
-        columns = columns[:, 1:]  # a constant has no differences
+        columns = columns[:, len(model.pieces):]  # a constant has no differences
     total, rows = 0.0, 0
-    for a, b in pairwise(edges.tolist()):
-        test = np.zeros(n, bool)
-        test[a:b] = True
+    for test, near in fold_rows(model, values[:, 0], [max(p.skip, p.taps.size) for p in model.pieces]):
         test &= model.weight > 0
-        train = model.weight > 0
-        train[max(a - gap, 0):b + gap] = False
+        train = (model.weight > 0) & ~near
         if test.sum() < 3 or train.sum() < 5 * (own.shape[0] + columns.shape[1] + 1):
             return None
         p, sizes, tail = best_of_fold(own, columns, goal, train, model.spec.fixed.get("gain"))
         error = goal[test] - (own[:, test, p].T @ sizes + columns[test] @ tail)
         total, rows = total + float(np.sum(error**2)), rows + int(test.sum())
     return float(np.sqrt(total / rows)) if np.isfinite(total) else None
+
+
+def fold_rows(model: Model, values: FloatArray, firsts: Sequence[int]) -> list[tuple[BoolArray, BoolArray]]:
+    """The rows (n,) that each fold holds out, and these with the gap on either side; values (d,) set the gap.
+
+    A fold holds out one block of every segment from its first row on, so that each segment's own level can be known.
+    """
+    inside = np.zeros((HOLDOUT_BLOCKS, model.loop.samples), bool)
+    near = inside.copy()
+    at = 0
+    for i, (piece, first) in enumerate(zip(model.pieces, firsts, strict=True)):
+        n = piece.loop.samples
+        gap = gap_rows(piece, model.of(i, values), first)
+        edges = np.linspace(first, n, HOLDOUT_BLOCKS + 1).astype(int)
+        for fold, (a, b) in enumerate(pairwise(edges.tolist())):
+            inside[fold, at + a:at + b] = True
+            near[fold, at + max(a - gap, 0):at + min(b + gap, n)] = True
+        at += n
+    return list(zip(inside, near, strict=True))
 
 
 def gap_rows(model: Model, values: FloatArray, first: int) -> int:

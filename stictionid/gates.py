@@ -85,7 +85,8 @@ def _driven_reversals(loop: Loop) -> int:
     if still and abs(float(r[loop.used][0] - y[0])) < _STEPPED * float(np.ptp(y)):
         return 0
     u = loop.output[loop.used]
-    return count_reversals(u, max(0.05 * float(np.ptp(u)), 4.0 * noise_of(u)))
+    threshold = max(0.05 * float(np.ptp(u)), 4.0 * noise_of(u))
+    return sum(count_reversals(loop.output[part][loop.used[part]], threshold) for part in loop.segments)
 
 
 def time_scale_s(loop: Loop, found: Range) -> float:
@@ -93,7 +94,7 @@ def time_scale_s(loop: Loop, found: Range) -> float:
 
     A loop that rests between its swings has a long period and fast swings, and these are what a search must resolve:
     the scale is at most the period of the sine that moves as fast as y does on average. Without two cycles the mean
-    time between reversals takes the place of the period.
+    time between reversals takes the place of the period. How fast y moves is seen in the longest segment.
     """
     length = loop.samples * loop.step_s
     if found.period_median_s is not None and len(found.cycles) >= 2:
@@ -101,6 +102,7 @@ def time_scale_s(loop: Loop, found: Range) -> float:
     else:
         turns = max(_driven_reversals(loop), 1)
         period = float(np.clip(2.0 * length / (turns + 1), 10 * loop.step_s, length / 2))
+    loop = loop.longest_segment()
     block = max(int(period / loop.step_s / _PARTS), 1)
     y = np.interp(np.arange(loop.samples), np.flatnonzero(loop.used), loop.process_value[loop.used])
     y = y[:y.size // block * block].reshape(-1, block).mean(axis=1)

@@ -8,17 +8,15 @@ Source: CRITICISM.md section 7, step 6.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from .descent import damped_moves, slopes_at
-from .fit import HOLDOUT_BLOCKS, gap_rows, movable
+from .fit import fold_rows, movable
 from .folds import best_of_fold
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .refit import Refit
-from .regression import whiten
 
 # Difference behind the slopes, as a share of the range.
 _DIFFERENCE = 1e-3
@@ -53,18 +51,15 @@ def held_out(done: Refit) -> Held | None:
     if folds is None:
         return None
     values = model.values(_polished(model, model.cube(done.values[:, None])[0], [train for _, train, _ in folds]))
-    n = model.loop.samples
-    base, offsets = model.responses(values, filtered=False)
-    level = np.stack([base[o:o + n] for o in offsets])
-    base, offsets = model.responses(values)
-    white = np.stack([base[o:o + n] for o in offsets])
+    level = model.own_columns(*model.responses(values, filtered=False))
+    white = model.own_columns(*model.responses(values))
     keep = white.shape[0] - done.evaluated.transients
     y = model.context.process_value - done.evaluated.transient
     shared = model._columns()
-    goal = whiten(y[:, None], model.taps)[:, 0]
-    columns = whiten(shared, model.taps)
+    goal = model.filtered(y[:, None])[:, 0]
+    columns = model.filtered(shared)
     if model.spec.increments:
-        columns, shared = columns[:, 1:], shared[:, 1:]
+        columns, shared = columns[:, len(model.pieces):], shared[:, len(model.pieces):]
     counted, sums = done.evaluated.counted > 0, []
     for test, train, inside in folds:
         if train.sum() < 5 * (keep + columns.shape[1]):
@@ -73,7 +68,8 @@ def held_out(done: Refit) -> Held | None:
         error = goal - white[:keep, :, p].T @ sizes - columns @ tail
         rest = y - level[:keep, :, p].T @ sizes - shared @ tail
         if model.spec.increments:
-            rest = rest - rest[train & counted].mean() if (train & counted).any() else rest
+            rest = np.concatenate([part - part[known].mean() if known.any() else part for part, known in
+                                   zip(model.split(rest), model.split(train & counted), strict=True)])
         sums.append((float(np.sum(error[test] ** 2)), float(test.sum()), float(np.sum(rest[inside & counted] ** 2)),
                      float((inside & counted).sum())))
     found = np.array(sums).T
@@ -82,12 +78,9 @@ def held_out(done: Refit) -> Held | None:
 
 def _folds(model: Model, done: Refit) -> list[tuple[BoolArray, BoolArray, BoolArray]] | None:
     """For each block the rows (n,) that test, that train, and all of the block's; None where a block has none."""
-    n, gap, found = model.loop.samples, gap_rows(model, done.values, model.skip), []
-    for a, b in pairwise(np.linspace(model.skip, n, HOLDOUT_BLOCKS + 1).astype(int).tolist()):
-        inside = np.zeros(n, bool)
-        inside[a:b] = True
-        test, train = inside & (model.weight > 0), model.weight > 0
-        train[max(a - gap, 0):b + gap] = False
+    found = []
+    for inside, near in fold_rows(model, done.values, [piece.skip for piece in model.pieces]):
+        test, train = inside & (model.weight > 0), (model.weight > 0) & ~near
         if test.sum() < 3 or not train.any():
             return None
         found.append((test, train, inside))

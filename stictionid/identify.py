@@ -38,6 +38,7 @@ from .results import (
     Study,
     Verdict,
 )
+from .segments import chosen
 from .severity import severity_of
 from .spec import INTEGRATOR
 from .verdict import capped, judge
@@ -58,8 +59,8 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     tell = progress or (lambda text, share: None)
     tell("looking for the oscillation", 0.02)
     method = method_room.get(options.method)
-    found = find_range(loop)
-    piece, notes = whole(loop)
+    piece, notes = chosen(loop, restarts=method.restarts)
+    found = find_range(piece)
     notes += options.notes
     laws: tuple[LawResult, ...] = ()
     try:
@@ -81,7 +82,7 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
         outcome, note = judged(view, _run_of(piece, found, run.options, method, tell), outcome)
         last, notes = outcome.fits[-1], (*notes, note)
     unit = loop.unit("output", "%")
-    position = from_position(near, law=run.law, s_max=swing_of(piece, found), rng=run.rng)
+    position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found), rng=run.rng)
     verdict = capped(judge(run, near_fit), loop)
     estimate = _estimate(last, unit, outcome, position)
     meaning = severity_of(piece, estimate, last)
@@ -118,16 +119,6 @@ def _every_law(piece: Loop, found: Range, options: Options, method: Method,
     run, outcome = tried[ranking.keep]
     last = replace(outcome.steps[-1], findings=(*outcome.steps[-1].findings, ranking.finding))
     return run, replace(outcome, steps=(*outcome.steps[:-1], last)), ranking.laws
-
-
-def whole(loop: Loop) -> tuple[Loop, tuple[Finding, ...]]:
-    """The stretch that is identified, and what must be said of the others."""
-    piece = loop.longest_segment()
-    if piece.samples == loop.samples:
-        return piece, ()
-    return piece, (Finding("longest-segment", "info",
-                           f"the record has {len(loop.starts)} stretches; the longest, {piece.samples} of "
-                           f"{loop.samples} samples, is used", {"segments": len(loop.starts)}),)
 
 
 def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstimate | None) -> Estimate:

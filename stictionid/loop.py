@@ -145,9 +145,14 @@ class Loop:
         """Unit of a role ("output", "process_value", "setpoint", "position"), or `default` where unknown."""
         return self.units.get(role) or default
 
+    @property
+    def longest(self) -> slice:
+        """The samples of the longest stretch without a gap."""
+        return max(self.segments, key=lambda s: s.stop - s.start)
+
     def longest_segment(self) -> Loop:
         """The longest stretch without a gap, as a loop of its own."""
-        piece = max(self.segments, key=lambda s: s.stop - s.start)
+        piece = self.longest
         return self if len(self.starts) == 1 else self.cut(piece.start, piece.stop)
 
     def cut(self, first: int, last: int) -> Loop:
@@ -163,6 +168,21 @@ class Loop:
             return None if a is None else np.concatenate([a[p] for p in pieces])
 
         return self._of(pieces, part, tuple(p.start for p in pieces))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Loop], *, begins_s: tuple[float, ...] = ()) -> Loop:
+        """Loops of one step and the same tags as the segments of one, not continuous from one to the next."""
+        first = parts[0]
+
+        def all_of(arrays: list[Any]) -> Any:
+            return None if arrays[0] is None else np.concatenate(arrays)
+
+        starts = tuple(np.cumsum([0, *(part.samples for part in parts[:-1])]).tolist())
+        return replace(first, output=all_of([p.output for p in parts]),
+                       process_value=all_of([p.process_value for p in parts]),
+                       setpoint=all_of([p.setpoint for p in parts]), position=all_of([p.position for p in parts]),
+                       used=all_of([p.used for p in parts]), starts=starts, begins_s=begins_s,
+                       extras={tag: all_of([p.extras[tag] for p in parts]) for tag in first.extras})
 
     def _of(self, pieces: Sequence[slice], part: Callable[[Any], Any], firsts: tuple[int, ...]) -> Loop:
         sizes = np.cumsum([0, *(p.stop - p.start for p in pieces)])

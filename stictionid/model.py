@@ -66,7 +66,7 @@ class Model:
                                dict(loop.extras), residual, None if residual is None else y - residual, record)
         self._profile = self._drift_profile()
         self._range()
-        self.skip = skipped(loop, period_s)
+        self.skip = skipped(loop.samples, loop.step_s, period_s)
         self.weight = self._weights()
         self.target = whiten(y[:, None], self.taps)[:, 0]
         self.shared: Shared | Blockwise = Shared.prepare(self.target, whiten(self._columns(), self.taps), self.weight)
@@ -428,9 +428,9 @@ class Model:
                 "values": self.named(values)}
 
 
-def skipped(loop: Loop, period_s: float) -> int:
-    """Samples left out of the cost at the start, where the unknown initial state still shows."""
-    return max(2, int(min(_SKIP_SHARE * loop.samples, _SKIP_PERIODS * period_s / loop.step_s)))
+def skipped(samples: int, step_s: float, period_s: float) -> int:
+    """Samples left out of the cost at the start of a segment, where the unknown initial state still shows."""
+    return max(2, int(min(_SKIP_SHARE * samples, _SKIP_PERIODS * period_s / step_s)))
 
 
 def _filled(signal: FloatArray) -> FloatArray:

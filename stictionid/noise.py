@@ -6,17 +6,23 @@ import numpy as np
 
 from .loop import BoolArray, FloatArray
 
+# First samples of the segments of a record: nothing is a pair across them.
+Starts = tuple[int, ...]
 # Lags of the free model that estimates the irreducible noise (CRITICISM.md section 7, step 9).
 CEILING_LAGS = 20
 # Rows that are brought to triangular form at once.
 _PIECE = 50_000
 
 
-def autocovariance(signal: FloatArray, good: BoolArray, lags: int) -> FloatArray:
-    """Autocovariances at 0..lags from the pairs of which both samples are good, divided by all good samples."""
-    x = np.where(good, signal, 0.0)
+def autocovariance(signal: FloatArray, good: BoolArray, lags: int, starts: Starts = (0,)) -> FloatArray:
+    """Autocovariances at 0..lags from the pairs of which both samples are good, divided by all good samples.
+
+    Pairs lie in one segment; `starts` are the segments' first samples.
+    """
+    parts = np.split(np.where(good, signal, 0.0), starts[1:])
     count = max(int(good.sum()), 1)
-    return np.array([float(x[lag:] @ x[:x.size - lag]) / count for lag in range(lags + 1)])
+    return np.array([sum(float(x[lag:] @ x[:x.size - lag]) for x in parts if x.size > lag) / count
+                     for lag in range(lags + 1)])
 
 
 def filtered(residual: FloatArray, counted: BoolArray, polynomial: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -31,9 +37,12 @@ def filtered(residual: FloatArray, counted: BoolArray, polynomial: FloatArray) -
     return np.convolve(np.nan_to_num(residual), polynomial)[:residual.size], good
 
 
-def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10) -> FloatArray:
-    """Taps of an AR model (coefficients after the leading 1) whose order 0..largest BIC chooses (Levinson-Durbin)."""
-    r = autocovariance(residual, good, largest)
+def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, starts: Starts = (0,)) -> FloatArray:
+    """Taps of an AR model (coefficients after the leading 1) whose order 0..largest BIC chooses (Levinson-Durbin).
+
+    `starts` are the first samples of the segments.
+    """
+    r = autocovariance(residual, good, largest, starts)
     n = float(good.sum())
     if r[0] <= 0.0 or n < 10 * largest:
         return np.empty(0)
@@ -51,18 +60,20 @@ def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10) -> 
     return best
 
 
-def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray, delay: int) -> float | None:
+def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray, delay: int,
+                starts: Starts = (0,)) -> float | None:
     """Standard deviation of the error that a free linear model of y and valve position leaves, in the unit of y.
 
     Regresses y on CEILING_LAGS of its own past and of the position (n,) shifted by `delay` samples; corrected for the
     fitted numbers. None where the record is too short. Too low where the noise is coloured: it is an innovation.
+    Every segment (`starts`) has a level of its own, and no row reaches back across a gap.
     """
     lags = CEILING_LAGS
     first = lags + delay + 1
     n = process_value.size
     if n - first < 6 * lags:
         return None
-    rows = np.arange(first, n)
+    rows = np.concatenate([np.arange(a + first, b) for a, b in zip(starts, (*starts[1:], n), strict=True)])
     keep = good[rows].copy()
     for lag in range(1, lags + 1):
         keep &= good[rows - lag]
@@ -73,11 +84,14 @@ def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray
     # count in memory: 40 columns of a long record).
     y_mean, v_mean = float(process_value[rows].mean()), float(position[rows - delay].mean())
     y, v = process_value - y_mean, position - v_mean
-    factor = np.empty((0, 2 * lags + 2))
+    further = range(1, len(starts))
+    factor = np.empty((0, 2 * lags + 2 + len(further)))
     for part in np.array_split(rows, -(-rows.size // _PIECE)):
         columns = [y[part - lag] for lag in range(1, lags + 1)]
         columns += [v[part - delay - lag] for lag in range(1, lags + 1)]
-        piece = np.stack([*columns, np.ones(part.size), y[part]], axis=1)
+        segment = np.searchsorted(starts, part, side="right") - 1
+        levels = [np.ones(part.size), *((segment == s).astype(np.float64) for s in further)]
+        piece = np.stack([*columns, *levels, y[part]], axis=1)
         factor = np.linalg.qr(np.concatenate([factor, piece]), mode="r")
     solution, *_ = np.linalg.lstsq(factor[:, :-1], factor[:, -1], rcond=1e-10)
     error = factor[:, -1] - factor[:, :-1] @ solution

@@ -8,6 +8,7 @@ Without a setpoint the mean of y is the reference, and the result says so.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -29,11 +30,11 @@ _REGULAR = 0.6
 FLAT = 1e-9
 
 
-def deviation(loop: Loop) -> tuple[FloatArray, str]:
-    """Control error (n,) and what it was taken from; the setpoint's mean offset does not matter."""
+def deviation(loop: Loop) -> FloatArray:
+    """Control error (n,), from the mean of y without a setpoint; the setpoint's mean offset does not matter."""
     if loop.setpoint is not None:
-        return loop.setpoint - loop.process_value, "setpoint"
-    return -(loop.process_value - loop.process_value[loop.used].mean()), "mean of y"
+        return loop.setpoint - loop.process_value
+    return -(loop.process_value - loop.process_value[loop.used].mean())
 
 
 def noise_of(signal: FloatArray) -> float:
@@ -86,36 +87,29 @@ def count_reversals(command: FloatArray, threshold: float) -> int:
     return len(reversals(command, threshold))
 
 
+@dataclass(frozen=True, slots=True)
+class _Swings:
+    """The cycles of one segment and how often its output turns; `reason` says why there is nothing to count."""
+
+    cycles: tuple[Cycle, ...] = ()
+    reversals: int = 0
+    reason: str = ""
+
+
 def find_range(loop: Loop) -> Range:
-    """Period, S_max and the cycles behind them; never raises, a record that does not oscillate says why."""
+    """Period, S_max and the cycles behind them; never raises, a record that does not oscillate says why.
+
+    Cycles are whole inside one segment of the record; their starts are seconds of the record without its gaps.
+    """
     unit = loop.unit("output", "%")
-    e, reference = deviation(loop)
-    u = loop.output
-    piece = loop.longest_segment() if len(loop.starts) > 1 else loop
-    if piece is not loop:
-        return find_range(piece)
-    used = loop.used
-    if used.sum() < 8:
-        return _none(f"only {int(used.sum())} usable samples", unit, reference)
-    # A start-up or a setpoint step must neither shift the level of the crossings nor widen the band.
-    low, high = np.quantile(e[used], [_TRIM, 1.0 - _TRIM])
-    core = e[used][(e[used] >= low) & (e[used] <= high)]
-    e = e - core.mean()
-    spread = float(core.std())
-    swing_y = float(np.ptp(loop.process_value[used]))
-    if swing_y <= FLAT * max(float(np.abs(loop.process_value[used]).max()), 1e-30) or swing_y < 1e-30:
-        return _none(f"the process value does not vary (its whole span is {swing_y:.3g})", unit, reference)
-    if float(np.ptp(u[used])) <= FLAT * max(float(np.abs(u[used]).max()), 1e-30):
-        return _none(f"the controller output is constant at {u[used][0]:g} {unit}", unit, reference)
-    band = max(_HYSTERESIS * spread, _HYSTERESIS_NOISE * noise_of(e[used]))
-    turns = count_reversals(u[used], max(0.1 * float(np.ptp(u[used])), 4.0 * noise_of(u[used])))
-    times = crossings(e, band)
-    cycles = tuple(
-        Cycle(float(a * loop.step_s), float((b - a) * loop.step_s), float(np.ptp(u[int(np.ceil(a)):int(b) + 1])))
-        for a, b in pairwise(times.tolist()) if b - a >= 2
-    )
+    parts = [loop] if len(loop.starts) == 1 else [loop.cut(p.start, p.stop) for p in loop.segments]
+    found = [_swings(part, start * loop.step_s) for part, start in zip(parts, loop.starts, strict=False)]
+    longest = found[int(np.argmax([part.samples for part in parts]))]
+    cycles = tuple(cycle for swings in found for cycle in swings.cycles)
+    turns = sum(swings.reversals for swings in found)
+    reference = "mean of y" if loop.setpoint is None else "setpoint"
     if not cycles:
-        return _none("the deviation never completes a cycle", unit, reference, turns)
+        return _none(longest.reason or "the deviation never completes a cycle", unit, reference, turns)
     counted = cycles[1:] if len(cycles) > FEWEST_CYCLES else cycles
     periods = np.array([c.period_s for c in counted])
     scatter = float(periods.std() / periods.mean())
@@ -126,10 +120,38 @@ def find_range(loop: Loop) -> Range:
     elif not regular:
         reason = f"the cycles are irregular: their lengths scatter by {100 * scatter:.0f} % of the mean"
     else:
-        reason = (f"{len(counted)} whole cycles, lengths within {100 * scatter:.0f} % of the mean"
+        reason = (f"{len(counted)} whole cycles"
+                  + (f" in {sum(bool(s.cycles) for s in found)} segments" if len(parts) > 1 else "")
+                  + f", lengths within {100 * scatter:.0f} % of the mean"
                   + ("" if reference == "setpoint" else "; no setpoint, so deviations are from the mean of y"))
     return Range(enough and regular, float(periods.max()), float(np.median(periods)),
                  float(max(c.u_swing for c in counted)), cycles, reason, unit, reference, turns)
+
+
+def _swings(loop: Loop, start_s: float) -> _Swings:
+    """The cycles of one segment that starts at `start_s` of its record."""
+    u, used = loop.output, loop.used
+    if used.sum() < 8:
+        return _Swings(reason=f"only {int(used.sum())} usable samples")
+    e = deviation(loop)
+    # A start-up or a setpoint step must neither shift the level of the crossings nor widen the band.
+    low, high = np.quantile(e[used], [_TRIM, 1.0 - _TRIM])
+    core = e[used][(e[used] >= low) & (e[used] <= high)]
+    e = e - core.mean()
+    spread = float(core.std())
+    swing_y = float(np.ptp(loop.process_value[used]))
+    if swing_y <= FLAT * max(float(np.abs(loop.process_value[used]).max()), 1e-30) or swing_y < 1e-30:
+        return _Swings(reason=f"the process value does not vary (its whole span is {swing_y:.3g})")
+    if float(np.ptp(u[used])) <= FLAT * max(float(np.abs(u[used]).max()), 1e-30):
+        return _Swings(reason=f"the controller output is constant at {u[used][0]:g} {loop.unit('output', '%')}")
+    band = max(_HYSTERESIS * spread, _HYSTERESIS_NOISE * noise_of(e[used]))
+    turns = count_reversals(u[used], max(0.1 * float(np.ptp(u[used])), 4.0 * noise_of(u[used])))
+    cycles = tuple(
+        Cycle(float(start_s + a * loop.step_s), float((b - a) * loop.step_s),
+              float(np.ptp(u[int(np.ceil(a)):int(b) + 1])))
+        for a, b in pairwise(crossings(e, band).tolist()) if b - a >= 2
+    )
+    return _Swings(cycles, turns)
 
 
 def _none(reason: str, unit: str, reference: str, reversals: int = 0) -> Range:

@@ -20,6 +20,7 @@ from .fit import (
     along_ridge,
     basins,
     descended,
+    longest_piece,
     polish_smooth,
     search_model,
     spreads,
@@ -111,7 +112,7 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
                                   taps=own_taps(model.spec), fixed=model.spec.fixed), s_max=model.s_max,
                  period_s=model.period_s)
     fresh = with_process(base, basins(base, rng))
-    return np.concatenate([values[None, :len(BASE)], base.values(fresh).T])
+    return np.concatenate([values[None, :len(BASE)], base.values(fresh)[:len(BASE)].T])
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,10 +225,11 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
 def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Starts from swarms over the valve on the one-step error, which stays local in time: one swarm for each guess of
     the effect, because the right S and J lie elsewhere for each."""
-    rows = model._slices[model.names.index(name)]
+    rows, at = model._slices[model.names.index(name)], longest_piece(model)
     period = model.period_s / model.step_s
     ladder = np.unique(np.round(np.geomspace(1, int(np.clip(0.4 * period, 1, 60)) + 1, 6) - 1).astype(int))
-    arx = Arx(model, 2, tuple(int(d) for d in ladder))
+    arx = Arx(model.pieces[at], 2, tuple(int(d) for d in ladder))
+    valve = [0, 1, model.forces[at]]
     middle = model.values(np.full((1, model.space.size), 0.5))
     found: list[tuple[float, FloatArray]] = []
     effect = parse(name)[0]
@@ -239,11 +241,11 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.G
 
         def whole(part: FloatArray, fixed: FloatArray = fixed) -> FloatArray:
             cube = fixed[None].repeat(len(part), axis=0)
-            cube[:, :3] = part
+            cube[:, valve] = part
             return cube
 
         def cost(part: FloatArray, whole: Callable[[FloatArray], FloatArray] = whole) -> FloatArray:
-            return arx.costs(model.values(whole(part)))[0]
+            return arx.costs(model.of(at, model.values(whole(part))))[0]
 
         # Effects on friction shift S and J themselves: their basins are narrow and far from the base's.
         groups, rounds, scouts = (2, _DEEP, 400) if deep else (1, _SWARM, _SCOUTS // 2)
@@ -252,15 +254,15 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.G
     found.sort(key=lambda f: f[0])
     starts = np.array([f[1] for f in found[:4]])
     if deep:
-        columns = [0, 1, 2, *range(rows.start, rows.stop)]
+        columns = [*valve, *range(rows.start, rows.stop)]
 
         def local(part: FloatArray) -> FloatArray:
             cube = starts[:1].repeat(len(part), axis=0)
             cube[:, columns] = part
             return cube
 
-        polish = refine(lambda part: arx.costs(model.values(local(part)))[0], starts[:, columns], rng, spread=0.03,
-                        rounds=30, population=14, settle=_SETTLED)
+        polish = refine(lambda part: arx.costs(model.of(at, model.values(local(part))))[0], starts[:, columns], rng,
+                        spread=0.03, rounds=30, population=14, settle=_SETTLED)
         starts = local(polish.points)
     return with_process(model, starts[:3])
 
@@ -308,7 +310,7 @@ def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, orde
     evaluated = model.evaluate(values)
     increments = noise == RANDOM_WALK or model.spec.increments
     own = own_taps(model.spec)
-    ar, count = _taps(evaluated, increments, order, own, noise, rng)
+    ar, count = _taps(model, evaluated, increments, order, own, noise, rng)
     return _refit(model, values, evaluated, ar, increments, own, count)
 
 
@@ -346,7 +348,7 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
         if best is not None and now.innovation_sd > 0.998 * best.innovation_sd:
             break
         best = now
-        ar, count = _taps(evaluated, increments, order, own, noise, rng)
+        ar, count = _taps(model, evaluated, increments, order, own, noise, rng)
     assert best is not None
     return best
 
@@ -356,17 +358,21 @@ def _joined(own: tuple[float, ...], ar: FloatArray) -> FloatArray:
     return np.convolve(np.concatenate([[1.0], own]), np.concatenate([[1.0], ar]))
 
 
-def _taps(evaluated: Evaluated, increments: bool, order: int, own: tuple[float, ...], noise: str,
+def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own: tuple[float, ...], noise: str,
           rng: np.random.Generator | None) -> tuple[FloatArray, int]:
-    """Taps of the noise model beside the model's own prewhitening, and how many fitted numbers they stand for."""
+    """Taps of the noise model beside the model's own prewhitening, and how many fitted numbers they stand for.
+
+    A resonance is looked for in the longest segment: a spectrum knows no gaps.
+    """
     polynomial = np.concatenate([[1.0], own])
     if increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
     signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
     if noise == RESONANT:
-        found = resonance(signal, good, rng or np.random.default_rng(0))
+        part = model.loop.longest
+        found = resonance(signal[part], good[part], rng or np.random.default_rng(0))
         return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
-    ar = autoregression(signal, good, order)
+    ar = autoregression(signal, good, order, model.loop.starts)
     return ar, ar.size
 
 
@@ -376,7 +382,7 @@ def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArra
     if increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
     innovation, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
-    good[:model.skip + polynomial.size] = False
+    good &= ~model.starting(polynomial.size)
     count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + numbers
     return Refit(model, values, evaluated, ar, increments, innovation, good, count, numbers, own)
 

@@ -27,18 +27,21 @@ from .spec import BASE, Spec
 
 
 def bound(loop: Loop, spec: Spec, *, s_max: float, period_s: float, residual: FloatArray | None = None,
-          command: FloatArray | None = None) -> Model:
-    """The spec bound to a record: a plain model for one segment, a restarted one for several."""
-    kind = Model if len(loop.starts) == 1 else Restarted
-    return kind(loop, spec, s_max=s_max, period_s=period_s, residual=residual, command=command)
+          command: FloatArray | None = None, record: Record | None = None) -> Model:
+    """The spec bound to a record: a plain model for one segment, a restarted one for several.
+
+    `record` says where the segment of a plain model stands in a longer record.
+    """
+    if len(loop.starts) > 1:
+        return Restarted(loop, spec, s_max=s_max, period_s=period_s, residual=residual, command=command)
+    return Model(loop, spec, s_max=s_max, period_s=period_s, residual=residual, command=command, record=record)
 
 
 class Restarted(Model):
     """A `Spec` bound to several segments. Not changed after it is made."""
 
     def __init__(self, loop: Loop, spec: Spec, *, s_max: float, period_s: float,
-                 residual: FloatArray | None = None, command: FloatArray | None = None,
-                 record: Record | None = None) -> None:
+                 residual: FloatArray | None = None, command: FloatArray | None = None) -> None:
         self._name(loop, spec, s_max, period_s)
         self.forces = (*Model.forces, *range(len(BASE), len(BASE) + len(loop.starts) - 1))
         clock = loop.clock_s
@@ -110,6 +113,20 @@ class Restarted(Model):
             for j, o in enumerate(offsets):
                 base[j * n + rows.start:j * n + rows.stop] = own[o:o + rows.stop - rows.start]
         return base, tuple(j * n for j in range(count))
+
+    def piece_costs(self, values: FloatArray, shift: int = 0) -> FloatArray:
+        """Sums of squared residuals (segments, P) of every segment as if it were alone; the dead time `shift` longer.
+
+        Lower than its part in `costs_of` by what a gain of its own gains it.
+        """
+        out = np.empty((len(self._pieces), values.shape[1]))
+        for lanes, part in self.blocks(values):
+            base, offsets = self.responses(part, lent=True)
+            for i, (one, rows) in enumerate(zip(self.shared.blocks, self.loop.segments, strict=True)):
+                cost = one.costs(base, tuple(o - shift + rows.start for o in offsets))[:lanes.stop - lanes.start]
+                # A valve that rests through one segment explains nothing of it, but may move in another.
+                out[i, lanes] = np.where(np.isfinite(cost), cost, one.target_energy)
+        return out
 
     def own_columns(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
         """What `responses` stacked as columns (k, n, P): common ones first, then every transient segment by segment."""

@@ -15,12 +15,13 @@ from .errors import CannotTell
 from .excerpt import excerpt, looked_at
 from .fit import basins, descended, search_model, with_process
 from .gates import check
-from .identify import Options, abstained, data_record, made_by, whole
+from .identify import Options, abstained, data_record, made_by
 from .loop import Loop
 from .methods.run import Run
 from .oscillation import find_range
 from .results import Study, Verdict
 from .search import refine
+from .segments import chosen
 from .spec import Spec
 from .verdict import capped, compared
 from .whitened import whitened
@@ -35,8 +36,8 @@ def screen(loop: Loop, *, options: Options | None = None) -> Study:
     """Range and quick verdict of one loop as a study without an estimate; S and J of the search are its evidence."""
     options = options or Options()
     options.check()
-    found = find_range(loop)
-    piece, notes = whole(loop)
+    piece, notes = chosen(loop)
+    found = find_range(piece)
     try:
         check(piece, found)
         view = excerpt(piece, found, options)

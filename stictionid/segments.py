@@ -34,12 +34,12 @@ def chosen(loop: Loop, *, restarts: bool = True) -> tuple[Loop, tuple[Finding, .
     period_s = find_range(loop).period_median_s
     if period_s is None:
         return longest, (_longest(loop, longest, "no period is known by which to choose others"),)
-    sizes = {p: int(loop.used[p].sum()) for p in loop.segments}
-    enough = [p for p, used in sizes.items() if used * loop.step_s >= FEWEST_PERIODS * period_s]
+    sized = [(int(loop.used[p].sum()), p) for p in loop.segments]
+    enough = [(used, p) for used, p in sized if used * loop.step_s >= FEWEST_PERIODS * period_s]
     if len(enough) < 2:
         return longest, (_longest(loop, longest, f"the others are shorter than {FEWEST_PERIODS:g} periods of "
                                                  f"{period_s:.4g} s"),)
-    kept = sorted(sorted(enough, key=lambda p: -sizes[p])[:MOST], key=lambda p: p.start)
+    kept = sorted((p for _, p in sorted(enough, key=lambda e: -e[0])[:MOST]), key=lambda p: p.start)
     piece = loop.pick(kept)
     share = piece.samples / loop.samples
     rest = len(loop.starts) - len(kept)
@@ -67,8 +67,7 @@ def described(loop: Loop, description: Mapping[str, Any]) -> tuple[Loop, tuple[s
     """
     rows = description.get("segments")
     if not rows:
-        piece = max(loop.segments, key=lambda p: p.stop - p.start)
-        return loop.longest_segment(), (piece,)
+        return loop.longest_segment(), (loop.longest,)
     pieces = tuple(slice(int(first), int(first) + int(count)) for first, count in rows)
     missing = [p for p in pieces if p not in loop.segments]
     if missing:

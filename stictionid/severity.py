@@ -69,10 +69,10 @@ def band(S: float) -> str:
 
 
 def severity_of(loop: Loop, estimate: Estimate, fit: Fitted) -> Severity:
-    """What S and J of a fit mean for the plant."""
-    best = fit.best
-    return severity(loop, estimate, np.where(best.counted > 0, best.residual, np.nan), best.position,
-                    held=fit.model.spec.between == "hold")
+    """What S and J of a fit mean for the plant; of several segments the longest is asked, where the loop ran on."""
+    best, part = fit.best, loop.longest
+    return severity(loop.longest_segment(), estimate, np.where(best.counted > 0, best.residual, np.nan)[part],
+                    best.position[part], held=fit.model.spec.between == "hold")
 
 
 def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: FloatArray, *,

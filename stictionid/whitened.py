@@ -64,7 +64,8 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
 def noise_taps(w: Whitened) -> FloatArray:
     """Autoregression of the free-run residual, in differences where the model is fitted in them."""
     polynomial = np.array([1.0, -1.0]) if w.model.spec.increments else np.ones(1)
-    return autoregression(*filtered(w.evaluated.residual, w.evaluated.counted > 0, polynomial), ORDER)
+    return autoregression(*filtered(w.evaluated.residual, w.evaluated.counted > 0, polynomial), ORDER,
+                          w.model.loop.starts)
 
 
 def with_taps(model: Model, values: FloatArray, taps: FloatArray) -> Whitened:
@@ -74,5 +75,5 @@ def with_taps(model: Model, values: FloatArray, taps: FloatArray) -> Whitened:
     if model.spec.increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
     innovation, good = filtered(e.residual, e.counted > 0, polynomial)
-    good[:model.skip + polynomial.size] = False
+    good &= ~model.starting(polynomial.size)
     return Whitened(model, values, e, e.rmse, innovation, good, taps.size)

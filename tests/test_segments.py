@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from stictionid.blockwise import Blockwise, block_columns
+from stictionid.identify import identify
 from stictionid.loop import Loop
 from stictionid.model import Model
 from stictionid.regression import Shared
@@ -104,3 +105,27 @@ def test_glued_segments_are_wrong_where_restarted_ones_are_right() -> None:
     right = model.evaluate(np.concatenate([truth[:2], forces[:1], truth[3:], forces[1:]]))
     assert right.rmse < 0.06
     assert glued.evaluate(truth).rmse > 5.0 * right.rmse
+
+
+@pytest.mark.parametrize("name", ["foptd", "itptd"])
+def test_segments_together_tell_more_than_the_longest_alone(name: str) -> None:
+    errors = {"together": [], "longest": []}
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        S = float(rng.uniform(4.0, 7.0))
+        J = S * float(rng.uniform(0.3, 0.8))
+        whole = scanned(name, S=S, J=J, seed=seed, noise=0.2, duration_s=1300.0 if name == "foptd" else 700.0)
+        n = whole.samples
+        a, b = int(n * rng.uniform(0.28, 0.33)), int(n * rng.uniform(0.6, 0.65))
+        loop = with_gaps(whole, (a, a + 29), (b, b + 67))
+        study = identify(loop)
+        found = {"together": study.estimate, "longest": identify(loop.longest_segment()).estimate}
+        finding = next(f for f in study.data.findings if f.code == "segments-restarted")
+        assert finding.evidence["used"] == 3 and finding.evidence["samples"] == loop.samples
+        assert [first for first, _ in finding.evidence["rows"]] == list(loop.starts)
+        for which, e in found.items():
+            # Without an answer nothing is known but the range of the search.
+            errors[which].append((1.0, 1.0) if e is None else (abs(e.S / S - 1.0), abs(e.J - J) / S))
+    together, longest = (np.array(errors[which]) for which in ("together", "longest"))
+    assert (together.mean(axis=0) < longest.mean(axis=0)).all()
+    assert np.median(together[:, 0]) < 0.005 and np.median(together[:, 1]) < 0.02

@@ -76,7 +76,7 @@ def prepare(loop: Loop, model: Model, found: Range, evaluated: Evaluated) -> Gro
     """The ground for questions about one evaluated model on one record."""
     good = evaluated.counted > 0
     residual = np.where(good, np.nan_to_num(evaluated.residual), 0.0)
-    taps = autoregression(residual, good, _ORDER)
+    taps = autoregression(residual, good, _ORDER, loop.starts)
     polynomial = np.concatenate([[1.0], model.taps]) if model.taps.size else np.concatenate([[1.0], taps])
     innovation = np.convolve(np.nan_to_num(evaluated.residual), polynomial)[:residual.size]
     sure = good.copy()

@@ -50,7 +50,7 @@ def whiteness(ground: Ground) -> tuple[FloatArray, Finding | None]:
     e, good = own_innovation(ground)
     n = int(good.sum())
     lags = int(np.clip(ground.period_s / ground.step_s, _FEWEST_LAGS, min(_MOST_LAGS, max(n // 10, 2))))
-    r = autocovariance(e, good, lags)
+    r = autocovariance(e, good, lags, ground.loop.starts)
     if r[0] <= 0.0 or n < 5 * _FEWEST_LAGS:
         return np.zeros(lags), None
     rho = r[1:] / r[0]
@@ -98,8 +98,11 @@ def follows_valve(ground: Ground) -> tuple[FloatArray, Finding | None]:
     taps = ground.model.taps if ground.model.taps.size else ground.taps
     v = np.convolve(v - v.mean(), np.concatenate([[1.0], taps]))[:v.size]
     moves = np.diff(v, prepend=v[0])
+    moves[list(ground.loop.starts)] = 0.0
     # A short record (a second one, compared with an old study) may hold less than one period.
     longest = min(int(np.clip(ground.period_s / ground.step_s, 2, 60)), v.size - 1)
+    for start in ground.loop.starts[1:]:
+        good[start:start + longest + taps.size + 1] = False  # what the valve did before them lies beyond the gap
     n = int(good.sum())
     cross = np.array([_correlation(e, _shifted(moves, k), good) for k in range(longest + 1)])
     lags = np.unique(np.round(np.linspace(0, longest, _MOST_RESPONSE)).astype(int))
@@ -137,11 +140,16 @@ def _correlation(a: FloatArray, b: FloatArray, good: np.ndarray) -> float:
 def frequencies(ground: Ground) -> tuple[tuple[tuple[float, float, float, float], ...], Finding | None]:
     """Residual power by bands (period from, to, share of the power, share of the lines), and a line that stands out.
 
-    The largest line is held against the median of its neighbours, so that coloured noise has none.
+    The largest line is held against the median of its neighbours, so that coloured noise has none. Of several segments
+    the longest is looked at: a spectrum knows no gaps.
     """
-    e = np.where(ground.good, ground.residual, 0.0)
+    part = ground.loop.longest
+    good = ground.good[part]
+    e = np.where(good, ground.residual[part], 0.0)
     n = e.size
-    power = np.abs(np.fft.rfft(e - e[ground.good].mean() * ground.good)) ** 2
+    if not good.any():
+        return (), None
+    power = np.abs(np.fft.rfft(e - e[good].mean() * good)) ** 2
     f = np.fft.rfftfreq(n, ground.step_s)
     power, f = power[1:], f[1:]
     total = float(power.sum())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..loop import BoolArray, FloatArray
@@ -15,13 +17,14 @@ _REST = 1e-6
 
 def delayed(ground: Ground, mask: BoolArray) -> BoolArray:
     """A mask of the valve (n,) as y sees it, one dead time later."""
-    return _later(mask, round(ground.evaluated.values["dead_time_s"] / ground.step_s) + 1)
+    return _later(mask, round(ground.evaluated.values["dead_time_s"] / ground.step_s) + 1, ground.loop.segments)
 
 
-def _later(mask: BoolArray, samples: int) -> BoolArray:
+def _later(mask: BoolArray, samples: int, segments: Sequence[slice]) -> BoolArray:
     out = np.zeros_like(mask)
-    if samples < mask.size:
-        out[samples:] = mask[:mask.size - samples]
+    for part in segments:
+        if samples < part.stop - part.start:
+            out[part.start + samples:part.stop] = mask[part.start:part.stop - samples]
     return out
 
 
@@ -49,5 +52,6 @@ def directions(ground: Ground) -> dict[str, BoolArray]:
 def _changes(ground: Ground) -> FloatArray:
     position = ground.evaluated.position
     change = np.diff(position, prepend=position[0])
+    change[list(ground.loop.starts)] = 0.0
     rest = _REST * max(ground.evaluated.values["S"], 1e-12)
     return np.where(np.abs(change) > rest, change, 0.0)

@@ -16,6 +16,7 @@ from ..methods.run import ADEQUATE
 from ..noise import irreducible
 from ..oscillation import find_range
 from ..results import Study
+from ..segments import chosen, described
 from .cells import Cell
 from .ground import Ground, prepare
 from .linear import POINT_99, Spectra, follows_valve, frequencies, own_innovation, whiteness
@@ -69,7 +70,7 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     if not study.steps or not study.steps[-1].model:
         raise DataError("the study abstained, so there is no model to compare", study.verdict.reason)
     description = study.steps[-1].model
-    piece = loop.longest_segment() if loop is not None else None
+    piece = described(loop, description)[0] if loop is not None else None
     notes: tuple[Finding, ...] = ()
     if other is None:
         if piece is None:
@@ -77,9 +78,9 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
         model, evaluated = rebuilt(piece, description)
         ground = prepare(piece, model, study.range, evaluated)
     else:
-        second = other.longest_segment()
+        second = chosen(other)[0]
         model, evaluated, notes = transferred(second, description, piece)
-        ground = prepare(second, model, find_range(other), evaluated)
+        ground = prepare(second, model, find_range(second), evaluated)
     answers = ask_all(ground)
     rho, coloured = whiteness(ground)
     cross, follows = follows_valve(ground)
@@ -112,7 +113,8 @@ def _errors(ground: Ground, study: Study, *, own: bool) -> Errors:
     last = study.steps[-1].error
     h = max(1, round(ground.evaluated.values["time_constant_s"] / ground.step_s))
     delay = int(ground.evaluated.values["dead_time_s"] / ground.step_s)
-    floor = last.noise_sd if own else irreducible(y, ground.evaluated.position_means, ground.good, delay)
+    floor = last.noise_sd if own else irreducible(y, ground.evaluated.position_means, ground.good, delay,
+                                                  ground.loop.starts)
     return Errors(
         ground.rmse, last.rmse_holdout if own else None, one_step, last.rmse_one_step_holdout if own else None,
         _h_step(ground, h), h, floor, 100.0 * (1.0 - ground.rmse / spread) if spread else None, persistence,

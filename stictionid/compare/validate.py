@@ -58,16 +58,17 @@ def transferred(loop: Loop, description: dict[str, Any],
                 bool(description.get("friction_free", False)))
     model = bound(loop, spec, s_max=description["s_max"], period_s=description["period_s"])
     values = model.vector(description["values"])
-    low, high = -1.0, 1.0
-    for _ in range(_TURNS):
-        forces = np.linspace(low, high, _FORCES)
-        trial = values[:, None].repeat(_FORCES, axis=1)
-        trial[2] = forces
-        costs = model.costs_of(trial)
-        at = int(np.argmin(costs))
-        values[2] = forces[at]
-        width = (high - low) / (_FORCES - 1)
-        low, high = max(-1.0, forces[at] - width), min(1.0, forces[at] + width)
+    for row in model.forces:
+        low, high = -1.0, 1.0
+        for _ in range(_TURNS):
+            forces = np.linspace(low, high, _FORCES)
+            trial = values[:, None].repeat(_FORCES, axis=1)
+            trial[row] = forces
+            costs = model.costs_of(trial)
+            at = int(np.argmin(costs))
+            values[row] = forces[at]
+            width = (high - low) / (_FORCES - 1)
+            low, high = max(-1.0, forces[at] - width), min(1.0, forces[at] + width)
     if not np.isfinite(costs[at]):
         raise DataError("the study's valve never moves under the second file's command",
                         "give a record in which the loop cycles at least as far")

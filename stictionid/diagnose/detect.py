@@ -23,7 +23,6 @@ from ..model import Model
 from ..refit import Refit
 from ..resonance import shape
 from ..restarts import bound
-from ..spec import BASE
 
 if TYPE_CHECKING:
     from .tries import Round
@@ -90,13 +89,13 @@ def _directions(model: Model, best: Refit) -> FloatArray:
     """Orthonormal directions (n, q) in which the base parameters and linear columns move the prewhitened output."""
     values = best.evaluated.values
     vector = model.vector(values)
-    trial = vector[:, None].repeat(2 * len(BASE) + 1, axis=1)
-    for i in range(len(BASE)):
-        step = _DELTA * max(abs(vector[i]), 1e-3 if i == 2 else 0.02 * model.step_s if i > 2 else 0.1)
+    trial = vector[:, None].repeat(2 * model.head + 1, axis=1)
+    for i in range(model.head):
+        step = _DELTA * max(abs(vector[i]), 1e-3 if i in model.forces else 0.02 * model.step_s if i > 2 else 0.1)
         trial[i, 1 + 2 * i] += step
         trial[i, 2 + 2 * i] -= step
     output, own = _outputs(model, trial, best.evaluated.own)
-    moved = np.stack([output[:, 1 + 2 * i] - output[:, 2 + 2 * i] for i in range(len(BASE))], axis=1)
+    moved = np.stack([output[:, 1 + 2 * i] - output[:, 2 + 2 * i] for i in range(model.head)], axis=1)
     columns = np.concatenate([moved, own[:, 0, :], model.shared.basis], axis=1)
     columns = columns * (model.weight > 0)[:, None]
     norms = np.linalg.norm(columns, axis=0)
@@ -107,9 +106,7 @@ def _directions(model: Model, best: Refit) -> FloatArray:
 
 def _outputs(model: Model, values: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Prewhitened outputs (n, P) with the linear sizes held, and all own columns (n, P, k)."""
-    base, offsets = model.responses(values)
-    n = model.loop.samples
-    own = np.stack([base[o:o + n] for o in offsets], axis=2)
+    own = np.ascontiguousarray(np.moveaxis(model.own_columns(*model.responses(values)), 0, 2))
     k = min(len(sizes), own.shape[2])
     return own[:, :, :k] @ sizes[:k], own
 

@@ -21,6 +21,7 @@ from ..rerun import rebuild_model
 from ..restarts import bound
 from ..results import Estimate, Step, Study
 from ..search import refine
+from ..segments import described
 from ..severity import severity_of
 from .numbers import public_parameters
 
@@ -50,10 +51,10 @@ def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
     """The study's last model on its record, ready for refits; DataError for an abstained study."""
     if not study.steps or not study.steps[-1].model:
         raise DataError("the study abstained, so there is no model to work on", study.verdict.reason)
-    piece = loop.longest_segment()
+    piece, _ = described(loop, study.steps[-1].model)
     model, values = rebuild_model(piece, study.steps[-1].model)
     options = Options(law=model.spec.law, seed=seed)
-    run = Run(piece, find_range(loop), options, get_method("auto"), rng=np.random.default_rng(seed),
+    run = Run(piece, find_range(piece), options, get_method("auto"), rng=np.random.default_rng(seed),
               tell=lambda text, share: None)
     best = model.evaluate(values)
     return run, Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])

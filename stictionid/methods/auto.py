@@ -434,5 +434,5 @@ METHOD = Method(
     source="METHODS.md section 4; paper Eq. 7 to 21",
     checked="this project's own",
     cannot="anything missing from the model (see diagnose); J where the slide is short",
-    run=_run, options=frozenset({"law", "effects", "base_only", "between", "fixed"}),
+    run=_run, options=frozenset({"law", "effects", "base_only", "between", "fixed"}), restarts=True,
 )

@@ -58,7 +58,8 @@ class Method:
     """One identification method: what it does, where it comes from, what it can't see, and which options apply.
 
     `options` are keys of SPELLING; any other option given with this method is refused. `law` is its default law, and
-    its only one where "law" is not among the options. `gives` names what it estimates.
+    its only one where "law" is not among the options. `gives` names what it estimates; `restarts` says that it can use
+    several segments of a record together, any other method is given the longest alone.
     """
 
     name: str
@@ -72,3 +73,4 @@ class Method:
     law: str = "chen"
     order: int = 2
     gives: tuple[str, ...] = ("S", "J")
+    restarts: bool = False

@@ -60,8 +60,12 @@ class Run:
         return self._basins[key]
 
     def used_y(self) -> FloatArray:
-        """The process values that count (m,)."""
-        return self.loop.process_value[self.loop.used]
+        """The process values that count (m,); of several segments, each without its own mean."""
+        y, used = self.loop.process_value, self.loop.used
+        if len(self.loop.starts) == 1:
+            return y[used]
+        parts = [y[part][used[part]] for part in self.loop.segments]
+        return np.concatenate([part - part.mean() for part in parts])
 
     def fit(self, spec: Spec, starts: FloatArray | None = None,
             before: tuple[FloatArray, FloatArray] | None = None) -> Fitted:
@@ -76,9 +80,10 @@ class Run:
     def floor(self, position: FloatArray, dead_time_s: float) -> float | None:
         """Irreducible noise in the unit of y for a valve position (n,), None where the record is too short."""
         good = np.isfinite(self.loop.process_value) & self.loop.used
-        good[:skipped(self.loop, self.period_s)] = False
+        for part in self.loop.segments:
+            good[part.start:part.start + skipped(part.stop - part.start, self.loop.step_s, self.period_s)] = False
         y = np.where(good, self.loop.process_value, 0.0)
-        return irreducible(y, position, good, int(dead_time_s / self.loop.step_s))
+        return irreducible(y, position, good, int(dead_time_s / self.loop.step_s), self.loop.starts)
 
     def delays(self) -> tuple[int, ...]:
         """Delays in samples that a difference equation tries: the one given, or all up to a third of the period."""
