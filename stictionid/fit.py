@@ -200,7 +200,7 @@ def _first_force(model: Model, points: FloatArray, ladder: FloatArray) -> tuple[
     if len(model.pieces) == 1:
         c = model.costs(trial.reshape(-1, points.shape[1])).reshape(len(points), -1)
         return trial[np.arange(len(points)), c.argmin(axis=1)], c.min(axis=1)
-    alone = model.piece_costs(model.values(trial.reshape(-1, points.shape[1])))
+    alone = model.piece_costs(model.values(trial.reshape(-1, points.shape[1])))[0]
     best = alone.reshape(len(alone), len(points), -1).argmin(axis=2)
     chosen = points.copy()
     for force, at in zip(model.forces, best, strict=True):
@@ -266,7 +266,7 @@ def _shifted_pieces(model: Model, values: FloatArray, shifts: int) -> list[tuple
     trial = values[:, :, None].repeat(ladder.size, axis=2)
     trial[rows, :, 1:] = ladder[1:]
     shifts = min(shifts, model.skip)
-    alone = np.stack([model.piece_costs(trial.reshape(len(values), -1), shift) for shift in range(shifts + 1)])
+    alone = model.piece_costs(trial.reshape(len(values), -1), shifts)
     costs = alone.reshape(shifts + 1, len(rows), values.shape[1], -1).min(axis=3).sum(axis=1)
     return [(float(c.min()), int(c.argmin())) for c in costs]
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -114,18 +115,20 @@ class Restarted(Model):
                 base[j * n + rows.start:j * n + rows.stop] = own[o:o + rows.stop - rows.start]
         return base, tuple(j * n for j in range(count))
 
-    def piece_costs(self, values: FloatArray, shift: int = 0) -> FloatArray:
-        """Sums of squared residuals (segments, P) of every segment as if it were alone; the dead time `shift` longer.
+    def piece_costs(self, values: FloatArray, shifts: int = 0) -> FloatArray:
+        """Sums of squared residuals (shifts + 1, segments, P) of every segment as if it were alone.
 
-        Lower than its part in `costs_of` by what a gain of its own gains it.
+        For a dead time 0, 1, … `shifts` samples longer. Lower than its part in `costs_of` by what a gain of its own
+        gains it.
         """
-        out = np.empty((len(self._pieces), values.shape[1]))
+        out = np.empty((shifts + 1, len(self._pieces), values.shape[1]))
         for lanes, part in self.blocks(values):
             base, offsets = self.responses(part, lent=True)
-            for i, (one, rows) in enumerate(zip(self.shared.blocks, self.loop.segments, strict=True)):
-                cost = one.costs(base, tuple(o - shift + rows.start for o in offsets))[:lanes.stop - lanes.start]
+            for (i, (one, rows)), s in product(enumerate(zip(self.shared.blocks, self.loop.segments, strict=True)),
+                                               range(shifts + 1)):
+                cost = one.costs(base, tuple(o - s + rows.start for o in offsets))[:lanes.stop - lanes.start]
                 # A valve that rests through one segment explains nothing of it, but may move in another.
-                out[i, lanes] = np.where(np.isfinite(cost), cost, one.target_energy)
+                out[s, i, lanes] = np.where(np.isfinite(cost), cost, one.target_energy)
         return out
 
     def own_columns(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:

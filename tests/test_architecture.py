@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -64,6 +65,14 @@ def test_imports_run_downwards(path: Path) -> None:
     assert room in FLOOR_OF, f"{room} has no floor: add it to FLOORS"
     for other in imports_of(path) - {room}:
         assert FLOOR_OF[other] < FLOOR_OF[room], f"{room} imports {other}, which is not below it"
+
+
+def test_every_module_imports() -> None:
+    """A name that moved is found here, before anything that needs it runs."""
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        if parts[-1] != "__main__":
+            importlib.import_module(".".join(p for p in parts if p != "__init__"))
 
 
 def loaded_by(code: str) -> set[str]:
