@@ -73,6 +73,8 @@ _BREAKS_KEPT = 3
 # Grid of time constants and dead times for the process of a given valve, as shares of their ranges.
 _GRID_T, _GRID_L = np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12)
 # Ladders of initial residual forces, as shares of their range: for points that deserve it, and to choose those.
+# Where there are several segments each force is less known than one: neighbours of what it is are tried, too.
+_NEAR_FORCES = np.array([-0.03, -0.015, -0.007, -0.003, 0.003, 0.007, 0.015, 0.03])
 _FORCES, _ROUGH_FORCES = np.linspace(0.01, 0.99, 33), np.linspace(0.05, 0.95, 7)
 # Neighbouring minima of a command rebuilt between samples, in parts of a sample of dead time, and how often to look.
 _BESIDE, _BESIDE_TURNS = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0), 4
@@ -195,11 +197,15 @@ def _first_force(model: Model, points: FloatArray, ladder: FloatArray) -> tuple[
 
     Of several segments each takes its own best, found as if it were alone.
     """
-    trial = points[:, None, :].repeat(ladder.size + 1, axis=1)
-    trial[:, 1:, list(model.forces)] = ladder[:, None]
     if len(model.pieces) == 1:
+        trial = points[:, None, :].repeat(ladder.size + 1, axis=1)
+        trial[:, 1:, model.forces[0]] = ladder
         c = model.costs(trial.reshape(-1, points.shape[1])).reshape(len(points), -1)
         return trial[np.arange(len(points)), c.argmin(axis=1)], c.min(axis=1)
+    near = points[:, None, list(model.forces)] + _NEAR_FORCES[:, None]
+    trial = points[:, None, :].repeat(ladder.size + len(_NEAR_FORCES) + 1, axis=1)
+    trial[:, 1:ladder.size + 1, list(model.forces)] = ladder[:, None]
+    trial[:, ladder.size + 1:, list(model.forces)] = np.clip(near, 0.0, 1.0)
     alone = model.piece_costs(model.values(trial.reshape(-1, points.shape[1])))[0]
     best = alone.reshape(len(alone), len(points), -1).argmin(axis=2)
     chosen = points.copy()
@@ -284,8 +290,12 @@ def grown(model: Model, rng: np.random.Generator) -> FloatArray:
     An integrator adds up its slips, so that on a whole record the basin is as narrow as one slip in a wrong sample
     (0.2 % of S after 80 slips) and swarms walk past it. On a quarter it is four times as wide: an even scan of valves
     with every dead time finds it, and each longer part polishes what the shorter one left. Found by 15 of 16 seeds on
-    Karnopp and LuGre valves of itptd, held, at 1 % noise, where one swarm of two found it before.
+    Karnopp and LuGre valves of itptd, held, at 1 % noise, where one swarm of two found it before. Of several segments
+    the longest grows: what is added up starts anew in each.
     """
+    if len(model.pieces) > 1:
+        at = longest_piece(model)
+        return _lifted(model, at, grown(model.pieces[at], rng))
     points, kept = np.empty((0, model.space.size)), _GROWN_KEPT
     for share in _GROWTH:
         part = _beginning(model, int(share * model.loop.samples))
@@ -294,6 +304,13 @@ def grown(model: Model, rng: np.random.Generator) -> FloatArray:
         points = np.concatenate([last.points, near])
         points = points[_first_distinct(points, 2 * kept, 0.004)]
     return points[:kept // 2]
+
+
+def _lifted(model: Model, at: int, points: FloatArray) -> FloatArray:
+    """Points (k, d) of one segment's model as points of all, the other segments' starts neutral."""
+    values = model.values(_neutral(model)[None]).repeat(len(points), axis=1)
+    values[[0, 1, model.forces[at], 3, 4, *range(model.head, len(values))]] = model.pieces[at].values(points)
+    return model.cube(values)
 
 
 def _scan(model: Model, rng: np.random.Generator) -> FloatArray:
@@ -318,7 +335,8 @@ def _beginning(model: Model, rows: int) -> Model:
     if rows >= loop.samples:
         return model
     return Model(loop.cut(0, rows), model.spec, s_max=model.s_max, period_s=model.period_s,
-                 residual=None if model.context.residual is None else model.context.residual[:rows])
+                 residual=None if model.context.residual is None else model.context.residual[:rows],
+                 record=model.context.record)
 
 
 def _first_distinct(points: FloatArray, count: int, apart: float = 0.02) -> list[int]:
@@ -627,6 +645,10 @@ def _jump_profile(model: Model, top: FloatArray) -> FloatArray:
     grid = values[:, None].repeat(jumps.size * _BREAKS.size, axis=1)
     grid[0] *= np.tile(_BREAKS, jumps.size)
     grid[1] = jumps.repeat(_BREAKS.size)
+    if len(model.pieces) > 1:
+        # The residual force stays what it is, not its share of a break-away force that changes.
+        grid[list(model.forces)] *= (values[0] + values[1]) / (grid[0] + grid[1])
+        grid[list(model.forces)] = np.clip(grid[list(model.forces)], -1.0, 1.0)
     rough, cost = _first_force(model, model.cube(grid), _ROUGH_FORCES)
     order = np.argsort(cost.reshape(jumps.size, -1), axis=1, kind="stable")[:, :_BREAKS_KEPT]
     kept = (order + np.arange(jumps.size)[:, None] * _BREAKS.size).ravel()

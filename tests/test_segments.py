@@ -128,4 +128,4 @@ def test_segments_together_tell_more_than_the_longest_alone(name: str) -> None:
             errors[which].append((1.0, 1.0) if e is None else (abs(e.S / S - 1.0), abs(e.J - J) / S))
     together, longest = (np.array(errors[which]) for which in ("together", "longest"))
     assert (together.mean(axis=0) < longest.mean(axis=0)).all()
-    assert np.median(together[:, 0]) < 0.005 and np.median(together[:, 1]) < 0.02
+    assert together[:, 0].max() < 0.005
