@@ -19,6 +19,8 @@ FEWEST_REVERSALS = 4
 SAMPLES_PER_PERIOD = 10
 # An output beyond this is no valve position in %. Unit: %.
 _HIGHEST_OUTPUT = 110.0
+# Process value and output that differ by less than this share of the span are one signal: no process is that exact.
+_SAME = 1e-9
 # More than this share of samples at the output's own limit is a saturated loop.
 _SATURATED_SHARE = 0.2
 # A record that starts this share of its span away from the setpoint starts with a setpoint step.
@@ -39,7 +41,7 @@ def check(loop: Loop, found: Range) -> None:
         raise CannotTell(f"the process value does not vary: its whole span is {span:.3g} at a value of {y[0]:.3g}",
                          "check the transmitter; choose another stretch with --start and --end", code="dead-signal")
     swing = float(np.ptp(u))
-    if swing <= FLAT * float(np.abs(u).max()) or swing == 0.0:
+    if swing <= FLAT * float(np.abs(u).max()) or swing < 1e-30:
         raise CannotTell(f"the controller output is constant at {u[0]:g}: manual, or saturated",
                          "choose a stretch in automatic with --start and --end", code="constant-output")
     high = float(np.abs(u).max())
@@ -54,6 +56,11 @@ def check(loop: Loop, found: Range) -> None:
         raise CannotTell(f"the controller output sits at its limit in {100 * limited:.0f} % of the samples "
                          f"({100 * _SATURATED_SHARE:.0f} % is the most)",
                          "choose a stretch without saturation with --start and --end", code="saturated-output")
+    tie = (u - u.mean()) * (float((y - y.mean()) @ (u - u.mean())) / float((u - u.mean()) @ (u - u.mean())))
+    if float(np.abs(y - y.mean() - tie).max()) < _SAME * span:
+        raise CannotTell("the process value is the controller output, times a number plus a number, to the last digit: "
+                         "one signal was given twice", "give the process value with --pv, the output with --op",
+                         code="identical-signals")
     counted = found.cycles[1:] if len(found.cycles) > FEWEST_CYCLES else found.cycles
     enough = len(counted) >= FEWEST_CYCLES
     if not enough and _driven_reversals(loop) < FEWEST_REVERSALS:

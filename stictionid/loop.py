@@ -15,6 +15,9 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
+LARGEST = 1e38
+"""Magnitude beyond which a number is no measurement, in any unit: what single precision holds; squares stay finite."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -116,6 +119,10 @@ class Loop:
                 bad = int(np.flatnonzero(self.used & ~np.isfinite(values))[0])
                 raise DataError(f"{role.replace('_', ' ')} is not a finite number at sample {bad}",
                                 "mask or fill it first; read_loop does so")
+            if values is not None and (large := self.used & ~(np.abs(values) <= LARGEST)).any():
+                bad = int(np.flatnonzero(large)[0])
+                raise DataError(f"{role.replace('_', ' ')} is {values[bad]:g} at sample {bad}: beyond {LARGEST:g} no "
+                                "number is a measurement", "mask it first; read_loop does so")
 
     @property
     def samples(self) -> int:

@@ -34,7 +34,8 @@ def deviation(loop: Loop) -> FloatArray:
     """Control error (n,), from the mean of y without a setpoint; the setpoint's mean offset does not matter."""
     if loop.setpoint is not None:
         return loop.setpoint - loop.process_value
-    return -(loop.process_value - loop.process_value[loop.used].mean())
+    level = float(loop.process_value[loop.used].mean()) if loop.used.any() else 0.0
+    return level - loop.process_value
 
 
 def noise_of(signal: FloatArray) -> float:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError
-from ..loop import BoolArray, FloatArray
+from ..loop import LARGEST, BoolArray, FloatArray
 from .arrow import booleans, floats, indices, texts
 
 NULLS = ("", "NaN", "nan", "NAN", "null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a")
@@ -74,7 +74,7 @@ def to_numbers(column: Any, decimal: str = ".") -> Numbers:
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.int8())
     if pa.types.is_floating(column.type) or pa.types.is_integer(column.type) or pa.types.is_decimal(column.type):
-        return Numbers(_finite(floats(column)))
+        return _numbers(floats(column))
     if pa.types.is_null(column.type):
         return Numbers(np.full(len(column), np.nan))
     if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
@@ -87,11 +87,11 @@ def to_numbers(column: Any, decimal: str = ".") -> Numbers:
     values = floats(pc.if_else(numeric, clean, pa.scalar(None, pa.string())).cast(pa.float64()))
     words_mask = pc.and_(pc.and_(pc.invert(numeric), pc.is_valid(text)), pc.invert(pc.is_in(text, texts(NULLS))))
     if not pc.any(words_mask).as_py():
-        return Numbers(_finite(values))
+        return _numbers(values)
     words = pc.value_counts(text.filter(words_mask)).to_pylist()
     first = int(np.argmax(booleans(words_mask)))
     ranked = sorted(words, key=lambda w: (-w["counts"], w["values"]))
-    return Numbers(_finite(values), {w["values"]: w["counts"] for w in ranked}, first)
+    return _numbers(values, {w["values"]: w["counts"] for w in ranked}, first)
 
 
 FEW_CELLS = 2000
@@ -122,10 +122,10 @@ def _few(text: Any, decimal: str) -> Numbers:
     counts = np.bincount(code, minlength=len(cells) + 1)
     words = {c: int(counts[i]) for i, c in enumerate(cells) if np.isnan(found[i]) and c not in NULLS}
     if not words:
-        return Numbers(_finite(found[code]))
+        return _numbers(found[code])
     odd = np.isin(code, [i for i, c in enumerate(cells) if c in words])
     ranked = dict(sorted(words.items(), key=lambda w: (-w[1], w[0])))
-    return Numbers(_finite(found[code]), ranked, int(np.argmax(odd)))
+    return _numbers(found[code], ranked, int(np.argmax(odd)))
 
 
 def _number(cell: str, decimal: str) -> float:
@@ -197,15 +197,20 @@ def _row_of(column: Any, cell: str) -> int:
     return int(pc.index(column, cell).as_py())
 
 
-LARGEST, SMALLEST = 1e100, 1e-100
-"""Magnitudes beyond which a number is no measurement: larger ones are no value, smaller ones are zero. Squares and
-ratios of what remains stay inside double precision."""
+SMALLEST = 1e-100
+"""Magnitude below which a number is zero; above `LARGEST` it is no value. Squares and ratios of what remains stay
+inside double precision."""
 
 
-def _finite(values: FloatArray) -> FloatArray:
+def _numbers(values: FloatArray, words: dict[str, int] | None = None, first: int = -1) -> Numbers:
+    """Numbers without absurd magnitudes; those too large are counted among the words found instead of numbers."""
     size = np.abs(values)
     large: BoolArray = size > LARGEST
     small: BoolArray = (size < SMALLEST) & (size > 0)
-    if large.any() or small.any():
-        values = np.where(large, np.nan, np.where(small, 0.0, values))
-    return values
+    if not (large.any() or small.any()):
+        return Numbers(values, words or {}, first)
+    values = np.where(large, np.nan, np.where(small, 0.0, values))
+    if not large.any():
+        return Numbers(values, words or {}, first)
+    first = int(np.argmax(large)) if first < 0 else min(int(np.argmax(large)), first)
+    return Numbers(values, {**(words or {}), f"beyond {LARGEST:g}": int(large.sum())}, first)

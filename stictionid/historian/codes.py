@@ -100,7 +100,7 @@ def _words_finding(role: str, words: dict[str, int]) -> Finding:
     return Finding(
         "state-as-text",
         "info",
-        f"{role.replace('_', ' ')}: {total:,} cells hold a text instead of a number: {listed}",
+        f"{role.replace('_', ' ')}: {total:,} cells hold no number that can be used: {listed}",
         {"texts": dict(list(words.items())[:20]), "cells": total},
         source="HISTORIAN.md 3.1",
     )

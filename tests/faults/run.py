@@ -1,6 +1,6 @@
 """Breaks the machine under real commands and looks at what is left: one command, bounded time, a table.
 
-Run: python tests/faults/run.py [--seconds 300] [--only WORD]
+Run: python tests/faults/run.py [--seconds 300] [--only WORD] [--record [FILE]]
 Each fault says how many trials it made and what went wrong; faults that this machine can't make are skipped with the
 reason. Exit code 1 when anything failed. What must always hold: no traceback, the contract's exit code, and every
 study or report whole or absent, with nothing half-written beside it.
@@ -18,11 +18,13 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 import fault_files
+import fault_numbers
 import fault_signals
 import fault_surroundings
+import hard_results
 from fault_bench import Bench, Outcome
 
-FAULTS = {**fault_files.FAULTS, **fault_signals.FAULTS, **fault_surroundings.FAULTS}
+FAULTS = {**fault_files.FAULTS, **fault_signals.FAULTS, **fault_surroundings.FAULTS, **fault_numbers.FAULTS}
 
 
 def inject(bench: Bench, names: list[str], seconds: float) -> list[Outcome]:
@@ -48,11 +50,18 @@ def main() -> int:
     arguments.add_argument("--seconds", type=float, default=300.0, help="time after which no further fault starts")
     arguments.add_argument("--only", default="", help="faults whose name holds this word")
     arguments.add_argument("--seed", type=int, default=0, help="seed of the random times")
+    arguments.add_argument("--record", type=Path, nargs="?", const=hard_results.RESULTS)
     chosen = arguments.parse_args()
+    fingerprint, begun = hard_results.code(), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="faults-") as folder:
         os.chmod(folder, 0o755)
         bench = Bench(Path(folder), chosen.seed)
         outcomes = inject(bench, [n for n in FAULTS if chosen.only in n], chosen.seconds)
+    if chosen.record:
+        hard_results.add("faults", fingerprint, {
+            "seed": chosen.seed, "seconds": round(time.monotonic() - begun), "kinds": {
+                o.name: [o.trials, len(o.problems)] for o in outcomes if not o.skipped},
+            "skipped": {o.name: o.skipped for o in outcomes if o.skipped}}, chosen.record)
     failed = sum(len(o.problems) for o in outcomes)
     skipped = sum(bool(o.skipped) for o in outcomes)
     print(f"faults: {len(outcomes)} kinds, {sum(o.trials for o in outcomes)} injected, {failed} failures, "
