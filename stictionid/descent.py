@@ -16,6 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .kernels import kernel
 from .loop import FloatArray
 from .search import Cost, Found
 
@@ -49,11 +50,11 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
     for _ in range(turns):
         if not live.size:
             break
-        slopes, now = slopes_at(residuals, points[live], free, step[live])
+        normals, gradients = normals_at(residuals, points[live], free, step[live])
         spent += live.size * (2 * free.size + 1)
         trial = points[live, None, :].repeat(_DAMPINGS.size, axis=1)
         for i in range(live.size):
-            trial[i][:, free] += damped_moves(slopes[i], now[i])
+            trial[i][:, free] += damped_moves(normals[i], gradients[i])
         trial = np.clip(trial, 0.0, 1.0)
         c = cost(trial.reshape(-1, d)).reshape(live.size, -1)
         spent += c.size
@@ -81,28 +82,71 @@ def slopes_at(residuals: Residuals, points: FloatArray, free: FloatArray,
     At a bound the difference is taken to the inside only.
     """
     k, f = points.shape[0], free.size
+    trial, width = _beside(points, free, step)
+    r = residuals(trial)
+    r = np.where(np.isfinite(r), r, 0.0).reshape(r.shape[0], k, 2 * f + 1)
+    slopes = (r[:, :, 1:f + 1] - r[:, :, f + 1:]) / width
+    return np.moveaxis(slopes, 1, 0), np.ascontiguousarray(r[:, :, 0].T)
+
+
+def normals_at(residuals: Residuals, points: FloatArray, free: FloatArray,
+               step: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Products (k, f, f) of the slopes of `slopes_at` with each other and (k, f) with the residuals, summed over n."""
+    k, f = points.shape[0], free.size
+    trial, width = _beside(points, free, step)
+    normals, gradients = np.zeros((k, f, f)), np.zeros((k, f))
+    _normals(residuals(trial), 1.0 / width, normals, gradients)
+    return normals, gradients
+
+
+def _beside(points: FloatArray, free: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (k (2f+1), d) for the differences of points (k, d), themselves first, and the widths (k, f)."""
+    f = free.size
     trial = points[:, None, :].repeat(2 * f + 1, axis=1)
     for j, column in enumerate(free):
         trial[:, 1 + j, column] = np.minimum(points[:, column] + step[:, j], 1.0)
         trial[:, 1 + f + j, column] = np.maximum(points[:, column] - step[:, j], 0.0)
-    r = residuals(trial.reshape(-1, points.shape[1]))
-    r = np.where(np.isfinite(r), r, 0.0).reshape(r.shape[0], k, 2 * f + 1)
     width = np.stack([trial[:, 1 + j, c] - trial[:, 1 + f + j, c] for j, c in enumerate(free)], axis=1)
-    slopes = (r[:, :, 1:f + 1] - r[:, :, f + 1:]) / np.maximum(width, 1e-300)
-    return np.moveaxis(slopes, 1, 0), np.ascontiguousarray(r[:, :, 0].T)
+    return trial.reshape(-1, points.shape[1]), np.maximum(width, 1e-300)
 
 
-def principal(slopes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Eigenvalues (f,), vectors (f, f) of the normal matrix of slopes (n, f) scaled to a diagonal of 1, and scales."""
-    normal = slopes.T @ slopes
+@kernel
+def _normals(r, factor, normals, gradients):
+    """Sums over the rows of r (n, k (2f+1)); what is not finite counts as 0."""
+    starts, f = factor.shape
+    slope = np.empty(f)
+    for row in range(r.shape[0]):
+        values = r[row]
+        for g in range(starts):
+            at = g * (2 * f + 1)
+            now = values[at]
+            now = now if np.isfinite(now) else 0.0
+            for j in range(f):
+                up, down = values[at + 1 + j], values[at + 1 + f + j]
+                up = up if np.isfinite(up) else 0.0
+                down = down if np.isfinite(down) else 0.0
+                slope[j] = (up - down) * factor[g, j]
+            for j in range(f):
+                s = slope[j]
+                gradients[g, j] += s * now
+                for i in range(j + 1):
+                    normals[g, j, i] += s * slope[i]
+    for g in range(starts):
+        for j in range(f):
+            for i in range(j):
+                normals[g, i, j] = normals[g, j, i]
+
+
+def principal(normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Eigenvalues (f,), vectors (f, f) of a normal matrix (f, f) of slopes, scaled to a diagonal of 1, and scales."""
     size = np.sqrt(np.diag(normal))
     size = np.maximum(size, 1e-9 * size.max(initial=0.0) + 1e-100)
     values, vectors = np.linalg.eigh(normal / size / size[:, None])
     return values, vectors, size
 
 
-def damped_moves(slopes: FloatArray, now: FloatArray) -> FloatArray:
-    """Steps (dampings, f) that lower the squared residuals (n,) by their slopes (n, f)."""
-    values, vectors, size = principal(slopes)
-    along = vectors.T @ ((slopes.T @ now) / size)
+def damped_moves(normal: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Steps (dampings, f) that lower the squared residuals, by products of their slopes (f, f) and with them (f,)."""
+    values, vectors, size = principal(normal)
+    along = vectors.T @ (gradient / size)
     return -(along / (np.maximum(values, 0.0) + _DAMPINGS[:, None])) @ vectors.T / size

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arx import Arx
-from .descent import descend, principal, slopes_at
+from .descent import descend, normals_at, principal
 from .folds import best_of_fold
 from .loop import BoolArray, FloatArray, Loop
 from .model import Model
@@ -670,20 +670,20 @@ def _rays(model: Model, top: FloatArray) -> FloatArray:
     ladder both ways finds where the cost leaves each ray.
     """
     free = np.flatnonzero(movable(model) > 0)
-    slopes = slopes_at(model.residuals, top[None], free, np.full((1, free.size), _RAY_DIFFERENCE))[0][0]
-    directions = [*np.eye(top.size)[free], *_following(slopes, free, top.size)]
+    normal = normals_at(model.residuals, top[None], free, np.full((1, free.size), _RAY_DIFFERENCE))[0][0]
+    directions = [*np.eye(top.size)[free], *_following(normal, free, top.size)]
     held = ~np.isin(free, (0, *model.forces))
     if held.any() and not held.all():
-        directions += _following(slopes[:, held], free[held], top.size)
+        directions += _following(normal[np.ix_(held, held)], free[held], top.size)
     ladder = np.concatenate([-_RAY_LADDER, _RAY_LADDER])
     points = top + ladder[:, None, None] * np.array(directions)
     inside = ((points >= 0.0) & (points <= 1.0)).all(axis=2)
     return points[inside]
 
 
-def _following(slopes: FloatArray, free: FloatArray, size: int) -> list[FloatArray]:
+def _following(normal: FloatArray, free: FloatArray, size: int) -> list[FloatArray]:
     """Directions (size,) along which one of the `free` numbers moves by 1 and the others follow at least cost."""
-    values, vectors, scale = principal(slopes)
+    values, vectors, scale = principal(normal)
     spread = (vectors / np.maximum(values, 1e-9 * values[-1] + 1e-30)) @ vectors.T / scale / scale[:, None]
     found = []
     for j in range(free.size):

@@ -106,7 +106,9 @@ def _polished(model: Model, top: FloatArray, trains: list[BoolArray]) -> FloatAr
     for train in trains:
         told = np.flatnonzero(np.sum(slopes[0][train] ** 2, axis=0) > _TOLD * whole)
         if told.size:
-            moved = top[None].repeat(len(moves := damped_moves(slopes[0][train][:, told], now[0][train])), axis=0)
+            slope = slopes[0][train][:, told]
+            moves = damped_moves(slope.T @ slope, slope.T @ now[0][train])
+            moved = top[None].repeat(len(moves), axis=0)
             moved[:, columns[told]] = np.clip(top[columns[told]] + moves, 0.0, 1.0)
             points.append(moved)
     return np.concatenate(points)

@@ -92,11 +92,40 @@ def _run(position, substeps, table, whole, fine, plain, response):
                             work[_GX * LANES + p] * x + work[_GI * LANES + p] * total)
                         kept = work[_OUT * LANES + p]
                         work[_OUT * LANES + p] = y if work[_PICK * LANES + p] == part else kept
+            shift = k * lanes
             for p in range(width):
-                i = at[p]
                 # Every lane writes into its own later row, so that dead times differ without a gather.
-                flat[np.uint64(i)] = work[_OUT * LANES + p]
-                at[p] = i + lanes
+                flat[np.uint64(at[p] + shift)] = work[_OUT * LANES + p]
+
+
+@kernel
+def _run_plain(position, table, whole, response):
+    """`_run` for one lag and positions held between samples: most of what a search asks for."""
+    lanes = response.shape[1]
+    work = np.empty(6 * LANES)
+    at = np.empty(LANES, np.int64)
+    flat = response.reshape(response.size)
+    for first in range(0, lanes, LANES):
+        width = min(LANES, lanes - first)
+        last = first + width
+        for p in range(width):
+            work[p] = table[_A1, first + p]
+            work[LANES + p] = table[_B1, first + p]
+            work[2 * LANES + p] = table[_C1, first + p]
+            work[3 * LANES + p] = position[0, first + p]
+            work[4 * LANES + p] = 0.0
+            work[5 * LANES + p] = 0.0
+            at[p] = (1 + whole[first + p]) * lanes + first + p
+        for k in range(position.shape[0] - 1):
+            row = position[k, first:last]
+            for p in range(width):
+                now = row[p] - work[3 * LANES + p]
+                work[4 * LANES + p] = work[p] * work[4 * LANES + p] + (
+                    work[2 * LANES + p] * work[5 * LANES + p] + work[LANES + p] * now)
+                work[5 * LANES + p] = now
+            shift = k * lanes
+            for p in range(width):
+                flat[np.uint64(at[p] + shift)] = work[4 * LANES + p]
 
 
 @kernel
@@ -154,8 +183,11 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
     late = int(whole.max(initial=0))
     response = output("response", samples + max(late, room), lanes, lent)
     response[:late + 1] = 0.0
-    _run(np.ascontiguousarray(position), substeps, table, whole, fine, not dynamics.integrating and not lagged,
-         response)
+    plain = not dynamics.integrating and not lagged
+    if plain and substeps == 1:
+        _run_plain(np.ascontiguousarray(position), table, whole, response)
+    else:
+        _run(np.ascontiguousarray(position), substeps, table, whole, fine, plain, response)
     return response[:samples + room]
 
 

@@ -115,7 +115,10 @@ class Shared:
         return self.solved(*products(base, offsets, self.right, *self.runs))
 
     def solved(self, squares: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same from products (own, own, P) and (own, freedom + 1 or more, P), which are overwritten."""
+        """The same from products (own, own, P) and (own, freedom + 1 or more, P).
+
+        Overwrites the squares, and of the others those with the target.
+        """
         own, _, lanes = cross.shape
         cost, sizes = np.empty(lanes), np.empty((own, lanes))
         _solve(squares, cross, self.freedom, self.target_energy, cost, sizes)
@@ -123,15 +126,41 @@ class Shared:
 
     def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,)) -> FloatArray:
         """Residuals (n, P) of each candidate after the fit of `solve`, 0 where a row does not count."""
-        n = self.target.size
-        cost, sizes = self.solve(base, offsets)
-        out = np.repeat(self.target[:, None], base.shape[1], axis=1)
-        for o, size in zip(offsets, sizes, strict=True):
-            out -= base[o:o + n] * size
-        out *= self.weight[:, None]
-        out -= self.basis @ (self.basis.T @ out)
+        squares, cross = products(base, offsets, self.right, *self.runs)
+        cost, sizes = self.solved(squares, cross)
+        out = np.empty((self.target.size, base.shape[1]))
+        _residuals(base, np.asarray(offsets, np.int64), sizes, cross, self.weight, self.target, self.basis, out)
         out[:, ~np.isfinite(cost)] = REJECTED
         return out
+
+
+@kernel
+def _residuals(base, offsets, sizes, cross, weight, target, basis, out):
+    """Target less own columns times sizes, and what the shared columns then give back: their products are known."""
+    own, lanes = sizes.shape
+    q = basis.shape[1]
+    back = np.zeros((q, lanes))
+    for i in range(own):
+        for c in range(q):
+            for p in range(lanes):
+                back[c, p] += sizes[i, p] * cross[i, c, p]
+    for k in range(out.shape[0]):
+        sink = out[k]
+        if weight[k] > 0.0:
+            t = target[k]
+            for p in range(lanes):
+                sink[p] = t
+            for i in range(own):
+                row = base[offsets[i] + k]
+                for p in range(lanes):
+                    sink[p] -= sizes[i, p] * row[p]
+            for c in range(q):
+                b = basis[k, c]
+                for p in range(lanes):
+                    sink[p] += b * back[c, p]
+        else:
+            for p in range(lanes):
+                sink[p] = 0.0
 
 
 @kernel
