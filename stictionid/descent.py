@@ -53,8 +53,7 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
         normals, gradients = normals_at(residuals, points[live], free, step[live])
         spent += live.size * (2 * free.size + 1)
         trial = points[live, None, :].repeat(_DAMPINGS.size, axis=1)
-        for i in range(live.size):
-            trial[i][:, free] += damped_moves(normals[i], gradients[i])
+        trial[:, :, free] += damped_moves(normals, gradients)
         trial = np.clip(trial, 0.0, 1.0)
         c = cost(trial.reshape(-1, d)).reshape(live.size, -1)
         spent += c.size
@@ -138,15 +137,16 @@ def _normals(r, factor, normals, gradients):
 
 
 def principal(normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Eigenvalues (f,), vectors (f, f) of a normal matrix (f, f) of slopes, scaled to a diagonal of 1, and scales."""
-    size = np.sqrt(np.diag(normal))
-    size = np.maximum(size, 1e-9 * size.max(initial=0.0) + 1e-100)
-    values, vectors = np.linalg.eigh(normal / size / size[:, None])
+    """Eigenvalues (…, f), vectors (…, f, f) of normal matrices of slopes, scaled to a diagonal of 1, and scales."""
+    size = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
+    size = np.maximum(size, 1e-9 * size.max(axis=-1, initial=0.0, keepdims=True) + 1e-100)
+    values, vectors = np.linalg.eigh(normal / (size[..., None] * size[..., None, :]))
     return values, vectors, size
 
 
 def damped_moves(normal: FloatArray, gradient: FloatArray) -> FloatArray:
-    """Steps (dampings, f) that lower the squared residuals, by products of their slopes (f, f) and with them (f,)."""
+    """Steps (…, dampings, f) that lower the squared residuals, by their slopes' products with each other and them."""
     values, vectors, size = principal(normal)
-    along = vectors.T @ (gradient / size)
-    return -(along / (np.maximum(values, 0.0) + _DAMPINGS[:, None])) @ vectors.T / size
+    along = (gradient / size)[..., None, :] @ vectors
+    return -(along / (np.maximum(values, 0.0)[..., None, :] + _DAMPINGS[:, None])) @ np.swapaxes(
+        vectors, -1, -2) / size[..., None, :]

@@ -176,7 +176,7 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
     lanes = position.shape[1]
     table = np.empty((_COEFFICIENTS, lanes))
     whole, fine = np.empty(lanes, np.int64), np.empty(lanes, np.int64)
-    T1, L, T2 = (np.ascontiguousarray(np.broadcast_to(np.asarray(x, dtype=np.float64), lanes))
+    T1, L, T2 = (x if x.shape == (lanes,) and x.flags.c_contiguous else np.ascontiguousarray(np.broadcast_to(x, lanes))
                  for x in (dynamics.time_constant_s, dynamics.dead_time_s, dynamics.second_time_constant_s))
     lagged = _coefficients(T1, L, T2, step_s / substeps, substeps, ahead, dynamics.integrating, table, whole, fine)
     samples = position.shape[0] // substeps

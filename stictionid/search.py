@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .kernels import kernel
 from .loop import FloatArray
 
 Cost = Callable[[FloatArray], FloatArray]
@@ -88,6 +89,7 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
     cmu = min(1 - c1, 2 * (mueff - 2 + 1 / mueff) / ((d + 2) ** 2 + mueff))
     damps = 1 + 2 * max(0.0, np.sqrt((mueff - 1) / (d + 1)) - 1) + cs
     chi = np.sqrt(d) * (1 - 1 / (4 * d) + 1 / (21 * d * d))
+    constants = np.array([mueff, cc, cs, c1, cmu, damps, chi])
     scale = np.broadcast_to(np.asarray(spread, float), d)
     mean = np.clip(starts, 0.0, 1.0) / scale
     top = 1.0 / scale
@@ -108,29 +110,14 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
         c = cost((trial * scale).reshape(-1, d)).reshape(live.size, lam)
         spent += c.size
         order = np.argsort(c, axis=1, kind="stable")[:, :mu]
-        ranked = np.take_along_axis(c, order, axis=1)
-        middle[live] = ranked[:, -1]
-        better = ranked[:, 0] < best_cost[live]
-        best_cost[live[better]] = ranked[better, 0]
+        lanes = np.arange(live.size)
+        first, last = c[lanes, order[:, 0]], c[lanes, order[:, -1]]
+        middle[live] = last
+        better = first < best_cost[live]
+        best_cost[live[better]] = first[better]
         best[live[better]] = trial[better, order[better, 0]] * scale
-        rejected = ~np.isfinite(ranked[:, -1])
-        sigma[live[rejected]] *= 0.7
-        ok = ~rejected
-        g = live[ok]
-        if g.size:
-            picked = np.take_along_axis(y[ok], order[ok][:, :, None], axis=1)
-            step = np.einsum("m,kmd->kd", w, picked)
-            mean[g] = np.clip(mean[g] + sigma[g, None] * step, 0.0, top)
-            inverse = np.einsum("kij,kj->ki", vectors[ok], np.einsum("kij,ki->kj", vectors[ok], step) / root[ok])
-            path_s[g] = (1 - cs) * path_s[g] + np.sqrt(cs * (2 - cs) * mueff) * inverse
-            length = np.sqrt(np.einsum("kd,kd->k", path_s[g], path_s[g]))
-            quiet = length / np.sqrt(1 - (1 - cs) ** (2 * (turn + 1))) < (1.4 + 2 / (d + 1)) * chi
-            path_c[g] = (1 - cc) * path_c[g] + (quiet * np.sqrt(cc * (2 - cc) * mueff))[:, None] * step
-            spread_mu = np.einsum("m,kmi,kmj->kij", w, picked, picked)
-            keep = 1 - c1 - cmu + np.where(quiet, 0.0, c1 * cc * (2 - cc))
-            cov[g] = (keep[:, None, None] * cov[g] + c1 * path_c[g][:, :, None] * path_c[g][:, None, :]
-                      + cmu * spread_mu)
-            sigma[g] *= np.exp(np.clip((cs / damps) * (length / chi - 1), -1.0, 1.0))
+        _adapt(live, np.isfinite(last), y, order, vectors, root, w, constants, turn, top, mean, sigma, cov, path_s,
+               path_c)
         widest = sigma * np.sqrt(np.maximum(np.einsum("kii->ki", cov).max(axis=1), 1e-30)) * scale.max()
         history.append(best_cost.copy())
         going = widest > _SMALLEST_STEP
@@ -142,3 +129,47 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
             break
     order = np.argsort(best_cost, kind="stable")
     return Found(best[order], best_cost[order], spent)
+
+
+@kernel
+def _adapt(live, fine, y, order, vectors, root, w, constants, turn, top, mean, sigma, cov, path_s, path_c):
+    """Move mean, step size, covariance and paths of the populations `live` by their best steps y (g, lam, d)."""
+    mueff, cc, cs, c1, cmu, damps, chi = constants
+    d = mean.shape[1]
+    step, along = np.empty(d), np.empty(d)
+    for a in range(live.size):
+        g = live[a]
+        if not fine[a]:
+            sigma[g] *= 0.7  # too many of its points are rejected
+            continue
+        step[:] = 0.0
+        for m in range(w.size):
+            for i in range(d):
+                step[i] += w[m] * y[a, order[a, m], i]
+        for i in range(d):
+            mean[g, i] = min(max(mean[g, i] + sigma[g] * step[i], 0.0), top[i])
+        for j in range(d):
+            total = 0.0
+            for i in range(d):
+                total += vectors[a, i, j] * step[i]
+            along[j] = total / root[a, j]
+        length = 0.0
+        for i in range(d):
+            white = 0.0
+            for j in range(d):
+                white += vectors[a, i, j] * along[j]
+            path_s[g, i] = (1.0 - cs) * path_s[g, i] + np.sqrt(cs * (2.0 - cs) * mueff) * white
+            length += path_s[g, i] ** 2
+        length = np.sqrt(length)
+        quiet = length / np.sqrt(1.0 - (1.0 - cs) ** (2 * (turn + 1))) < (1.4 + 2.0 / (d + 1)) * chi
+        for i in range(d):
+            path_c[g, i] = (1.0 - cc) * path_c[g, i] + (np.sqrt(cc * (2.0 - cc) * mueff) * step[i] if quiet else 0.0)
+        keep = 1.0 - c1 - cmu + (0.0 if quiet else c1 * cc * (2.0 - cc))
+        for i in range(d):
+            for j in range(i + 1):
+                total = 0.0
+                for m in range(w.size):
+                    total += w[m] * y[a, order[a, m], i] * y[a, order[a, m], j]
+                cov[g, i, j] = keep * cov[g, i, j] + c1 * path_c[g, i] * path_c[g, j] + cmu * total
+                cov[g, j, i] = cov[g, i, j]
+        sigma[g] *= np.exp(min(max((cs / damps) * (length / chi - 1.0), -1.0), 1.0))

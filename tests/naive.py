@@ -260,3 +260,21 @@ def repaired(setpoint, residual, estimate, law, start_u, start_y, step):
         ys.append(y)
         us.append(u)
     return np.array(ys), np.array(us)
+
+
+def adapted(mean, sigma, cov, path_s, path_c, steps, w, constants, turn, top):
+    """One generation of covariance matrix adaptation (Hansen 2016): `steps` (mu, d) of the best, best first."""
+    mueff, cc, cs, c1, cmu, damps, chi = constants
+    d = len(mean)
+    step = w @ steps
+    values, vectors = np.linalg.eigh(cov)
+    white = vectors @ np.diag(values**-0.5) @ vectors.T @ step
+    path_s = (1 - cs) * path_s + np.sqrt(cs * (2 - cs) * mueff) * white
+    length = np.linalg.norm(path_s)
+    quiet = length / np.sqrt(1 - (1 - cs) ** (2 * (turn + 1))) < (1.4 + 2 / (d + 1)) * chi
+    path_c = (1 - cc) * path_c + quiet * np.sqrt(cc * (2 - cc) * mueff) * step
+    rank_mu = sum(wi * np.outer(s, s) for wi, s in zip(w, steps, strict=True))
+    cov = ((1 - c1 - cmu + (0.0 if quiet else c1 * cc * (2 - cc))) * cov + c1 * np.outer(path_c, path_c)
+           + cmu * rank_mu)
+    return (np.clip(mean + sigma * step, 0.0, top), sigma * np.exp(np.clip(cs / damps * (length / chi - 1), -1, 1)),
+            cov, path_s, path_c)

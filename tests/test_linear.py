@@ -9,7 +9,7 @@ import naive
 import numpy as np
 import pytest
 
-from stictionid import between, kernels, noise, process, products, regression
+from stictionid import between, descent, kernels, noise, process, products, regression, search
 from stictionid.arx import Arx
 from stictionid.laws import get
 from stictionid.laws.contract import neutral_friction
@@ -137,6 +137,53 @@ def test_the_irreducible_noise_is_what_a_free_model_leaves(piece: int, monkeypat
     theta, *_ = np.linalg.lstsq(design, y[rows], rcond=None)
     left = np.sqrt(np.sum((y[rows] - design @ theta) ** 2) / (rows.size - 41))
     assert noise.irreducible(y, v, good, delay) == pytest.approx(left, rel=1e-9)
+
+
+@pytest.mark.parametrize("size", [0.2, 3.0])
+def test_a_generation_of_the_polish_is_the_written_one(size: float) -> None:
+    rng = np.random.default_rng(1)
+    k, d, lam = 3, 4, 10
+    constants, top = np.array([3.2, 0.4, 0.5, 0.1, 0.2, 1.3, 1.8]), np.array([1.0, 2.0, 3.0, 0.9])
+    root_of = rng.standard_normal((k, d, d))
+    before = [rng.random((k, d)), np.array([1.0, 0.5, 2.0]), root_of @ root_of.transpose(0, 2, 1) + np.eye(d),
+              size * rng.standard_normal((k, d)), rng.standard_normal((k, d))]
+    after = [x.copy() for x in before]
+    live, fine = np.array([2, 0]), np.array([True, True])
+    y, order = size * rng.standard_normal((2, lam, d)), np.argsort(rng.random((2, lam)), axis=1)[:, :5]
+    w = np.array([0.4, 0.3, 0.15, 0.1, 0.05])
+    values, vectors = np.linalg.eigh(before[2][live])
+    search._adapt(live, fine, y, order, vectors, np.sqrt(values), w, constants, 3, top, *after)
+    for a, g in enumerate(live):
+        expected = naive.adapted(*(x[g] for x in before), y[a, order[a]], w, constants, 3, top)
+        for ours, theirs in zip(after, expected, strict=True):
+            np.testing.assert_allclose(ours[g], theirs, rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(after[0][1], before[0][1])
+    search._adapt(live[:1], ~fine[:1], y, order, vectors, np.sqrt(values), w, constants, 3, top, *after)
+    assert after[1][2] == pytest.approx(0.7 * expected_sigma(before, y, order, w, constants, top))
+
+
+def expected_sigma(before, y, order, w, constants, top) -> float:
+    return naive.adapted(*(x[2] for x in before), y[0, order[0]], w, constants, 3, top)[1]
+
+
+def test_products_of_slopes_are_those_of_the_slopes() -> None:
+    def residuals(points: np.ndarray) -> np.ndarray:
+        r = np.stack([np.sin(points @ [1.0, 2.0, 3.0] + k) for k in range(20)])
+        r[3, 0] = np.inf
+        return r
+
+    points, free = np.array([[0.2, 0.5, 0.0], [1.0, 0.4, 0.3]]), np.array([0, 2])
+    step = np.full((2, 2), 1e-3)
+    slopes, now = descent.slopes_at(residuals, points, free, step)
+    normals, gradients = descent.normals_at(residuals, points, free, step)
+    for g in range(2):
+        np.testing.assert_allclose(normals[g], slopes[g].T @ slopes[g], rtol=1e-10)
+        np.testing.assert_allclose(gradients[g], slopes[g].T @ now[g], rtol=1e-10)
+    moves = descent.damped_moves(normals, gradients)
+    each = [descent.damped_moves(n, g) for n, g in zip(normals, gradients, strict=True)]
+    np.testing.assert_allclose(moves, each, rtol=1e-9)
+    longest = np.linalg.solve(normals[0] + 1e-6 * np.diag(np.diag(normals[0])), -gradients[0])
+    np.testing.assert_allclose(moves[0, 0], longest, rtol=1e-9)
 
 
 def test_costs_do_not_depend_on_who_is_evaluated_together() -> None:

@@ -121,7 +121,8 @@ class Law:
         friction = np.ascontiguousarray(friction, dtype=np.float64)
         lanes = friction.shape[1]
         profile = np.zeros(command.size) if profile is None else np.ascontiguousarray(profile)
-        state = self.start(float(command[0]), friction, np.broadcast_to(np.asarray(share, float), lanes))
+        shares = share if isinstance(share, np.ndarray) else np.full(lanes, float(share))
+        state = self.start(float(command[0]), friction, shares)
         position = output("law", command.size, lanes, lent)
         self.run(command, friction, profile, state, position)
         return position
