@@ -169,3 +169,14 @@ def test_what_the_record_cannot_tell_is_an_abstention_with_its_reason(loop: Loop
     assert study.estimate is None and study.verdict.stiction == "undecided"
     assert study.verdict.evidence["code"] == code and study.verdict.reason
     assert study_from_json(to_json(study)) == study
+
+
+def test_a_valve_that_rests_between_scans_is_found_on_a_noisy_integrator() -> None:
+    """80 slips add up: the basin is 0.2 % of S wide, the ARX cost all noise, and one swarm of two walked past it."""
+    base = replace(with_stiction(preset("itptd"), 5.0, 3.0), law="karnopp")
+    base = replace(base, controller=replace(base.controller, scan_s=1.0), noise_sd=0.8)
+    study = identify(replace(simulate(base, seed=1).loop, position=None))
+    assert study.estimate is not None
+    assert study.steps[-1].added == "re-sticking"
+    assert pytest.approx(5.0, rel=0.01) == study.estimate.S
+    assert pytest.approx(3.0, rel=0.02) == study.estimate.J
