@@ -395,7 +395,7 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
 
 def search_model(model: Model) -> Model:
     """The model to search on: a command that moves between samples is searched on a coarser grid than finished on."""
-    if model.spec.substeps <= _COARSE_SUBSTEPS:
+    if model.spec.substeps <= _COARSE_SUBSTEPS or model.spec.held:
         return model
     return bound(model.loop, replace(model.spec, substeps=_COARSE_SUBSTEPS), s_max=model.s_max,
                  period_s=model.period_s, residual=model.context.residual)
@@ -408,7 +408,7 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
     A record with very many samples a period is searched thinned first: its ridge is too long to walk sample by
     sample, and the thinned one is short.
     """
-    moving = model.spec.between == "corner"
+    moving = not model.spec.held
     every = _every(model)
     if starts is None and every > 1:
         small = thinned(model, every)
@@ -549,7 +549,7 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     """The last polish of the best points, with errors, hold-out and intervals."""
     values = model.values(points)
     near = with_start(model, _distinct(points)[:3])
-    if model.spec.between == "corner":
+    if not model.spec.held:
         found = _beside(model, descended(model, near, turns=40))
     else:
         found = refine(model.costs, near, rng, spread=spreads(model, 0.15), rounds=rounds, population=18,
@@ -560,7 +560,7 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     cube, cost = _cloud(model, top, rng, jumps)
     if cost.min() < best_cost:
         top, best_cost = cube[cost.argmin()], float(cost.min())
-    if model.spec.between == "hold":
+    if model.spec.held:
         top = middle_of_plateau(model, top)
         best_cost = float(model.costs(top[None])[0])
         cube, cost = np.concatenate([top[None], cube]), np.append(best_cost, cost)
@@ -635,7 +635,7 @@ def _jump_profile(model: Model, top: FloatArray) -> FloatArray:
     A held command makes the path of the valve jump between a few shapes as S and the initial force move by little; each
     has another best slip jump, which no ray from the best point reaches.
     """
-    if model.spec.between == "corner" or model.law.one_parameter or not movable(model)[:3].all():
+    if not model.spec.held or model.law.one_parameter or not movable(model)[:3].all():
         return top[None]
     values = model.values(top[None])[:, 0]
     jumps = values[1] + values[0] * np.concatenate([-_JUMPS, _JUMPS])
@@ -742,9 +742,10 @@ def _between_samples(model: Model, best: Evaluated) -> float:
     """How far S and J may be off in % because a slip happened between two samples, where the command is not known.
 
     A record as fast as the scans of a DCS knows its command. A slower one knows a slip to a whole move of the command
-    from one sample to the next; a continuous command is rebuilt between samples, to a share of such a move.
+    from one sample to the next; a command rebuilt between samples (or at the scans there) is known to a share of such
+    a move.
     """
-    share = _REBUILT if model.spec.between == "corner" else 1.0 if model.step_s > _SLOWEST_SCAN_S else 0.0
+    share = _REBUILT if model.spec.between != "hold" else 1.0 if model.step_s > _SLOWEST_SCAN_S else 0.0
     moves = []
     for position, output in zip(model.split(best.position), model.split(model.loop.output), strict=True):
         moved = np.abs(np.diff(position)) > 1e-9
@@ -796,6 +797,13 @@ def fold_rows(model: Model, values: FloatArray, firsts: Sequence[int]) -> list[t
             near[fold, at + max(a - gap, 0):at + min(b + gap, n)] = True
         at += n
     return list(zip(inside, near, strict=True))
+
+
+def held_out_error(model: Model, point: FloatArray, rng: np.random.Generator) -> float | None:
+    """Held-out error of a point (d,) of the unit cube as it is, in the form the model is fitted in; see `_holdout`."""
+    cube, cost = _cloud(model, point, rng)
+    cube = cube[np.argsort(cost, kind="stable")[:_CLOUD // 2]]
+    return _holdout(model, model.evaluate(model.values(cube[:1])[:, 0]), cube)
 
 
 def gap_rows(model: Model, values: FloatArray, first: int) -> int:

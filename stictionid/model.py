@@ -28,6 +28,7 @@ from .loop import BoolArray, FloatArray, Loop
 from .parameters import Parameter, Space
 from .process import Dynamics, free_run, transient
 from .regression import REJECTED, Shared, whiten, whiten_stack
+from .scan import DECIMATED, scanned
 from .spec import BASE, FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 
 # Limits of the search, METHODS.md section 4: sampled peaks are clipped, so S may exceed S_max by a fifth.
@@ -61,7 +62,7 @@ class Model:
         self._name(loop, spec, s_max, period_s)
         y = _filled(loop.process_value)
         if command is None:
-            command = rebuild(_filled(loop.output), spec.substeps, spec.between)
+            command = self._commanded()
         self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
                                dict(loop.extras), residual, None if residual is None else y - residual, record)
         self._profile = self._drift_profile()
@@ -70,6 +71,31 @@ class Model:
         self.weight = self._weights()
         self.target = whiten(y[:, None], self.taps)[:, 0]
         self.shared: Shared | Blockwise = Shared.prepare(self.target, whiten(self._columns(), self.taps), self.weight)
+
+    def _commanded(self) -> FloatArray:
+        """The command on the grid of the valve, as the spec says it went between samples."""
+        spec = self.spec
+        if spec.between != DECIMATED:
+            return rebuild(_filled(self.loop.output), spec.substeps, spec.between)
+        if not spec.guides:
+            return scanned(self.loop, spec.substeps)
+        *before, last = spec.guides
+        guide = Model(self.loop, replace(spec, law=last["law"], process=last["process"], effects=tuple(last["effects"]),
+                                         increments=bool(last["increments"]), taps=tuple(last["taps"]),
+                                         friction_free=False, guides=tuple(before)),
+                      s_max=self.s_max, period_s=self.period_s)
+        return scanned(self.loop, spec.substeps, guide._course(guide.vector(last["values"])))
+
+    def _course(self, values: FloatArray) -> FloatArray:
+        """What the valve of values (d,) makes of y at every value of the command (n*parts,), its start left out."""
+        column = values.reshape(-1, 1)
+        response = free_run(self.positions(column), self._dynamics(column), step_s=self.step_s / self.parts)
+        return self.evaluate(values).gain * response[:, 0]
+
+    def guide(self, values: FloatArray) -> dict[str, Any]:
+        """What a later model must know of this one, values (d,), to rebuild a decimated command better."""
+        known = self.describe(values)
+        return {key: known[key] for key in ("law", "process", "effects", "increments", "taps", "values")}
 
     def _name(self, loop: Loop, spec: Spec, s_max: float, period_s: float) -> None:
         """What the spec says, without looking at the record."""
@@ -81,7 +107,7 @@ class Model:
         self._options = tuple(option for _, _, option in ordered)
         self.step_s = loop.step_s
         fine = any(effect.fine for effect in self.effects)
-        self.parts = max(spec.substeps, _FINE_PARTS) if fine and spec.between == "hold" else spec.substeps
+        self.parts = max(spec.substeps, _FINE_PARTS) if fine and spec.held else spec.substeps
         self.taps = spec.whitening()
 
     def _range(self) -> None:
@@ -207,10 +233,10 @@ class Model:
         for effect, rows in zip(self.effects, self._slices, strict=True):
             if effect.friction:
                 table = effect.friction(table, values[rows], self.context.command_step_s,
-                                        self.spec.between == "hold")
+                                        self.spec.held)
         position = self.law.positions(self.context.command, table, profile=self._profile, share=values[2],
                                       lent=lent)
-        if self.spec.between == "corner":
+        if not self.spec.held:
             position = interval_means(self.context.command, table, self._profile, position, lent=lent)
         repeat = self.loop.samples * self.parts // position.shape[0]
         if repeat > 1:
@@ -235,7 +261,7 @@ class Model:
         stack holds until the next call (see `kernels.scratch`).
         """
         position = self.positions(values, lent=True) if position is None else position
-        settings = {"step_s": self.step_s, "substeps": self.parts, "ahead": self.spec.between == "corner"}
+        settings = {"step_s": self.step_s, "substeps": self.parts, "ahead": not self.spec.held}
         dynamics = self._dynamics(values)
         n = self.loop.samples
         columns: list[FloatArray] = []
@@ -424,8 +450,8 @@ class Model:
         s = self.spec
         return {"law": s.law, "process": s.process, "effects": list(s.effects), "between": s.between,
                 "substeps": s.substeps, "increments": s.increments, "taps": list(s.taps), "fixed": dict(s.fixed),
-                "friction_free": s.friction_free, "s_max": self.s_max, "period_s": self.period_s,
-                "values": self.named(values)}
+                "friction_free": s.friction_free, "guides": list(s.guides), "s_max": self.s_max,
+                "period_s": self.period_s, "values": self.named(values)}
 
 
 def skipped(samples: int, step_s: float, period_s: float) -> int:

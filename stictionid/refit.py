@@ -109,8 +109,8 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     """Values (k, 5) of the base parameters to start refits from: the fit so far and fresh basins."""
     base = bound(model.loop, Spec(law=model.spec.law, process=model.spec.process, between=model.spec.between,
                                   substeps=model.spec.substeps, increments=model.spec.increments,
-                                  taps=own_taps(model.spec), fixed=model.spec.fixed), s_max=model.s_max,
-                 period_s=model.period_s)
+                                  taps=own_taps(model.spec), fixed=model.spec.fixed, guides=model.spec.guides),
+                 s_max=model.s_max, period_s=model.period_s)
     fresh = with_process(base, basins(base, rng))
     return np.concatenate([values[None, :len(BASE)], base.values(fresh)[:len(BASE)].T])
 
@@ -176,7 +176,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
     polish = refine(coarse.costs, near.points[:_KEPT], rng, spread=spreads(coarse), rounds=_LOOK, population=14,
                     settle=_SETTLED)
     points, cost = polish.points, float(polish.costs[0])
-    if effect.kind in "FT" and spec.between == "hold" and cost < neutral * (1.0 - _SETTLED):
+    if effect.kind in "FT" and spec.held and cost < neutral * (1.0 - _SETTLED):
         # The effect helps, so the process it was fitted with may be wrong: one step along the ridge.
         beside = refine(coarse.costs, np.concatenate([along_ridge(coarse, points[:2])[:3],
                                                       _across(coarse, points[0], name, 3),
@@ -194,9 +194,9 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
     found = refine(coarse.costs, look.points[:6], rng, spread=spreads(coarse, 0.5), rounds=20, population=14,
                    settle=_SETTLED)
     points = found.points
-    for _ in range(_RIDGE_TURNS if model.spec.between == "hold" else 1):
+    for _ in range(_RIDGE_TURNS if model.spec.held else 1):
         near = with_start(coarse, points[:2])
-        if model.spec.between == "hold":
+        if model.spec.held:
             near = np.concatenate([near, along_ridge(coarse, points[:1])[:4], with_other_start(coarse, points[0], 2)])
             if look.name:
                 near = np.concatenate([near, _across(coarse, points[0], look.name, 4)])
@@ -213,7 +213,7 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
         if now > cost * (1.0 - _WORTH):
             break
         cost = now
-    if model.spec.between == "hold":
+    if model.spec.held:
         best, cost = at_thresholds(coarse, best, rng)
     if coarse is not model:
         final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16,
@@ -337,7 +337,7 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
         coarse = search_model(white)
         cube = with_start(coarse, coarse.cube(np.array(starts).T))
         found = refine(coarse.costs, cube, rng, spread=spreads(coarse, 0.5), rounds=40, population=14, settle=_SETTLED)
-        if white.spec.between == "hold" and best is None:
+        if white.spec.held and best is None:
             near = np.concatenate([found.points[:1], along_ridge(coarse, found.points[:1])])
             found = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=40, population=14,
                            settle=_SETTLED)

@@ -20,7 +20,7 @@ def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, Float
         spec = Spec(description["law"], description["process"], tuple(description["effects"]),
                     description["between"], int(description["substeps"]), bool(description["increments"]),
                     tuple(description["taps"]), dict(description["fixed"]),
-                    bool(description.get("friction_free", False)))
+                    bool(description.get("friction_free", False)), tuple(description.get("guides", ())))
         model = bound(loop, spec, s_max=description["s_max"], period_s=description["period_s"])
         return model, model.vector(description["values"])
     except (KeyError, TypeError) as error:

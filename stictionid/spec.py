@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ class Spec:
 
     `fixed` holds values the user knows ("gain", "time_constant_s", "dead_time_s"). `taps` is the autoregressive
     noise model (coefficients after the leading 1); `increments` fits differences, for integrators.
+    `guides` are models found before (see `Model.guide`), whose y between samples helps to rebuild a decimated command.
     """
 
     law: str = "chen"
@@ -29,6 +31,12 @@ class Spec:
     taps: tuple[float, ...] = ()
     fixed: dict[str, float] = field(default_factory=dict)
     friction_free: bool = False
+    guides: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def held(self) -> bool:
+        """Whether the command is held from one of its values to the next: by the sample, or by the scan."""
+        return self.between != "corner"
 
     def whitening(self) -> FloatArray:
         """All taps of the prewhitening filter, the difference for integrators included."""

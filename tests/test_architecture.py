@@ -21,6 +21,7 @@ FLOORS = [
     {"blockwise"},
     {"laws", "descent", "folds"},
     {"effects", "between"},
+    {"scan"},
     {"model", "oscillation", "export", "bench", "hidden", "resonance"},
     {"restarts", "segments"},
     {"rerun"},

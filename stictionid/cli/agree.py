@@ -41,6 +41,7 @@ def agree(
     law: Annotated[str | None, typer.Option(help="Stiction law, see stictionid laws.", show_default="chen")] = None,
     base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: as identify.")] = "auto",
+    scan: Annotated[float, typer.Option(metavar="SECONDS", help="Scan of the controller: as identify.")] = 1.0,
     seed: SeedOption = 0,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when the records do not agree.")] = False,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
@@ -61,7 +62,8 @@ def agree(
         check_place(output, figures=figures, force=force)
     if law == ALL_LAWS:
         raise UsageError("--law all has no meaning for several records", "give one law, or leave it out")
-    options = Options("auto", law, (), base_only, between, {}, seed, command="stictionid " + shlex.join(sys.argv[1:]))
+    options = Options("auto", law, (), base_only, between, {}, seed, command="stictionid " + shlex.join(sys.argv[1:]),
+                      scan_s=scan)
     options.check()
     warn_when_cold(quiet)
     with Progress(quiet or as_json) as progress:

@@ -43,7 +43,10 @@ def identify(
     with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", help="Put an effect into the "
                                                           "model from the start; repeatable.")] = None,
     base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
-    between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold or corner.")] = "auto",
+    between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold, corner, or "
+                                         "decimated (an export slower than the controller's scan).")] = "auto",
+    scan: Annotated[float, typer.Option(metavar="SECONDS", help="Scan of the controller, for an export slower than "
+                                        "that.")] = 1.0,
     gain: Annotated[float | None, typer.Option(help="Known process gain, units of y per % of travel.")] = None,
     time_constant: Annotated[float | None, typer.Option(help="Known time constant in seconds.")] = None,
     dead_time: Annotated[float | None, typer.Option(help="Known dead time in seconds.")] = None,
@@ -73,7 +76,7 @@ def identify(
     fixed = {name: value for name, value in (("gain", gain), ("time_constant_s", time_constant),
                                              ("dead_time_s", dead_time)) if value is not None}
     options = Options(method, law, tuple(with_effect or ()), base_only, between, fixed, seed, order, delay,
-                      "stictionid " + shlex.join(sys.argv[1:]))
+                      "stictionid " + shlex.join(sys.argv[1:]), scan_s=scan)
     options.check()
     if step_test is not None:
         options = _with_step_test(options, step_test, reading, quiet)

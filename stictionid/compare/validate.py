@@ -55,7 +55,7 @@ def transferred(loop: Loop, description: dict[str, Any],
         refitted.append("gain")
     spec = Spec(description["law"], description["process"], tuple(kept), description["between"],
                 int(description["substeps"]), bool(description["increments"]), tuple(description["taps"]), fixed,
-                bool(description.get("friction_free", False)))
+                bool(description.get("friction_free", False)), tuple(description.get("guides", ())))
     model = bound(loop, spec, s_max=description["s_max"], period_s=description["period_s"])
     values = model.vector(description["values"])
     for row in model.forces:

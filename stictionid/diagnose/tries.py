@@ -192,7 +192,7 @@ def better_base(fit: Fitted, starts: Sequence[FloatArray], rng: np.random.Genera
     near = near[[int(np.argmin(model.costs(near)))]]
     last = refine(model.costs, near, rng, spread=spreads(model, 0.15), rounds=60, population=16, settle=1e-4)
     point, cost = polish_smooth(model, last.points[0])
-    if model.spec.between == "hold":
+    if model.spec.held:
         point, cost = at_thresholds(model, point, rng)
     if _likelihood(fit, fit.sse, cost) <= _BETTER_LR:
         return fit

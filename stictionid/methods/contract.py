@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 # Options that a method may or may not have a use for, and how the command line spells them.
 SPELLING = {
     "law": "--law", "effects": "--with", "base_only": "--base-only", "between": "--between",
+    "scan": "--scan",
     "fixed": "a fixed plant (--gain, --time-constant, --dead-time, --step-test)", "order": "--order",
     "delay": "--delay",
 }

@@ -12,7 +12,9 @@ from ..loop import Finding
 from . import get
 from .contract import SPELLING, Method
 
-BETWEEN = ("auto", "hold", "corner")
+BETWEEN = ("auto", "hold", "corner", "decimated")
+# Scan of a usual controller, where none is given. Unit: s.
+USUAL_SCAN_S = 1.0
 # The word that asks for every law that can be searched.
 ALL_LAWS = "all"
 _HIGHEST_ORDER = 6
@@ -22,8 +24,8 @@ _HIGHEST_ORDER = 6
 class Options:
     """How to identify; see the command's help. `fixed` may hold gain, time_constant_s and dead_time_s.
 
-    `law` and `order` None mean the method's own. `notes` are findings made before the search (a step test, say) that
-    the study shall remember.
+    `law` and `order` None mean the method's own; `scan_s` is the scan of the controller, for an export slower than
+    that. `notes` are findings made before the search (a step test, say) that the study shall remember.
     """
 
     method: str = "auto"
@@ -37,12 +39,15 @@ class Options:
     delay: int | None = None
     command: str = ""
     notes: tuple[Finding, ...] = ()
+    scan_s: float = USUAL_SCAN_S
 
     def check(self) -> None:
         """Refuse values that do not exist or do not apply to the method, naming those that do."""
         method = get(self.method)
         if self.between not in BETWEEN:
             raise UsageError(f"unknown way between samples '{self.between}'", "choose one of " + ", ".join(BETWEEN))
+        if not (np.isfinite(self.scan_s) and self.scan_s > 0):
+            raise UsageError(f"--scan {self.scan_s:g} s is not positive", "give the controller's scan, say 1")
         if self.order is not None and not 1 <= self.order <= _HIGHEST_ORDER:
             raise UsageError(f"--order {self.order} is outside 1 to {_HIGHEST_ORDER}", "give 1 or 2")
         if self.delay is not None and self.delay < 0:
@@ -60,7 +65,8 @@ class Options:
         """Refuse options the method would only ignore: they would look as if they had been used."""
         given = {
             "law": self.law is not None and self.law != method.law, "effects": bool(self.effects),
-            "base_only": self.base_only, "between": self.between != "auto", "fixed": bool(self.fixed),
+            "base_only": self.base_only, "between": self.between != "auto",
+            "scan": self.scan_s != USUAL_SCAN_S, "fixed": bool(self.fixed),
             "order": self.order is not None, "delay": self.delay is not None,
         }
         for name in sorted(n for n, there in given.items() if there and n not in method.options):

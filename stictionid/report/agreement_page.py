@@ -116,7 +116,7 @@ def _panel(name: str, found: Agreement, counted: list[Record], t: FloatArray, x_
     y = np.array([v for _, low, high in ends for v in (low, high, np.nan)])
     room = _MARGIN * (float(np.ptp(t)) or 1.0)
     edge = np.array([t.min() - room, t.max() + room])
-    lines = [Line("interval", "position", x, y)] if ends else []
+    lines = [Line("interval", "mark", x, y)] if ends else []
     drift = next((d for d in found.drifts if d.name == name), None)
     lines.append(Line("drift", "model", edge, _line(drift, np.array([e[0] for e in ends]), edge)) if drift else
                  Line("mean", "guide", edge, np.full(2, values.mean())))

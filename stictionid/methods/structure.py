@@ -1,0 +1,348 @@
+"""Which structure a record asks for: the process, and what the command did between its samples.
+
+One search for each; the better one is kept. Source: METHODS.md section 4, traps 4 and 5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import CannotTell, UsageError
+from ..fit import Fitted, descended, held_out_error, one_run, search_model, with_process, with_start
+from ..gates import SAMPLES_PER_PERIOD
+from ..loop import Finding, FloatArray
+from ..model import Model
+from ..noise import autocovariance
+from ..oscillation import noise_of
+from ..regression import whiten
+from ..scan import DECIMATED, parts_of, pi_law
+from ..search import Found
+from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
+from ..whitened import whitened
+from .run import ADEQUATE, INTEGRATOR_GAIN, LONG_LAG, Run, increment_error
+
+# Parts of a sampling interval when the command moves between samples.
+SUBSTEPS = 8
+LAG = "extra-lag"
+# First look at a step: turns of descent, and when one has settled.
+QUICK_TURNS, QUICK_SETTLE = 8, 1e-3
+# Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
+_ROUGH = 2e-3
+# Softened differences (1 - q^-1) / (1 - 0.8 q^-1), cut after 14 samples: white for the errors of slips that an
+# integrator adds up together with white noise on y. Plain differences double the noise and leave the slips. Measured
+# on continuous itptd, S = 5, J = 3, noise 0.5 to 1 % of the swing of y: S within 0.8 and J within 1.1 %, against 4.3
+# and 8.8 % with plain differences, 4 and 5 % with a first-order process of long lag.
+SOFT = tuple(0.8**k for k in range(1, 15))
+# Correlation of neighbouring differences below which noise fills them. Unit: 1; white noise has -0.5.
+_NOISY = -0.25
+# Share of the differences' variance that the noise of the record must make to fill them. Unit: 1.
+_NOISE_SHARE = 0.5
+# A lag beyond this many periods needs no proof that the process integrates: the integrator may even predict this much
+# worse, because its slips add up their errors. Units: periods, 1.
+_ENDLESS_LAG, _ENDLESS_LOSS = 3.0, 0.05
+# The command is taken as continuous only when that lowers the free-run error by this share.
+_CORNER_GAIN = 0.05
+# A PI law that ran with the samples leaves less of the changes of u than this share of what one that ran between them
+# does. Measured: nothing at all against 1e-5 to 1e-4; where it did run between them, 0.9 to 1.5 times as much. Unit: 1.
+_EXACT = 0.25
+# Noise of the scans in between, as a share of the pace of the output, beyond which S and J come out wrong. Measured
+# with every third to tenth of the 1 s scans exported: up to 0.3 S within 3 %, from 0.4 on off by 10 to 20 %. Unit: 1.
+_CHATTER, _SCANS_UNKNOWN = 0.35, 3
+# Searches with the course of y between samples taken from the one before. Measured on loops with a 1 s scan exported
+# every 5 s: S off by up to 5, 3 and 0.5 % with none, one and two; every 10 s, J by up to 40, 8 and 3 %.
+_GUIDED = 2
+# Below this share of the period a lag is no integrator in disguise, unless the error is this many times the noise.
+_ANY_LAG, _FAR = 0.2, 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """One search with one structure: its best point of the unit cube (d,), cost and curves."""
+
+    spec: Spec
+    point: FloatArray
+    cost: float
+    evaluated: Evaluated | None
+    increments: float
+
+
+def choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray], tuple[Finding, ...]]:
+    """Process structure and what the command did between samples: the best search so far, and what must be said."""
+    if run.options.between == DECIMATED:
+        best = _scanned(run, replace(spec, substeps=_scans(run)))
+        return best.spec, (best.point[None], np.array([best.cost])), (_said_scans(run, best.spec.substeps),)
+    # Most plants hold their command: at the noise, a moving one is only looked at.
+    best = structure(run, spec)
+    notes: tuple[Finding, ...] = ()
+    if run.options.between == "auto":
+        moving = replace(spec, between="corner", substeps=SUBSTEPS)
+        if _smooth(run) and (not at_noise(run, best) or _moves_better(run, best, moving)):
+            run.tell("rebuilding the command between samples", 0.3)
+            corner = structure(run, moving)
+            if _of_two(run, corner, best):
+                best = corner
+        scans = parts_of(run.loop.step_s, run.options.scan_s)
+        if scans > 1 and _computed_between(run, scans):
+            run.tell("rebuilding the scans between samples", 0.4)
+            slow = _scanned(run, replace(spec, between=DECIMATED, substeps=scans))
+            chatter = _chatter(run, slow.evaluated, scans)
+            errors = _held_out(run, slow), _held_out(run, best)
+            if chatter > _CHATTER:
+                notes = (_said_chatter(run, scans, chatter),)
+            elif errors[0] < errors[1]:
+                best, notes = slow, (_said_scans(run, scans, errors),)
+    return best.spec, (best.point[None], np.array([best.cost])), notes
+
+
+def _scans(run: Run) -> int:
+    """How many scans `--between decimated` rebuilds in a sample; UsageError where there are none between samples."""
+    scans = parts_of(run.loop.step_s, run.options.scan_s)
+    if scans < 2:
+        raise UsageError(f"--between decimated: the record's step of {run.loop.step_s:g} s is no slower than the "
+                         f"controller's scan of {run.options.scan_s:g} s",
+                         "leave --between out, or give the scan with --scan SECONDS")
+    return scans
+
+
+def _computed_between(run: Run, scans: int) -> bool:
+    """Whether u is a PI law's whose scans lie between the samples: one that ran with them explains u exactly."""
+    between, with_them = pi_law(run.loop, scans), pi_law(run.loop, 1)
+    return between is not None and (with_them is None or 1.0 - with_them.fit > _EXACT * (1.0 - between.fit))
+
+
+def _scanned(run: Run, spec: Spec) -> Tried:
+    """The search with the command rebuilt at the scans, twice more with the course of y that it found in between."""
+    tried = structure(run, spec)
+    if len(run.loop.starts) > 1:
+        return tried  # a guide belongs to one stretch
+    for _ in range(_GUIDED):
+        if tried.evaluated is None:
+            break
+        model = run.model(tried.spec)
+        guide = model.guide(model.vector(tried.evaluated.values))
+        tried = _first(run, replace(tried.spec, guides=(*tried.spec.guides, guide)), tried.point)
+    return tried
+
+
+def _held_out(run: Run, tried: Tried) -> float:
+    """Held-out error of a search in the unit of y."""
+    if tried.evaluated is None:
+        return np.inf
+    model = run.model(tried.spec)
+    error = held_out_error(model, tried.point, run.rng)
+    if error is None:
+        return tried.evaluated.rmse
+    inner = float(np.sqrt(tried.cost / max(tried.evaluated.rows, 1)))
+    return tried.evaluated.rmse * error / inner if model.taps.size and inner else error
+
+
+def _said_scans(run: Run, scans: int, errors: tuple[float, float] | None = None) -> Finding:
+    """What is said of a command rebuilt at `scans` scans a sample; `errors` are held out, with it and before."""
+    law, step = pi_law(run.loop, scans), run.loop.step_s
+    how = ("its corners, because r and y do not give its PI law" if law is None else
+           f"the PI law read from r, y and u (gain {law.gain:.3g}, integral time "
+           f"{law.gain / law.per_scan * step / scans:.3g} s)")
+    why = "" if errors is None else f"; that lowers the held-out error from {errors[1]:.4g} to {errors[0]:.4g}"
+    return Finding("scans-between-samples", "info",
+                   f"the controller is taken to scan every {step / scans:.3g} s and the export to keep one scan in "
+                   f"{scans}: the output in between is rebuilt from {how}{why}",
+                   {"scans": scans, "scan_s": step / scans, "gain": law.gain if law else None,
+                    "integral_time_s": law.gain / law.per_scan * step / scans if law else None}, (),
+                   "METHODS.md section 4, trap 4")
+
+
+def _chatter(run: Run, e: Evaluated | None, scans: int) -> float:
+    """How far noise moves u from scan to scan, as a share of how far u goes anyway; 0 where that can be rebuilt.
+
+    Every second scan exported tells the one in between exactly, noise and all.
+    """
+    law = pi_law(run.loop, scans)
+    floor = run.floor(e.position_means, e.values["dead_time_s"]) if e is not None else None
+    pace = float(np.median(np.abs(np.diff(run.loop.output[run.loop.used])))) / scans
+    if law is None or floor is None or scans < _SCANS_UNKNOWN or not pace > 0.0:
+        return 0.0
+    return abs(law.gain) * floor / pace
+
+
+def _said_chatter(run: Run, scans: int, chatter: float) -> Finding:
+    step = run.loop.step_s
+    return Finding("scans-too-noisy", "warning",
+                   f"the controller scans every {step / scans:.3g} s and one scan in {scans} was exported; in "
+                   f"between, noise moves the output {chatter:.2g} times as far as it goes anyway: the valve stops and "
+                   "starts unseen: S may be off by a fifth, and J is hardly known",
+                   {"scans": scans, "noise_to_pace": chatter, "limit": _CHATTER}, (), "benchmarks/decimation.py")
+
+
+def check_scans(run: Run, fit: Fitted) -> None:
+    """CannotTell where the valve of a rebuilt command moves so often between samples that they can't show how."""
+    model = fit.model
+    if model.spec.between != DECIMATED:
+        return
+    scans, values = model.spec.substeps, fit.values
+    chatter = _chatter(run, fit.best, scans)
+    if chatter > _CHATTER:
+        raise CannotTell(
+            f"the valve moves several times between samples: noise moves the output {chatter:.2g} times as far from "
+            f"scan to scan as it goes anyway ({_CHATTER:g} is the most), and one scan in {scans} was exported",
+            f"export at {2.0 * run.loop.step_s / scans:.3g} s or faster", code="moves-between-samples")
+    moves = np.sign(np.diff(model.positions(values[:, None])[:, 0]))
+    moves = moves[moves != 0]
+    turns = int((moves[1:] != moves[:-1]).sum())
+    per = 2.0 * run.loop.samples / max(turns, 1)
+    if per < SAMPLES_PER_PERIOD:
+        raise CannotTell(
+            f"the valve moves between samples: it turns every {0.5 * per:.1f} samples of {run.loop.step_s:g} s, "
+            f"{per:.1f} samples a period where {SAMPLES_PER_PERIOD} are needed",
+            f"export at {per * run.loop.step_s / SAMPLES_PER_PERIOD:.3g} s or faster", code="moves-between-samples")
+
+
+def _moves_better(run: Run, held: Tried, moving: Spec) -> bool:
+    """Whether a command that moves between samples does better from the point where the held one ended."""
+    assert held.evaluated is not None
+    model = search_model(run.model(replace(moving, process=held.spec.process, increments=held.spec.increments,
+                                           taps=held.spec.taps)))
+    values = model.vector(held.evaluated.values)[:, None].repeat(3, axis=1)
+    values[4] = np.maximum(values[4] + run.loop.step_s * np.array([0.0, 0.5, 1.0]), 0.0)
+    found = descended(model, with_start(model, model.cube(values)), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    return float(found.costs[0]) < held.cost
+
+
+def _of_two(run: Run, corner: Tried, held: Tried) -> bool:
+    """Whether the moving command is the better of two searches.
+
+    Where neither reaches the noise, a second lag, not yet in the model, may round the slips and speak for the wrong
+    one, so both may have it.
+    """
+    stationary = corner.spec.process == held.spec.process == FIRST_ORDER
+    noisy = bool(corner.spec.taps or held.spec.taps)
+
+    def error(e: Evaluated) -> float:
+        # Plain differences of a noisy record are all noise: nothing could be 5 % better by them.
+        return e.rmse if stationary else _soft_error(e) if noisy else increment_error(e)
+
+    if at_noise(run, corner) or at_noise(run, held):
+        return (corner.evaluated is not None and held.evaluated is not None
+                and error(corner.evaluated) < error(held.evaluated))
+    return _with_lag(run, corner, error) < (1.0 - _CORNER_GAIN) * _with_lag(run, held, error)
+
+
+def _soft_error(e: Evaluated) -> float:
+    """Root mean square of the softened differences of the free-run residual (see `SOFT`), in the unit of y."""
+    soft = whiten(np.nan_to_num(e.residual)[:, None], Spec(increments=True, taps=SOFT).whitening())[:, 0]
+    good = np.convolve(e.counted > 0, np.ones(len(SOFT) + 2))[:soft.size] > len(SOFT) + 1.5
+    return float(np.sqrt(np.mean(soft[good] ** 2)))
+
+
+def _with_lag(run: Run, tried: Tried, error: Callable[[Evaluated], float]) -> float:
+    """Error of a search, a second lag allowed where it helps."""
+    if tried.evaluated is None:
+        return np.inf
+    if run.options.fixed or LAG in tried.spec.effects:
+        return error(tried.evaluated)
+    coarse, quick = first_look(run, run.model(tried.spec), tried.evaluated.values, LAG)
+    return min(error(tried.evaluated), error(coarse.evaluate(coarse.values(quick.points[:1])[:, 0])))
+
+
+def _smooth(run: Run) -> bool:
+    """Whether the command is smooth enough to be rebuilt between samples: a noisy one has no corners to find."""
+    u = run.loop.output[run.loop.used]
+    return noise_of(u) < _ROUGH * float(np.ptp(u))
+
+
+def _first(run: Run, spec: Spec, known: FloatArray | None = None) -> Tried:
+    """One search from the basins; a `known` point (d,) of a model like this one is polished beside it."""
+    model = search_model(run.model(spec))
+    point, cost = one_run(model, run.rng, near=run.basins(spec))
+    if known is not None:
+        again = descended(model, with_start(model, known[None]))
+        if again.costs[0] < cost:
+            point, cost = again.points[0], float(again.costs[0])
+    if not np.isfinite(cost):
+        return Tried(spec, point, cost, None, np.inf)
+    e = model.evaluate(model.values(point[None])[:, 0])
+    return Tried(spec, point, cost, e, increment_error(e))
+
+
+def structure(run: Run, spec: Spec) -> Tried:
+    """First order or integrator: where the lag is long, or leaves errors, the smaller one-step error decides.
+
+    Each is completed with a noise model of its own, so that neither wins by its own yardstick. Where measurement noise
+    fills the differences they are softened (see `SOFT`) for the fit of the integrator.
+    """
+    plain = spec if spec.process == FIRST_ORDER else replace(spec, process=FIRST_ORDER, increments=False, taps=())
+    first = _first(run, plain)
+    lag = first.evaluated.values["time_constant_s"] if first.evaluated else np.inf
+    if "time_constant_s" in spec.fixed or (lag < LONG_LAG * run.period_s and at_noise(run, first)):
+        return first
+    # Far from the noise a short lag says little: the valve may be in a wrong basin, and the lag with it.
+    if lag < _ANY_LAG * run.period_s and at_noise(run, first, _FAR):
+        return first
+    run.tell("trying an integrating process", 0.2)
+    second = _first(run, replace(plain, process=INTEGRATOR, increments=True))
+    if _noise_fills(run, second):
+        second = _first(run, replace(second.spec, taps=SOFT))
+    gain = -_ENDLESS_LOSS if lag > _ENDLESS_LAG * run.period_s else INTEGRATOR_GAIN
+    return second if _one_step(run, second) < (1.0 - gain) * _one_step(run, first) else first
+
+
+def _one_step(run: Run, tried: Tried) -> float:
+    """One-step error of a search with a noise model of its own: what levels and differences can be compared by.
+
+    An autoregression on differences can't undo the differencing of white noise, so integrators may stay in levels.
+    """
+    if tried.evaluated is None:
+        return np.inf
+    models = [run.model(replace(tried.spec, taps=(), increments=False))]
+    if tried.spec.increments:
+        models.append(run.model(replace(tried.spec, taps=())))
+    return min(whitened(m, m.vector(tried.evaluated.values)).innovation_sd for m in models)
+
+
+def _noise_fills(run: Run, tried: Tried) -> bool:
+    """Whether the differences of the residual are mostly those of white measurement noise.
+
+    Seen at the residual (correlation -1/2) where the search ended in the right basin, else at the record itself: a
+    valve in the wrong basin leaves its own errors, and these made a noisy integrator be searched as a quiet one.
+    """
+    e = tried.evaluated
+    if e is None:
+        return False
+    r = autocovariance(np.nan_to_num(e.innovation), e.counted > 0, 1)
+    noise = noise_of(run.used_y())
+    return bool(r[0] > 0 and (r[1] < _NOISY * r[0] or 2.0 * noise**2 > _NOISE_SHARE * tried.increments**2))
+
+
+def at_noise(run: Run, tried: Tried, factor: float = ADEQUATE) -> bool:
+    e = tried.evaluated
+    floor = run.floor(e.position_means, e.values["dead_time_s"]) if e else None
+    return e is not None and floor is not None and e.rmse <= factor * floor
+
+
+def first_look(run: Run, before: Model, values: dict[str, float], effect: str) -> tuple[Model, Found]:
+    """The model to search on with `effect` added, and what a short descent finds: from the model so far and anew.
+
+    Made once for every structure.
+    """
+    key = f"{before.spec} {effect}"
+    if key not in run.looks:
+        run.looks[key] = _look(run, before, values, effect)
+    return run.looks[key]
+
+
+def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tuple[Model, Found]:
+    model = search_model(run.model(replace(before.spec, effects=(*before.spec.effects, effect))))
+    guess = model.effects[model.names.index(effect)].guess
+    at = model._slices[model.names.index(effect)]
+    guesses = guess(model.context) if guess is not None else np.zeros((1, at.stop - at.start))
+    # What is missing bends S and J: fresh basins of the base, too, are tried with it.
+    base = search_model(before)
+    fresh = base.values(with_process(base, run.basins(before.spec)))
+    starts = np.zeros((model.space.size, 1 + fresh.shape[1]))
+    starts[:, 0], starts[:len(fresh), 1:] = model.vector(values), fresh
+    starts = starts.repeat(len(guesses), axis=1)
+    starts[at] = np.tile(guesses.T, starts.shape[1] // len(guesses))
+    near = with_start(model, model.cube(starts))
+    return model, descended(model, near, turns=QUICK_TURNS, settle=QUICK_SETTLE)

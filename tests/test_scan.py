@@ -1,0 +1,105 @@
+"""Exports slower than the controller's scan: the output rebuilt at the scans, the choice of it, and its limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stictionid.errors import UsageError
+from stictionid.identify import Options, identify
+from stictionid.loop import Loop
+from stictionid.methods.structure import _CHATTER
+from stictionid.rerun import rebuild_model, rerun
+from stictionid.results import study_from_json, to_json
+from stictionid.scan import parts_of, pi_law, scanned
+from stictionid.simulate import Controller, Plant, Setting, simulate
+
+SETTING = Setting(Plant(1.5, 12.0, 8.0), Controller(0.45, 12.0, scan_s=1.0), 3.0, 1.5, duration_s=2000.0,
+                  setpoint_moves=((0.0, 3.0),))
+
+
+def thinned(keep: int, setting: Setting = SETTING, seed: int = 1) -> tuple[Loop, np.ndarray]:
+    """One scan in `keep` of a 1 s record, and the output at all scans up to its last sample."""
+    loop = simulate(setting, seed=seed).loop
+    part = slice(None, None, keep)
+    kept = replace(loop, output=loop.output[part], process_value=loop.process_value[part], used=loop.used[part],
+                   setpoint=loop.setpoint[part], position=None, step_s=loop.step_s * keep)
+    return kept, loop.output[:(kept.samples - 1) * keep + 1]
+
+
+def test_the_law_of_the_controller_is_read_from_every_fifth_scan() -> None:
+    law = pi_law(thinned(5)[0], 5)
+    assert law.gain == pytest.approx(0.45, rel=1e-3) and law.per_scan == pytest.approx(0.45 / 12.0, rel=0.01)
+    assert law.fit > 0.999
+
+
+def test_every_second_scan_tells_the_other() -> None:
+    noisy = replace(SETTING, noise_sd=0.1)
+    loop, true = thinned(2, noisy)
+    law = pi_law(loop, 2)
+    error = scanned(loop, 2)[:true.size] - true
+    assert np.std(error) < 0.15 * law.gain * 0.1  # the noise of a scan alone moves the output by 0.045 %
+
+
+def test_the_course_of_y_between_samples_makes_the_command_better() -> None:
+    loop, true = thinned(5)
+    full = simulate(SETTING, seed=1).loop.process_value
+    course = np.append(full, np.full(loop.samples * 5 - full.size, full[-1]))
+    plain, known = (np.std(scanned(loop, 5, c)[:true.size] - true) for c in (None, course + 7.0))
+    assert known < 0.05 * plain and plain < 0.1 * np.std(np.repeat(loop.output, 5)[:true.size] - true)
+
+
+def test_a_setpoint_that_moves_between_samples_is_placed_at_its_scan() -> None:
+    moving = replace(SETTING, setpoint_moves=((0.0, 3.0), (503.0, -4.0), (1001.0, 4.0), (1499.0, -2.0)))
+    loop, true = thinned(5, moving)
+    assert np.abs(scanned(loop, 5)[:true.size] - true).max() < 0.3 * 0.45 * 4.0  # a scan off costs the whole move
+
+
+def test_without_a_law_the_corners_are_what_is_left() -> None:
+    loop, _ = thinned(5)
+    blind = replace(loop, setpoint=None)
+    assert pi_law(blind, 5) is None and scanned(blind, 5).size == 5 * loop.samples
+    assert (parts_of(10.0, 1.0), parts_of(60.0, 1.0), parts_of(1.0, 1.0), parts_of(10.0, 5.0)) == (10, 10, 1, 2)
+
+
+def test_auto_finds_the_scans_and_with_them_s_and_j() -> None:
+    loop, _ = thinned(5, replace(SETTING, noise_sd=0.01))
+    study = identify(loop, options=Options(base_only=True))
+    model = study.steps[0].model
+    assert (model["between"], model["substeps"], len(model["guides"])) == ("decimated", 5, 2)
+    assert pytest.approx(3.0, rel=0.01) == study.estimate.S and pytest.approx(1.5, abs=0.1) == study.estimate.J
+    note = next(f for f in study.steps[0].findings if f.code == "scans-between-samples")
+    assert note.evidence["integral_time_s"] == pytest.approx(12.0, rel=0.02) and "held-out" in note.statement
+    # The study alone runs the very same model again.
+    again = study_from_json(to_json(study))
+    assert np.nanstd(rerun(loop, again.steps[0].model).residual) == pytest.approx(study.steps[0].error.rmse, rel=1e-6)
+    held = identify(loop, options=Options(base_only=True, between="hold"))
+    assert abs(held.estimate.S - 3.0) > 3.0 * abs(study.estimate.S - 3.0)
+    assert rebuild_model(loop, model)[0].context.command.size == 5 * loop.samples
+
+
+def test_a_controller_that_scans_with_the_samples_is_not_taken_apart() -> None:
+    slow = replace(SETTING, step_s=5.0, controller=replace(SETTING.controller, scan_s=5.0), noise_sd=0.02)
+    study = identify(simulate(slow, seed=1).loop, options=Options(base_only=True))
+    assert study.steps[0].model["between"] == "hold"
+
+
+def test_noise_between_samples_is_said_and_ends_in_an_abstention() -> None:
+    loop, _ = thinned(5, replace(SETTING, noise_sd=0.3))
+    told = identify(loop, options=Options(base_only=True))
+    warning = next(f for f in told.steps[0].findings if f.code == "scans-too-noisy")
+    assert warning.evidence["noise_to_pace"] > _CHATTER and told.steps[0].model["between"] != "decimated"
+    asked = identify(loop, options=Options(base_only=True, between="decimated"))
+    assert asked.estimate is None and asked.verdict.evidence["code"] == "moves-between-samples"
+
+
+def test_options_that_do_not_fit_are_refused() -> None:
+    loop, _ = thinned(1)
+    with pytest.raises(UsageError, match="no slower than"):
+        identify(loop, options=Options(between="decimated"))
+    with pytest.raises(UsageError, match="not positive"):
+        Options(scan_s=0.0).check()
+    with pytest.raises(UsageError, match="--scan has no meaning"):
+        Options(method="arx", scan_s=2.0).check()
