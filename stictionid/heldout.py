@@ -95,7 +95,7 @@ def _polished(model: Model, top: FloatArray, trains: list[BoolArray]) -> FloatAr
     """
     free = movable(model) > 0
     free[list(model.forces)] = False
-    if model.spec.between == "hold":
+    if model.spec.held:
         free[0] = False
     columns = np.flatnonzero(free)
     if not columns.size:

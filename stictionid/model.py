@@ -43,6 +43,8 @@ _FEWEST_LANES, _MOST_LANES = 16, 64
 _SKIP_SHARE, _SKIP_PERIODS = 0.05, 0.5
 # Parts of a sample where an effect moves the stem between two values of a held command.
 _FINE_PARTS = 4
+# Initial residual forces tried for a model that guides another one's command.
+_GUIDE_FORCES = 13
 # Rounds after which the model's own y, which some effects follow, has settled.
 _FOLLOWED = 6
 # A start-up transient below this share of its first value on all counted samples is gone. Unit: 1.
@@ -84,7 +86,11 @@ class Model:
                                          increments=bool(last["increments"]), taps=tuple(last["taps"]),
                                          friction_free=False, guides=tuple(before)),
                       s_max=self.s_max, period_s=self.period_s)
-        return scanned(self.loop, spec.substeps, guide._course(guide.vector(last["values"])))
+        # On another record, or a part of this one, the valve starts elsewhere.
+        trial = guide.vector(last["values"])[:, None].repeat(_GUIDE_FORCES + 1, axis=1)
+        trial[2, 1:] = np.linspace(-0.95, 0.95, _GUIDE_FORCES)
+        best = int(np.argmin(guide.costs_of(trial)))
+        return scanned(self.loop, spec.substeps, guide._course(trial[:, best]))
 
     def _course(self, values: FloatArray) -> FloatArray:
         """What the valve of values (d,) makes of y at every value of the command (n*parts,), its start left out."""
