@@ -10,6 +10,8 @@ The command line is a client of these functions; names load on first use, so tha
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
@@ -53,3 +55,15 @@ def __getattr__(name: str) -> Any:
         globals()[name] = value
         return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+class _Package(ModuleType):
+    """Some functions have the name of their module: `stictionid.identify` is the function, whatever was imported."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _HOME_OF and isinstance(value, ModuleType):
+            value = getattr(value, name)  # the import system binds a module once it is complete
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

@@ -1,0 +1,225 @@
+"""A small sample of what is done at length in tests/fuzz and tests/faults, and every mend that those led to."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+for place in ("tests/faults", "benchmarks"):
+    sys.path.insert(0, str(ROOT / place))
+
+import fault_numbers  # noqa: E402
+import hard  # noqa: E402
+import hard_results  # noqa: E402
+
+from stictionid.errors import CannotTell, DataError, UsageError  # noqa: E402
+
+
+def run(*arguments: object, stdin: str | None = None, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    with open(stdin or os.devnull, "rb") as source:
+        return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], stdin=source,
+                              capture_output=True, text=True, cwd=cwd, timeout=60,
+                              env={**os.environ, "PYTHONPATH": str(ROOT)})
+
+
+def refused(done: subprocess.CompletedProcess[str], code: int, words: str) -> None:
+    assert done.returncode == code and words in done.stderr and "Traceback" not in done.stderr, done.stderr
+
+
+# --- numbers
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ["NaN in PV", "one PV of 1e300", "OP of 1e-300", "PV is minus OP", "PV is noise",
+                                  "both zero", "OP of two levels", "denormal PV"])
+@pytest.mark.parametrize("as_file", [False, True], ids=["arrays", "file"])
+def test_numbers_that_break_arithmetic_end_in_a_reason(name: str, as_file: bool) -> None:
+    make, may = fault_numbers.CASES[name]
+    outcome = fault_numbers.outcome_of(*make(*_good(), np.random.default_rng(0)), as_file=as_file)
+    assert fault_numbers.fits(outcome, fault_numbers.ANY if as_file and may == fault_numbers.REFUSED else may), outcome
+
+
+def _good() -> fault_numbers.Pair:
+    if not _GOOD:
+        _GOOD.append(fault_numbers.good_loop())
+    return _GOOD[0]
+
+
+_GOOD: list[fault_numbers.Pair] = []
+
+
+def test_pv_that_is_op_in_another_unit_is_an_abstention() -> None:
+    from stictionid.gates import check
+    from stictionid.loop import Loop
+    from stictionid.oscillation import find_range
+
+    u, y = _good()
+    same = Loop(output=u, process_value=32 - 1.8 * u, step_s=1.0, name="x")
+    with pytest.raises(CannotTell, match="one signal was given twice") as told:
+        check(same, find_range(same))
+    assert told.value.code == "identical-signals"
+    other = Loop(output=u, process_value=y, step_s=1.0, name="x")
+    check(other, find_range(other))
+
+
+def test_numbers_no_single_precision_holds_are_counted_and_left_out(tmp_path: Path) -> None:
+    from stictionid.historian import read
+
+    u, y = (values[:200].tolist() for values in _good())
+    y[10:13] = [1e39, -2e300, 1e39]
+    file = tmp_path / "x.csv"
+    file.write_text("t,PV,OP\n" + "\n".join(f"{k},{a!r},{b!r}" for k, (a, b) in enumerate(zip(y, u, strict=True))))
+    reading = read(file)
+    said = next(f.statement for f in reading.findings if f.code == "state-as-text")
+    assert "3 cells" in said and "beyond 1e+38" in said
+    assert np.abs(reading.loop.process_value[reading.loop.used]).max() < 100
+
+
+# --- limits and inputs without an end
+
+@pytest.mark.parametrize(("options", "words"), [
+    (("--duration", "1e7"), "integration steps"), (("--dead-time", "1e11"), "integration steps"),
+    (("--step", "1e-6"), "samples are more"), (("--scan", "1e-300"), "too short"), (("--kc", "nan"), "is no number"),
+    (("--gain", "1e300"), "above its limit"), (("--quantise", "1e-300"), "finer than"),
+    (("--effect", "extra-lag:second_time_constant_s=1e-9"), "too short")])
+def test_simulations_nobody_waits_for_are_refused(options: tuple[str, str], words: str, tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from stictionid.cli import app
+
+    error = CliRunner().invoke(app, ["simulate", "-o", str(tmp_path / "x.csv"), *options]).exception
+    assert isinstance(error, UsageError) and words in error.message and error.hint
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_longest_simulation_is_let_in() -> None:
+    from dataclasses import replace
+
+    from stictionid.simulate import MOST_STEPS, _check, preset
+
+    longest = MOST_STEPS * 0.05
+    _check(replace(preset("foptd"), duration_s=longest))
+    with pytest.raises(UsageError, match="20,000,000"):
+        _check(replace(preset("foptd"), duration_s=longest + 1))
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero here")
+def test_inputs_without_an_end_are_refused_or_bounded(tmp_path: Path) -> None:
+    refused(run("range", "/dev/zero"), 2, "is a device")
+    refused(run("range", "-", stdin="/dev/zero"), 3, "a line longer than")
+    study = json.loads((ROOT / "tests" / "golden" / "study_schema_1.json").read_text())
+    study["data"]["file"] = "/dev/zero"
+    (tmp_path / "s.json").write_text(json.dumps(study))
+    done = run("report", tmp_path / "s.json")
+    assert done.returncode == 0 and "were not found" in done.stderr
+    refused(run("report", tmp_path / "s.json", "--data", "/dev/zero"), 2, "its end can't be known")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no FIFOs here")
+def test_a_fifo_is_read_to_its_end_and_not_beyond_the_limit(tmp_path: Path) -> None:
+    from stictionid.historian import ReadOptions, read
+
+    u, y = (values[:200].tolist() for values in _good())
+    text = "t,PV,OP\n" + "".join(f"{k},{a!r},{b!r}\n" for k, (a, b) in enumerate(zip(y, u, strict=True)))
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    for options, fails in ((ReadOptions(), False), (ReadOptions(limit=("unpacked=1000",)), True)):
+        writer = threading.Thread(target=_feed, args=(fifo, text))
+        writer.start()
+        if fails:
+            with pytest.raises(DataError, match="more than the limit"):
+                read(fifo, options=options)
+        else:
+            assert read(fifo, options=options).loop.samples == 200
+        writer.join(10)
+
+
+def _feed(fifo: Path, text: str) -> None:
+    with contextlib.suppress(BrokenPipeError):
+        fifo.write_text(text)
+
+
+def test_small_files_have_a_largest_size(tmp_path: Path) -> None:
+    from stictionid.batch.looplist import read_list
+    from stictionid.files import MOST_TEXT_BYTES, text_of
+
+    big = tmp_path / "big.json"
+    with open(big, "wb") as file:
+        file.truncate(MOST_TEXT_BYTES + 1)
+    refused(run("report", big), 3, "larger than 64 MiB")
+    with pytest.raises(DataError, match="larger than 64 MiB"):
+        read_list(big)
+    os.truncate(big, MOST_TEXT_BYTES)
+    assert len(text_of(big, "the study", hint="")) == MOST_TEXT_BYTES
+
+
+@pytest.mark.parametrize("option", [
+    ("--separator", "ab"), ("--decimal", ";"), ("--zone", "Mars/Base"), ("--encoding", "rot13"), ("--start", "soon"),
+    ("--shape", "round"), ("--time-format", "stardate"), ("--limit", "rows"), ("--span-pv", "5,1"),
+    ("--mode-map", "1=BOSS"), ("--header", "-1"), ("--step", "0")])
+def test_options_are_checked_before_a_file_is_looked_for(option: tuple[str, str]) -> None:
+    from stictionid.cli._reading import _OPTIONS, collect
+    from stictionid.historian import read
+
+    defaults = {name: default for name, _, default in _OPTIONS}
+    name = option[0].lstrip("-").replace("-", "_")
+    value = {"limit": [option[1]], "mode_map": [option[1]], "header": -1, "step": 0.0}.get(name, option[1])
+    with pytest.raises(UsageError) as told:
+        read("there/is/no/such.csv", options=collect(defaults | {name: value}))
+    assert "does not exist" not in told.value.message
+
+
+# --- names, studies, results
+
+def test_functions_keep_their_names_when_their_modules_are_imported() -> None:
+    code = "import stictionid.identify, stictionid.simulate, stictionid.rerun; import stictionid as s; " \
+           "from stictionid.identify import Options; print(*map(callable, (s.identify, s.simulate, s.rerun, Options)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert done.stdout.split() == ["True"] * 4, done.stderr
+
+
+def test_a_record_shorter_than_a_period_is_compared_and_drawn(tmp_path: Path) -> None:
+    from stictionid.compare import compare
+    from stictionid.historian import read_loop
+    from stictionid.report.compare_pictures import comparison_pictures
+    from stictionid.results import study_from_json
+
+    u, y = (values[:14].tolist() for values in _good())
+    file = tmp_path / "short.csv"
+    file.write_text("t,PV,OP\n" + "".join(f"{k},{a!r},{b!r}\n" for k, (a, b) in enumerate(zip(y, u, strict=True))))
+    study = study_from_json((ROOT / "tests" / "golden" / "study_schema_1.json").read_text())
+    assert comparison_pictures(compare(read_loop(file), study, read_loop(file)))
+
+
+def test_results_are_only_added_to_and_the_table_adds_them_up(tmp_path: Path) -> None:
+    file, other = tmp_path / "a.json", tmp_path / "b.json"
+    for where, seed in ((file, 1), (other, 2)):
+        hard_results.add("fuzz", "c0de", {"seed": seed, "seconds": 1, "doors": {"x": [5, 4, seed - 1]}, "failing": []},
+                         where)
+    assert hard_results.merge(hard_results.runs(other), file) == 1
+    assert hard_results.merge(hard_results.runs(other), file) == 0
+    hard_results.add("kills", "c0de", {"parents": 1, "workers": 2, "all": 3, "rounds": 4, "failures": 0}, file)
+    text = hard.table(hard_results.runs(file))
+    assert "19 at 1 doors (10 read, 8 refused)" in text and "6 at random times" in text and "4 of 4" in text
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_the_fingerprint_follows_the_code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "stictionid").mkdir()
+    (tmp_path / "stictionid" / "a.py").write_text("x = 1\n")
+    monkeypatch.setattr(hard_results, "ROOT", tmp_path)
+    marks = []
+    for text in ("x = 1\n", "x = 2\n", "x = 1\n"):
+        (tmp_path / "stictionid" / "a.py").write_text(text)
+        hard_results.code.cache_clear()
+        marks.append(hard_results.code())
+    hard_results.code.cache_clear()
+    assert marks[0] == marks[2] != marks[1]
