@@ -107,11 +107,26 @@ class Fitted:
 def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> FloatArray:
     """Starting points (groups, d) from independent swarms on the ARX cost; each swarm's best, (S, J, force) only.
 
-    A record with very many samples a period is thinned first: its one-step error is all noise. Of several segments
-    the longest is searched: a basin is common to all, and one unknown start is easier to find than four.
+    A record with very many samples a period is thinned first: its one-step error is all noise. Several segments are
+    searched one by one, since one unknown start is easier to find than four, and what fits all of them best is kept.
     """
-    whole, at = model, longest_piece(model)
-    model = model.pieces[at]
+    if len(model.pieces) > 1:
+        return _common_basins(model, rng, groups)
+    found = swarm(_one_step_cost(model), 3, rng, groups=groups, particles=_PARTICLES, rounds=_ROUNDS,
+                  scouts=_SCOUTS)
+    picked: list[FloatArray] = []
+    for point in found.points:  # distinct ones first: a wrong basin must not fill all starts
+        if all(abs(point[0] - q[0]) > 0.015 or abs(point[1] - q[1]) > 0.1 for q in picked):
+            picked.append(point)
+        if len(picked) == groups:
+            break
+    starts = _neutral(model)[None].repeat(len(picked), axis=0)
+    starts[:, :3] = picked
+    return starts
+
+
+def _one_step_cost(model: Model) -> Callable[[FloatArray], FloatArray]:
+    """The ARX cost (P,) of points (P, 3) of S, J and initial force in the unit cube, on the record thinned."""
     model = thinned(model, _every(model))
     period = model.period_s / model.step_s
     longest = int(np.clip(0.4 * period, 1, 60))
@@ -122,16 +137,23 @@ def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> F
     def cost(cube: FloatArray) -> FloatArray:
         return arx.costs(model.values(np.concatenate([cube, neutral.repeat(len(cube), 0)], axis=1)))[0]
 
-    found = swarm(cost, 3, rng, groups=groups, particles=_PARTICLES, rounds=_ROUNDS,
-                  scouts=_SCOUTS)
-    picked: list[FloatArray] = []
-    for point in found.points:  # distinct ones first: a wrong basin must not fill all starts
-        if all(abs(point[0] - q[0]) > 0.015 or abs(point[1] - q[1]) > 0.1 for q in picked):
-            picked.append(point)
-        if len(picked) == groups:
-            break
-    starts = _neutral(whole)[None].repeat(len(picked), axis=0)
-    starts[:, [0, 1, whole.forces[at]]] = picked
+    return cost
+
+
+def _common_basins(model: Model, rng: np.random.Generator, groups: int) -> FloatArray:
+    """The starting points (groups, d) among those of all segments whose one-step error is the smallest in all of them.
+
+    Each segment with the start that goes best with the valve.
+    """
+    found = np.concatenate([basins(piece, rng, groups=groups)[:, :3] for piece in model.pieces])
+    trial = found[:, None].repeat(_FORCES.size, axis=1)
+    trial[:, :, 2] = _FORCES
+    costs = np.stack([_one_step_cost(piece)(trial.reshape(-1, 3)).reshape(len(found), -1) for piece in model.pieces])
+    order = np.argsort(costs.min(axis=2).sum(axis=0), kind="stable")
+    order = order[_first_distinct(found[order], groups)]
+    starts = _neutral(model)[None].repeat(len(order), axis=0)
+    starts[:, :2] = found[order, :2]
+    starts[:, list(model.forces)] = _FORCES[costs.argmin(axis=2)][:, order].T
     return starts
 
 
