@@ -118,7 +118,9 @@ def one(task) -> dict:
         after = diagnose(loop, study, apply=apply)
     except StictionidError as error:
         return row | {"named": "refused", "found": [], "equivalent": [], "reason": str(error)}
-    found = row["added"] + list(after.missing)
+    # What identify added may have given way to something better.
+    found = [s.added for s in after.steps if s.added]
+    found += [name for name in after.missing if name not in found]
     plain = [parse(n)[0].name for n in found]
     top = after.candidates[0] if after.candidates else None
     equal = [parse(n)[0].name for n in top.equivalent_to] if top is not None and top.accepted else []

@@ -617,6 +617,8 @@ def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
     S, J = values[0], values[1]
     close = np.abs(S - S[0]) <= AGREE_S * S[0]
     close &= np.abs(J - J[0]) <= AGREE_J * S[0]
+    if not np.isfinite(costs[0]):
+        return 1
     ratio = costs / max(costs[0], 1e-300)
     alike = (ratio <= 1.0 + _AGREE_COST) | (model.shared.rows * np.log(np.maximum(ratio, 1e-300)) <= 2.0)
     # Errors that differ by less than this share of the signal are alike in any real record.

@@ -46,7 +46,7 @@ _FINE_PARTS = 4
 # Initial residual forces tried for a model that guides another one's command.
 _GUIDE_FORCES = 13
 # Rounds after which the model's own y, which some effects follow, has settled.
-_FOLLOWED = 6
+_FOLLOWED, _STILL = 40, 3e-3
 # A start-up transient below this share of its first value on all counted samples is gone. Unit: 1.
 _DEAD = 1e-4
 
@@ -368,14 +368,17 @@ class Model:
         """One candidate in full, physical values (d,); an effect that follows y follows the model's own."""
         if not any(effect.follows_y for effect in self.effects):
             return self._evaluate(values)
-        settled = self
+        # Where it starts nothing is known of y: a guess that knows the record could be handed on as its own prediction.
+        guide = np.full(self.loop.samples, self.context.centre)
+        found = self.guided(guide)._evaluate(values)
         for _ in range(_FOLLOWED):
-            found = settled._evaluate(values)
-            guide = settled.context.guide
             # Half a step at a time: a strong effect would swing past its own y and back.
-            mixed = found.model if guide is None else 0.5 * (guide + found.model)
-            settled = self.guided(mixed)
-        return settled._evaluate(values)
+            step = 0.5 * (found.model - guide)
+            guide = guide + step
+            found = self.guided(guide)._evaluate(values)
+            if np.sqrt(np.mean(step**2)) < _STILL * max(found.rmse, 1e-300):
+                break
+        return found
 
     def guided(self, guide: FloatArray) -> Model:
         """The same model with effects that follow a given y (n,)."""

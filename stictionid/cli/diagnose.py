@@ -66,7 +66,7 @@ def diagnose(
                                             "; nothing in the catalogue helps enough"))
     for step in after.steps[-1:]:
         for f in step.findings:
-            if f.code in ("better-optimum", "noise-gave-way"):
+            if f.code in ("better-optimum", "gave-way"):
                 say(f"{f.severity}: {f.statement}", quiet=quiet)
     if after.missing and not apply:
         say(f"next: stictionid add {after.missing[0]} {output or study}", quiet=quiet)

@@ -6,20 +6,24 @@ on the same samples. Source: METHODS.md section 6; CRITICISM.md sections 1 and 7
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ..effects import parse
 from ..loop import Finding, Loop
 from ..methods.run import Run
 from ..refit import quick
 from ..rerun import rebuild_model
-from ..results import Study
+from ..results import Step, Study
 from .judge import candidates, winner_of
 from .steps import add, finished_step, opened, polished, with_steps
 from .tries import NAMED, Round, Tried, try_all
 
 MOST_ADDITIONS = 4
+# Beside noise models: what `identify` may add by itself, without a look at the rivals (methods/auto.py).
+_CHOSEN = frozenset({"extra-lag", "re-sticking"})
 Progress = Callable[[str, float], None]
 
 
@@ -34,18 +38,20 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     tell = progress or (lambda text, share: None)
     added: list[str] = []
     while True:
-        silent = None if added else before_noise(study)
-        if study.steps and study.adequate and not everything and silent is None:
+        earlier = None if added else before_chosen(study)
+        if study.steps and study.adequate and not everything and (earlier is None or not _noisy(study)):
             return replace(study, candidates=() if not added else study.candidates, missing=tuple(added))
-        run, fit = opened(loop, silent or study, seed)
-        found = try_all(run.loop, fit, seed, jobs, tell)
-        winner = winner_of(found)
-        if silent is not None and not _beats(winner, study, run):
+        chosen = _instead(loop, study, earlier, seed, jobs, tell) if earlier is not None else None
+        if chosen is not None and chosen.stays:
             # The noise stays: what it could hide does no better.
-            kept = tuple(c for c in candidates(found, winner) if c.effect not in study.steps[-1].effects)
+            kept = tuple(c for c in candidates(chosen.found, chosen.winner) if c.effect not in study.steps[-1].effects)
             return replace(study, candidates=kept, missing=())
-        if silent is not None or found.better:
-            study = _replaced(silent or study, run, found, winner if silent is not None else None)
+        if chosen is None:
+            chosen = _looked(loop, study, seed, jobs, tell)
+        found, winner = chosen.found, chosen.winner
+        if chosen.study is not study or found.better:
+            study = _replaced(chosen.study, chosen.run, found, winner if chosen.study is not study else None,
+                              study.steps[len(chosen.study.steps):])
         p_value = None
         if bootstrap and winner is not None:
             from .bootstrap import p_of
@@ -61,32 +67,72 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
         added.append(parse(winner.name)[0].name)
 
 
-def before_noise(study: Study) -> Study | None:
-    """The study as it was before a noise model came in, None where there is none to do without.
+@dataclass(frozen=True, slots=True)
+class _Looked:
+    """One round over the catalogue: on which study, and what won; `stays` where the study is best left as it was."""
 
-    An autoregression can imitate anything one step ahead, so a noise model that was chosen before any physics was
-    tried has to stand against the whole catalogue first.
+    study: Study
+    run: Run
+    found: Round
+    winner: Tried | None
+    stays: bool = False
+
+
+def _looked(loop: Loop, study: Study, seed: int, jobs: int, tell: Progress) -> _Looked:
+    run, fit = opened(loop, study, seed)
+    found = try_all(run.loop, fit, seed, jobs, tell)
+    return _Looked(study, run, found, winner_of(found))
+
+
+def before_chosen(study: Study) -> Study | None:
+    """The study as it was before `identify` added a step of its own, None where it added none, or the user did.
+
+    An autoregression can imitate anything one step ahead, and a valve that rests, or a lag, much: what was chosen
+    before any rival was tried has to stand against the whole catalogue first.
     """
-    for k, step in enumerate(study.steps[1:], 1):
-        if step.added and parse(step.added)[0].noise is not None:
-            return replace(study, steps=study.steps[:k])
-    return None
+    names = [step.added for step in study.steps[1:]]
+    if not names or not all(n and (n in _CHOSEN or parse(n)[0].noise is not None) for n in names):
+        return None
+    return replace(study, steps=study.steps[:1])
 
 
-def _beats(winner: Tried | None, study: Study, run: Run) -> bool:
-    """Whether a physical effect does clearly better than the study's last model, noise and all, on the same samples."""
-    if winner is None or winner.noise or winner.refit is None:
-        return False
-    model, values = rebuild_model(run.loop, study.steps[-1].model)
+def _noisy(study: Study) -> bool:
+    return any(parse(n)[0].noise is not None for n in study.steps[-1].effects)
+
+
+def _instead(loop: Loop, study: Study, earlier: Study, seed: int, jobs: int, tell: Progress) -> _Looked | None:
+    """What explains the record better than the steps that `identify` chose; None where the study's own round decides.
+
+    `stays` where the study is adequate and nothing does better.
+    """
+    looked = _looked(loop, earlier, seed, jobs, tell)
+    ahead = _ahead(looked, study)
+    if study.adequate:
+        return replace(looked, stays=ahead < NAMED)
+    if ahead < NAMED:
+        return None
+    own = _looked(loop, study, seed, jobs, tell)
+    if own.winner is None or own.winner.refit is None or looked.winner is None or looked.winner.refit is None:
+        return looked
+    a, b = own.winner.refit, looked.winner.refit
+    good = a.good & b.good
+    return looked if b.bic(good) < a.bic(good) else own
+
+
+def _ahead(looked: _Looked, study: Study) -> float:
+    """BIC by which a round's winner does better than the study's last model, noise and all, on the same samples."""
+    winner = looked.winner
+    if winner is None or winner.refit is None or parse(winner.name)[0].name in study.steps[-1].effects:
+        return -np.inf
+    model, values = rebuild_model(looked.run.loop, study.steps[-1].model)
     now = quick(model, values)
     good = now.good & winner.refit.good
-    return parse(winner.name)[0].name not in study.steps[-1].effects \
-        and now.bic(good) - winner.refit.bic(good) >= NAMED
+    return now.bic(good) - winner.refit.bic(good)
 
 
-def _replaced(study: Study, run: Run, found: Round, instead: Tried | None) -> Study:
-    """The study with its last step put right: a restart found a better optimum of the same model, or the noise model
-    that followed it gives way to an effect that does better (`instead`)."""
+def _replaced(study: Study, run: Run, found: Round, instead: Tried | None, gone: Sequence[Step]) -> Study:
+    """The study with its last step put right: a restart found a better optimum of the same model, or the steps that
+    followed it (`gone`) give way to an effect that does better (`instead`)."""
     before = study.steps[-1]
     after = polished(found.fit.model, found.fit.values, run.rng)
     notes = []
@@ -98,10 +144,12 @@ def _replaced(study: Study, run: Run, found: Round, instead: Tried | None) -> St
             "the model, so that no effect is named for it",
             {"rmse_before": before.error.rmse, "rmse": after.best.rmse}, (), "CRITICISM.md section 7, step 5"))
     if instead is not None:
+        names = [step.added for step in gone if step.added]
         notes.append(Finding(
-            "noise-gave-way", "info",
-            f"the noise model is left out again: {instead.name} explains what it had imitated",
-            {"effect": instead.name}, (parse(instead.name)[0].name,), "CRITICISM.md section 7, step 7"))
+            "gave-way", "info",
+            f"left out again, because {instead.name} explains what it had imitated: {', '.join(names)}",
+            {"effects": names, "instead": instead.name}, (parse(instead.name)[0].name,),
+            "CRITICISM.md section 7, step 7"))
     codes = {note.code for note in notes}
     kept = tuple(f for f in before.findings if f.code not in codes)
     step = finished_step(run, after, before.added, (*kept, *notes))

@@ -132,7 +132,11 @@ def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitt
         model = bound(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
                       residual=np.nan_to_num(after.best.residual))
         point = model.cube(after.values[:, None])
-        after = finish(model, point, model.costs(point), rng)
+        again = finish(model, point, model.costs(point), rng)
+        # What counts is the model that follows its own y: following the y of the fit before, it may predict y from y.
+        if not again.best.sse < after.best.sse:
+            break
+        after = again
     return after
 
 

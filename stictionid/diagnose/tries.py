@@ -200,7 +200,10 @@ def better_base(fit: Fitted, starts: Sequence[FloatArray], rng: np.random.Genera
     guided = bound(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
                    residual=model.context.residual)
     best = guided.evaluate(values)
-    return replace(fit, values=values, sse=cost, best=best, searched=values[None, :2])
+    # An effect that follows y is searched on the y of the fit before; what counts is the one that follows its own.
+    if _likelihood(fit, fit.best.sse, best.sse) <= _BETTER_LR:
+        return fit
+    return replace(fit, values=values, sse=best.sse, best=best, searched=values[None, :2])
 
 
 def _judged(fit: Fitted, reference: Refit, held: Held | None, ground: Ground, answers: Sequence[Answer],
