@@ -425,6 +425,14 @@ def test_one_worker_fills_an_empty_cache_while_the_others_wait(tmp_path, monkeyp
     assert sorted(firsts) == [False, False, False, True] and most == [1]
 
 
+def test_the_lock_lies_where_numba_keeps_the_kernels() -> None:
+    from stictionid import process
+    from stictionid.batch import warm
+
+    place = process._run.stats.cache_path
+    assert warm.cache_folder() == (Path(place) if os.access(place, os.W_OK) else None)
+
+
 def test_without_a_writable_cache_everybody_just_works(tmp_path, monkeypatch) -> None:
     from stictionid.batch import warm
 

@@ -45,9 +45,9 @@ def first_turn(level: str) -> Iterator[bool]:
 
 def cache_folder() -> Path | None:
     """Where numba keeps the kernels' machine code; None where it has no place for it."""
-    from ..regression import products
+    from ..products import _products
 
-    path = getattr(getattr(products, "stats", None), "cache_path", None)
+    path = getattr(getattr(_products, "stats", None), "cache_path", None)
     if not path:
         return None
     try:
