@@ -115,7 +115,7 @@ def friction_free(run: Run, spec: Spec) -> Whitened:
     tried = []
     for process in dict.fromkeys((FIRST_ORDER, spec.process)):
         bare = replace(spec, process=process, effects=(*effects, *lag), friction_free=True, between="hold", substeps=1,
-                       increments=process == INTEGRATOR, taps=())
+                       increments=process == INTEGRATOR or (spec.increments and process == spec.process), taps=())
         tried.append(_whitened_free(run, bare))
     return min(tried, key=lambda w: w.innovation_sd)
 

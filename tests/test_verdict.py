@@ -86,6 +86,23 @@ def test_coloured_noise_is_a_step_of_its_own_and_gives_s_and_j_back() -> None:
     assert study.adequate
 
 
+def test_a_random_walk_is_a_step_of_its_own_and_gives_s_and_j_back() -> None:
+    walk = ("random-walk-disturbance", {"innovation_sd": 0.06})
+    study = identify(simulate(replace(scanned(5.0, 3.0, effects=(walk,)), noise_sd=0.06), seed=3).loop)
+    assert [s.added for s in study.steps] == [None, "random-walk-disturbance"]
+    assert study.steps[0].error.rmse_one_step > 1.5 * study.steps[1].error.rmse_one_step
+    assert pytest.approx(5.0, rel=0.01) == study.estimate.S and pytest.approx(3.0, rel=0.1) == study.estimate.J
+    note = next(f for f in study.steps[-1].findings if f.code == "noise-model")
+    assert note.evidence["kind"] == "random walk" and "free linear model" in note.statement
+    assert study.adequate and study.verdict.stiction == "stiction"
+
+
+def test_a_missing_effect_is_no_random_walk() -> None:
+    drift = ("stiction-drift", {"stickband_growth": 1.5, "jump_growth": 0.0})
+    study = identify(simulate(scanned(5.0, 3.0, effects=(drift,)), seed=3).loop)
+    assert not any("random-walk-disturbance" in s.effects for s in study.steps)
+
+
 def test_white_noise_gets_no_noise_model() -> None:
     study = identify(simulate(scanned(5.0, 3.0), seed=5).loop)
     assert [s.added for s in study.steps] == [None]

@@ -46,7 +46,7 @@ def _run(run: Run) -> Outcome:
         run.tell("trying a further lag", 0.7)
         try_step(run, steps, fits, LAG)
     if not o.base_only and not o.fixed and not run.adequate(steps[-1])[0]:
-        run.tell("trying coloured noise", 0.75)
+        run.tell("trying coloured noise and a random walk", 0.75)
         try_noise(run, steps, fits)
     if not o.base_only and not o.fixed and LAG not in fits[-1].model.spec.effects:
         fits[-1] = _whatever_the_order(run, fits[-1])

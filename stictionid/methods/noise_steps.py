@@ -1,6 +1,9 @@
-"""The noise as a step of its own: an autoregression of the output error, where nothing else is left to explain.
+"""The noise as a step of its own: white, an autoregression of the output error, or a random walk, as the data ask.
 
-Source: METHODS.md sections 4 (trap 2) and 5; the paper's C(q) polynomial.
+Only where nothing else is left to explain: the one-step error with the noise reaches what a free linear model of y and
+valve position reaches. Noise taken for white bends the process, and through it S, J and the order; so all of them are
+searched anew with it. Slow waves are left to `diagnose`: drift and disturbances look like noise, too.
+Source: METHODS.md sections 4 (trap 2) and 5; the paper's C(q) polynomial; Karra and Karim for the walk.
 """
 
 from __future__ import annotations
@@ -10,15 +13,21 @@ from dataclasses import replace
 import numpy as np
 
 from ..fit import Fitted, descended
+from ..loop import Finding
+from ..noise import CEILING_LAGS
 from ..results import Step
-from ..spec import Spec
+from ..spec import FIRST_ORDER, Spec
 from ..whitened import Whitened, whitened
 from .added_steps import STEP_BIC, try_step
-from .run import ADEQUATE, Run
+from .run import ADEQUATE, WALK, Run
 from .structure import LAG
 
 # A noise of its own has no root beyond this: slower, it is a disturbance. Unit: 1.
 NOISE, _SLOWEST_ROOT = "coloured-noise", 0.97
+# A walk whose differences have no slower root than this: weaker ones look like a missing effect in a loop that cycles
+# (roots of 0.6 to 0.8 met with a drifting valve, a nonlinear gain, a ramp; 0.3 with a walk as strong as the noise).
+# It must also lower the one-step error of an autoregression at the white fit by this share. Unit: 1.
+_WALK_ROOT, _WALK_DROP = 0.5, 0.05
 # Its innovations have no kurtosis beyond this (3 if normal), and no stretch of so many is louder by more than this.
 _HEAVY, _UNEVEN, _STRETCHES = 4.5, 2.0, 10
 # Below this share of the scatter of y an error is no noise of a plant.
@@ -26,36 +35,93 @@ _NO_NOISE = 0.002
 
 
 def try_noise(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
-    """An autoregression of the output error as a step of its own, where nothing but noise is left to explain.
-
-    That is where the one-step error with it reaches what a free linear model of y and valve position reaches. Noise
-    taken for white bends the process, and through it S, J and the order; so all of them are searched anew with it.
-    Slow waves (a root near 1) are left to `diagnose`: drift and disturbances look like noise, too.
-    """
+    """An autoregression of the output error, or else a random walk under it, as a step of its own."""
     before = fits[-1]
     spec = before.model.spec
-    if spec.taps or NOISE in spec.effects or before.best.rmse < _NO_NOISE * float(np.std(run.used_y())):
+    known = {NOISE, WALK} & set(spec.effects)
+    if spec.taps or known or before.best.rmse < _NO_NOISE * float(np.std(run.used_y())):
         return
     local = whitened(before.model, before.values)
-    if not local.order or _slowest(local) > _SLOWEST_ROOT or not _even(local, 2.0):
-        return
-    base = tuple(name for name in fits[0].model.spec.effects)
-    found = _noisy(run, replace(spec, effects=(*base, NOISE)), local)
-    some, made = [run.step(found, NOISE)], [found]
-    if LAG not in base:
-        try_step(run, some, made, LAG)
-    last = whitened(made[-1].model, made[-1].values)
-    floor = run.floor(made[-1].best.position_means, made[-1].best.values["dead_time_s"])
-    if floor is None or last.innovation_sd > ADEQUATE * floor or _slowest(last) > _SLOWEST_ROOT or not _even(last):
-        return
+    if local.order and not _try_autoregression(run, steps, fits, local):
+        _try_walk(run, steps, fits, local)
+
+
+def _try_autoregression(run: Run, steps: list[Step], fits: list[Fitted], local: Whitened) -> bool:
+    """Whether an autoregression became a step; `local` is the last fit completed with one."""
+    if _slowest(local) > _SLOWEST_ROOT or not _even(local, 2.0):
+        return False
+    base = fits[0].model.spec.effects
+    some, made = _refitted(run, replace(fits[-1].model.spec, effects=(*base, NOISE)), local, NOISE)
+    last = _explained(run, made[-1])
+    if last is None or _slowest(last) > _SLOWEST_ROOT:
+        return False
     if last.order:
         made[-1] = _noisy(run, made[-1].model.spec, last)
         some[-1] = run.step(made[-1], some[-1].added)
     one_step, now = fits[-1].sse / max(fits[-1].best.rows, 1), made[-1].sse / max(made[-1].best.rows, 1)
     rows, more = made[-1].best.rows, len(made[-1].values) - len(fits[-1].values) + last.order
-    if rows * float(np.log(one_step / now)) - more * float(np.log(rows)) > STEP_BIC:
-        # What was added for white noise gives way to what coloured noise asks for.
-        steps[1:], fits[1:] = some, made
+    if not rows * float(np.log(one_step / now)) - more * float(np.log(rows)) > STEP_BIC:
+        return False
+    _take(steps, fits, some, made, last)
+    return True
+
+
+def _try_walk(run: Run, steps: list[Step], fits: list[Fitted], local: Whitened) -> None:
+    """A random walk as a step, where it is strong enough to be told from a missing effect.
+
+    Model and data are fitted in differences; what white measurement noise does to these is an autoregression whose
+    roots lie nearer to 0 the stronger the walk is. `local` is the rival, an autoregression of the level.
+    """
+    spec = fits[-1].model.spec
+    if spec.increments or spec.process != FIRST_ORDER:
+        return
+    walking = replace(spec, effects=(*fits[0].model.spec.effects, WALK), increments=True, taps=())
+    model = run.model(walking)
+    first = whitened(model, model.vector(fits[-1].best.values))
+    if _slowest(first) > _WALK_ROOT:
+        return
+    some, made = _refitted(run, walking, first, WALK)
+    last = _explained(run, made[-1])
+    if last is None or _slowest(last) > _WALK_ROOT:
+        return
+    if last.innovation_sd < (1.0 - _WALK_DROP) * local.innovation_sd:
+        made[-1] = _noisy(run, made[-1].model.spec, last)
+        some[-1] = run.step(made[-1], some[-1].added)
+        _take(steps, fits, some, made, last)
+
+
+def _refitted(run: Run, spec: Spec, noise: Whitened, name: str) -> tuple[list[Step], list[Fitted]]:
+    """Steps and fits of a spec searched anew with a noise model, a further lag among them where it helps."""
+    found = _noisy(run, spec, noise)
+    some, made = [run.step(found, name)], [found]
+    if LAG not in spec.effects:
+        try_step(run, some, made, LAG)
+    return some, made
+
+
+def _explained(run: Run, fit: Fitted) -> Whitened | None:
+    """The fit completed with its noise, where nothing but noise is left; None elsewhere."""
+    last = whitened(fit.model, fit.values)
+    floor = run.floor(fit.best.position_means, fit.best.values["dead_time_s"])
+    return None if floor is None or last.innovation_sd > ADEQUATE * floor or not _even(last) else last
+
+
+def _take(steps: list[Step], fits: list[Fitted], some: list[Step], made: list[Fitted], noise: Whitened) -> None:
+    """Put the steps with a noise model in place: what was added for white noise gives way to what this noise asks for.
+    """
+    taps, sd = np.asarray(made[-1].model.spec.taps), noise.innovation_sd
+    how = ("white steps that add up (standard deviation "
+           f"{sd / abs(1.0 + float(taps.sum())):.3g} a sample) under measurement noise"
+           if made[-1].model.spec.increments else f"an autoregression of order {taps.size}")
+    floor = some[-1].error.noise_sd
+    said = Finding("noise-model", "info",
+                   f"the noise is not white but {how}: the one-step error with it is {sd:.4g}, the irreducible noise "
+                   f"{floor:.4g} by a free linear model of y and valve position ({CEILING_LAGS} lags of each)",
+                   {"innovation_sd": sd, "noise_sd": floor, "order": int(taps.size),
+                    "kind": "random walk" if made[-1].model.spec.increments else "autoregression"}, (),
+                   "METHODS.md section 4, trap 2")
+    some[-1] = replace(some[-1], findings=(*some[-1].findings, said))
+    steps[1:], fits[1:] = some, made
 
 
 def _noisy(run: Run, spec: Spec, noise: Whitened) -> Fitted:

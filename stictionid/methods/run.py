@@ -24,6 +24,7 @@ from .options import Options
 
 # Free-run error within this factor of the irreducible noise is adequate (CRITICISM.md section 7, step 1).
 ADEQUATE = 1.05
+WALK = "random-walk-disturbance"
 # A lag beyond this share of the period looks like an integrator; that must then lower the error of the differences by
 # this share.
 LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
@@ -122,7 +123,8 @@ class Run:
             return True, (f"the free-run error {error:.4g} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible "
                           f"noise {floor:.4g}: nothing is left to explain")
         one_step = step.error.rmse_one_step
-        if step.model and step.model.get("taps") and one_step is not None and one_step <= ADEQUATE * floor:
+        modelled = step.model.get("taps") or WALK in step.effects
+        if step.model and modelled and one_step is not None and one_step <= ADEQUATE * floor:
             return True, (f"the one-step error {one_step:.4g}, noise model included, is within "
                           f"{100 * (ADEQUATE - 1):.0f} % of the irreducible noise {floor:.4g}: nothing is left to "
                           "explain")
