@@ -25,6 +25,8 @@ from .options import Options
 # Free-run error within this factor of the irreducible noise is adequate (CRITICISM.md section 7, step 1).
 ADEQUATE = 1.05
 WALK = "random-walk-disturbance"
+# Beyond this many times the noise the intervals, which take the model for right, are said to be conditional.
+_CONDITIONAL = 2.0
 # A lag beyond this share of the period looks like an integrator; that must then lower the error of the differences by
 # this share.
 LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
@@ -111,6 +113,14 @@ class Run:
                 "restarts-disagree", "warning",
                 f"only {fit.agree} of {fit.runs} independent searches ended in this optimum: it may be a wrong basin",
                 {"runs": fit.runs, "agree": fit.agree}, (), "METHODS.md section 4, trap 3"))
+        walks = any(x.name == WALK for x in fit.model.effects)
+        if fit.intervals and floor and e.rmse > _CONDITIONAL * floor and not walks:
+            findings.append(Finding(
+                "intervals-conditional", "warning",
+                f"the intervals take the model for right, but its free-run error {e.rmse:.4g} is {e.rmse / floor:.2g} "
+                f"times the irreducible noise {floor:.4g}: S and J may lie outside (stictionid diagnose looks for what "
+                "is missing, stictionid agree FILE --windows 3 shows how far they move along the record)",
+                {"rmse": e.rmse, "noise_sd": floor}, (), "CRITICISM.md section 5"))
         return Step(added, tuple(x.name for x in fit.model.effects), tuple(parameters(fit)), error,
                     Restarts(fit.runs, fit.agree), tuple(findings), fit.model.describe(fit.values))
 
@@ -125,9 +135,11 @@ class Run:
         one_step = step.error.rmse_one_step
         modelled = step.model.get("taps") or WALK in step.effects
         if step.model and modelled and one_step is not None and one_step <= ADEQUATE * floor:
+            left = ("nothing is left to explain" if error <= _CONDITIONAL * floor else
+                    f"what is left, {error / floor:.2g} times that noise in the free run, is carried by the noise "
+                    "model, and may be physics (stictionid diagnose)")
             return True, (f"the one-step error {one_step:.4g}, noise model included, is within "
-                          f"{100 * (ADEQUATE - 1):.0f} % of the irreducible noise {floor:.4g}: nothing is left to "
-                          "explain")
+                          f"{100 * (ADEQUATE - 1):.0f} % of the irreducible noise {floor:.4g}: {left}")
         return False, (f"the free-run error {error:.4g} is {error / floor:.3g} times the irreducible noise "
                        f"{floor:.4g}: something is missing (stictionid diagnose)")
 
