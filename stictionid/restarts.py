@@ -50,11 +50,11 @@ class Restarted(Model):
                                else loop.process_value[np.isfinite(loop.process_value)]))
         m = 1 if command is None else command.size // loop.samples
         self._pieces = tuple(
-            Model(loop.cut(p.start, p.stop), spec, s_max=s_max, period_s=period_s,
+            Model(loop.cut(p.start, p.stop), _of_segment(spec, i), s_max=s_max, period_s=period_s,
                   residual=None if residual is None else residual[p],
                   command=None if command is None else command[p.start * m:p.stop * m],
                   record=Record(float(clock[p.start]), float(clock[-1]) + loop.step_s, centre))
-            for p in loop.segments)
+            for i, p in enumerate(loop.segments))
         parts = [piece.context for piece in self._pieces]
         self.context = Context(np.concatenate([c.command for c in parts]),
                                np.concatenate([c.process_value for c in parts]), loop.setpoint, loop.step_s,
@@ -152,3 +152,13 @@ class Restarted(Model):
         sizes = [p.stop - p.start for p in self.loop.segments]
         return {**super().describe(values),
                 "segments": [[first, size] for first, size in zip(self.loop.picked, sizes, strict=True)]}
+
+
+def _of_segment(spec: Spec, segment: int) -> Spec:
+    """The spec of one segment's model: models that guide it start there as that segment does."""
+    if not segment or not spec.guides:
+        return spec
+    name = BASE[2]
+    guides = tuple({**guide, "values": {**guide["values"], name: guide["values"].get(f"{name}_{segment + 1}", 0.0)}}
+                   for guide in spec.guides)
+    return replace(spec, guides=guides)

@@ -28,6 +28,8 @@ CLOSE_PERIODS = 6
 _CLOSE_POINTS = 1500
 # Records longer than this many periods get a close-up beside the whole record. Unit: periods.
 _CLOSE_FROM = 12
+# Gaps of a record that are marked on its trend; more would be a hatching.
+_MOST_GAPS = 20
 
 
 def pictures(case: Case) -> dict[str, Picture]:
@@ -80,6 +82,8 @@ def trend(study: Study, loop: Loop, last: Curves | None) -> Picture:
     if last is not None and np.isfinite(last.position).any():
         lower.append(_line("inferred position", "bound", t, last.position))
     bands = shading(study, loop, last, per)
+    gaps = tuple(Rule("x", start * loop.step_s / per, "gap" if k == 0 else "")
+                 for k, start in enumerate(loop.starts[1:_MOST_GAPS + 1]))
     failing = [b for b in bands if b.role == "failing"]
     finding = ("" if last is None else " No stretch stands out with a larger error." if not failing else
                f" The model fails on {len(failing)} stretch{'es' if len(failing) > 1 else ''}, the first from "
@@ -89,8 +93,9 @@ def trend(study: Study, loop: Loop, last: Curves | None) -> Picture:
                    f"{_extent(loop.output, loop, 'output', '%')} over {wording.duration(loop.samples * loop.step_s)}."
                    + finding, f"{wording.listed([line.name for line in upper])} above, "
                    f"{wording.listed([line.name for line in lower])} below." + _shaded_words(bands),
-                   (Panel("", _axis("PV", loop, "process_value"), tuple(upper), bands, height=1.2),
-                    Panel(f"time, {unit}", _axis("OP", loop, "output", "%"), tuple(lower), bands)), wide=True)
+                   (Panel("", _axis("PV", loop, "process_value"), tuple(upper), bands, rules=gaps, height=1.2),
+                    Panel(f"time, {unit}", _axis("OP", loop, "output", "%"), tuple(lower), bands, rules=gaps)),
+                   wide=True)
 
 
 def _shaded_words(bands: Sequence[Band]) -> str:
@@ -116,7 +121,9 @@ def _axis(what: str, loop: Loop, role: str, default: str = "") -> str:
 
 def window(study: Study, loop: Loop) -> slice:
     """The last CLOSE_PERIODS periods of the longest used stretch, or its last points where there is no period."""
-    run = measures.longest_run(loop.used & np.isfinite(loop.process_value) & np.isfinite(loop.output))
+    good = loop.used & np.isfinite(loop.process_value) & np.isfinite(loop.output)
+    runs = [(part.start, measures.longest_run(good[part])) for part in loop.segments]
+    run = max((slice(at + r.start, at + r.stop) for at, r in runs), key=lambda r: r.stop - r.start)
     period = study.range.period_median_s
     size = round(CLOSE_PERIODS * period / loop.step_s) + 1 if period else _CLOSE_POINTS
     return slice(max(run.start, run.stop - max(size, 16)), run.stop)
