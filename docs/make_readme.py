@@ -1,7 +1,7 @@
 """Runs the commands of README.md's walk through and puts their real output below them: python docs/make_readme.py.
 
 A console block after `<!-- run -->` holds commands (lines that begin with "$ ") and what they print. All blocks run in
-one empty folder, in order.
+one empty folder, in order. Pictures that the README shows from docs/ are those that the commands made there.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
+_PICTURE = re.compile(r"\]\(docs/([\w-]+\.svg)\)")
 _BLOCK = re.compile(r"(<!-- run -->\n```console\n)(.*?)(```\n)", re.DOTALL)
 
 
@@ -39,16 +40,18 @@ def run(commands: list[str], folder: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def made(text: str) -> Iterator[tuple[str, str]]:
-    """Every block of `text` beside what its commands print today."""
+def made(text: str, pictures: Path) -> Iterator[tuple[str, str]]:
+    """Every block of `text` beside what its commands print today; the pictures it shows are put into a folder."""
     with tempfile.TemporaryDirectory() as folder:
         shutil.copytree(ROOT / "sample_data", Path(folder) / "sample_data")
         for commands, body in blocks(text):
             yield body, run(commands, Path(folder))
+        for name in _PICTURE.findall(text):
+            shutil.copy(Path(folder) / name, pictures / name)
 
 
 if __name__ == "__main__":
     content = README.read_text(encoding="utf-8")
-    for old, new in made(content):
+    for old, new in made(content, ROOT / "docs"):
         content = content.replace(f"```console\n{old}```", f"```console\n{new}```")
     README.write_text(content, encoding="utf-8")

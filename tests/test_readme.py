@@ -35,9 +35,9 @@ def test_ci_runs_the_readmes_commands() -> None:
     assert "README.md" in script and "```sh" in script
 
 
-def test_the_walk_through_prints_what_the_readme_shows() -> None:
+def test_the_walk_through_prints_what_the_readme_shows(tmp_path: Path) -> None:
     compared = 0
-    for shown, today in module().made(TEXT):
+    for shown, today in module().made(TEXT, tmp_path):
         for a, b in zip(shown.splitlines(), today.splitlines(), strict=True):
             words_a, words_b = _NUMBER.sub("#", a).split(), _NUMBER.sub("#", b).split()
             assert words_a == words_b, f"README shows {a!r}, today it is {b!r}"
@@ -46,3 +46,9 @@ def test_the_walk_through_prints_what_the_readme_shows() -> None:
                 assert float(x) == pytest.approx(float(y), rel=0.03, abs=0.02), (a, b)
             compared += 1
     assert compared > 30
+    shown = {path.name: path for path in (ROOT / "docs").glob("*.svg")}
+    assert shown.keys() == {path.name for path in tmp_path.iterdir()} and len(shown) == 3
+    for path in tmp_path.iterdir():
+        words = [re.findall(r">([^<]*[A-Za-z][^<]*)</text>", p.read_text(encoding="utf-8"))
+                 for p in (path, shown[path.name])]
+        assert words[0] and words[0] == words[1], f"docs/{path.name} shows other words than today's"
