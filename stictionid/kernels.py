@@ -14,9 +14,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-# Fixed-width lanes: candidates are evaluated in blocks of this many, so that one row of every state fits in L1
-# and a block of positions (n x 32 x 8 bytes) in L2 for records of about a thousand samples.
-LANES = 32
+# Candidates are evaluated in blocks of at most this many: enough to hide that each valve waits for its own last step,
+# and one row of every state still fits in L1.
+LANES = 64
 # Candidates are filled up to a multiple of this, so that no loop over them ends in single steps.
 FULL = 8
 # Larger arrays than this are not kept. Unit: numbers; four blocks of a search.

@@ -43,7 +43,7 @@ class Dynamics:
 
 
 @kernel
-def _run(position, substeps, table, whole, fine, plain, response):
+def _run(position, substeps, table, whole, fine, response):
     """Fill response (samples + longest whole delay, P); rows before a lane's delay stay as they are (zero)."""
     lanes = response.shape[1]
     samples = position.shape[0] // substeps
@@ -65,33 +65,23 @@ def _run(position, substeps, table, whole, fine, plain, response):
             for s in range(substeps):
                 row = position[k * substeps + s, first:last]
                 part = float(s)
-                if plain:
-                    for p in range(width):
-                        now = row[p] - work[_START * LANES + p]
-                        x = work[_A1 * LANES + p] * work[_X * LANES + p] + (
-                            work[_C1 * LANES + p] * work[_BEFORE * LANES + p] + work[_B1 * LANES + p] * now)
-                        work[_X * LANES + p] = x
-                        work[_BEFORE * LANES + p] = now
-                        kept = work[_OUT * LANES + p]
-                        work[_OUT * LANES + p] = x if work[_PICK * LANES + p] == part else kept
-                else:
-                    for p in range(width):
-                        now = row[p] - work[_START * LANES + p]
-                        before = work[_BEFORE * LANES + p]
-                        x = work[_X * LANES + p]
-                        z = (work[_A2 * LANES + p] * work[_Z * LANES + p] + work[_B2X * LANES + p] * x) + (
-                            work[_C2 * LANES + p] * before + work[_B2 * LANES + p] * now)
-                        x = work[_A1 * LANES + p] * x + (work[_C1 * LANES + p] * before + work[_B1 * LANES + p] * now)
-                        total = work[_TOTAL * LANES + p] + (
-                            work[_PART * LANES + p] * before + work[_HELD * LANES + p] * now)
-                        work[_X * LANES + p] = x
-                        work[_Z * LANES + p] = z
-                        work[_TOTAL * LANES + p] = total
-                        work[_BEFORE * LANES + p] = now
-                        y = work[_GZ * LANES + p] * z + (
-                            work[_GX * LANES + p] * x + work[_GI * LANES + p] * total)
-                        kept = work[_OUT * LANES + p]
-                        work[_OUT * LANES + p] = y if work[_PICK * LANES + p] == part else kept
+                for p in range(width):
+                    now = row[p] - work[_START * LANES + p]
+                    before = work[_BEFORE * LANES + p]
+                    x = work[_X * LANES + p]
+                    z = (work[_A2 * LANES + p] * work[_Z * LANES + p] + work[_B2X * LANES + p] * x) + (
+                        work[_C2 * LANES + p] * before + work[_B2 * LANES + p] * now)
+                    x = work[_A1 * LANES + p] * x + (work[_C1 * LANES + p] * before + work[_B1 * LANES + p] * now)
+                    total = work[_TOTAL * LANES + p] + (
+                        work[_PART * LANES + p] * before + work[_HELD * LANES + p] * now)
+                    work[_X * LANES + p] = x
+                    work[_Z * LANES + p] = z
+                    work[_TOTAL * LANES + p] = total
+                    work[_BEFORE * LANES + p] = now
+                    y = work[_GZ * LANES + p] * z + (
+                        work[_GX * LANES + p] * x + work[_GI * LANES + p] * total)
+                    kept = work[_OUT * LANES + p]
+                    work[_OUT * LANES + p] = y if work[_PICK * LANES + p] == part else kept
             shift = k * lanes
             for p in range(width):
                 # Every lane writes into its own later row, so that dead times differ without a gather.
@@ -126,6 +116,73 @@ def _run_plain(position, table, whole, response):
             shift = k * lanes
             for p in range(width):
                 flat[np.uint64(at[p] + shift)] = work[4 * LANES + p]
+
+
+@kernel
+def _run_parts(position, substeps, table, whole, fine, response):
+    """`_run` for one lag and parts of samples: each sample is a decay of the last one and a weighted sum of its parts.
+
+    With h_0 = b, h_i = a^(i-1) (a b + c) for a part that ended i parts before the sample, the response at a sample is
+    a^m times the one before plus the h_i of the m parts since then, and a^(m-1) c of the part before these.
+    """
+    lanes = response.shape[1]
+    samples = position.shape[0] // substeps
+    even = (substeps + 1) // 2 * 2
+    # For every part its weight now and at the next sample; then decay, weights' sum times start, x, now, next.
+    weights = np.empty((even, 2, LANES))
+    work = np.empty(5 * LANES)
+    at = np.empty(LANES, np.int64)
+    flat = response.reshape(response.size)
+    for first in range(0, lanes, LANES):
+        width = min(LANES, lanes - first)
+        last = first + width
+        for p in range(width):
+            q = first + p
+            a, b, c = table[_A1, q], table[_B1, q], table[_C1, q]
+            pick = substeps - 1 - fine[q]
+            total = 0.0
+            for s in range(even):
+                age = pick - s
+                now = 0.0 if age < 0 or s >= substeps else b if age == 0 else a ** (age - 1) * (a * b + c)
+                age = substeps + pick - s
+                late = 0.0 if s < pick or s >= substeps else (
+                    a ** (substeps - 1) * c if s == pick else a ** (age - 1) * (a * b + c))
+                weights[s, 0, p] = now
+                weights[s, 1, p] = late
+                total += now + late
+            work[p] = a ** substeps
+            work[LANES + p] = total * position[0, q]
+            work[2 * LANES + p] = 0.0
+            work[3 * LANES + p] = 0.0
+            # Before the record the position was the first one, so that nothing is left over from there.
+            start = 0.0
+            for s in range(substeps):
+                start += weights[s, 1, p] * position[0, q]
+            work[4 * LANES + p] = start
+            at[p] = (1 + whole[q]) * lanes + q
+        now_0, next_0, now_1, next_1 = weights[0, 0], weights[0, 1], weights[1, 0], weights[1, 1]
+        for k in range(samples - 1):
+            row = position[k * substeps, first:last]
+            after = position[k * substeps + 1, first:last]
+            for p in range(width):
+                u0, u1 = row[p], after[p]
+                left = work[4 * LANES + p] - work[LANES + p]
+                work[3 * LANES + p] = left + (now_0[p] * u0 + now_1[p] * u1)
+                work[4 * LANES + p] = next_0[p] * u0 + next_1[p] * u1
+            for s in range(2, substeps, 2):
+                row = position[k * substeps + s, first:last]
+                after = position[k * substeps + min(s + 1, substeps - 1), first:last]
+                now_2, next_2, now_3, next_3 = weights[s, 0], weights[s, 1], weights[s + 1, 0], weights[s + 1, 1]
+                for p in range(width):
+                    u0, u1 = row[p], after[p]
+                    work[3 * LANES + p] += now_2[p] * u0 + now_3[p] * u1
+                    work[4 * LANES + p] += next_2[p] * u0 + next_3[p] * u1
+            shift = k * lanes
+            for p in range(width):
+                x = work[p] * work[2 * LANES + p] + work[3 * LANES + p]
+                work[2 * LANES + p] = x
+            for p in range(width):
+                flat[np.uint64(at[p] + shift)] = work[2 * LANES + p]
 
 
 @kernel
@@ -183,11 +240,13 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
     late = int(whole.max(initial=0))
     response = output("response", samples + max(late, room), lanes, lent)
     response[:late + 1] = 0.0
-    plain = not dynamics.integrating and not lagged
-    if plain and substeps == 1:
-        _run_plain(np.ascontiguousarray(position), table, whole, response)
+    position = np.ascontiguousarray(position)
+    if dynamics.integrating or lagged:
+        _run(position, substeps, table, whole, fine, response)
+    elif substeps == 1:
+        _run_plain(position, table, whole, response)
     else:
-        _run(np.ascontiguousarray(position), substeps, table, whole, fine, plain, response)
+        _run_parts(position, substeps, table, whole, fine, response)
     return response[:samples + room]
 
 

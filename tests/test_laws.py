@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from stictionid.errors import ModelError, UsageError
 from stictionid.laws import catalogue, get
-from stictionid.laws.contract import RESTICK, neutral_friction
+from stictionid.laws.contract import LOWER, RESTICK, neutral_friction
 
 rng = np.random.default_rng(5)
 T = np.arange(600)
@@ -43,6 +43,17 @@ def test_kernels_are_their_twins(law: str, signal: str) -> None:
         if law == "choudhury" and s == j == 0.0:
             continue  # its turns hold one sample whatever S is: checked by the others
         np.testing.assert_allclose(ours[:, p], TWINS[law](command, s, j), atol=1e-12, err_msg=f"S={s} J={j}")
+
+
+@pytest.mark.parametrize("signal", sorted(SIGNALS))
+def test_chens_plain_law_is_the_full_one_without_what_no_effect_asked_for(signal: str) -> None:
+    rng = np.random.default_rng(0)
+    S = rng.uniform(0.5, 8.0, 21)
+    table, share = neutral_friction(S, S * rng.uniform(0.0, 1.5, 21)), rng.uniform(-1.0, 1.0, 21)
+    full = table.copy()
+    full[LOWER, 3] = -1e9  # a stop that is never reached: this block takes the other path
+    np.testing.assert_array_equal(get("chen").positions(SIGNALS[signal], table, share=share),
+                                  get("chen").positions(SIGNALS[signal], full, share=share))
 
 
 @pytest.mark.parametrize("K", [1.0, 1.4, 1.9])

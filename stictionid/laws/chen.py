@@ -60,6 +60,11 @@ def _run(command, friction, profile, state, position):
             work[10 * LANES + p] = state[_POSITION, q]
             work[11 * LANES + p] = friction[RESTICK, q] if state[_MOVING, q] > 0.5 else np.inf
         last = first + width
+        # The plain law is the other one without drift, re-sticking, overshoot and stops: what most searches ask for.
+        plain = True
+        for p in range(padded):
+            plain &= work[4 * LANES + p] == 0.0 and work[5 * LANES + p] == 0.0 and work[6 * LANES + p] == 0.0
+            plain &= work[7 * LANES + p] == 0.0 and work[8 * LANES + p] == -np.inf and work[9 * LANES + p] == np.inf
         u_last = state[_COMMAND, first]
         du_last = state[_CHANGE, first]
         for k in range(samples):
@@ -69,7 +74,20 @@ def _run(command, friction, profile, state, position):
             speed = abs(du) if du * du_last > 0.0 else -1.0
             rising = du > 0.0
             drift = profile[k]
-            for p in range(padded):
+            for p in range(padded if plain else 0):
+                v = work[10 * LANES + p]
+                to_up, to_down = u - work[2 * LANES + p], u + work[3 * LANES + p]
+                e = u - v
+                rises, falls = e > work[p], -e > work[LANES + p]
+                new = to_up if rises else v
+                new = to_down if falls else new
+                ahead_up = to_up if to_up > v else v
+                ahead_down = to_down if to_down < v else v
+                ahead = ahead_up if rising else ahead_down
+                slides = speed >= work[11 * LANES + p]
+                work[10 * LANES + p] = ahead if slides else new
+                work[11 * LANES + p] = 0.0 if rises | falls | slides else np.inf
+            for p in range(0 if plain else padded):
                 v = work[10 * LANES + p]
                 restick = work[6 * LANES + p]
                 spare = work[7 * LANES + p]
