@@ -58,8 +58,8 @@ class Bench:
         self.study_bytes = self.study.read_bytes()
 
     def must(self, *arguments: object) -> None:
-        """A command that has to work before anything can be broken."""
-        done = self.run(*arguments)
+        """A command that has to work before anything can be broken; the first one may be compiling."""
+        done = self.run(*arguments, limit_s=5 * LIMIT_S)
         if done.code:
             raise RuntimeError(f"{done.arguments}: exit {done.code}: {done.err}")
 
@@ -73,14 +73,14 @@ class Bench:
 
     def run(self, *arguments: object, stdin: Any = subprocess.DEVNULL, stdout: Any = subprocess.PIPE,
             env: dict[str, str | None] | None = None, before: Callable[[], None] | None = None,
-            cwd: Path | None = None) -> Done:
+            cwd: Path | None = None, limit_s: float = LIMIT_S) -> Done:
         """One command in a process of its own; a hang is exit code 999. `before` runs in the child."""
         words = [sys.executable, "-m", "stictionid", *map(str, arguments)]
         try:
             done = subprocess.run(words, stdin=stdin, stdout=stdout, stderr=subprocess.PIPE, env=surroundings(env),
-                                  preexec_fn=before, cwd=cwd or self.folder, timeout=LIMIT_S)
+                                  preexec_fn=before, cwd=cwd or self.folder, timeout=limit_s)
         except subprocess.TimeoutExpired:
-            return Done(words[3:], 999, b"", f"no end within {LIMIT_S:g} s")
+            return Done(words[3:], 999, b"", f"no end within {limit_s:g} s")
         return Done(words[3:], done.returncode, done.stdout or b"", done.stderr.decode("utf-8", "replace"))
 
     def start(self, *arguments: object, cwd: Path | None = None) -> subprocess.Popen[bytes]:
