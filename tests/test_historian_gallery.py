@@ -201,6 +201,11 @@ def test_twelve_shapes_and_locales_give_the_same_bits(tmp_path):
     assert len(TWELVE) >= 12 and len(seen) == 1
 
 
+def test_the_gallery_holds_sixty_files():
+    """Refusals have a gallery of their own."""
+    assert len({content if isinstance(content, bytes) else content.encode() for content, _ in SAME.values()}) >= 60
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_finds_the_roles_by_the_vendors_names(tmp_path, name):
     _same(_read(tmp_path, wide(R, names=NAMES[name])))

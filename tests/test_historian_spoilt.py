@@ -150,3 +150,17 @@ def test_one_tag_exported_twice(tmp_path, role):
     cells = (lambda i: f"{R.sp[i]},{twice[i]},{R.op[i]}") if role == "output" else (
         lambda i: f"{twice[i]},{R.op[i]},{R.pv[i]}")
     assert _find(_read(tmp_path, _file(cells), span_op=(0.0, 100.0)), "identical-signals").evidence["role"] == role
+
+
+@pytest.mark.parametrize("cells", [{50: "##########", 51: "2024-05-31 25:61:00"}, {70: ""}])
+def test_stamps_that_cannot_be_read_are_counted_and_the_first_is_shown(tmp_path, cells):
+    lines = wide(R).splitlines()
+    for row, cell in cells.items():
+        lines[row] = ",".join([cell, *lines[row].split(",")[1:]])
+    reading = _read(tmp_path, "\n".join(lines) + "\n")
+    found, first = _find(reading, "unreadable-stamps"), min(cells)
+    assert found is not None and found.evidence["rows"] == len(cells) == reading.rows["no time"]
+    assert f"line {first + 1}" in found.statement and "--time-format" in found.statement
+    assert cells[first] in found.statement and found.evidence["cell"] == cells[first]
+    assert reading.rows["in"] == sum(n for reason, n in reading.rows.items() if reason != "in")
+    assert _find(_read(tmp_path, wide(R)), "unreadable-stamps") is None

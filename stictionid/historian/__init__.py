@@ -49,6 +49,7 @@ state-as-text       info             system states where numbers belong
 swapped-roles       serious          PV and SP, or PV and OP, look as if they stood in each other's columns
 tag-offset          warning          tags are stamped apart: a dead time read from them is off by as much
 uncertain-quality   info             values marked uncertain were kept
+unreadable-stamps   warning          rows whose time stamp can't be read; left out
 =================== ================ ==========================================================================
 
 `evidence["caps_verdict"]` is true where a finding forbids a sure verdict; so does severity "serious".

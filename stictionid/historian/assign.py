@@ -62,7 +62,7 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
     for i in _flags_like_mode(tags, names):
         del tags[i]
     group = _choose_loop(tags, found, names, options, file)
-    _complete(found, tags, group, options.roles)
+    _complete(found, tags, group, options.roles, file)
     for role, flag in (("process_value", "--pv"), ("output", "--op")):
         if role not in found.index:
             words = {"process_value": "process value (PV)", "output": "controller output (OP)"}[role]
@@ -144,7 +144,7 @@ def _choose_loop(
     return ""
 
 
-def _complete(found: Assignment, tags: dict[int, Tag], group: str, known: dict[str, str]) -> None:
+def _complete(found: Assignment, tags: dict[int, Tag], group: str, known: dict[str, str], file: str) -> None:
     """Take the roles not yet said from the chosen loop, else from what has no loop or is the only one of its kind."""
     digits = "".join(c for c in group if c.isdigit())
     for role in _OPTIONS:
@@ -160,9 +160,11 @@ def _complete(found: Assignment, tags: dict[int, Tag], group: str, known: dict[s
             continue
         choice = sorted(choice, key=lambda c: (c[1].rank, c[0]))
         if len(choice) > 1 and choice[0][1].rank == choice[1][1].rank and role in ("process_value", "output"):
+            (i, one), (j, other) = choice[:2]
             raise DataError(
-                f"{role.replace('_', ' ')} may be {shown(choice[0][1].name)} or {shown(choice[1][1].name)}",
-                f"choose with {_FLAG[role]}",
+                f"{file}: {role.replace('_', ' ')} may be column {i + 1}, {shown(one.name)}, or column {j + 1}, "
+                f"{shown(other.name)}",
+                f"choose with {_FLAG[role]} {i + 1} or {_FLAG[role]} {j + 1}",
             )
         column, tag = choice[0]
         found.index[role] = column

@@ -174,7 +174,8 @@ def _reading(
     guesses: tuple[str, ...],
 ) -> Reading:
     counts = book.counts()
-    findings = (*made.findings, *bad_findings(counts), *_row_findings(table, counts))
+    findings = (*made.findings, *bad_findings(counts), *_row_findings(table, counts),
+                *_unreadable_stamps(table, shaped, book, counts))
     if source.path is not None:
         file: str | None = str(source.path)
     else:
@@ -220,6 +221,29 @@ def _reading(
         findings=findings,
         descriptions={k: v for k, v in shaped.described.items() if v},
     )
+
+
+def _unreadable_stamps(table: Table, shaped: Shaped, book: RowBook, counts: dict[str, int]) -> list[Finding]:
+    """Rows left out because their time can't be read: how many, and the first of them as it stands."""
+    row = book.first("no time")
+    if row is None:
+        return []
+    name = shaped.columns.get("time", "").split("+")[0]
+    column = table.names.index(name) if name in table.names else None
+    cell = "" if column is None or table.columns[column][row].as_py() is None else table.cell(row, column)
+    count, share = counts["no time"], counts["no time"] / counts["in"]
+    at = f"row {row + 1:,}" if column is None else table.where(row, column)
+    what = f"holds {shown(cell)}" if cell.strip() else "is empty or says that there is none"
+    return [
+        Finding(
+            "unreadable-stamps",
+            "warning",
+            f"{count:,} row{'s have' if count > 1 else ' has'} no time stamp that can be read "
+            f"({100 * share:.2g} %) and {'are' if count > 1 else 'is'} left out; the first, {at}, {what} "
+            "(--time-format says how stamps are written)",
+            {"rows": count, "share": share, "row": row + 1, "cell": cell},
+        )
+    ]
 
 
 def _row_findings(table: Table, counts: dict[str, int]) -> list[Finding]:

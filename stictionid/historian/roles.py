@@ -151,10 +151,19 @@ def _by_instrument(name: str, bare: str) -> Tag:
     return Tag(name, None, "", 99, "")
 
 
+_ONE_SIGNAL = ("--sp", "--pv", "--op", "--position", "--mode", "--extra")
+"""Options whose column is one signal: two columns of its name are two signals."""
+
+
 def pick(names: tuple[str, ...], wanted: str, option: str, file: str) -> int:
     """The index of the column an option names: exactly, without case and separators, or by its 1-based number."""
-    if wanted in names:
-        return names.index(wanted)
+    same = [i for i, n in enumerate(names) if n == wanted]
+    if len(same) > 1 and option in _ONE_SIGNAL:
+        numbers = " and ".join(str(i + 1) for i in same[:3]) + ("" if len(same) < 4 else " and more")
+        raise DataError(f"{file} has {len(same)} columns named {shown(wanted)}, number {numbers}",
+                        f"choose by number: {option} {same[0] + 1} or {option} {same[1] + 1}")
+    if same:
+        return same[0]
     alike = [i for i, n in enumerate(names) if tidy(n) == tidy(wanted) or n.strip().lower() == wanted.strip().lower()]
     if len(alike) == 1:
         return alike[0]

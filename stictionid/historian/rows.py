@@ -61,6 +61,11 @@ class RowBook:
         free = self._reason[rows] == 0
         self._reason[rows[free]] = codes[free]
 
+    def first(self, reason: str) -> int | None:
+        """The first row (index) that has this reason; None where no row has it."""
+        rows = np.flatnonzero(self._reason == CODE[reason])
+        return int(rows[0]) if rows.size else None
+
     def counts(self) -> dict[str, int]:
         """Rows in, rows used, and rows by reason; they add up."""
         found = np.bincount(self._reason, minlength=len(REASONS))
