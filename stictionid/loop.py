@@ -196,7 +196,7 @@ class Loop:
         starts = tuple(int(size) + first - p.start for size, p in zip(sizes, pieces, strict=False)
                        for first in firsts if p.start <= first < p.stop)
         begins: tuple[float, ...] = ()
-        if self.begins_s and len(starts) > 1:
+        if len(starts) > 1 and (self.begins_s or len(pieces) > 1):
             clock = self.clock_s
             begins = tuple(float(clock[first] - clock[firsts[0]]) for first in firsts)
         return replace(self, output=part(self.output), process_value=part(self.process_value),

@@ -14,7 +14,9 @@ from stictionid.identify import identify
 from stictionid.loop import Loop
 from stictionid.model import Model
 from stictionid.regression import Shared
+from stictionid.rerun import rerun
 from stictionid.restarts import Restarted, bound
+from stictionid.segments import chosen
 from stictionid.simulate import preset, simulate
 from stictionid.spec import INTEGRATOR, Spec
 
@@ -129,3 +131,26 @@ def test_segments_together_tell_more_than_the_longest_alone(name: str) -> None:
     together, longest = (np.array(errors[which]) for which in ("together", "longest"))
     assert (together.mean(axis=0) < longest.mean(axis=0)).all()
     assert together[:, 0].max() < 0.005
+
+
+def test_a_long_stretch_in_manual_ends_a_segment_and_a_short_one_does_not() -> None:
+    before, after = scanned(S=5.0, J=3.0, seed=1, noise=0.2, duration_s=700.0), scanned(
+        S=5.0, J=3.0, seed=2, noise=0.2, duration_s=700.0)
+    manual, level = 300, 6.0  # a disturbance came while the controller was in manual
+    loop = Loop(output=np.concatenate([before.output, np.full(manual, 47.0), after.output]),
+                process_value=np.concatenate([before.process_value, np.linspace(50.0, 56.0, manual),
+                                              after.process_value + level]),
+                setpoint=np.concatenate([before.setpoint, np.full(manual, 56.0), after.setpoint + level]),
+                used=np.repeat([True, False, True], [before.samples, manual, after.samples]))
+    piece, notes = chosen(loop)
+    assert piece.starts == (0, 700) and piece.begins_s == (0.0, 1000.0) and piece.used.all()
+    assert notes[0].code == "segments-restarted" and notes[0].evidence["rows"] == [[0, 700], [1000, 700]]
+    study = identify(loop)
+    assert abs(study.estimate.S / 5.0 - 1.0) < 0.005 and study.steps[-1].error.rmse < 0.22
+    curves = rerun(loop, study.steps[-1].model)
+    assert np.isnan(curves.model[700:1000]).all() and np.isfinite(curves.model[[690, 1090]]).all()
+    assert np.sqrt(np.nanmean(curves.residual**2)) == pytest.approx(study.steps[-1].error.rmse, rel=1e-6)
+    short = replace(loop, used=np.arange(loop.samples) // 30 != 25)
+    assert chosen(short) == (short, ())
+    ended = replace(loop, used=np.arange(loop.samples) >= 700)
+    assert chosen(ended) == (ended, ())
