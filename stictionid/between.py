@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from .errors import UsageError
-from .kernels import kernel, output
+from .kernels import LANES, kernel, output
 from .laws.contract import FS_DOWN, FS_DRIFT, FS_UP
 from .loop import FloatArray
 
@@ -66,31 +66,40 @@ def rebuild(command: FloatArray, substeps: int, mode: str) -> FloatArray:
 @kernel
 def _means(command, fs_up, fs_down, drift, profile, position, out):
     rows, lanes = position.shape
-    for p in range(lanes):
-        out[0, p] = position[0, p]
-    for j in range(1, rows):
-        du = command[j] - command[j - 1]
-        part = 1.0 / abs(du) if du != 0.0 else 1.0
-        before_u = command[j - 1]
-        w = profile[j]
-        now_row = position[j]
-        before_row = position[j - 1]
-        sink = out[j]
-        for p in range(lanes):
-            before = before_row[p]
-            now = now_row[p]
-            moved = now - before
-            e = before_u - before
-            up_left = fs_up[p] - e
-            down_left = fs_down[p] + e
-            left = (up_left if moved > 0.0 else down_left) + drift[p] * w
-            share = left * part
-            share = 0.0 if share < 0.0 else share
-            share = 1.0 if share > 1.0 else share
-            share = 0.0 if abs(moved - du) < 1e-9 else share
-            share = 1.0 if moved == 0.0 else share
-            rest = 1.0 - share
-            sink[p] = share * before + rest * (now - 0.5 * rest * du)
+    # Rows: f_s up and down, its drift, and the position before.
+    work = np.empty(4 * LANES)
+    for first in range(0, lanes, LANES):
+        width = min(LANES, lanes - first)
+        last = first + width
+        for p in range(width):
+            work[p] = fs_up[first + p]
+            work[LANES + p] = fs_down[first + p]
+            work[2 * LANES + p] = drift[first + p]
+            work[3 * LANES + p] = position[0, first + p]
+            out[0, first + p] = position[0, first + p]
+        for j in range(1, rows):
+            du = command[j] - command[j - 1]
+            part = 1.0 / abs(du) if du != 0.0 else 1.0
+            before_u = command[j - 1]
+            w = profile[j]
+            now_row = position[j, first:last]
+            sink = out[j, first:last]
+            for p in range(width):
+                before = work[3 * LANES + p]
+                now = now_row[p]
+                moved = now - before
+                e = before_u - before
+                up_left = work[p] - e
+                down_left = work[LANES + p] + e
+                left = (up_left if moved > 0.0 else down_left) + work[2 * LANES + p] * w
+                share = left * part
+                share = 0.0 if share < 0.0 else share
+                share = 1.0 if share > 1.0 else share
+                share = 0.0 if abs(moved - du) < 1e-9 else share
+                share = 1.0 if moved == 0.0 else share
+                rest = 1.0 - share
+                sink[p] = share * before + rest * (now - 0.5 * rest * du)
+                work[3 * LANES + p] = now
 
 
 def interval_means(command: FloatArray, table: FloatArray, profile: FloatArray, position: FloatArray, *,
