@@ -219,7 +219,8 @@ class Model:
     def values(self, cube: FloatArray) -> FloatArray:
         """Physical values (d, P) of points (P, d) in the unit cube; J in %, within the law's validity."""
         low, span, log = self._scales
-        values = low[:, None] + span[:, None] * np.atleast_2d(cube).T
+        # Row by row in memory: every kernel takes whole rows.
+        values = low[:, None] + span[:, None] * np.ascontiguousarray(np.atleast_2d(cube).T)
         values[log] = np.exp(values[log])
         values[1] = values[0] if self.law.one_parameter else values[1] * values[0]
         return values

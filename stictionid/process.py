@@ -187,8 +187,10 @@ def _run_parts(position, substeps, table, whole, fine, response):
 
 @kernel
 def _coefficients(T1, L, T2, part, substeps, ahead, integrating, table, whole, fine):
-    """Fill the coefficient table and the dead times in whole samples and parts; true when any second lag acts."""
+    """Fill the coefficient table and the dead times in whole samples and parts; true when any second lag acts, and the
+    longest dead time in whole samples."""
     any_lagged = False
+    late = 0
     for p in range(T1.size):
         t1 = max(T1[p], 1e-9 * part)
         t2 = T2[p]
@@ -218,7 +220,8 @@ def _coefficients(T1, L, T2, part, substeps, ahead, integrating, table, whole, f
         table[_GI, p] = 1.0 if integrating else 0.0
         whole[p] = int(steps) // substeps
         fine[p] = int(steps) - whole[p] * substeps
-    return any_lagged
+        late = max(late, whole[p])
+    return any_lagged, late
 
 
 def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substeps: int = 1,
@@ -235,9 +238,9 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
     whole, fine = np.empty(lanes, np.int64), np.empty(lanes, np.int64)
     T1, L, T2 = (x if x.shape == (lanes,) and x.flags.c_contiguous else np.ascontiguousarray(np.broadcast_to(x, lanes))
                  for x in (dynamics.time_constant_s, dynamics.dead_time_s, dynamics.second_time_constant_s))
-    lagged = _coefficients(T1, L, T2, step_s / substeps, substeps, ahead, dynamics.integrating, table, whole, fine)
+    lagged, late = _coefficients(T1, L, T2, step_s / substeps, substeps, ahead, dynamics.integrating, table, whole,
+                                 fine)
     samples = position.shape[0] // substeps
-    late = int(whole.max(initial=0))
     response = output("response", samples + max(late, room), lanes, lent)
     response[:late + 1] = 0.0
     position = np.ascontiguousarray(position)

@@ -130,7 +130,7 @@ def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArr
     """Valve at rest with residual force e(0) = share * f_s, within its stops."""
     fs = np.where(share > 0, friction[FS_UP], friction[FS_DOWN])
     state = np.zeros((4, friction.shape[1]))
-    state[_POSITION] = np.clip(command0 - share * fs, friction[LOWER], friction[UPPER])
+    state[_POSITION] = np.minimum(np.maximum(command0 - share * fs, friction[LOWER]), friction[UPPER])
     state[_COMMAND] = command0
     return state
 
