@@ -199,7 +199,7 @@ def table_of_physical(rows: list[Row], say, noise: float) -> list[str]:
     missed = []
     at = [r for r in rows if r.case.noise == noise and not laws()[r.case.truth].searchable]
     if at:
-        say(f"\nphysical valves at {noise:g} % noise: error of auto in %, S / J; its 90 % interval of S; what laws alike say")
+        say(f"\nphysical valves at {noise:g} % noise: error of auto in % (S, J), its interval of S, S of laws alike")
         say(f"{'truth':8s} {'plant':11s} | {'true':>5s} | auto           | steps                 | interval       | "
             "settled | laws alike (first kept), their S")
     for r in at:
