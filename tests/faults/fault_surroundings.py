@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -21,33 +22,37 @@ SURROUNDINGS: dict[str, dict[str, str | None]] = {
 }
 
 
-def products(bench: Bench, place: Path, env: dict[str, str | None]) -> tuple[dict[str, bytes], list[str]]:
+def products(bench: Bench, place: Path, env: dict[str, str | None],
+             jobs: int = 1) -> tuple[dict[str, bytes], list[str]]:
     """What the commands write and print in one surrounding: bytes by name, and what went wrong."""
     found = []
+    site = place.with_name(f"{place.name}-site")
+    shutil.rmtree(site, ignore_errors=True)
     commands = [("simulate", "--S", 4, "--J", 2, "--duration", 120, "--noise", 0.02, "--seed", 5, "-o", "x.csv"),
                 ("identify", bench.csv, "-q", "--json", "-o", "s.json"), ("report", bench.study, "-q", "-o", "r.html"),
                 ("report", bench.study, "-q", "-o", "r.md"), ("report", bench.study, "-q", "-o", "r.json"),
-                ("range", bench.csv, "-q", "--json"), ("laws", "chen", "--json")]
+                ("range", bench.csv, "-q", "--json"), ("laws", "chen", "--json"),
+                ("batch", bench.csv, "x.csv", "--level", "screen", "-q", "--jobs", jobs, "-o", site)]
     made: dict[str, bytes] = {}
     for k, arguments in enumerate(commands):
         done = bench.run(*arguments, env=env, cwd=place)
         found += judge(done, 0)
         made[f"stdout of {' '.join(map(str, arguments[:1]))} {k}"] = done.out
-    for file in sorted(place.iterdir()):
+    for file in sorted([*place.iterdir(), *site.glob("summary.*"), *site.glob("studies/*.json")]):
         made[file.name] = file.read_bytes()
     return made, found
 
 
 def same_bytes(bench: Bench, names: list[str] | None = None) -> Result:
-    """Same input, seed and version: same bytes in any locale, zone, hash seed and number of threads."""
+    """Same input, seed and version: same bytes in any locale, zone, hash seed, number of threads and of processes."""
     want, found = products(bench, bench.place("same"), {})
     chosen = {n: SURROUNDINGS[n] for n in names} if names else SURROUNDINGS
     for name, env in chosen.items():
-        made, wrong = products(bench, bench.place("same"), env)
+        made, wrong = products(bench, bench.place("same"), env, jobs=2)
         found += [f"{name}: {w}" for w in wrong]
         found += [f"{name}: {key} differs" for key in want if made.get(key) != want[key]]
         found += [f"{name}: {key} is extra" for key in set(made) - set(want)]
-    return (1 + len(chosen)) * 7, found, ""
+    return (1 + len(chosen)) * 8, found, ""
 
 
 def homeless(bench: Bench) -> Result:
