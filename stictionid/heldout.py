@@ -17,6 +17,7 @@ from .folds import best_of_fold
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .refit import Refit
+from .spec import Evaluated
 
 # Difference behind the slopes, as a share of the range.
 _DIFFERENCE = 1e-3
@@ -46,21 +47,25 @@ class Held:
 
 def held_out(done: Refit) -> Held | None:
     """Held-out errors of a refit; None where the record is too short for the folds."""
-    model = done.white_model()
-    folds = _folds(model, done)
+    return held_out_of(done.white_model(), done.values, done.evaluated)
+
+
+def held_out_of(model: Model, optimum: FloatArray, evaluated: Evaluated) -> Held | None:
+    """Held-out errors of a prewhitened model at its optimum (d,), run in full as `evaluated`; None as `held_out`."""
+    folds = _folds(model, optimum)
     if folds is None:
         return None
-    values = model.values(_polished(model, model.cube(done.values[:, None])[0], [train for _, train, _ in folds]))
+    values = model.values(_polished(model, model.cube(optimum[:, None])[0], [train for _, train, _ in folds]))
     level = model.own_columns(*model.responses(values, filtered=False))
     white = model.own_columns(*model.responses(values))
-    keep = white.shape[0] - done.evaluated.transients
-    y = model.context.process_value - done.evaluated.transient
+    keep = white.shape[0] - evaluated.transients
+    y = model.context.process_value - evaluated.transient
     shared = model._columns()
     goal = model.filtered(y[:, None])[:, 0]
     columns = model.filtered(shared)
     if model.spec.increments:
         columns, shared = columns[:, len(model.pieces):], shared[:, len(model.pieces):]
-    counted, sums = done.evaluated.counted > 0, []
+    counted, sums = evaluated.counted > 0, []
     for test, train, inside in folds:
         if train.sum() < 5 * (keep + columns.shape[1]):
             return None
@@ -76,10 +81,10 @@ def held_out(done: Refit) -> Held | None:
     return Held(*found) if np.isfinite(found).all() else None
 
 
-def _folds(model: Model, done: Refit) -> list[tuple[BoolArray, BoolArray, BoolArray]] | None:
+def _folds(model: Model, optimum: FloatArray) -> list[tuple[BoolArray, BoolArray, BoolArray]] | None:
     """For each block the rows (n,) that test, that train, and all of the block's; None where a block has none."""
     found = []
-    for inside, near in fold_rows(model, done.values, [piece.skip for piece in model.pieces]):
+    for inside, near in fold_rows(model, optimum, [piece.skip for piece in model.pieces]):
         test, train = inside & (model.weight > 0), (model.weight > 0) & ~near
         if test.sum() < 3 or not train.any():
             return None

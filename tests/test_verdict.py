@@ -11,6 +11,7 @@ import pytest
 from stictionid.causes import steady
 from stictionid.descent import descend
 from stictionid.errors import UsageError
+from stictionid.heldout import Held
 from stictionid.historian import read_loop
 from stictionid.identify import Options, identify
 from stictionid.loop import Finding
@@ -127,6 +128,26 @@ def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
     verdict = identify(simulate(scanned(5.0, 3.0), seed=1).loop).verdict
     assert verdict.stiction == "stiction" and verdict.confidence > 0.9
     assert verdict.evidence["likelihood_ratio"] > 200 and verdict.evidence["blocks_won"] == 5
+    assert verdict.evidence["held_out_gain"] > 0.3 and verdict.evidence["held_out_won"] == 5
+    assert "better on blocks it was not fitted to (5 of 5)" in verdict.reason
+
+
+def test_no_stiction_without_a_gain_on_blocks_that_were_not_fitted(monkeypatch) -> None:
+    held = [Held(np.full(5, size), np.full(5, 100.0), np.full(5, size), np.full(5, 100.0)) for size in (1.1, 1.0)]
+    answers = iter(held)
+    monkeypatch.setattr("stictionid.verdict.held_out_of", lambda *_: next(answers))
+    verdict = identify(simulate(scanned(5.0, 3.0), seed=1).loop, options=Options(base_only=True)).verdict
+    assert verdict.stiction == "undecided" and "5 % worse on blocks" in verdict.reason
+
+
+def test_a_record_of_which_nothing_can_be_held_out_is_trusted_less() -> None:
+    loop = simulate(scanned(5.0, 3.0), seed=1).loop
+    used = loop.used.copy()
+    used[400:640] = False  # a whole block of the five
+    verdict = identify(replace(loop, used=used), options=Options(base_only=True)).verdict
+    assert verdict.stiction == "stiction" and verdict.confidence <= 0.6
+    assert "the samples it was fitted to" in verdict.reason and "weaker" in verdict.reason
+    assert verdict.evidence["held_out_gain"] is None
 
 
 @pytest.mark.parametrize("cause", ["sine", "tight"])

@@ -170,7 +170,7 @@ def _chatter(run: Run, e: Evaluated | None, scans: int) -> float:
 def _said_chatter(run: Run, scans: int, chatter: float) -> Finding:
     step = run.loop.step_s
     return Finding("scans-too-noisy", "warning",
-                   f"the controller scans every {step / scans:.3g} s and one scan in {scans} was exported; in "
+                   f"if the controller scans every {step / scans:.3g} s, one scan in {scans} was exported; in "
                    f"between, noise moves the output {chatter:.2g} times as far as it goes anyway: the valve stops and "
                    "starts unseen: S may be off by a fifth, and J is hardly known",
                    {"scans": scans, "noise_to_pace": chatter, "limit": _CHATTER}, (), "benchmarks/decimation.py")
