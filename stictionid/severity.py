@@ -102,9 +102,10 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
     assert law is not None
     share = max(1.0 - (sd_after / sd) ** 2, 0.0) if sd else 0.0
     later = _travel(u[loop.used]) / hours * _DAY_S
+    digits, u = (0 if now >= 10.0 else 2), estimate.unit
     said = (f"without friction the process value would scatter by {sd_after:.3g} instead of {sd:.3g} "
-            f"({100 * share:.0f} % of its variance is the valve's doing) and the valve travel {later:,.0f} % a day "
-            f"instead of {now:,.0f} %")
+            f"({100 * share:.0f} % of its variance is the valve's doing) and the valve travel {later:,.{digits}f} {u} "
+            f"a day instead of {now:,.{digits}f} {u}")
     return Severity(band(estimate.S) if percent else None, tuple(words) if percent else (), sd, sd_after, share, now,
                     later, law.gain, law.integral_time_s, said, BANDS_SOURCE)
 

@@ -14,9 +14,10 @@ import pytest
 from stictionid.agreement import Record, agreement, cannot, compare_records, windows
 from stictionid.errors import UsageError
 from stictionid.historian import read_loop
-from stictionid.identify import Options
+from stictionid.identify import Options, identify
 from stictionid.loop import Loop, Origin
 from stictionid.report.agreement_page import drift_picture
+from stictionid.report.facts import facts
 from stictionid.results import CreatedBy
 
 SAMPLE = Path(__file__).parent.parent / "sample_data"
@@ -126,6 +127,24 @@ def test_windows_of_one_valve_agree_with_the_truth() -> None:
     found = compare_records([loop], count=2, options=Options(base_only=True))
     assert found.agree and [r.counted for r in found.records] == [True, True]
     assert found.spreads[0].common == pytest.approx(4.0, rel=0.01)
+
+
+def test_normalised_data_are_never_labelled_percent(tmp_path) -> None:
+    loop = read_loop(SAMPLE / "foptd_scanned.parquet")
+    columns = [loop.time_s, *((x - loop.process_value.mean()) / loop.process_value.std()
+                              for x in (loop.setpoint, loop.process_value)),
+               (loop.output - loop.output.mean()) / loop.output.std()]
+    np.savetxt(tmp_path / "n.csv", np.stack(columns, axis=1), delimiter=",", header="time_s,SP,PV,OP", comments="")
+    study = identify(read_loop(tmp_path / "n.csv"), options=Options(base_only=True))
+    assert study.estimate.unit == "unit of OP" and study.severity.band is None
+    units = {p.name: p.unit for p in study.steps[0].parameters}
+    assert (units["S"], units["J"], units["gain"]) == ("unit of OP", "unit of OP", "unit of y / unit of OP")
+    # Shares stay in %, travel does not.
+    assert "unit of OP a day" in study.severity.statement and "% a day" not in study.severity.statement
+    size = next(s for s in facts(study).sections if s.key == "size")
+    assert not any("below 0.5 %" in line for line in size.text)
+    found = compare_records([read_loop(tmp_path / "n.csv")], count=2, options=Options(base_only=True))
+    assert all(f"{s.name} lies between" in s.statement and "unit of OP" in s.statement for s in found.spreads)
 
 
 def test_the_command_writes_table_picture_and_json(tmp_path) -> None:

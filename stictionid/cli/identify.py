@@ -149,7 +149,7 @@ def _estimate_table(study: Any) -> Any:
                   number(seen.S, e.unit) if seen else "-")
     table.add_row("J slip jump", number(e.J, e.unit), interval(e.J_interval), number(seen.J, e.unit) if seen else "-")
     per = " per s" if e.integrating else ""
-    table.add_row("process gain", number(e.gain, f"{unit_y}/%{per}"), "-", "-")
+    table.add_row("process gain", number(e.gain, f"{unit_y}/{e.unit}{per}"), "-", "-")
     spans = {p.name: p.interval for p in step.parameters if p.effect is None}
     for i, lag in enumerate(e.time_constants_s):
         table.add_row("time constant" if i == 0 else "second time constant", number(lag, "s"),
@@ -178,7 +178,9 @@ def _law_table(study: Any) -> Any:
     for finding in study.steps[-1].findings:
         if finding.code in ("laws-alike", "laws-told-apart"):
             remarks = finding.evidence
-    table = plain_table("law", "S %", "J %", "error", "held out", "", title=f"laws, best first; errors in {safe(unit)}")
+    u = safe(study.estimate.unit)
+    table = plain_table("law", f"S {u}", f"J {u}", "error", "held out", "",
+                        title=f"laws, best first; errors in {safe(unit)}")
     for law in study.laws:
         marks = ["alike"] * (law.law in remarks.get("alike", ())) + ["kept"] * (law.law == remarks.get("kept"))
         table.add_row(law.law, number(law.S), number(law.J), number(law.rmse), number(law.rmse_holdout),

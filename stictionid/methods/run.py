@@ -204,15 +204,17 @@ def level_holdout(fit: Fitted) -> float | None:
 def parameters(fit: Fitted) -> list[ParameterValue]:
     """The numbers of a fit as rows of the study."""
     e, model = fit.best, fit.model
+    # Not % where the output is not in % of its span (normalised data).
+    of_u = model.loop.unit("output", "%")
     rows = []
     for p, (name, value) in zip(model.space.parameters, e.values.items(), strict=True):
         owner, _, own = name.rpartition(":")
         span = fit.intervals.get(name)
         bound = p.at_bound(value / max(e.values["S"], 1e-12) if name == "J" else value)
         fixed = name in model.spec.fixed
-        rows.append(ParameterValue(owner or None, own, value, "%" if name == "J" else p.unit,
+        rows.append(ParameterValue(owner or None, own, value, of_u if name == "J" else p.unit.replace("%", of_u),
                                    None if fixed else span, bound and not fixed, True, p.meaning))
-    unit = "unit of y / %" + (" / s" if model.spec.process == INTEGRATOR else "")
+    unit = f"unit of y / {of_u}" + (" / s" if model.spec.process == INTEGRATOR else "")
     rows.insert(5, ParameterValue(None, "gain", e.gain, unit, None, False, True, "gain of the process"))
     rows.insert(6, ParameterValue(None, "offset", e.offset, "unit of y", None, False, True,
                                   "value of y with the valve at its first position"))

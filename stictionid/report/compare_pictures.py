@@ -102,7 +102,7 @@ def _cloud(c: Comparison, what: str) -> Picture:
     keep = np.flatnonzero(g.good)
     keep = keep[::max(1, keep.size // _POINTS)]
     x = g.loop.output if what == "op" else g.evaluated.model
-    label = "OP, %" if what == "op" else f"PV of the model, {_unit(c)}"
+    label = f"OP, {wording.name(c.ground.loop.unit('output', '%'))}" if what == "op" else f"PV of the model, {_unit(c)}"
     return Picture(f"over_{what}", f"Residual over {what.upper()}", f"Residual of {keep.size} samples over "
                    f"{what.upper()}.", "Each dot is a sample; a slope or a bend is a gain that changes.",
                    (Panel(label, f"residual, {_unit(c)}", (Line("residual", "residual", x[keep], g.residual[keep],

@@ -107,8 +107,9 @@ def _size(study: Study) -> Section | None:
         return None
     rows = [("S, stickband plus deadband", *_value_row(e.S, e.S_interval, e.unit), _band(e)),
             ("J, slip jump", *_value_row(e.J, e.J_interval, e.unit), "")]
-    text = [f"Intervals hold {wording.number(100 * e.interval_level, 2)} % of the probability; the severity band is "
-            "judged by the interval of S."]
+    percent = e.unit == "%"
+    text = [f"Intervals hold {wording.number(100 * e.interval_level, 2)} % of the probability"
+            + ("; the severity band is judged by the interval of S." if percent else ".")]
     for label, value in (("f_s = (S+J)/2, static friction", (e.S + e.J) / 2),
                          ("f_d = (S-J)/2, kinetic friction", (e.S - e.J) / 2)):
         rows.append((label, wording.number(value), wording.NOTHING, wording.name(e.unit), ""))
@@ -121,7 +122,8 @@ def _size(study: Study) -> Section | None:
     text += severity_sentences(study)
     bands = " · ".join(f"{word} {'above 5' if limit > 1e9 else f'below {limit:g}'} %"
                        for limit, word in wording.SEVERITY_BANDS)
-    text.append(f"Severity bands of S (configurable, no standard fixes them): {bands}.")
+    if percent:
+        text.append(f"Severity bands of S (configurable, no standard fixes them): {bands}.")
     table = Table("Size of the stiction", ("quantity", "value", "interval", "unit", "meaning"), tuple(rows), (1, 2))
     return Section("size", "How big it is", tuple(text), (), (table,))
 

@@ -163,7 +163,8 @@ def characteristic(study: Study, loop: Loop, last: Curves) -> Picture | None:
                    f"Controller output against valve position: {size}.{beside}",
                    f"Inferred valve position over OP, {_when(part, loop)}, arrows in the direction of time; dashed: "
                    f"where the stem slides. {size}.{beside}",
-                   (Panel(_axis("OP", loop, "output", "%"), "valve position, %", tuple(lines)),))
+                   (Panel(_axis("OP", loop, "output", "%"), _axis("valve position", loop, "output", "%"),
+                          tuple(lines)),))
 
 
 def _as_travel(study: Study, position: FloatArray) -> FloatArray:
