@@ -96,12 +96,16 @@ def _polished(model: Model, top: FloatArray, trains: list[BoolArray]) -> FloatAr
     """The optimum (d,) and, for each fold's rows, the points that damped steps from it reach (k, d).
 
     What a fold's rows can't tell stays as it is: the start of the valve, as its transient does, and numbers that show
-    in the block alone. So does a held command's break-away, on whose plateau slopes mean nothing.
+    in the block alone. So does all friction under a held command: whether it breaks away at one sample or the next in
+    the block, rows elsewhere can't say, and slopes see no such jumps.
     """
     free = movable(model) > 0
     free[list(model.forces)] = False
     if model.spec.held:
-        free[0] = False
+        free[:2] = False
+        for effect, rows in zip(model.effects, model._slices, strict=True):
+            if effect.friction is not None:
+                free[rows] = False
     columns = np.flatnonzero(free)
     if not columns.size:
         return top[None]

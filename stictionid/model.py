@@ -47,8 +47,9 @@ _FINE_PARTS = 4
 _GUIDE_FORCES = 13
 # Rounds after which the model's own y, which some effects follow, has settled.
 _FOLLOWED, _STILL = 40, 3e-3
-# A start-up transient below this share of its first value on all counted samples is gone. Unit: 1.
-_DEAD = 1e-4
+# A start-up transient below this share of its first value on all counted samples is gone. Unit: 1. Any higher, and the
+# model that is run in full lacks a column that the cost has: 24 % of the squared error with lags of 4 and 6 s.
+_DEAD = 1e-8
 
 
 class Model:
@@ -289,6 +290,18 @@ class Model:
         if filtered and self.taps.size:
             whiten_stack(base, n, self.taps)
         return base, tuple(i * n for i in range(count))
+
+    def disturbance(self, values: FloatArray, own: FloatArray) -> FloatArray:
+        """What the linear effects add to y (n,), for values (d,) and the coefficients of all own columns."""
+        base, offsets = self.responses(values[:, None], filtered=False)
+        columns, at = self.own_columns(base, offsets)[:, :, 0], 1
+        total = np.zeros(self.loop.samples)
+        for effect, rows, option in zip(self.effects, self._slices, self._options, strict=True):
+            if effect.columns:
+                count = len(effect.columns(values[rows, None], self._context(option)))
+                total += own[at:at + count] @ columns[at:at + count]
+                at += count
+        return total
 
     def sizes_of(self, name: str, values: FloatArray, own: FloatArray) -> FloatArray:
         """The linear coefficients that belong to one effect, out of all own coefficients of values (d,)."""

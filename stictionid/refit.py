@@ -350,7 +350,19 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
         best = now
         ar, count = _taps(model, evaluated, increments, order, own, noise, rng)
     assert best is not None
-    return best
+    return best if noise != AUTOREGRESSIVE or has_noise(model.spec) else _plainer(model, best)
+
+
+def _plainer(model: Model, found: Refit) -> Refit:
+    """The better of a refit in prewhitened form and the model without, polished from there, by BIC.
+
+    Errors of a process that was not settled look like noise: prewhitened for them, a model may settle, but keeps a
+    noise that is no more, and under one with a root near 1 it loses its level.
+    """
+    again = descended(model, model.cube(model.vector(found.model.named(found.values))[:, None]))
+    other = quick(model, model.values(again.points[:1])[:, 0])
+    both = found.good & other.good
+    return other if other.bic(both) < found.bic(both) else found
 
 
 def _joined(own: tuple[float, ...], ar: FloatArray) -> FloatArray:

@@ -80,12 +80,17 @@ class Run:
                              code="valve-never-moves")
         return finish(model, points, costs, self.rng)
 
-    def floor(self, position: FloatArray, dead_time_s: float) -> float | None:
-        """Irreducible noise in the unit of y for a valve position (n,), None where the record is too short."""
+    def floor(self, position: FloatArray, dead_time_s: float, disturbance: FloatArray | None = None) -> float | None:
+        """Irreducible noise in the unit of y for a valve position (n,), None where the record is too short.
+
+        A `disturbance` (n,) that the model knows is no noise: a step would count as one, as large as itself.
+        """
         good = np.isfinite(self.loop.process_value) & self.loop.used
         for part in self.loop.segments:
             good[part.start:part.start + skipped(part.stop - part.start, self.loop.step_s, self.period_s)] = False
         y = np.where(good, self.loop.process_value, 0.0)
+        if disturbance is not None:
+            y = y - disturbance
         return irreducible(y, position, good, int(dead_time_s / self.loop.step_s), self.loop.starts)
 
     def delays(self) -> tuple[int, ...]:
@@ -99,7 +104,8 @@ class Run:
         """A fit as a step of the study: parameters, errors, restarts, findings."""
         e = fit.best
         y = self.used_y()
-        floor = self.floor(e.position_means, e.values["dead_time_s"])
+        known = fit.model.disturbance(fit.values, e.own) if any(x.columns for x in fit.model.effects) else None
+        floor = self.floor(e.position_means, e.values["dead_time_s"], known)
         innovation = float(np.sqrt(fit.sse / max(e.rows - 1, 1)))
         rows = effective_rows(np.nan_to_num(e.innovation), fit.model.weight)
         count = fit.model.space.size - len(fit.model.spec.fixed) + fit.model.shared.freedom + len(e.own)
