@@ -177,6 +177,21 @@ def test_options_are_checked_before_a_file_is_looked_for(option: tuple[str, str]
     assert "does not exist" not in told.value.message
 
 
+@pytest.mark.parametrize("words", [
+    ("identify", "none.csv", "--with", "nope"), ("identify", "none.csv", "--law", "nope"), ("add", "nope", "none.json"),
+    ("diagnose", "none.json", "-o", "/proc/none/x.json"), ("compare", "none.json", "-o", "x.gif"),
+    ("report", "none.json", "-o", "x.md", "--figures", "gif"), ("batch", "none", "-o", "x", "--zone", "Mars/Base")])
+def test_so_are_the_options_of_every_command(words: tuple[str, ...], tmp_path: Path, monkeypatch) -> None:
+    from typer.testing import CliRunner
+
+    from stictionid.cli import app
+
+    monkeypatch.chdir(tmp_path)
+    error = CliRunner().invoke(app, list(words)).exception
+    assert isinstance(error, UsageError) and "none.json" not in error.message and "none.csv" not in error.message
+    assert not list(tmp_path.iterdir())
+
+
 # --- names, studies, results
 
 def test_functions_keep_their_names_when_their_modules_are_imported() -> None:

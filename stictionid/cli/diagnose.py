@@ -41,7 +41,10 @@ def diagnose(
     Example: stictionid diagnose study.json
     """
     from ..diagnose import diagnose as run
+    from ..files import ensure_writable
 
+    if output is not None:
+        ensure_writable(output, force=force, kind=b"{")
     before = open_study(study)
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:
@@ -86,7 +89,12 @@ def add(
     Example: stictionid add extra-lag study.json
     """
     from ..diagnose import add as run
+    from ..effects import parse
+    from ..files import ensure_writable
 
+    parse(effect)
+    if output is not None:
+        ensure_writable(output, force=force, kind=b"{")
     before = open_study(study)
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .. import laws as law_room
+from ..effects import parse
 from ..errors import UsageError
 from ..loop import Finding
 from . import get
@@ -55,6 +56,8 @@ class Options:
         if self.law not in (None, ALL_LAWS) and not law_room.get(self.law).searchable:
             raise UsageError(f"the law '{self.law}' simulates only, it can't be searched",
                              "searchable: " + ", ".join(searchable()))
+        for effect in self.effects:
+            parse(effect)
         for name, value in self.fixed.items():
             if not np.isfinite(value) or (name != "gain" and value < 0) or (name == "gain" and value == 0):
                 raise UsageError(f"--{name.removesuffix('_s').replace('_', '-')} {value:g} is out of range",

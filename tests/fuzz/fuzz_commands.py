@@ -98,7 +98,8 @@ _WORDS = (
     "PV", "OP", "SP", "time", "7", "1=AUTO", "rows=5", "file=0", "line=1e99", "unpacked=1", "utf-16", "UTC", "tab",
     "wide", "long", "svg", "png", "\x1b[31m", "x" * 3000, "%s", "{}", "\ud7ff",
 )
-_PATHS = ("data.csv", "data.csv", "data.parquet", "study.json", "old.json", "none.csv", ".", "/nonexistent/x.json", "",
+# Nothing here may lead to a place that root could write to, outside the folder of the run.
+_PATHS = ("data.csv", "data.csv", "data.parquet", "study.json", "old.json", "none.csv", ".", "/proc/nonexistent/x", "",
           "/dev/null", "x" * 300, "new.json", "new.md", "new.html", "new.csv", "new.parquet", "new.png", "noise.bin",
           "profile.toml", "list.csv", "-", "new", "empty.csv", "a\nb.csv", "data.csv/x", "*.csv", "/dev/full")
 # What a command line may not be asked here: a cluster that is waited for, and work that is meant to be long.
@@ -195,7 +196,9 @@ def run_command(data: bytes) -> str:
     from stictionid.cli import main
 
     words = json.loads(data)
-    folder, before = tempfile.mkdtemp(dir=memory()), os.getcwd()
+    outer, before = tempfile.mkdtemp(dir=memory()), os.getcwd()
+    folder = os.path.join(outer, "here")  # so that ../x stays in a folder of the run's own
+    os.mkdir(folder)
     streams = sys.stdin, sys.argv
     out, err = io.StringIO(), io.StringIO()
     code: Any = 0
@@ -210,12 +213,12 @@ def run_command(data: bytes) -> str:
                 main()
             except SystemExit as end:
                 code = end.code
-        for left in Path(folder).rglob("*.part"):
+        for left in Path(outer).rglob("*.part"):
             raise Broken(f"{words}: left {left.name} behind")
     finally:
         os.chdir(before)
         sys.stdin, sys.argv = streams
-        shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(outer, ignore_errors=True)
     return _judge(words, code, out.getvalue(), err.getvalue())
 
 
