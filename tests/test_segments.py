@@ -154,3 +154,23 @@ def test_a_long_stretch_in_manual_ends_a_segment_and_a_short_one_does_not() -> N
     assert chosen(short) == (short, ())
     ended = replace(loop, used=np.arange(loop.samples) >= 700)
     assert chosen(ended) == (ended, ())
+
+
+@pytest.mark.parametrize(("name", "given"), [
+    ("sinusoidal-disturbance", {"period_s": 61.7}), ("ramp-disturbance", {"start_s": 210.0}),
+    ("step-disturbance", {"time_s": 190.0}), ("stiction-drift", {"stickband_growth": 2.0, "jump_growth": 1.0})])
+def test_effects_by_the_clock_see_it_with_the_gaps(name: str, given: dict[str, float]) -> None:
+    whole = scanned(noise=0.1)
+    loop = with_gaps(whole, (101, 143), (231, 260))
+    keep = np.r_[0:101, 143:231, 260:whole.samples]
+    models = [bound(x, Spec(effects=(name,)), s_max=10.0, period_s=40.0) for x in (whole, loop)]
+    values = np.concatenate([[4.6, 2.1, 0.3, 6.5, 4.3], list(given.values())])[:, None]
+    assert models[0].space.names[5:] == tuple(given)
+    if name == "stiction-drift":
+        np.testing.assert_array_equal(np.concatenate([m._profile for m in models[1].pieces]), models[0]._profile[keep])
+        return
+    full = models[0].own_columns(*models[0].responses(values, filtered=False))
+    cut = models[1].own_columns(*models[1].responses(np.insert(values, 5, [[0.0], [0.0]], axis=0), filtered=False))
+    count = models[1].shared.common
+    assert count > 1
+    np.testing.assert_allclose(cut[1:count], full[1:count][:, keep], rtol=1e-9, atol=1e-12)

@@ -30,15 +30,16 @@ def _limits(context: Context) -> tuple[Parameter, ...]:
 
 
 @kernel
-def _waves(turn, sine, cosine):
-    """Sine and cosine of k turns, by turning on from row to row; computed anew now and then: no error adds up."""
+def _waves(turn, first, sine, cosine):
+    """Sine and cosine of first + k turns, by turning on from row to row; computed anew now and then: no error adds up.
+    """
     rows, lanes = sine.shape
     a, b = np.cos(turn), np.sin(turn)
     for k in range(rows):
         if k % _ANEW == 0:
             for p in range(lanes):
-                sine[k, p] = np.sin(k * turn[p])
-                cosine[k, p] = np.cos(k * turn[p])
+                sine[k, p] = np.sin((first + k) * turn[p])
+                cosine[k, p] = np.cos((first + k) * turn[p])
         else:
             for p in range(lanes):
                 sine[k, p] = sine[k - 1, p] * a[p] + cosine[k - 1, p] * b[p]
@@ -47,7 +48,7 @@ def _waves(turn, sine, cosine):
 
 def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
     sine, cosine = (np.empty((context.process_value.size, theta.shape[1])) for _ in range(2))
-    _waves(2.0 * np.pi * context.step_s / theta[0], sine, cosine)
+    _waves(2.0 * np.pi * context.step_s / theta[0], context.start_s / context.step_s, sine, cosine)
     return sine, cosine
 
 
