@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 
 from stictionid.blockwise import Blockwise, block_columns
+from stictionid.errors import DataError
 from stictionid.identify import identify
 from stictionid.loop import Loop
 from stictionid.model import Model
+from stictionid.oscillation import find_range
 from stictionid.regression import Shared
 from stictionid.rerun import rerun
 from stictionid.restarts import Restarted, bound
-from stictionid.segments import chosen
+from stictionid.segments import FEWEST_PERIODS, MOST, chosen, described
 from stictionid.simulate import preset, simulate
 from stictionid.spec import INTEGRATOR, Spec
 
@@ -174,3 +176,38 @@ def test_effects_by_the_clock_see_it_with_the_gaps(name: str, given: dict[str, f
     count = models[1].shared.common
     assert count > 1
     np.testing.assert_allclose(cut[1:count], full[1:count][:, keep], rtol=1e-9, atol=1e-12)
+
+
+def test_what_is_chosen_and_what_is_said_of_the_rest() -> None:
+    whole = scanned(noise=0.05, duration_s=1500.0)
+    period = find_range(whole).period_median_s
+    six = with_gaps(whole, *((250 * k - 5, 250 * k) for k in range(1, 5)), (1060, 1100))
+    piece, (note,) = chosen(six)
+    rows = note.evidence["rows"]
+    assert len(rows) == MOST == note.evidence["used"] and note.evidence["segments"] == 6
+    assert [first for first, _ in rows] == sorted(first for first, _ in rows) == list(piece.picked)
+    assert min(size for _, size in rows) >= FEWEST_PERIODS * period / whole.step_s
+    left = sorted(p.stop - p.start for p in six.segments)[:2]
+    assert max(left) <= min(size for _, size in rows)
+    for first, size in rows:
+        np.testing.assert_array_equal(piece.output[piece.starts[piece.picked.index(first)]:][:size],
+                                      six.output[first:first + size])
+    alone, (said,) = chosen(six, restarts=False)
+    assert alone.samples == max(p.stop - p.start for p in six.segments) and said.code == "longest-segment"
+    assert "does not restart" in said.statement
+    short = with_gaps(whole.cut(0, 500), (350, 390))
+    alone, (said,) = chosen(short)
+    assert alone.samples == 350 and said.code == "longest-segment" and "shorter than 2 periods" in said.statement
+    with pytest.raises(DataError, match="as one segment"):
+        described(short, {"segments": [[0, 350], [350, 120]]})
+
+
+def test_cycles_are_whole_inside_one_segment() -> None:
+    whole = scanned(noise=0.05, duration_s=900.0)
+    loop = with_gaps(whole, (400, 450))
+    found, parts = find_range(loop), [find_range(loop.cut(p.start, p.stop)) for p in loop.segments]
+    assert found.cycles == parts[0].cycles + tuple(replace(c, start_s=c.start_s + 400.0) for c in parts[1].cycles)
+    assert found.reversals == sum(p.reversals for p in parts) and "in 2 segments" in found.reason
+    assert found.period_median_s == pytest.approx(find_range(whole).period_median_s, rel=0.02)
+    glued = find_range(replace(loop, starts=(0,), begins_s=()))
+    assert len(glued.cycles) > len(found.cycles)  # one of them never happened
