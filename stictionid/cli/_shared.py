@@ -18,6 +18,10 @@ QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, f
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace an existing file of another kind.")]
 
 
+MOST_JOBS = 512
+"""Processes that can be asked for: each takes 200 MB, and all may be started at once."""
+
+
 def _seed(value: int) -> int:
     from ..errors import UsageError
 
@@ -28,6 +32,10 @@ def _seed(value: int) -> int:
 
 SeedOption = Annotated[int, typer.Option("--seed", callback=_seed,
                                          help="Seed of everything random; same seed, same bytes.")]
+
+
+JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=MOST_JOBS,
+                                                help="Processes; as many as there are cores.")]
 
 
 def out_console(width: int | None = None) -> Console:

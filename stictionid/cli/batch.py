@@ -17,6 +17,7 @@ from . import app
 from ._batch_progress import Watch
 from ._reading import reads_file
 from ._shared import (
+    MOST_JOBS,
     JsonOption,
     QuietOption,
     SeedOption,
@@ -44,7 +45,8 @@ def batch(
                                                "position, span_op, span_pv.")] = None,
     level: Annotated[str, typer.Option(help="screen (range and quick verdict), identify, or diagnose (all of it).")]
     = "identify",
-    jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes.", show_default="cores")] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, max=MOST_JOBS, help="Worker processes.", show_default="cores")]
+    = None,
     scheduler: Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="Work on this Dask cluster.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Skip loops whose study still holds: same data, options and "
                                          "version.")] = False,

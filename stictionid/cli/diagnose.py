@@ -10,6 +10,7 @@ import typer
 from . import app
 from ._shared import (
     ForceOption,
+    JobsOption,
     JsonOption,
     Progress,
     QuietOption,
@@ -31,9 +32,9 @@ def diagnose(
     apply: Annotated[bool, typer.Option("--apply", help="Add what is accepted and repeat until nothing is.")] = False,
     everything: Annotated[bool, typer.Option("--all", help="Refit the catalogue even when the model is adequate.")]
     = False,
-    jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; as many as there are cores.")] = None,
-    bootstrap: Annotated[int, typer.Option("--bootstrap", min=0, metavar="N", help="Replicates for a p-value of the "
-                                           "named effect, 99 or more; about half a second each.")] = 0,
+    jobs: JobsOption = None,
+    bootstrap: Annotated[int, typer.Option("--bootstrap", min=0, max=100_000, metavar="N", help="Replicates for a p-value "
+                                           "of the named effect, 99 or more; about half a second each.")] = 0,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Rank the physical effects that the model may be missing, and name the one to add next.

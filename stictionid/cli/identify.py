@@ -13,6 +13,7 @@ from ..historian.options import ReadOptions
 from . import app
 from ._reading import FileArgument, read_file, reads_file
 from ._shared import (
+    MOST_JOBS,
     ForceOption,
     JsonOption,
     Progress,
@@ -56,7 +57,7 @@ def identify(
                                               "polynomial).")] = None,
     delay: Annotated[int | None, typer.Option(help="Its delay in samples; scanned when left out.")] = None,
     seed: SeedOption = 0,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes for work that can be split.")] = 1,
+    jobs: Annotated[int, typer.Option(min=1, max=MOST_JOBS, help="Processes for work that can be split.")] = 1,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
     = False,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,

@@ -7,15 +7,26 @@ from typing import Annotated
 import typer
 
 from . import app
-from ._shared import JsonOption, Progress, QuietOption, SeedOption, out_console, plain_table, print_json, safe
+from ._shared import (
+    JobsOption,
+    JsonOption,
+    Progress,
+    QuietOption,
+    SeedOption,
+    out_console,
+    plain_table,
+    print_json,
+    safe,
+)
 from .diagnose import cores
 
 
 @app.command()
 def selftest(
     quick: Annotated[bool, typer.Option("--quick", help="A handful of loops: a smoke test.")] = False,
-    loops: Annotated[int | None, typer.Option("--loops", min=1, help="How many loops; 40 when left out.")] = None,
-    jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; as many as there are cores.")] = None,
+    loops: Annotated[int | None, typer.Option("--loops", min=1, max=100_000, help="How many loops; 40 when left "
+                                              "out.")] = None,
+    jobs: JobsOption = None,
     seed: SeedOption = 0, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Identify and diagnose simulated loops whose truth is known; exit 1 when a rate is worse than chance allows.
