@@ -33,8 +33,8 @@ def diagnose(
     everything: Annotated[bool, typer.Option("--all", help="Refit the catalogue even when the model is adequate.")]
     = False,
     jobs: JobsOption = None,
-    bootstrap: Annotated[int, typer.Option("--bootstrap", min=0, max=100_000, metavar="N", help="Replicates for a p-value "
-                                           "of the named effect, 99 or more; about half a second each.")] = 0,
+    bootstrap: Annotated[int, typer.Option("--bootstrap", min=0, max=100_000, metavar="N", help="Replicates for a "
+                                           "p-value of the named effect, 99 or more; about half a second each.")] = 0,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Rank the physical effects that the model may be missing, and name the one to add next.
