@@ -56,8 +56,8 @@ def chosen(loop: Loop, *, restarts: bool = True) -> tuple[Loop, tuple[Finding, .
     piece = loop.pick(kept)
     share = piece.samples / loop.samples
     rest = len(parts) - len(kept)
-    left = f"; {rest} more {'is' if rest == 1 else 'are'} left out ({MOST} of {FEWEST_PERIODS:g} periods or more are " \
-           "the most)" if rest else ""
+    left = f"; {rest} more {'is' if rest == 1 else 'are'} left out (at most {MOST} are used, each of " \
+           f"{FEWEST_PERIODS:g} periods or more)" if rest else ""
     return piece, (Finding(
         "segments-restarted", "info",
         f"{len(kept)} of {len(parts)} segments are used together, {piece.samples} of {loop.samples} samples "

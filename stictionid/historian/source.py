@@ -86,7 +86,8 @@ def open_source(file: Any, limits: Limits | None = None) -> Source:
         if path.is_char_device() or path.is_block_device():
             raise UsageError(f"{path} is a device, which may have no end", "give a file, or - for standard input")
         with open(path, "rb") as stream:
-            start = stream.read(_BLOCK + 1)
+            # Enough to see that a line has no end even if it begins after some header lines.
+            start = stream.read(_BLOCK + min(limits.line, _BLOCK) + 1)
             size = os.fstat(stream.fileno()).st_size
             limits.check("file", size, path.name, "cut it into pieces")
             kind = _kind(start)
