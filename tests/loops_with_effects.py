@@ -117,7 +117,7 @@ SMALL: dict[str, tuple[int, tuple, dict[str, float | str]]] = {
     "stiction-drift": (1, MOVES, {"stickband_growth": 1.2, "jump_growth": 0.3}),
     "re-sticking": (1, MOVES, {"restick_speed": 0.12}),
     "slip-overshoot": (1, MOVES, {"overshoot": 1.5}),
-    "travel-limit": (1, MOVES, {"upper": 51.3}),
+    "travel-limit": (1, MOVES, {"upper": 52.2}),
     "slew-limit": (1, MOVES, {"rate": 0.35}),
     "valve-characteristic": (1, WIDE, {"log_rangeability": 4.0}),
     "gain-nonlinearity": (1, MOVES, {"curvature": 0.08}),

@@ -44,8 +44,6 @@ def hidden(name: str, seed: int = 21, **values):
 
 
 @pytest.mark.parametrize(("name", "values"), [
-    ("asymmetric-stiction", {"jump_up": 3.4, "jump_down": 1.6}),
-    ("sinusoidal-disturbance", {"period_s": 37.0, "amplitude": 0.5}),
     ("measured-disturbance", {"gain": 0.8, "lag_s": 8.0, "dead_time_s": 2.0}),
 ])
 def test_a_hidden_effect_is_named_first_and_the_error_falls_to_the_noise(name: str, values: dict) -> None:

@@ -38,8 +38,12 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
         return
     if spec.between != "hold":
         # Under a command that moves between samples the valve slides on most of the way: no basin of its own.
+        count = len(steps)
         try_step(run, steps, fits, "re-sticking", _STEP_DROP, STEP_BIC, _RESTING_TAKEN)
-        return
+        if len(steps) > count or run.options.between != "auto":
+            return
+        # A valve that rests under a held command looks as if the command moved, to a search that knows no rest.
+        spec = replace(spec, between="hold", substeps=1)
     resting = structure(run, replace(spec, law=_RESTING_LAW))
     floor = steps[-1].error.noise_sd
     if resting.evaluated is None or floor is None or resting.evaluated.rmse > _RESTING_TRIED * floor:
