@@ -111,17 +111,12 @@ def _of_one(base, h, i, j, right, c, starts, stops, first, width, work):
 
 
 @kernel
-def _keep(work, row, target, first, width):
-    for p in range(width):
-        target[first + p] = work[row * LANES + p]
-
-
-@kernel
 def _products(base, offsets, right, starts, stops, squares, cross):
     own = offsets.size
     count = right.shape[1]
     lanes = base.shape[1]
     work = np.empty(_SUMS * LANES)
+    none = own - own  # no literal: one for the compiler would be another type, and another version of all this
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
         for i in range(0, own, 2):
@@ -129,27 +124,32 @@ def _products(base, offsets, right, starts, stops, squares, cross):
             for c in range(0, count, 2):
                 if j < own:
                     _of_pair(base, offsets[i], offsets[j], right, c, starts, stops, first, width, work)
-                    _keep(work, 0, squares[i, i], first, width)
-                    _keep(work, 1, squares[i, j], first, width)
-                    _keep(work, 2, squares[j, j], first, width)
-                    for x in range(2):
-                        _keep(work, 3 + x, cross[i, c + x], first, width)
-                        _keep(work, 5 + x, cross[j, c + x], first, width)
+                    for p in range(width):
+                        squares[i, i, first + p] = work[p]
+                        squares[i, j, first + p] = work[LANES + p]
+                        squares[j, j, first + p] = work[2 * LANES + p]
+                        cross[i, c, first + p] = work[3 * LANES + p]
+                        cross[i, c + 1, first + p] = work[4 * LANES + p]
+                        cross[j, c, first + p] = work[5 * LANES + p]
+                        cross[j, c + 1, first + p] = work[6 * LANES + p]
                 else:
-                    _of_one(base, offsets[i], offsets[0], offsets[min(1, own - 1)], right, c, starts, stops, first,
-                            width, work)
-                    _keep(work, 0, squares[i, i], first, width)
-                    if i > 0:
-                        _keep(work, 1, squares[0, i], first, width)
-                        _keep(work, 2, squares[1, i], first, width)
-                    for x in range(2):
-                        _keep(work, 3 + x, cross[i, c + x], first, width)
+                    one = min(1, own - 1)
+                    _of_one(base, offsets[i], offsets[0], offsets[one], right, c, starts, stops, first, width, work)
+                    for p in range(width):
+                        squares[i, i, first + p] = work[p]
+                        if i > 0:
+                            squares[0, i, first + p] = work[LANES + p]
+                            squares[1, i, first + p] = work[2 * LANES + p]
+                        cross[i, c, first + p] = work[3 * LANES + p]
+                        cross[i, c + 1, first + p] = work[4 * LANES + p]
             # Products of columns that are in different pairs; a last one alone has had the first pair already.
             for h in range(i, min(i + 2, own)):
                 for g in range(0 if j < own else 2, i, 2):
-                    _of_one(base, offsets[h], offsets[g], offsets[g + 1], right, 0, starts, stops, first, width, work)
-                    _keep(work, 1, squares[g, h], first, width)
-                    _keep(work, 2, squares[g + 1, h], first, width)
+                    _of_one(base, offsets[h], offsets[g], offsets[g + 1], right, none, starts, stops, first, width,
+                            work)
+                    for p in range(width):
+                        squares[g, h, first + p] = work[LANES + p]
+                        squares[g + 1, h, first + p] = work[2 * LANES + p]
     for i in range(own):
         for j in range(i):
             for p in range(lanes):

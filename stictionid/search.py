@@ -91,7 +91,7 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
     chi = np.sqrt(d) * (1 - 1 / (4 * d) + 1 / (21 * d * d))
     constants = np.array([mueff, cc, cs, c1, cmu, damps, chi])
     scale = np.broadcast_to(np.asarray(spread, float), d)
-    mean = np.clip(starts, 0.0, 1.0) / scale
+    mean = np.ascontiguousarray(np.clip(starts, 0.0, 1.0) / scale)
     top = 1.0 / scale
     sigma = np.ones(k)
     cov = np.tile(np.eye(d), (k, 1, 1))
@@ -109,7 +109,7 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
         y = (trial - mean[live, None, :]) / sigma[live, None, None]
         c = cost((trial * scale).reshape(-1, d)).reshape(live.size, lam)
         spent += c.size
-        order = np.argsort(c, axis=1, kind="stable")[:, :mu]
+        order = np.ascontiguousarray(np.argsort(c, axis=1, kind="stable")[:, :mu])
         lanes = np.arange(live.size)
         first, last = c[lanes, order[:, 0]], c[lanes, order[:, -1]]
         middle[live] = last
