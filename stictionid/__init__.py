@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__
 
 if TYPE_CHECKING:
+    from .agreement import compare_records
     from .errors import CannotTell, DataError, ModelError, StictionidError, UsageError
     from .historian import ReadOptions, read_loop
     from .identify import Options, identify
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from .spec import Curves
 
 _HOMES = {
+    "agreement": ("compare_records",),
     "errors": ("CannotTell", "DataError", "ModelError", "StictionidError", "UsageError"),
     "historian": ("ReadOptions", "read_loop"),
     "identify": ("Options", "identify"),
@@ -43,7 +45,8 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 __all__ = [
     "CannotTell", "Controller", "Curves", "DataError", "Estimate", "Finding", "Loop", "ModelError", "Options", "Plant",
     "Range", "ReadOptions", "Setting", "Simulation", "StictionidError", "Study", "UsageError", "Verdict",
-    "__version__", "find_range", "identify", "preset", "read_loop", "rerun", "simulate", "study_from_json", "to_json",
+    "__version__", "compare_records",
+    "find_range", "identify", "preset", "read_loop", "rerun", "simulate", "study_from_json", "to_json",
 ]
 
 
