@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stictionid.diagnose import add, diagnose
+from stictionid.diagnose import add, bootstrap, diagnose, work
 from stictionid.diagnose.judge import equivalents
 from stictionid.diagnose.steps import opened
 from stictionid.diagnose.tells import settling
@@ -180,3 +180,31 @@ def test_refusals_leave_the_study_as_it_is(tmp_path: Path) -> None:
         refused = run(*arguments)
         assert refused.returncode == code and "Traceback" not in refused.stderr and refused.stdout == ""
     assert (tmp_path / "s.json").read_text() == text
+
+
+def test_a_refit_that_breaks_down_is_reported_and_the_others_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, study = hidden("step-disturbance", time_s=500.0, size=1.2)
+    real = work.scout
+
+    def breaking(fit, name, pool, rng):
+        if name == "slew-limit":
+            raise np.linalg.LinAlgError("SVD did not converge")
+        return real(fit, name, pool, rng)
+
+    monkeypatch.setattr(work, "scout", breaking)
+    after = diagnose(loop, study)
+    assert after.missing == ("step-disturbance",)
+    broken = next(c for c in after.candidates if c.effect == "slew-limit")
+    assert broken.delta_bic is None and "did not converge" in broken.statement
+    # An effect that is not there ends where it vanishes, and is said to.
+    assert any("not identifiable here" in c.statement for c in after.candidates)
+
+
+def test_an_effect_that_chance_would_show_as_often_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, study = hidden("step-disturbance", time_s=500.0, size=1.2)
+    p = iter((0.04, 0.01))
+    monkeypatch.setattr(bootstrap, "p_of", lambda *_: next(p))
+    doubtful = diagnose(loop, study, bootstrap=99)
+    assert doubtful.missing == () and not any(c.accepted for c in doubtful.candidates)
+    assert any("bootstrap p = 0.04" in c.statement for c in doubtful.candidates)
+    assert diagnose(loop, study, bootstrap=99).missing == ("step-disturbance",)

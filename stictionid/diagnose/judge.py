@@ -24,13 +24,15 @@ _BLOCKS_BETTER, _MEDIAN_GAIN = 4, 0.005
 _NO_WORSE = 1.02
 # Two candidates look alike on this record when their outputs differ by less than this share of the innovations.
 _LOOK_ALIKE = 0.35
+# A number this close to its neutral value, as a share of its range, says that the effect is not there.
+_NEUTRAL = 1e-3
 # Words by how far the best rival of another kind is behind.
 _WORDS = ((50.0, "named"), (20.0, "probable"), (10.0, "probable, {rival} not excluded"))
 
 
 def clearly_better(t: Tried, found: Round) -> bool:
     """BIC, the blocks in sample, and the blocks held out agree that the candidate helps."""
-    if t.refit is None or not t.full or t.delta_bic < NAMED:
+    if t.refit is None or not t.full or t.delta_bic < NAMED or _vanished(t):
         return False
     effect = parse(t.name)[0]
     local = effect.kind == "L" or effect.profile is not None
@@ -83,6 +85,18 @@ def _out_of_range(t: Tried) -> bool:
         if p.at_bound(value) and not near_neutral and p.name not in ("lag_s", "dead_time_s"):
             return True
     return False
+
+
+def _vanished(t: Tried) -> bool:
+    """Whether every searched number of a friction or signal effect ended at the value at which the effect vanishes."""
+    assert t.refit is not None
+    effect, model = parse(t.name)[0], t.refit.model
+    if effect.noise is not None or effect.columns is not None:
+        return False
+    values = [v for k, v in model.named(t.refit.values).items() if k.startswith(t.name + ":")]
+    ranges = effect.parameters_for(model.context)
+    return bool(ranges) and all(abs(v - p.neutral) <= _NEUTRAL * (p.high - p.low)
+                                for p, v in zip(ranges, values, strict=True))
 
 
 def equivalents(found: Round, winner: Tried) -> tuple[str, ...]:
@@ -153,10 +167,14 @@ def _statement(t: Tried, found: Round, winner: Tried | None, same: tuple[str, ..
         return said + (f"; what would settle it: {test}" if test else "")
     if winner is not None and parse(t.name)[0].name in same:
         return f"{t.name} does as well as {winner.name} on this record: {change}"
+    if _vanished(t):
+        return f"{t.name} is not identifiable here, its refit ended where it vanishes: {change}"
     if not t.full:
         return f"{t.name} did not come near enough in a first look to be refitted in full: {change}"
     if t.delta_bic < NAMED:
         return f"{t.name} does not help: {change}"
+    if winner is None and p_value is not None and clearly_better(t, found):
+        return f"{t.name} is not sure, bootstrap p = {p_value:.3g}: records without it show as much: {change}"
     if winner is None:
         return f"{t.name} is not sure, information criterion and held-out blocks do not agree: {change}"
     return f"{t.name} helps less than {winner.name}: {change}"

@@ -22,6 +22,9 @@ from .steps import add, finished_step, opened, polished, with_steps
 from .tries import NAMED, Round, Tried, try_all
 
 MOST_ADDITIONS = 4
+# Bootstrap p above which nothing is named (CRITICISM.md section 7, step 7), or above the least that so few replicates
+# can give.
+_CHANCE = 0.01
 # Beside noise models: what `identify` may add by itself, without a look at the rivals (methods/auto.py).
 _CHOSEN = frozenset({"extra-lag", "re-sticking"})
 Progress = Callable[[str, float], None]
@@ -57,6 +60,10 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
             from .bootstrap import p_of
 
             p_value = p_of(found, winner, bootstrap, seed, jobs, tell)
+            if p_value > max(_CHANCE, 1.0 / (bootstrap + 1)) + 1e-12:
+                # As many records without it would have shown as much: nothing is named.
+                study = replace(study, candidates=candidates(found, None, p_value), missing=())
+                return replace(study, missing=tuple(added)) if apply else study
         study = replace(study, candidates=candidates(found, winner, p_value),
                         missing=(parse(winner.name)[0].name,) if winner else ())
         if not apply or winner is None or len(added) >= MOST_ADDITIONS:

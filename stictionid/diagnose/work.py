@@ -131,7 +131,14 @@ def _enter(ground: Ground) -> None:
 
 def _call(work: Callable[[Ground, Any], Answer], task: Any) -> Answer:
     assert _GROUND is not None
-    return work(_GROUND, task)
+    return _answered(work, _GROUND, task)
+
+
+def _answered(work: Callable[[Ground, Any], Answer], ground: Ground, task: Any) -> Answer:
+    try:
+        return work(ground, task)
+    except (ModelError, np.linalg.LinAlgError) as error:
+        return Answer(task if isinstance(task, str) else task.name, failed=f"its refit did not converge ({error})")
 
 
 class Workers:
@@ -144,9 +151,9 @@ class Workers:
             self._pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("fork"), _enter, (ground,))
 
     def map(self, work: Callable[[Ground, Any], Answer], tasks: Sequence[Any]) -> Iterator[Answer]:
-        """The answers of one kind of work."""
+        """The answers of one kind of work; one whose numbers break down says so, and the others go on."""
         if self._pool is None:
-            return (work(self.ground, task) for task in tasks)
+            return (_answered(work, self.ground, task) for task in tasks)
         return self._pool.map(_call, [work] * len(tasks), tasks)
 
     def __enter__(self) -> Workers:
