@@ -22,6 +22,7 @@ from .loop import Finding, FloatArray, Loop
 from .methods.contract import Outcome
 from .methods.options import Options
 from .methods.run import Run
+from .model import Model
 from .oscillation import noise_of, reversals
 from .restarts import bound
 from .results import Range, Step
@@ -31,6 +32,8 @@ from .results import Range, Step
 SEARCHED, POLISHED, _PERIODS = 10_000, 100_000, 30.0
 # The output turns where it comes back by this share of its span, or this many times its noise.
 _TURN, _TURN_NOISE = 0.1, 4.0
+# Break-aways tried on all samples.
+_BREAKS = 31
 # The whole record may be explained this much worse than the stretch before that is a warning. Unit: 1.
 _WORSE = 1.25
 
@@ -139,8 +142,23 @@ def _on_all(run: Run, fit: Fitted) -> Fitted:
         start = bound(head, spec, s_max=run.s_max, period_s=run.period_s)
         mine = start.cube(start.vector(fit.best.values)[:, None])
         values[force] = start.values(with_start(start, mine))[2, 0]
+    if model.parts == 1:
+        values = _broken_away(model, values, fit.intervals.get("S", (values[0], values[0])))
     best = model.evaluate(values)
     return replace(fit, model=model, values=values, sse=best.sse, best=best)
+
+
+def _broken_away(model: Model, values: FloatArray, within: tuple[float, float]) -> FloatArray:
+    """Values (d,) with the break-away that goes best with all samples, f_d as it is, S within its interval.
+
+    A held command tells the break-away the better the more slips there are: one that is exact on some of them is a
+    sample early or late on others, and each of those would look like an error of the model.
+    """
+    shift = np.concatenate([[0.0], np.linspace(within[0], within[1], _BREAKS) - values[0]])
+    trial = values[:, None].repeat(shift.size, axis=1)
+    trial[0] += shift
+    trial[1] = trial[0] if model.law.one_parameter else np.clip(trial[1] + shift, 0.0, 2.0 * trial[0])
+    return trial[:, int(np.argmin(model.costs_of(trial)))]
 
 
 def _finding(view: Excerpt, fit: Fitted, inside: float) -> Finding:

@@ -88,6 +88,16 @@ def test_an_excerpt_gives_the_answer_of_the_whole_record_and_its_errors(short, m
         *note.evidence["searched"]]
 
 
+def test_of_several_segments_one_is_searched_and_the_slips_of_all_settle_the_break_away(short) -> None:
+    whole = simulate(SCANNED, seed=4).loop
+    loop = replace(whole, starts=(0, 900, 2100), begins_s=(0.0, 1500.0, 4000.0))
+    study = identify(loop, options=Options(base_only=True))
+    note = next(f for f in study.data.findings if f.code == "searched-on-excerpt")
+    assert note.severity == "info" and note.evidence["searched"][0] >= 900
+    assert study.steps[-1].error.rmse == pytest.approx(0.05, rel=0.05)  # the noise; 0.071 where slips came early
+    assert pytest.approx(4.0, rel=1e-3) == study.estimate.S
+
+
 def test_a_loop_that_changed_on_the_way_is_said_to(short) -> None:
     one = simulate(replace(SCANNED, duration_s=2000.0), seed=1).loop
     centre = float(one.process_value.mean())
