@@ -3,8 +3,8 @@
 Run: python benchmarks/speed.py
 Ratios are taken side by side in one run, best of several, because machines are noisy. Targets: one ARX cost evaluation
 at least 120 times faster than its plain twin, the free run within 2 times of it; `identify` on 1000 rows under 2.5
-times the imports and under 400 MB; `--help` under 0.25 s; the first command after install under 20 s; no searched law above
-3 ns a sample and candidate.
+times the imports and under 400 MB; `--help` under 0.25 s; the first command after install under 20 s; no searched law
+above 3 ns a sample and candidate.
 """
 
 from __future__ import annotations
