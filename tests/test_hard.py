@@ -214,6 +214,25 @@ def test_a_record_shorter_than_a_period_is_compared_and_drawn(tmp_path: Path) ->
     assert comparison_pictures(compare(read_loop(file), study, read_loop(file)))
 
 
+def test_what_a_killed_writer_left_goes_when_the_batch_goes_on(tmp_path: Path) -> None:
+    from stictionid.batch.store import Store
+
+    store = Store(tmp_path / "out")
+    store.begin()
+    store.close()
+    (store.studies / ".FIC101.json.abc.part").write_text("{")
+    (store.folder / ".summary.csv.abc.part").write_text("")
+    (store.studies / "FIC101.json").write_text("{}")
+    other = Store(tmp_path / "out")
+    other.begin()
+    assert [p.name for p in other.studies.iterdir()] == ["FIC101.json"] and not list(other.folder.glob(".*.part"))
+    (other.studies / ".FIC102.json.abc.part").write_text("{")
+    with pytest.raises(UsageError, match="another batch"):
+        store.begin()
+    assert list(other.studies.glob(".*.part")), "a batch that has no claim must leave another's work alone"
+    other.close()
+
+
 def test_results_are_only_added_to_and_the_table_adds_them_up(tmp_path: Path) -> None:
     file, other = tmp_path / "a.json", tmp_path / "b.json"
     for where, seed in ((file, 1), (other, 2)):

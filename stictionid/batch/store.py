@@ -90,6 +90,11 @@ class Store:
         if not mark.exists() or mark.read_bytes() != text.encode():
             write_whole(mark, text, force=True)
         self._claim(mark)
+        if self._lock is not None:
+            # Nobody else writes here now: what is half is what a killed batch left.
+            for place in (self.folder, self.studies, self.failures, self.pages):
+                for part in place.glob(".*.part"):
+                    part.unlink(missing_ok=True)
         for name in SUMMARIES:
             (self.folder / name).unlink(missing_ok=True)
 
