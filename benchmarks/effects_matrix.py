@@ -70,7 +70,8 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=1500)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=6.0, help="no new loops after so long")
-    parser.add_argument("--apply", action="store_true", help="add what is named and repeat")
+    parser.add_argument("--apply", action=argparse.BooleanOptionalAction, default=True,
+                        help="add what is named and repeat; a Karnopp valve may be named before the hidden effect")
     parser.add_argument("--rows", default="", help="write one JSON line per loop here")
     parser.add_argument("--quiet", action="store_true")
     a = parser.parse_args()
