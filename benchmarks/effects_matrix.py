@@ -76,7 +76,7 @@ def main() -> None:
     parser.add_argument("--quiet", action="store_true")
     a = parser.parse_args()
     first, last = (int(x) for x in a.seeds.split(":"))
-    names = [None] if a.effects == "none" else a.effects.split(",") if a.effects else list(catalogue())
+    names = [None if n == "none" else n for n in a.effects.split(",")] if a.effects else list(catalogue())
     tasks = [(seed, name, a.noise, a.colour, a.samples, a.apply) for seed in range(first, last) for name in names]
     rows, stop = [], time.monotonic() + 60.0 * a.minutes
     out = open(a.rows, "a") if a.rows else None  # noqa: SIM115
