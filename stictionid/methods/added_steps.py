@@ -24,6 +24,8 @@ _QUICK_KEPT = 4
 # its rivals, it must explain the record nearly alone: its error within the second factor of the irreducible noise; a
 # first search beyond the first factor is not followed. (A drifting valve, too, fits better when it may rest: 3 times.)
 _RESTING_LAW, _RESTING_TRIED, _RESTING_TAKEN = "he", 2.5, 1.3
+# An error below this share of the scatter of y is next to nothing: no plant measures better. Unit: 1.
+_NEXT_TO_NOTHING = 0.01
 
 
 def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
@@ -45,8 +47,7 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
         # A valve that rests under a held command looks as if the command moved, to a search that knows no rest.
         spec = replace(spec, between="hold", substeps=1)
     resting = structure(run, replace(spec, law=_RESTING_LAW))
-    floor = steps[-1].error.noise_sd
-    if resting.evaluated is None or floor is None or resting.evaluated.rmse > _RESTING_TRIED * floor:
+    if resting.evaluated is None or not _explained(run, steps[-1], resting.evaluated.rmse, _RESTING_TRIED):
         return
     found = run.fit(resting.spec, before=(resting.point[None], np.array([resting.cost])))
     spec = replace(resting.spec, law=run.law, effects=(*spec.effects, "re-sticking"))
@@ -62,7 +63,7 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     was, now = steps[-1].error.rmse_holdout, step.error.rmse_holdout
     if was is None or now is None or now > (1.0 - _STEP_DROP) * was:
         return
-    if step.error.rmse > _RESTING_TAKEN * (step.error.noise_sd or 0.0):
+    if not _explained(run, step, step.error.rmse, _RESTING_TAKEN):
         return
     # Criteria of levels and of differences can't be compared; a change of structure must lower the error clearly.
     if spec.whitening().tolist() == before.model.spec.whitening().tolist():
@@ -72,6 +73,15 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     if better:
         steps.append(step)
         fits.append(after)
+
+
+def _explained(run: Run, step: Step, error: float, within: float) -> bool:
+    """Whether an error is within so many times the irreducible noise, or next to nothing beside the scatter of y.
+
+    The noise of a noise-free record is 0, and no model of a valve between its samples is as good as that.
+    """
+    floor = step.error.noise_sd
+    return floor is not None and error <= within * max(floor, _NEXT_TO_NOTHING * float(np.std(run.used_y())))
 
 
 def try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str, least_drop: float = _LAG_DROP,
@@ -94,6 +104,6 @@ def try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str, least
         return
     drop = 1.0 - after.rmse_holdout / before.rmse_holdout
     gain = (steps[-1].error.bic or 0.0) - (step.error.bic or 0.0)
-    if drop > least_drop and gain > least_bic and step.error.rmse <= within * (step.error.noise_sd or np.inf):
+    if drop > least_drop and gain > least_bic and (within == np.inf or _explained(run, step, step.error.rmse, within)):
         steps.append(step)
         fits.append(after)

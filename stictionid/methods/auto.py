@@ -34,14 +34,14 @@ def _run(run: Run) -> Outcome:
     spec, runs, notes = choose(run, spec)
     run.tell("restarting until two searches agree", 0.5)
     fit = run.fit(spec, before=runs)
-    if fit.best.rmse > 0.995 * float(np.std(run.used_y())):
-        raise _explains_nothing(run)
     check_scans(run, fit)
     first = run.step(fit, None)
     steps, fits = [replace(first, findings=(*notes, *first.findings))], [fit]
     if not o.base_only and "re-sticking" not in spec.effects:
         run.tell("trying a valve that rests between scans", 0.6)
         try_resting(run, steps, fits)
+    if fits[-1].best.rmse > 0.995 * float(np.std(run.used_y())):
+        raise _explains_nothing(run)
     if not o.base_only and LAG not in spec.effects and not o.fixed:
         run.tell("trying a further lag", 0.7)
         try_step(run, steps, fits, LAG)

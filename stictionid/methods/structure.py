@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import CannotTell, UsageError
-from ..fit import Fitted, descended, held_out_error, one_run, search_model, with_process, with_start
+from ..fit import Fitted, descended, grown, held_out_error, one_run, search_model, with_process, with_start
 from ..gates import SAMPLES_PER_PERIOD
 from ..loop import Finding, FloatArray
 from ..model import Model
@@ -284,6 +284,11 @@ def structure(run: Run, spec: Spec) -> Tried:
     second = _first(run, replace(plain, process=INTEGRATOR, increments=True))
     if _noise_fills(run, second):
         second = _first(run, replace(second.spec, taps=SOFT))
+    elif not at_noise(run, second, _FAR):
+        # Without noise the basin is as narrow, and the ARX cost of a valve far from it misleads as much.
+        model = search_model(run.model(second.spec))
+        third = _first(run, second.spec, grown(model, run.rng)[0])
+        second = third if third.cost < second.cost else second
     gain = -_ENDLESS_LOSS if lag > _ENDLESS_LAG * run.period_s else INTEGRATOR_GAIN
     return second if _one_step(run, second) < (1.0 - gain) * _one_step(run, first) else first
 
