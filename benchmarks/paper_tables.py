@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from stictionid.descent import descend
-from stictionid.fit import with_start
 from stictionid.identify import Options, identify
 from stictionid.loop import Loop
+from stictionid.moves import with_start
 from stictionid.oscillation import find_range
 from stictionid.rerun import rebuild_model
 from stictionid.results import Study

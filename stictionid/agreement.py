@@ -21,9 +21,9 @@ from pathlib import PurePath
 import numpy as np
 
 from .errors import CannotTell, UsageError
-from .fit import INTERVAL_LEVEL
 from .identify import identify as run_identify
 from .identify import made_by
+from .intervals import INTERVAL_LEVEL
 from .loop import FloatArray, Loop
 from .methods.options import Options
 from .results import CreatedBy, Study

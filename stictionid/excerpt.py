@@ -17,12 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .effects import parse
-from .fit import Fitted, finish, with_start
+from .fit import Fitted, finish
 from .loop import Finding, FloatArray, Loop
 from .methods.contract import Outcome
 from .methods.options import Options
 from .methods.run import Run
 from .model import Model
+from .moves import with_start
 from .oscillation import noise_of, reversals
 from .restarts import bound
 from .results import Range, Step

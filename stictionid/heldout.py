@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .descent import damped_moves, slopes_at
-from .fit import fold_rows, movable
+from .fit import fold_rows
 from .folds import best_of_fold
 from .loop import BoolArray, FloatArray
 from .model import Model
+from .moves import movable
 from .refit import Refit
 from .spec import Evaluated
 

@@ -19,12 +19,14 @@ from . import methods as method_room
 from ._version import __version__
 from .errors import CannotTell
 from .excerpt import excerpt, judged
-from .fit import INTERVAL_LEVEL, Fitted, search_model
+from .fit import Fitted
 from .gates import check, swing_of
+from .intervals import INTERVAL_LEVEL
 from .loop import Finding, Loop
 from .methods.contract import Method, Outcome
 from .methods.options import ALL_LAWS, BETWEEN, Options, searchable
 from .methods.run import ADEQUATE, Run
+from .moves import search_model
 from .oscillation import find_range
 from .position import from_position
 from .results import (

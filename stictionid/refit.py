@@ -15,26 +15,16 @@ import numpy as np
 
 from .arx import Arx
 from .effects import parse
-from .fit import (
-    Fitted,
-    along_ridge,
-    basins,
-    descended,
-    longest_piece,
-    polish_smooth,
-    search_model,
-    spreads,
-    with_other_start,
-    with_process,
-    with_start,
-)
+from .fit import Fitted, polish_smooth
 from .loop import BoolArray, FloatArray
 from .model import Model
+from .moves import descended, longest_piece, search_model, spreads, with_start
 from .noise import autoregression, filtered
 from .resonance import NUMBERS, resonance
 from .restarts import bound
 from .search import refine, swarm
 from .spec import BASE, Evaluated, Spec
+from .starts import along_ridge, basins, with_other_start, with_process
 
 _WARM, _ROAM, _SCOUTS = 6, 2, 500
 _SETTLED = 1e-4

@@ -13,16 +13,17 @@ import numpy as np
 from . import methods as method_room
 from .errors import CannotTell
 from .excerpt import excerpt, looked_at
-from .fit import basins, descended, search_model, with_process
 from .gates import check
 from .identify import Options, abstained, data_record, made_by
 from .loop import Loop
 from .methods.run import Run
+from .moves import descended, search_model
 from .oscillation import find_range
 from .results import Study, Verdict
 from .search import refine
 from .segments import chosen
 from .spec import Spec
+from .starts import basins, with_process
 from .verdict import capped, compared
 from .whitened import whitened
 

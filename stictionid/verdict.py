@@ -22,13 +22,15 @@ import numpy as np
 
 from .causes import looks_like
 from .effects import parse
-from .fit import Fitted, descended, process_grid
+from .fit import Fitted
 from .heldout import held_out_of
 from .loop import FloatArray, Loop
 from .methods.run import Run
 from .model import Model
+from .moves import descended
 from .results import Verdict
 from .spec import FIRST_ORDER, INTEGRATOR, Spec
+from .starts import process_grid
 from .whitened import TURNS, WORTH, Whitened, noise_taps, whitened, with_taps
 
 _BLOCKS = 5

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .fit import descended
 from .loop import BoolArray, FloatArray
 from .model import Model
+from .moves import descended
 from .noise import autoregression, filtered
 from .restarts import bound
 from .spec import Evaluated

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import parse
-from ..fit import Fitted, search_model, spreads, with_start
+from ..fit import Fitted
+from ..moves import search_model, spreads, with_start
 from ..refit import Refit, quick
 from ..restarts import bound
 from ..search import refine

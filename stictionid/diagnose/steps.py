@@ -9,12 +9,13 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import DataError, ModelError, UsageError
-from ..fit import Fitted, finish, search_model, spreads, with_start
+from ..fit import Fitted, finish
 from ..loop import Finding, FloatArray, Loop
 from ..methods import get as get_method
 from ..methods.options import Options
 from ..methods.run import Run
 from ..model import Model
+from ..moves import search_model, spreads, with_start
 from ..oscillation import find_range
 from ..refit import Refit, complete, has_noise, own_taps, scout, settled, starting_pool
 from ..rerun import rebuild_model

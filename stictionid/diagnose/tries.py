@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import catalogue, parse
-from ..fit import Fitted, polish_smooth, search_model, spreads, with_start
+from ..fit import Fitted, polish_smooth
 from ..heldout import Held, held_out
 from ..loop import FloatArray, Loop
+from ..moves import search_model, spreads, with_start
 from ..refit import Refit, at_thresholds, block_gains, complete, quick, starting_pool
 from ..restarts import bound
 from ..search import refine

@@ -18,9 +18,10 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import ModelError
-from ..fit import Fitted, search_model
+from ..fit import Fitted
 from ..heldout import Held, held_out
 from ..loop import FloatArray
+from ..moves import search_model
 from ..refit import Refit, Scouted, complete, quick, restored, scout, settled
 from ..restarts import bound
 from ..spec import BASE, Spec

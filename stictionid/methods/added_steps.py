@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fit import Fitted, descended, search_model
+from ..fit import Fitted
+from ..moves import descended, search_model
 from ..results import Step
 from .run import Run
 from .structure import QUICK_SETTLE, QUICK_TURNS, first_look, structure

@@ -17,11 +17,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..arx import Arx, continuous
-from ..fit import finish, with_process
+from ..fit import finish
 from ..loop import FloatArray
 from ..model import J_OVER_S, S_OVER_S_MAX, Model
 from ..search import swarm
 from ..spec import INTEGRATOR, Spec
+from ..starts import with_process
 from .contract import Method, Outcome, Process
 from .run import Run
 

@@ -14,8 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import CannotTell
-from ..fit import Fitted, region
+from ..fit import Fitted
 from ..gates import SAMPLES_PER_PERIOD
+from ..intervals import region
 from ..spec import Spec
 from .added_steps import try_resting, try_step
 from .contract import Method, Outcome

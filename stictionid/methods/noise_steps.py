@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fit import Fitted, descended
+from ..fit import Fitted
 from ..loop import Finding
+from ..moves import descended
 from ..noise import CEILING_LAGS
 from ..results import Step
 from ..spec import FIRST_ORDER, Spec

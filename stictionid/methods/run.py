@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import CannotTell
-from ..fit import Fitted, basins, effective_rows, finish, search
+from ..fit import Fitted, finish, search
 from ..gates import swing_of, time_scale_s
+from ..intervals import effective_rows
 from ..loop import Finding, FloatArray, Loop
 from ..model import Model, skipped
 from ..noise import irreducible
@@ -19,6 +20,7 @@ from ..restarts import bound
 from ..results import ErrorSummary, ParameterValue, Range, Restarts, Step
 from ..search import refine
 from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
+from ..starts import basins
 from .contract import Method
 from .options import Options
 

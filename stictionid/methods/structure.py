@@ -11,16 +11,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import CannotTell, UsageError
-from ..fit import Fitted, descended, grown, held_out_error, one_run, search_model, with_process, with_start
+from ..fit import Fitted, held_out_error, one_run
 from ..gates import SAMPLES_PER_PERIOD
 from ..loop import Finding, FloatArray
 from ..model import Model
+from ..moves import descended, search_model, with_start
 from ..noise import autocovariance
 from ..oscillation import noise_of
 from ..regression import whiten
 from ..scan import DECIMATED, parts_of, pi_law
 from ..search import Found
 from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
+from ..starts import grown, with_process
 from ..whitened import whitened
 from .run import ADEQUATE, INTEGRATOR_GAIN, LONG_LAG, Run, increment_error
 
