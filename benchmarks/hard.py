@@ -54,6 +54,15 @@ def fault_rows(runs: list[dict[str, Any]]) -> list[Row]:
             for name, (trials, failures) in newest.items()]
 
 
+def in_one(rows: list[Row]) -> list[Row]:
+    """The rows of all kinds of faults as one."""
+    if not rows:
+        return []
+    injected, failed = (sum(int(row[i].split()[0]) for row in rows) for i in (1, 2))
+    return [(f"faults of {len(rows)} kinds", f"{injected} injected", str(failed),
+             "nothing" if not failed else "see --kinds")]
+
+
 def kill_rows(runs: list[dict[str, Any]]) -> list[Row]:
     """One row for all kills of batches."""
     mine = _of(runs, "kills")
@@ -81,9 +90,10 @@ def soak_rows(runs: list[dict[str, Any]]) -> list[Row]:
              f"({100 * longest['growth']:+.1f} %), {longest['handles'][0]} to {longest['handles'][1]} open files")]
 
 
-def table(runs: list[dict[str, Any]]) -> str:
-    """The table as markdown."""
-    rows = [*fuzz_rows(runs), *kill_rows(runs), *soak_rows(runs), *fault_rows(runs)]
+def table(runs: list[dict[str, Any]], *, kinds: bool = False) -> str:
+    """The table as markdown; with `kinds` a row for each kind of fault."""
+    faults = fault_rows(runs)
+    rows = [*fuzz_rows(runs), *kill_rows(runs), *soak_rows(runs), *(faults if kinds else in_one(faults))]
     lines = [("what", "how much", "failures", "lost"), ("---",) * 4, *rows]
     return "\n".join("| " + " | ".join(row) + " |" for row in lines)
 
@@ -101,9 +111,10 @@ def main() -> int:
     """Print the table; exit 1 when a fault or a kill lost something in its newest run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--code", action="store_true", help="say how much ran on the code as it stands")
+    parser.add_argument("--kinds", action="store_true", help="a row for each kind of fault")
     chosen = parser.parse_args()
     runs = hard_results.runs()
-    print(table(runs))
+    print(table(runs, kinds=chosen.kinds))
     if chosen.code:
         print(on_this_code(runs))
     rows = [*kill_rows(runs), *soak_rows(runs), *fault_rows(runs)]

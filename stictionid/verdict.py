@@ -54,9 +54,18 @@ def judge(run: Run, fit: Fitted) -> Verdict:
     run.tell("comparing with a valve that does not stick", 0.85)
     verdict = compared(run, whitened(fit.model, fit.values))
     ratio = verdict.evidence["likelihood_ratio"]
-    if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and ratio < _CLEAR:
+    if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and ratio < _CLEAR and _scattered(fit):
         return replace(verdict, stiction="undecided", confidence=0.3, reason=f"the restarts disagree; {verdict.reason}")
     return verdict
+
+
+def _scattered(fit: Fitted) -> bool:
+    """Whether some restart ended at an S outside the interval of S.
+
+    Inside, they differ by no more than the answer says it may be wrong: a flat valley, not another basin.
+    """
+    low, high = fit.intervals.get("S", (np.inf, -np.inf))
+    return bool(((fit.searched[:, 0] < low) | (fit.searched[:, 0] > high)).any())
 
 
 def compared(run: Run, sticking: Whitened) -> Verdict:
@@ -90,7 +99,8 @@ def compared(run: Run, sticking: Whitened) -> Verdict:
         evidence["looks_like"] = instead
     few = run.found.reversals < _FEWEST_FOR_TRUST
     if few and answer != "undecided":
-        said += f"; the output reverses only {run.found.reversals} times, so this is not sure"
+        times = "once" if run.found.reversals == 1 else f"{run.found.reversals} times"
+        said += f"; the output reverses only {times}, so this is not sure"
     return Verdict(answer, said, min(confidence, _CAPPED if few or gain is None else _SUREST), evidence)
 
 
