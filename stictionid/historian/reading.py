@@ -230,7 +230,7 @@ def _unreadable_stamps(table: Table, shaped: Shaped, book: RowBook, counts: dict
         return []
     name = shaped.columns.get("time", "").split("+")[0]
     column = table.names.index(name) if name in table.names else None
-    cell = "" if column is None or table.columns[column][row].as_py() is None else table.cell(row, column)
+    cell = "" if column is None else table.cell(row, column)
     count, share = counts["no time"], counts["no time"] / counts["in"]
     at = f"row {row + 1:,}" if column is None else table.where(row, column)
     what = f"holds {shown(cell)}" if cell.strip() else "is empty or says that there is none"

@@ -62,8 +62,14 @@ class Table:
         return line
 
     def cell(self, row: int, column: int) -> str:
-        """The text of one cell."""
-        return str(self.columns[column][row].as_py())
+        """The text of one cell; of a stamp beyond the calendar the bare number, "" where there is none."""
+        scalar = self.columns[column][row]
+        if not scalar.is_valid:
+            return ""
+        try:
+            return str(scalar.as_py())
+        except (OverflowError, ValueError):
+            return str(getattr(scalar, "value", ""))
 
     def where(self, row: int, column: int) -> str:
         """File, line (of text; row of Parquet) and column of a cell, for a refusal."""
