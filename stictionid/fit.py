@@ -24,6 +24,8 @@ from .starts import along_ridge, basins, grown, roamed, with_other_start, with_p
 
 _VALLEY_ROUNDS = 150
 _MOST_RUNS, _RIDGE_TURNS = 4, 3
+# A restart of an integrator whose cost is this many times the best so far starts from a growing record.
+_MUCH_WORSE = 1.5
 # Turns of descent that tell which of the points beside the best deserve a population, and how many get one.
 _GLANCE, _KEPT = 3, 3
 # A polish has settled when its cost falls by less than this share in a dozen rounds. Unit: 1.
@@ -71,6 +73,9 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
     points, costs = before or (np.empty((0, model.space.size)), np.empty(0))
     while len(costs) < _MOST_RUNS and not (len(costs) >= 2 and agreement(coarse, points, costs) >= 2):
         point, cost = one_run(coarse, rng, starts)
+        if coarse.spec.increments and starts is None and cost > _MUCH_WORSE * costs.min(initial=np.inf):
+            # The best so far lies in a basin too narrow for swarms; a restart that can't find it says nothing of it.
+            point, cost = one_run(coarse, rng, grown(coarse, rng))
         points, costs = np.concatenate([points, point[None]]), np.append(costs, cost)
         order = np.argsort(costs, kind="stable")
         points, costs = points[order], costs[order]
@@ -93,8 +98,7 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
                             + np.outer(np.arange(model.space.size) == 4, 0.5 * every * model.step_s * np.arange(-1, 2)))
     elif starts is None:
         near = basins(model, rng) if near is None else near
-        starts = np.concatenate([with_process(model, near),
-                                 grown(model, rng) if model.spec.taps else roamed(model, rng)])
+        starts = np.concatenate([with_process(model, near), roamed(model, rng)])
     found = refine(model.costs, with_start(model, starts), rng, spread=spreads(model), rounds=12 if moving else 35,
                    population=14, settle=_SETTLED)
     points = found.points

@@ -286,8 +286,8 @@ def structure(run: Run, spec: Spec) -> Tried:
     second = _first(run, replace(plain, process=INTEGRATOR, increments=True))
     if _noise_fills(run, second):
         second = _first(run, replace(second.spec, taps=SOFT))
-    elif not at_noise(run, second, _FAR):
-        # Without noise the basin is as narrow, and the ARX cost of a valve far from it misleads as much.
+    if not at_noise(run, second, _FAR):
+        # Slips add up: the basin is narrow, and the ARX cost of a valve far from it misleads.
         model = search_model(run.model(second.spec))
         third = _first(run, second.spec, grown(model, run.rng)[0])
         second = third if third.cost < second.cost else second
