@@ -231,6 +231,8 @@ def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
 def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
     """Error on contiguous blocks that were masked while a fold chose its point from the cloud and its linear part.
 
+    `cube` (k, d) has the best point of all rows first.
+
     The valve runs through the whole record, so no fold restarts it; the block and a gap beside it are left out. The
     start-up transient is taken from the full fit: a fold without the start could not know it.
     """
@@ -243,13 +245,19 @@ def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
     if model.spec.increments:
         columns = columns[:, len(model.pieces):]  # a constant has no differences
     total, rows = 0.0, 0
-    for test, near in fold_rows(model, values[:, 0], [max(p.skip, p.taps.size) for p in model.pieces]):
+    # The first fold can't know where the valve started, either: it has every candidate from the start of the full fit.
+    started = cube.copy()
+    started[:, list(model.forces)] = cube[0, list(model.forces)]
+    first = model.own_columns(*model.responses(model.values(started)))[:own.shape[0]]
+    folds = fold_rows(model, values[:, 0], [max(p.skip, p.taps.size) for p in model.pieces])
+    for fold, (test, near) in enumerate(folds):
         test &= model.weight > 0
         train = (model.weight > 0) & ~near
         if test.sum() < 3 or train.sum() < 5 * (own.shape[0] + columns.shape[1] + 1):
             return None
-        p, sizes, tail = best_of_fold(own, columns, goal, train, model.spec.fixed.get("gain"))
-        error = goal[test] - (own[:, test, p].T @ sizes + columns[test] @ tail)
+        mine = own if fold else first
+        p, sizes, tail = best_of_fold(mine, columns, goal, train, model.spec.fixed.get("gain"))
+        error = goal[test] - (mine[:, test, p].T @ sizes + columns[test] @ tail)
         total, rows = total + float(np.sum(error**2)), rows + int(test.sum())
     return float(np.sqrt(total / rows)) if np.isfinite(total) else None
 

@@ -33,8 +33,10 @@ def batch(*arguments: object, **more) -> subprocess.CompletedProcess:
 
 
 def start(site, out, *arguments: str) -> subprocess.Popen:
+    # A job in the background of a script ignores Ctrl-C, and so would what it starts.
     return subprocess.Popen([*ME, str(site), "-o", str(out), *WHAT, "--json", *arguments], stdout=subprocess.PIPE,
-                            stderr=subprocess.PIPE, text=True, start_new_session=True)
+                            stderr=subprocess.PIPE, text=True, start_new_session=True,
+                            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL) and None)
 
 
 def results(folder: Path) -> dict[str, bytes]:
