@@ -7,7 +7,7 @@ about it, its interval is widened by as much (Birge's ratio). Records that absta
 S and J to compare and are listed with the reason.
 
 Wrong where records share what the model lacks: they then agree in the same error. Source: chi-square of a weighted
-mean and Birge's ratio as in the averages of the Particle Data Group; issue of agreement over records.
+mean and Birge's ratio as in the averages of the Particle Data Group.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from .descent import normals_at, principal
 from .loop import FloatArray
 from .model import Model
 from .moves import FORCES, ROUGH_FORCES, descended, first_force, movable, spreads
+from .noise import autocovariance
 from .spec import Evaluated
 
 # Difference for the slopes behind the rays, and how far along them is looked, as shares of the range.
@@ -42,16 +43,16 @@ def region(model: Model, top: FloatArray, rng: np.random.Generator,
 
 
 def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
-           jumps: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+          jumps: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Points around the optimum, shaped by the points that do nearly as well, and their costs; `jumps` among them.
 
     Rays along which one number moves and the others follow; a cloud of all numbers together; and one with the
     break-away (S, initial force) held, since on a sampled command its plateau is far narrower than the rest.
     """
-    movable = np.array([p.high > p.low for p in model.space.parameters])
-    held = movable & ~np.isin(np.arange(top.size), (0, *model.forces))
+    free = movable(model) > 0
+    held = free & ~np.isin(np.arange(top.size), (0, *model.forces))
     jumps = jump_profile(model, top) if jumps is None else jumps
-    parts = [top[None], _rays(model, top), jumps, _adapted(model, top, movable, rng),
+    parts = [top[None], _rays(model, top), jumps, _adapted(model, top, free, rng),
              _adapted(model, top, held, rng)]
     cube = np.concatenate(parts)
     return cube, model.costs(cube)
@@ -143,15 +144,13 @@ def _adapted(model: Model, top: FloatArray, free: NDArray[np.bool_], rng: np.ran
 
 def effective_rows(residual: FloatArray, good: FloatArray) -> float:
     """Rows that count as independent, by the residual's lag-one autocorrelation (n (1-ρ)/(1+ρ))."""
-    from .noise import autocovariance
-
     r = autocovariance(residual, good > 0, 1)  # the first sample of a segment never counts
     rho = float(np.clip(r[1] / r[0], 0.0, 0.999)) if r[0] > 0 else 0.0
     return max(float((good > 0).sum()) * (1.0 - rho) / (1.0 + rho), 5.0)
 
 
 def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: float,
-               best: Evaluated) -> dict[str, tuple[float, float]]:
+                 best: Evaluated) -> dict[str, tuple[float, float]]:
     """Smallest and largest value of each parameter among points that the likelihood ratio does not exclude."""
     rows = effective_rows(np.nan_to_num(best.innovation), model.weight)
     keep = rows * np.log(np.maximum(cost, 1e-300) / max(best_cost, 1e-300)) <= INTERVAL_THRESHOLD

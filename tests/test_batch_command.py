@@ -14,6 +14,10 @@ from pathlib import Path
 import pytest
 from batch_files import records, write_csv
 
+sys.path.insert(0, str(Path(__file__).parent / "faults"))
+
+from fault_bench import listen
+
 ME = [sys.executable, "-m", "stictionid", "batch"]
 WHAT = ["--level", "screen"]
 RESULTS = ("summary.csv", "summary.parquet", "summary.md", "summary.html")
@@ -33,10 +37,9 @@ def batch(*arguments: object, **more) -> subprocess.CompletedProcess:
 
 
 def start(site, out, *arguments: str) -> subprocess.Popen:
-    # A job in the background of a script ignores Ctrl-C, and so would what it starts.
     return subprocess.Popen([*ME, str(site), "-o", str(out), *WHAT, "--json", *arguments], stdout=subprocess.PIPE,
                             stderr=subprocess.PIPE, text=True, start_new_session=True,
-                            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL) and None)
+                            preexec_fn=listen)
 
 
 def results(folder: Path) -> dict[str, bytes]:

@@ -86,7 +86,7 @@ def _explained(run: Run, step: Step, error: float, within: float) -> bool:
 
 
 def try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str, least_drop: float = _LAG_DROP,
-              least_bic: float = _LAG_BIC, within: float = np.inf) -> None:
+             least_bic: float = _LAG_BIC, within: float = np.inf) -> None:
     """Add `effect` as a step of its own where held-out error and BIC both fall by the least that is asked for.
 
     `within` is how many times the irreducible noise the error may be with it.

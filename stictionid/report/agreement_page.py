@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from ..agreement import Agreement, Drift, Record
-from ..errors import UsageError
 from ..files import ensure_writable, write_whole
 from ..loop import FloatArray
 from ..results import to_json
@@ -17,6 +16,7 @@ from .figures import PNG_KIND, figure_bytes
 from .markdown import escape, table_text
 from .picture import Line, Panel, Picture
 from .pictures import time_unit
+from .place import refuse_other_kinds
 
 MARK = "<!-- stictionid agreement -->"
 KINDS = {".md": MARK.encode(), ".json": b'{\n "schema": "stictionid.agreement/'}
@@ -27,11 +27,7 @@ _MARGIN = 0.06
 
 def check_place(out: Path, *, figures: str = "svg", force: bool = False) -> None:
     """Refuse an unknown extension or figure kind, or a place that can't be written, before any work is done."""
-    if out.suffix.lower() not in KINDS:
-        raise UsageError(f"{out.suffix or 'no extension'!r} is no kind of agreement", "give -o a name ending in "
-                         + " or ".join(KINDS))
-    if figures not in FIGURES:
-        raise UsageError(f"'{figures}' is no kind of figure", "give --figures svg or --figures png")
+    refuse_other_kinds("agreement", out, KINDS, " or ".join(KINDS), figures)
     ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
     if out.suffix.lower() == ".md":
         ensure_writable(_beside(out, figures), force=force, kind=FIGURES[figures])

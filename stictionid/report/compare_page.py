@@ -6,12 +6,12 @@ from html import escape
 from pathlib import Path
 
 from ..compare import Comparison
-from ..errors import UsageError
 from ..files import ensure_writable, write_whole
 from . import svg, wording
 from .compare_pictures import comparison_pictures
 from .figures import figure_bytes
 from .picture import Picture
+from .place import refuse_other_kinds
 
 MARK = "<!-- stictionid comparison -->"
 KINDS = {".md": MARK.encode(), ".html": b"<!doctype html>\n" + MARK.encode()}
@@ -19,9 +19,7 @@ KINDS = {".md": MARK.encode(), ".html": b"<!doctype html>\n" + MARK.encode()}
 
 def check_place(out: Path, *, force: bool = False) -> None:
     """Refuse an unknown extension or a place that can't be written, before any work is done."""
-    if out.suffix.lower() not in KINDS:
-        raise UsageError(f"{out.suffix or 'no extension'!r} is no kind of comparison", "give -o a name ending in "
-                         ".md or .html; --json prints JSON")
+    refuse_other_kinds("comparison", out, KINDS, ".md or .html; --json prints JSON")
     ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
 
 

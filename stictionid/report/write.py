@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..errors import UsageError
 from ..files import ensure_writable, write_whole
 from . import wording
 from .curves import Case
+from .place import refuse_other_kinds
 
 Progress = Callable[[str, float], None]
 
 EXTENSIONS = (".md", ".html", ".json")
-FIGURE_KINDS = ("svg", "png")
 # First bytes of each kind of report, by which an older report may be replaced without --force.
 KINDS = {".md": b"<!-- stictionid report -->", ".html": b"<!doctype html>\n<!-- stictionid report -->",
          ".json": b'{\n "schema": "stictionid.report/'}
@@ -21,11 +20,7 @@ KINDS = {".md": b"<!-- stictionid report -->", ".html": b"<!doctype html>\n<!-- 
 
 def check_target(out: Path, *, figures: str = "svg", force: bool = False) -> None:
     """Refuse an unknown extension or figure kind, or a place that can't be written, before any work is done."""
-    if out.suffix.lower() not in EXTENSIONS:
-        raise UsageError(f"{out.suffix or 'no extension'!r} is no kind of report", "give -o a name ending in "
-                         + ", ".join(EXTENSIONS))
-    if figures not in FIGURE_KINDS:
-        raise UsageError(f"'{figures}' is no kind of figure", "give --figures svg or --figures png")
+    refuse_other_kinds("report", out, EXTENSIONS, ", ".join(EXTENSIONS), figures)
     ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
 
 

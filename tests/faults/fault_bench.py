@@ -20,7 +20,7 @@ LIMIT_S = 120.0  # a command that takes longer hangs
 Result = tuple[int, list[str], str]
 
 
-def _listen() -> None:
+def listen() -> None:
     """A child of a job in the background would inherit that SIGINT is ignored."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
@@ -87,7 +87,7 @@ class Bench:
         """A command left running."""
         return subprocess.Popen([sys.executable, "-m", "stictionid", *map(str, arguments)], stdin=subprocess.DEVNULL,
                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=surroundings(None),
-                                cwd=cwd or self.folder, preexec_fn=_listen)
+                                cwd=cwd or self.folder, preexec_fn=listen)
 
 
 def surroundings(changes: dict[str, str | None] | None) -> dict[str, str]:

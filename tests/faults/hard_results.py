@@ -7,6 +7,7 @@ came later. `python tests/faults/hard_results.py` prints the fingerprint of the 
 
 from __future__ import annotations
 
+import argparse
 import functools
 import hashlib
 import json
@@ -27,6 +28,11 @@ def code() -> str:
     for file in sorted((ROOT / "stictionid").rglob("*.py")):
         digest.update(file.relative_to(ROOT).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
     return digest.hexdigest()[:12]
+
+
+def add_record_option(parser: argparse.ArgumentParser) -> None:
+    """The option --record [FILE] of every tool that adds to the results."""
+    parser.add_argument("--record", type=Path, nargs="?", const=RESULTS)
 
 
 def runs(path: Path = RESULTS) -> list[dict[str, Any]]:

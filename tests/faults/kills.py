@@ -194,7 +194,7 @@ def main() -> int:
     arguments.add_argument("--kills", type=int, default=500)
     arguments.add_argument("--minutes", type=float, default=60.0)
     arguments.add_argument("--seed", type=int, default=0)
-    arguments.add_argument("--record", type=Path, nargs="?", const=hard_results.RESULTS)
+    hard_results.add_record_option(arguments)
     chosen = arguments.parse_args()
     fingerprint, begun = hard_results.code(), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="kills-") as folder:

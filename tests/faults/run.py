@@ -50,7 +50,7 @@ def main() -> int:
     arguments.add_argument("--seconds", type=float, default=300.0, help="time after which no further fault starts")
     arguments.add_argument("--only", default="", help="faults whose name holds this word")
     arguments.add_argument("--seed", type=int, default=0, help="seed of the random times")
-    arguments.add_argument("--record", type=Path, nargs="?", const=hard_results.RESULTS)
+    hard_results.add_record_option(arguments)
     chosen = arguments.parse_args()
     fingerprint, begun = hard_results.code(), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="faults-") as folder:

@@ -126,7 +126,7 @@ def main() -> int:
     arguments.add_argument("--identifications", type=int, default=10_000)
     arguments.add_argument("--minutes", type=float, default=40.0)
     arguments.add_argument("--seed", type=int, default=0)
-    arguments.add_argument("--record", type=Path, nargs="?", const=hard_results.RESULTS)
+    hard_results.add_record_option(arguments)
     chosen = arguments.parse_args()
     fingerprint, begun = hard_results.code(), time.monotonic()
     soaked = soak(chosen.identifications, chosen.minutes, chosen.seed, tell=True)

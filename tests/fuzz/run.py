@@ -179,7 +179,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=5.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--doors", nargs="*", choices=list(DOORS), default=list(DOORS))
-    parser.add_argument("--record", type=Path, nargs="?", const=hard_results.RESULTS)
+    hard_results.add_record_option(parser)
     options = parser.parse_args()
     # The code as it is now is the code that runs, whatever happens to the files meanwhile.
     fingerprint, started = hard_results.code(), time.time()
