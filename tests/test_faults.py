@@ -15,6 +15,7 @@ sys.path.insert(0, str(FAULTS))
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="faults are made with POSIX calls")
 if os.name == "posix":
+    import fault_clock
     import fault_files
     import fault_signals
     import fault_surroundings
@@ -112,3 +113,26 @@ def test_a_name_that_is_no_unicode_goes_through_a_study_and_back(bench: Bench) -
         assert not judge(bench.run("report", "names.json", "-o", out), 0)
     assert b"No pictures" not in (bench.folder / "n.md").read_bytes()
     (bench.folder / "names.json").read_text(encoding="utf-8")
+
+
+def test_where_a_local_export_is_read_changes_no_sample(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    import time
+
+    from stictionid.historian import ReadOptions, read_loop
+
+    seen: dict[str, set[bytes]] = {}
+    for zone in ("Europe/Berlin", "Australia/Lord_Howe"):
+        monkeypatch.setenv("TZ", zone)
+        time.tzset()
+        for name, (file, options) in fault_clock.local_exports(bench).items():
+            loop = read_loop(file, options=ReadOptions(zone=options[1] if options else None))
+            held = (loop.process_value.tobytes(), loop.output.tobytes(), loop.starts, loop.origin.start, loop.step_s)
+            seen.setdefault(name, set()).add(repr(held).encode())
+    monkeypatch.undo()
+    time.tzset()
+    assert len(seen) == 5 and all(len(held) == 1 for held in seen.values())
+
+
+def test_a_batch_resumes_by_content_and_never_by_the_time_of_a_file(bench: Bench) -> None:
+    trials, problems, skipped = fault_clock.resume_by_content(bench)
+    assert trials and not problems and not skipped

@@ -17,6 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import fault_clock
 import fault_files
 import fault_numbers
 import fault_signals
@@ -24,7 +25,8 @@ import fault_surroundings
 import hard_results
 from fault_bench import Bench, Outcome
 
-FAULTS = {**fault_files.FAULTS, **fault_signals.FAULTS, **fault_surroundings.FAULTS, **fault_numbers.FAULTS}
+FAULTS = {**fault_files.FAULTS, **fault_signals.FAULTS, **fault_surroundings.FAULTS, **fault_clock.FAULTS,
+          **fault_numbers.FAULTS}
 
 
 def inject(bench: Bench, names: list[str], seconds: float) -> list[Outcome]:
