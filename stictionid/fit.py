@@ -82,26 +82,30 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
     return points, costs
 
 
-def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = None,
-            near: FloatArray | None = None) -> tuple[FloatArray, float]:
+def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = None, near: FloatArray | None = None,
+            enough: Callable[[FloatArray, float], bool] | None = None) -> tuple[FloatArray, float]:
     """One search from nothing (or from given starts): best point (d,) and cost. `near` are basins that are known.
 
+    `enough` is asked about point and cost before the ridge is walked, and ends the search where it says so.
     A record with very many samples a period is searched thinned first: its ridge is too long to walk sample by
     sample, and the thinned one is short.
     """
     moving = not model.spec.held
     every = thinning(model)
-    if starts is None and every > 1:
-        small = thinned(model, every)
-        point, _ = one_run(small, rng, near=near)
-        starts = model.cube(small.values(point[None]).repeat(3, axis=1)
-                            + np.outer(np.arange(model.space.size) == 4, 0.5 * every * model.step_s * np.arange(-1, 2)))
-    elif starts is None:
+    if starts is None:
         near = basins(model, rng) if near is None else near
-        starts = np.concatenate([with_process(model, near), roamed(model, rng)])
+        if every > 1:
+            small = thinned(model, every)
+            point, _ = one_run(small, rng, near=near)
+            beside = np.outer(np.arange(model.space.size) == 4, 0.5 * every * model.step_s * np.arange(-1, 2))
+            starts = model.cube(small.values(point[None]).repeat(3, axis=1) + beside)
+        else:
+            starts = np.concatenate([with_process(model, near), roamed(model, rng)])
     found = refine(model.costs, with_start(model, starts), rng, spread=spreads(model), rounds=12 if moving else 35,
                    population=14, settle=_SETTLED)
     points = found.points
+    if enough is not None and enough(points[0], float(found.costs[0])):
+        return points[0], float(found.costs[0])
     for _ in range(0 if moving else _RIDGE_TURNS):
         near = np.concatenate([with_start(model, np.concatenate([points[:2], along_ridge(model, points[:2])])),
                                with_other_start(model, points[0])])

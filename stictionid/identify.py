@@ -144,11 +144,11 @@ def _cost_map(fit: Fitted, step: int) -> CostMap:
     share = np.linspace(0.0, 1.5, _MAP_J)
     J = share * min(float(fit.best.values["S"]) * 1.4, fit.model.s_max)
     grid = np.stack([S.repeat(J.size), np.tile(J, S.size)])
-    values = fit.values[:, None].repeat(grid.shape[1], axis=1)
-    values[0], values[1] = grid[0], np.minimum(grid[1], 2.0 * grid[0])
-    costs = search_model(fit.model).costs_of(values)
-    rmse = np.sqrt(costs / max(fit.best.rows, 1))
-    rmse[grid[1] > 2.0 * grid[0]] = np.nan
+    valid = grid[1] <= 2.0 * grid[0]
+    values = fit.values[:, None].repeat(int(valid.sum()), axis=1)
+    values[:2] = grid[:, valid]
+    rmse = np.full(grid.shape[1], np.nan)
+    rmse[valid] = np.sqrt(search_model(fit.model).costs_of(values) / max(fit.best.rows, 1))
     rows = [tuple(None if not np.isfinite(x) else float(x) for x in row) for row in rmse.reshape(S.size, J.size)]
     return CostMap(tuple(S.tolist()), tuple(J.tolist()), tuple(rows),
                    tuple((float(a), float(b)) for a, b in fit.searched), step)

@@ -52,10 +52,10 @@ def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
     free = movable(model) > 0
     held = free & ~np.isin(np.arange(top.size), (0, *model.forces))
     jumps = jump_profile(model, top) if jumps is None else jumps
-    parts = [top[None], _rays(model, top), jumps, _adapted(model, top, free, rng),
-             _adapted(model, top, held, rng)]
-    cube = np.concatenate(parts)
-    return cube, model.costs(cube)
+    looks = np.concatenate([top[None], _rays(model, top), jumps])
+    around, near = _adapted(model, top, free, rng), _adapted(model, top, held, rng)
+    return (np.concatenate([looks, around[0], near[0]]),
+            np.concatenate([model.costs(looks), around[1], near[1]]))
 
 
 def jump_profile(model: Model, top: FloatArray) -> FloatArray:
@@ -122,12 +122,14 @@ def _following(normal: FloatArray, free: FloatArray, size: int) -> list[FloatArr
     return found
 
 
-def _adapted(model: Model, top: FloatArray, free: NDArray[np.bool_], rng: np.random.Generator) -> FloatArray:
-    """Points (k, d) around `top` in its free numbers, drawn three times from the spread of the best so far."""
+def _adapted(model: Model, top: FloatArray, free: NDArray[np.bool_],
+             rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Points (k, d) around `top` in its free numbers, drawn three times from the spread of the best so far, and costs.
+    """
     columns = np.flatnonzero(free)
     d = columns.size
     if not d:
-        return top[None]
+        return top[None], model.costs(top[None])
     wide = spreads(model, 0.3)[columns] * rng.standard_normal((CLOUD, d)) * np.exp(-5.0 * rng.random((CLOUD, 1)))
     cube = top[None].repeat(CLOUD, axis=0)
     cube[:, columns] = np.clip(top[columns] + wide, 0.0, 1.0)
@@ -139,7 +141,7 @@ def _adapted(model: Model, top: FloatArray, free: NDArray[np.bool_], rng: np.ran
         more = top[None].repeat(CLOUD, axis=0)
         more[:, columns] = np.clip(top[columns] + 1.7 * rng.standard_normal((CLOUD, d)) @ root.T, 0.0, 1.0)
         cube, cost = np.concatenate([cube, more]), np.concatenate([cost, model.costs(more)])
-    return cube
+    return cube, cost
 
 
 def effective_rows(residual: FloatArray, good: FloatArray) -> float:

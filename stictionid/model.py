@@ -63,6 +63,7 @@ class Model:
                  record: Record | None = None) -> None:
         # `residual` (n,) is that of the model so far: what effects are looked for in, and what y is cleaned by.
         self._name(loop, spec, s_max, period_s)
+        self.thinned = command is not None
         y = _filled(loop.process_value)
         if command is None:
             command = self._commanded()

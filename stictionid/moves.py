@@ -106,6 +106,17 @@ def search_model(model: Model) -> Model:
                  period_s=model.period_s, residual=model.context.residual)
 
 
+def as_held(model: Model) -> Model:
+    """The same model under a command that is held from sample to sample: its basins, for fewer rows of the valve.
+
+    A thinned model is handed back as it is: its valve sees commands that its samples do not hold.
+    """
+    if model.spec.held or model.thinned:
+        return model
+    return bound(model.loop, replace(model.spec, between="hold", substeps=1), s_max=model.s_max,
+                 period_s=model.period_s, residual=model.context.residual, record=model.context.record)
+
+
 def thinning(model: Model) -> int:
     """One sample in how many a search from nothing needs."""
     return int(model.period_s / model.step_s / _SEARCH_SAMPLES)

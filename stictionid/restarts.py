@@ -44,6 +44,7 @@ class Restarted(Model):
     def __init__(self, loop: Loop, spec: Spec, *, s_max: float, period_s: float,
                  residual: FloatArray | None = None, command: FloatArray | None = None) -> None:
         self._name(loop, spec, s_max, period_s)
+        self.thinned = command is not None
         self.forces = (*Model.forces, *range(len(BASE), len(BASE) + len(loop.starts) - 1))
         clock = loop.clock_s
         centre = float(np.mean(loop.setpoint if loop.setpoint is not None

@@ -16,6 +16,7 @@ from .loop import FloatArray
 from .model import Model
 from .moves import (
     FORCES,
+    as_held,
     descended,
     first_distinct,
     lifted,
@@ -54,7 +55,9 @@ def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> F
 
     A record with very many samples a period is thinned first: its one-step error is all noise. Several segments are
     searched one by one, since one unknown start is easier to find than four, and what fits all of them best is kept.
+    A command that moves between samples is taken as held, which has the same basins and a quarter of the rows.
     """
+    model = as_held(model)
     if len(model.pieces) > 1:
         return _common_basins(model, rng, groups)
     found = swarm(_one_step_cost(model), 3, rng, groups=groups, particles=_PARTICLES, rounds=_ROUNDS,
@@ -198,7 +201,11 @@ def _shifted_pieces(model: Model, values: FloatArray, shifts: int) -> list[tuple
 
 
 def roamed(model: Model, rng: np.random.Generator) -> FloatArray:
-    """Starting points from swarms on the free-run cost itself, where drift or wrong dynamics mislead the ARX cost."""
+    """Starting points from swarms on the free-run cost itself, where drift or wrong dynamics mislead the ARX cost.
+
+    With the command held, as in `basins`.
+    """
+    model = as_held(model)
     found = swarm(model.costs, model.space.size, rng, groups=_ROAMERS, particles=32, rounds=_ROAM_ROUNDS,
                   scouts=_SCOUTS)
     return found.points[first_distinct(found.points, _ROAMERS)]

@@ -27,6 +27,8 @@ _QUICK_KEPT = 4
 _RESTING_LAW, _RESTING_TRIED, _RESTING_TAKEN = "he", 2.5, 1.3
 # An error below this share of the scatter of y is next to nothing: no plant measures better. Unit: 1.
 _NEXT_TO_NOTHING = 0.01
+# Below this share of it, a noise-free record is explained to what its sums round to. Unit: 1.
+_ROUNDING = 1e-6
 
 
 def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
@@ -38,6 +40,8 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     before = fits[-1]
     spec = before.model.spec
     if before.model.law.sliding_state is None or run.adequate(steps[-1])[0]:
+        return
+    if before.best.rmse < _ROUNDING * float(np.std(run.used_y())):
         return
     if spec.between != "hold":
         # Under a command that moves between samples the valve slides on most of the way: no basin of its own.

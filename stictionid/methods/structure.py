@@ -45,8 +45,9 @@ _NOISE_SHARE = 0.5
 # A lag beyond this many periods needs no proof that the process integrates: the integrator may even predict this much
 # worse, because its slips add up their errors. Units: periods, 1.
 _ENDLESS_LAG, _ENDLESS_LOSS = 3.0, 0.05
-# The command is taken as continuous only when that lowers the free-run error by this share.
-_CORNER_GAIN = 0.05
+# The command is taken as continuous only when that lowers the free-run error by this share; where one way leaves less
+# than the second share of the other's error a further lag can't change which is better: the most it took was half.
+_CORNER_GAIN, _CLEARLY = 0.05, 1.0 / 3.0
 # A PI law that ran with the samples leaves less of the changes of u than this share of what one that ran between them
 # does. Measured: nothing at all against 1e-5 to 1e-4; where it did run between them, 0.9 to 1.5 times as much. Unit: 1.
 _EXACT = 0.25
@@ -62,13 +63,18 @@ _ANY_LAG, _FAR = 0.2, 2.5
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """One search with one structure: its best point of the unit cube (d,), cost and curves."""
+    """One search with one structure: its best point of the unit cube (d,), cost and curves.
+
+    One that was left early, since a command that moves between samples did clearly better, has that one's `rival`
+    points (k, d).
+    """
 
     spec: Spec
     point: FloatArray
     cost: float
     evaluated: Evaluated | None
     increments: float
+    rival: FloatArray | None = None
 
 
 def choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray], tuple[Finding, ...]]:
@@ -77,13 +83,20 @@ def choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray], t
         best = _scanned(run, replace(spec, substeps=_scans(run)))
         return best.spec, (best.point[None], np.array([best.cost])), (_said_scans(run, best.spec.substeps),)
     # Most plants hold their command: at the noise, a moving one is only looked at.
-    best = structure(run, spec)
+    moving = replace(spec, between="corner", substeps=SUBSTEPS)
+    may_move = run.options.between == "auto" and _smooth(run)
+    best = structure(run, spec, rival=moving if may_move else None)
     notes: tuple[Finding, ...] = ()
     if run.options.between == "auto":
-        moving = replace(spec, between="corner", substeps=SUBSTEPS)
-        if _smooth(run) and (not at_noise(run, best) or _moves_better(run, best, moving)):
+        corner = None
+        if best.rival is not None:
             run.tell("rebuilding the command between samples", 0.3)
-            corner = structure(run, moving)
+            corner = structure(run, moving, starts=best.rival)
+            if not _clearly(corner, best):
+                best = structure(run, spec)
+        if may_move and (corner is not None or not at_noise(run, best) or _moves_better(run, best, moving)):
+            run.tell("rebuilding the command between samples", 0.3)
+            corner = structure(run, moving) if corner is None else corner
             if _of_two(run, corner, best):
                 best = corner
         scans = parts_of(run.loop.step_s, run.options.scan_s)
@@ -204,12 +217,16 @@ def check_scans(run: Run, fit: Fitted) -> None:
 def _moves_better(run: Run, held: Tried, moving: Spec) -> bool:
     """Whether a command that moves between samples does better from the point where the held one ended."""
     assert held.evaluated is not None
-    model = search_model(run.model(replace(moving, process=held.spec.process, increments=held.spec.increments,
-                                           taps=held.spec.taps)))
-    values = model.vector(held.evaluated.values)[:, None].repeat(3, axis=1)
-    values[4] = np.maximum(values[4] + run.loop.step_s * np.array([0.0, 0.5, 1.0]), 0.0)
-    found = descended(model, with_start(model, model.cube(values)), turns=QUICK_TURNS, settle=QUICK_SETTLE)
-    return float(found.costs[0]) < held.cost
+    values = run.model(held.spec).vector(held.evaluated.values)
+    return float(_moved(run, values, held.spec, moving).costs[0]) < held.cost
+
+
+def _moved(run: Run, values: FloatArray, held: Spec, moving: Spec) -> Found:
+    """What a short descent finds with a command that moves between samples, from values (d,) found with a held one."""
+    model = search_model(run.model(replace(moving, process=held.process, increments=held.increments, taps=held.taps)))
+    starts = values[:, None].repeat(3, axis=1)
+    starts[4] = np.maximum(starts[4] + run.loop.step_s * np.array([0.0, 0.5, 1.0]), 0.0)
+    return descended(model, with_start(model, model.cube(starts)), turns=QUICK_TURNS, settle=QUICK_SETTLE)
 
 
 def _of_two(run: Run, corner: Tried, held: Tried) -> bool:
@@ -218,17 +235,29 @@ def _of_two(run: Run, corner: Tried, held: Tried) -> bool:
     Where neither reaches the noise, a second lag, not yet in the model, may round the slips and speak for the wrong
     one, so both may have it.
     """
-    stationary = corner.spec.process == held.spec.process == FIRST_ORDER
-    noisy = bool(corner.spec.taps or held.spec.taps)
-
-    def error(e: Evaluated) -> float:
-        # Plain differences of a noisy record are all noise: nothing could be 5 % better by them.
-        return e.rmse if stationary else _soft_error(e) if noisy else increment_error(e)
-
+    error = _yardstick(corner, held)
     if at_noise(run, corner) or at_noise(run, held):
         return (corner.evaluated is not None and held.evaluated is not None
                 and error(corner.evaluated) < error(held.evaluated))
+    if _clearly(corner, held) or _clearly(held, corner):
+        return _clearly(corner, held)
     return _with_lag(run, corner, error) < (1.0 - _CORNER_GAIN) * _with_lag(run, held, error)
+
+
+def _yardstick(corner: Tried, held: Tried) -> Callable[[Evaluated], float]:
+    """The error by which two searches are compared."""
+    if corner.spec.process == held.spec.process == FIRST_ORDER:
+        return lambda e: e.rmse
+    # Plain differences of a noisy record are all noise: nothing could be 5 % better by them.
+    return _soft_error if corner.spec.taps or held.spec.taps else increment_error
+
+
+def _clearly(better: Tried, worse: Tried) -> bool:
+    """Whether one search leaves so much less than another that no further lag could turn that round."""
+    if better.evaluated is None or worse.evaluated is None:
+        return False
+    error = _yardstick(better, worse)
+    return error(better.evaluated) < _CLEARLY * error(worse.evaluated)
 
 
 def _soft_error(e: Evaluated) -> float:
@@ -254,10 +283,24 @@ def _smooth(run: Run) -> bool:
     return noise_of(u) < _ROUGH * float(np.ptp(u))
 
 
-def _first(run: Run, spec: Spec, known: FloatArray | None = None) -> Tried:
-    """One search from the basins; a `known` point (d,) of a model like this one is polished beside it."""
+def _first(run: Run, spec: Spec, known: FloatArray | None = None, starts: FloatArray | None = None,
+           rival: Spec | None = None) -> Tried:
+    """One search from the basins, or from `starts`; a `known` point (d,) of a similar model is polished beside it.
+
+    It ends early where a `rival` whose command moves between samples does clearly better from the same point.
+    """
     model = search_model(run.model(spec))
-    point, cost = one_run(model, run.rng, near=run.basins(spec))
+    moved: list[FloatArray] = []
+
+    def enough(point: FloatArray, cost: float) -> bool:
+        assert rival is not None
+        found = _moved(run, model.values(point[None])[:, 0], spec, rival)
+        if found.costs[0] < _CLEARLY**2 * cost:
+            moved.append(found.points)
+        return bool(moved)
+
+    near = run.basins(spec) if starts is None else None
+    point, cost = one_run(model, run.rng, starts, near, None if rival is None else enough)
     if known is not None:
         again = descended(model, with_start(model, known[None]))
         if again.costs[0] < cost:
@@ -265,17 +308,20 @@ def _first(run: Run, spec: Spec, known: FloatArray | None = None) -> Tried:
     if not np.isfinite(cost):
         return Tried(spec, point, cost, None, np.inf)
     e = model.evaluate(model.values(point[None])[:, 0])
-    return Tried(spec, point, cost, e, increment_error(e))
+    return Tried(spec, point, cost, e, increment_error(e), moved[0] if moved else None)
 
 
-def structure(run: Run, spec: Spec) -> Tried:
+def structure(run: Run, spec: Spec, starts: FloatArray | None = None, rival: Spec | None = None) -> Tried:
     """First order or integrator: where the lag is long, or leaves errors, the smaller one-step error decides.
 
     Each is completed with a noise model of its own, so that neither wins by its own yardstick. Where measurement noise
-    fills the differences they are softened (see `SOFT`) for the fit of the integrator.
+    fills the differences they are softened (see `SOFT`) for the fit of the integrator. `starts` (k, d) stand for the
+    basins of the first order, whose search ends early where a `rival` is clearly better (see `_first`).
     """
     plain = spec if spec.process == FIRST_ORDER else replace(spec, process=FIRST_ORDER, increments=False, taps=())
-    first = _first(run, plain)
+    first = _first(run, plain, starts=starts, rival=rival)
+    if first.rival is not None:
+        return first
     lag = first.evaluated.values["time_constant_s"] if first.evaluated else np.inf
     if "time_constant_s" in spec.fixed or (lag < LONG_LAG * run.period_s and at_noise(run, first)):
         return first
@@ -289,7 +335,7 @@ def structure(run: Run, spec: Spec) -> Tried:
     if not at_noise(run, second, _FAR):
         # Slips add up: the basin is narrow, and the ARX cost of a valve far from it misleads.
         model = search_model(run.model(second.spec))
-        third = _first(run, second.spec, grown(model, run.rng)[0])
+        third = _first(run, second.spec, starts=grown(model, run.rng))
         second = third if third.cost < second.cost else second
     gain = -_ENDLESS_LOSS if lag > _ENDLESS_LAG * run.period_s else INTEGRATOR_GAIN
     return second if _one_step(run, second) < (1.0 - gain) * _one_step(run, first) else first
