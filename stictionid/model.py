@@ -25,6 +25,7 @@ from .effects.contract import Context, Effect, Record
 from .errors import ModelError
 from .kernels import FULL, scratch
 from .loop import BoolArray, FloatArray, Loop
+from .noise import first_rows
 from .parameters import Parameter, Space
 from .process import Dynamics, free_run, transient
 from .regression import REJECTED, Shared, whiten, whiten_stack
@@ -424,6 +425,11 @@ class Model:
         scale[scale < 1e-12 * max(scale.max(initial=0.0), 1e-300)] = np.inf
         solution, *_ = np.linalg.lstsq(filtered[w] / scale, goal[w], rcond=1e-12)
         solution = solution / scale
+        innovation = goal - filtered @ solution
+        sse = float(np.sum(innovation[w] ** 2))
+        if self.spec.taps and not self.spec.increments:
+            solution = self._started(solution, slice(k - lags - (fixed_gain is not None), k - (fixed_gain is not None)),
+                                     free, target, filtered[w], goal[w])
         coefficients = np.concatenate([[fixed_gain], solution]) if fixed_gain is not None else solution
         model = design @ coefficients
         if self.taps.size and self.spec.increments:
@@ -439,14 +445,33 @@ class Model:
             if mine and np.isfinite(self.loop.process_value[first]):
                 coefficients[mine[0]] = y[first] - model[first]
                 model = model + coefficients[mine[0]] * own[:, mine[0]]
-        innovation = self.filtered((y - model)[:, None])[:, 0]
-        sse = float(np.sum((goal - filtered @ solution)[w] ** 2))
         sampled = position[::self.parts, 0]
         means = np.concatenate([_interval_means(part, self.parts) for part in self.split(position[:, 0])])
         return Evaluated(self.named(values), float(coefficients[0]), float(coefficients[k]),
                          coefficients[:k], own[:, k - lags:] @ coefficients[k - lags:k], lags, model,
                          np.where(np.isfinite(self.loop.process_value), y - model, np.nan),
                          innovation, sampled, means, int(w.sum()), sse, self._level_weight())
+
+    def _started(self, solution: FloatArray, starts: slice, design: FloatArray, y: FloatArray, white: FloatArray,
+                 goal: FloatArray) -> FloatArray:
+        """Coefficients (c,) of a design (n, c) with those of the start-up transients (`starts`) from the level, too.
+
+        The noise filter removes what decays like the noise, so `white` rows and their `goal` may let a transient be
+        anything; the first samples of every segment, which know its level, settle it.
+        """
+        head, at, long = first_rows(self.taps), 0, np.ones(self.taps.size)
+        rows, wanted = [white], [goal]
+        for piece in self.pieces:
+            runs = np.convolve(piece._level_weight(), long, "valid") > long.size - 0.5
+            if runs.any():
+                first = slice(at + int(np.argmax(runs)), at + int(np.argmax(runs)) + long.size)
+                rows.append(head @ design[first])
+                wanted.append(head @ y[first])
+            at += piece.loop.samples
+        known, settled = np.where(white.any(axis=0), np.concatenate(rows), 0.0), solution.copy()
+        rest = np.concatenate(wanted) - known @ solution + known[:, starts] @ solution[starts]
+        settled[starts] = np.linalg.lstsq(known[:, starts], rest, rcond=1e-12)[0]
+        return settled
 
     def _level_weight(self) -> FloatArray:
         return (self.good() & ~self.starting()).astype(np.float64)

@@ -37,6 +37,24 @@ def filtered(residual: FloatArray, counted: BoolArray, polynomial: FloatArray) -
     return np.convolve(np.nan_to_num(residual), polynomial)[:residual.size], good
 
 
+def first_rows(taps: FloatArray) -> FloatArray:
+    """What the first p samples of an autoregression (p,) are multiplied by (p, p) to be white like the later ones.
+
+    Sample k is predicted by the best predictor of order k and scaled to the innovations of the whole (Prais and
+    Winsten for p = 1). Of an autoregression that is not stable the first samples say nothing: zeros.
+    """
+    p = taps.size
+    out, predictor, scale = np.zeros((p, p)), np.asarray(taps, dtype=np.float64), 1.0
+    for k in range(p - 1, -1, -1):
+        reflection = predictor[k]
+        if not abs(reflection) < 1.0:
+            return np.zeros((p, p))
+        scale *= 1.0 - reflection**2
+        predictor = (predictor[:k] - reflection * predictor[:k][::-1]) / (1.0 - reflection**2)
+        out[k, :k + 1] = np.sqrt(scale) * np.concatenate([predictor[::-1], [1.0]])
+    return out
+
+
 def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, starts: Starts = (0,)) -> FloatArray:
     """Taps of an AR model (coefficients after the leading 1) whose order 0..largest BIC chooses (Levinson-Durbin).
 

@@ -61,6 +61,13 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
     return replace(best, rmse=rmse)
 
 
+def without_noise(model: Model, values: FloatArray) -> float:
+    """The free-run error (in the unit of y) of a model that has a noise model, descended to its least without one."""
+    white = bound(model.loop, replace(model.spec, taps=()), s_max=model.s_max, period_s=model.period_s)
+    found = descended(white, white.cube(values[:, None]))
+    return white.evaluate(white.values(found.points[:1])[:, 0]).rmse
+
+
 def noise_taps(w: Whitened) -> FloatArray:
     """Autoregression of the free-run residual, in differences where the model is fitted in them."""
     polynomial = np.array([1.0, -1.0]) if w.model.spec.increments else np.ones(1)

@@ -162,6 +162,19 @@ def filtered(columns, taps):
     return out
 
 
+def whitening_of_first(taps, long=4000):
+    """The inverse Cholesky factor of the covariance of the first samples of an AR model with innovations of 1."""
+    impulse = np.zeros(long)
+    impulse[0] = 1.0
+    for k in range(1, long):
+        for i, tap in enumerate(taps):
+            if k - 1 - i >= 0:
+                impulse[k] -= tap * impulse[k - 1 - i]
+    p = len(taps)
+    covariance = np.array([[impulse[:long - abs(i - j)] @ impulse[abs(i - j):] for j in range(p)] for i in range(p)])
+    return np.linalg.inv(np.linalg.cholesky(covariance))
+
+
 def interval_means(command, f_s, position):
     """Mean position over the part before each row, with the break-away where |e| reaches f_s on the way."""
     means = [position[0]]

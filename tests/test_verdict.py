@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import naive
 import numpy as np
 import pytest
 
@@ -16,9 +17,10 @@ from stictionid.historian import read_loop
 from stictionid.identify import Options, identify
 from stictionid.loop import Finding
 from stictionid.model import Model
+from stictionid.noise import first_rows
 from stictionid.search import refine
 from stictionid.severity import band, controller_law
-from stictionid.simulate import Controller, preset, simulate, with_stiction
+from stictionid.simulate import Controller, Plant, preset, simulate, with_stiction
 from stictionid.spec import Spec
 from stictionid.verdict import capped
 from stictionid.whitened import whitened
@@ -119,6 +121,32 @@ def test_whitened_innovations_are_white_and_smaller() -> None:
     x = done.innovation[done.good]
     assert done.order >= 1 and done.innovation_sd < 0.6 * done.rmse
     assert abs(float(x[1:] @ x[:-1] / (x @ x))) < 0.2  # AR(1) residuals of the same model have 0.9
+
+
+@pytest.mark.parametrize("roots", [[0.9], [0.95, -0.3], [0.8, 0.7, -0.5, 0.2]])
+def test_the_first_samples_of_a_noise_are_whitened_as_their_covariance_asks(roots: list[float]) -> None:
+    taps = np.poly(roots)[1:]
+    assert first_rows(taps) == pytest.approx(naive.whitening_of_first(taps), abs=1e-9)
+
+
+def test_the_start_of_an_unstable_noise_says_nothing() -> None:
+    assert not first_rows(np.poly([1.2, 0.5])[1:]).any()
+
+
+def test_noise_that_decays_like_the_process_does_not_let_the_start_of_the_free_run_go() -> None:
+    # The filter of the noise wipes out the start-up transient: without a say of the level it came out 100 times as big.
+    root = float(np.exp(-1.0 / 10.0))
+    setting = replace(scanned(5.0, 3.0, effects=(("coloured-noise", {"root": root, "innovation_sd": 0.1}),)),
+                      noise_sd=0.0, plant=Plant(1.2, 10.0, 5.0))
+    for seed in range(3):
+        loop = simulate(setting, seed=seed).loop
+        model = Model(loop, Spec(taps=(-root,)), s_max=7.0, period_s=60.0)
+        done = model.evaluate(model.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0,
+                                            "time_constant_s": 10.0, "dead_time_s": 5.0}))
+        sd = 0.1 / np.sqrt(1.0 - root**2)
+        assert done.rmse < 1.6 * sd  # the valve may have started elsewhere
+        first = np.flatnonzero(done.counted > 0)[:5]
+        assert np.abs(done.residual[first]).max() < 4.0 * sd
 
 
 # Verdict -----------------------------------------------------------------------------------------------------------

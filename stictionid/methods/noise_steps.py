@@ -31,6 +31,9 @@ NOISE, _SLOWEST_ROOT = "coloured-noise", 0.97
 _WALK_ROOT, _WALK_DROP = 0.5, 0.05
 # Its innovations have no kurtosis beyond this (3 if normal), and no stretch of so many is louder by more than this.
 _HEAVY, _UNEVEN, _STRETCHES = 4.5, 2.0, 10
+# Nor does a noise model let the free run go: coloured noise bends a fit that takes it for white, and the right model
+# may run freely a little worse than that one does (1.15 times met at a root of 0.95 in 800 samples), not more.
+_FREE_RUN = 1.3
 # Below this share of the scatter of y an error is no noise of a plant.
 _NO_NOISE = 0.002
 
@@ -54,7 +57,7 @@ def _try_autoregression(run: Run, steps: list[Step], fits: list[Fitted], local: 
     base = fits[0].model.spec.effects
     some, made = _refitted(run, replace(fits[-1].model.spec, effects=(*base, NOISE)), local, NOISE)
     last = _explained(run, made[-1])
-    if last is None or _slowest(last) > _SLOWEST_ROOT:
+    if last is None or _slowest(last) > _SLOWEST_ROOT or last.rmse > _FREE_RUN * fits[-1].best.rmse:
         return False
     if last.order:
         made[-1] = _noisy(run, made[-1].model.spec, last)
