@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .folds import best_of_fold
-from .intervals import CLOUD, cloud, intervals_of, jump_profile
+from .intervals import CLOUD, cloud, intervals_of, outline
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import descended, first_distinct, movable, search_model, spreads, thinned, thinning, with_start
@@ -59,8 +59,8 @@ class Fitted:
     rmse_holdout: float | None
     intervals: dict[str, tuple[float, float]]
     searched: FloatArray
-    # Values (d, k) with other slip jumps that a wider model's intervals start from.
-    jumps: FloatArray | None = None
+    # Values (d, k) of points that are not excluded, which a wider model's intervals start from.
+    possible: FloatArray | None = None
 
 
 def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None = None,
@@ -184,8 +184,7 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
                        settle=_SETTLED)
     top, best_cost = polish_smooth(model, found.points[0])
     agree = agreement(model, points, costs)
-    jumps = jump_profile(model, top)
-    cube, cost = cloud(model, top, rng, jumps)
+    cube, cost = cloud(model, top, rng)
     if cost.min() < best_cost:
         top, best_cost = cube[cost.argmin()], float(cost.min())
     if model.spec.held:
@@ -195,8 +194,9 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     best_values = model.values(top[None])[:, 0]
     best = model.evaluate(best_values)
     held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]) if holdout else None
+    possible = model.values(outline(model, cube, cost))
     return Fitted(model, best_values, best_cost, len(points), agree, best, held,
-                  intervals_of(model, cube, cost, best_cost, best), values[:2].T, model.values(jumps))
+                  intervals_of(model, cube, cost, best_cost, best), values[:2].T, possible)
 
 
 def _beside(model: Model, found: Found) -> Found:

@@ -75,12 +75,12 @@ def _explains_nothing(run: Run) -> CannotTell:
 def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
     """The fit with intervals that hold whether or not the process has a second lag too small to be named."""
     model, quick = first_look(run, fit.model, fit.best.values, LAG)
-    jumps = None
-    if fit.jumps is not None:
-        values = model.values(quick.points[:1]).repeat(fit.jumps.shape[1], axis=1)
-        values[:len(fit.jumps)] = fit.jumps
-        jumps = model.cube(values)
-    wide = region(model, quick.points[0], run.rng, jumps)
+    known = None
+    if fit.possible is not None:
+        values = model.values(quick.points[:1]).repeat(fit.possible.shape[1], axis=1)
+        values[:len(fit.possible)] = fit.possible
+        known = model.cube(values)
+    wide = region(model, quick.points[0], run.rng, known)
     names = {name: (min(low, wide[name][0]), max(high, wide[name][1]))
              for name, (low, high) in fit.intervals.items() if name in wide}
     return replace(fit, intervals={**fit.intervals, **names})
