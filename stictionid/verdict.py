@@ -41,8 +41,9 @@ _STICKS, _CLEAN, _WON = 40.0, 15.0, 4
 _EXPLAINED, _CLEAR, _CLEAR_DROP = 0.03, 200.0, 0.08
 # Below these shares friction explains nothing that matters.
 _NOTHING, _NOTHING_DROP = 0.02, 0.05
-# Below this share it does not matter, whatever the one-step errors say short of a clear ratio.
-_IRRELEVANT = 0.005
+# Below this share it does not matter, whatever the one-step errors say short of a clear ratio; unless it makes this
+# share of the free-run error: a linear model follows a smooth cycle by the output alone, what it lacks is the valve.
+_IRRELEVANT, _MOST_OF_THE_ERROR = 0.005, 0.5
 # Which processes of a grid, best first, are polished: neighbours of the best would end where it does.
 _STARTS = (0, 3, 10)
 # Fewer reversals of the output than this cap the confidence (CRITICISM.md section 7, gate 0).
@@ -57,8 +58,9 @@ def judge(run: Run, fit: Fitted) -> Verdict:
         # A model with a noise of its own does not aim at the free run; the one without friction is given its best.
         sticking = replace(sticking, rmse=min(sticking.rmse, without_noise(fit.model, fit.values)))
     verdict = compared(run, sticking)
-    ratio = verdict.evidence["likelihood_ratio"]
-    if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and ratio < _CLEAR and _scattered(fit):
+    clear = (verdict.evidence["likelihood_ratio"] >= _CLEAR
+             and verdict.evidence["share_of_pv_variance"] >= _EXPLAINED)
+    if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _scattered(fit):
         return replace(verdict, stiction="undecided", confidence=0.3, reason=f"the restarts disagree; {verdict.reason}")
     return verdict
 
@@ -153,7 +155,7 @@ def _answer(ratio: float, won: int, explained: float, drop: float, one_step: flo
     if ratio >= _STICKS and won >= _WON and enough:
         return "stiction", 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
     nothing = explained < _NOTHING or drop < _NOTHING_DROP
-    irrelevant = explained < _IRRELEVANT and ratio < _CLEAR
+    irrelevant = explained < _IRRELEVANT and ratio < _CLEAR and (ratio < _STICKS or drop < _MOST_OF_THE_ERROR)
     if ((ratio < _CLEAN or won < _WON) and nothing) or irrelevant:
         return "no stiction", 0.6 + 0.4 * float(np.clip(1.0 - ratio / _CLEAN, 0.0, 0.9))
     return "undecided", 0.4

@@ -22,7 +22,7 @@ from stictionid.search import refine
 from stictionid.severity import band, controller_law
 from stictionid.simulate import Controller, Plant, preset, simulate, with_stiction
 from stictionid.spec import Spec
-from stictionid.verdict import capped
+from stictionid.verdict import _answer, capped
 from stictionid.whitened import whitened
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "real_loops"
@@ -150,6 +150,12 @@ def test_noise_that_decays_like_the_process_does_not_let_the_start_of_the_free_r
 
 
 # Verdict -----------------------------------------------------------------------------------------------------------
+
+
+def test_friction_that_makes_most_of_the_error_is_not_denied_where_the_cycle_is_smooth() -> None:
+    # Seen with S 0.76, J 0.58 and noise of root 0.95: 0.3 % of the variance of y, but 77 % of the free-run error.
+    assert _answer(ratio=98.0, won=4, explained=0.003, drop=0.77, one_step=0.06)[0] == "undecided"
+    assert _answer(ratio=98.0, won=4, explained=0.003, drop=0.10, one_step=0.06)[0] == "no stiction"
 
 
 def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
