@@ -41,7 +41,7 @@ HOLDOUT_BLOCKS = 5
 _SAME_PATH = 1e-9
 _PLATEAU_LADDER = np.geomspace(1e-6, 0.05, 30)
 # Neighbouring minima of a command rebuilt between samples, in parts of a sample of dead time, and how often to look.
-_BESIDE, _BESIDE_TURNS = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0), 4
+_BESIDE, _BESIDE_TURNS, _BESIDE_KEPT = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0), 4, 3
 
 Progress = Callable[[str], None]
 
@@ -119,7 +119,7 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
         # Where the command moves between samples the ridge is a smooth, narrow valley: walk along it.
         points = descended(model, with_start(model, points), turns=6, settle=1e-2).points
         near = np.concatenate([with_start(model, points[:2]), with_other_start(model, points[0], 1)])
-        found = descended(model, near)
+        found = descended(model, near, settle=_SETTLED)
         return found.points[0], float(found.costs[0])
     return polish_smooth(model, with_start(model, points[:1])[0])
 
@@ -210,8 +210,9 @@ def _beside(model: Model, found: Found) -> Found:
     for _ in range(_BESIDE_TURNS):
         starts = found.points[:1].repeat(len(_BESIDE), axis=0)
         starts[:, 4] = np.clip(starts[:, 4] + np.array(_BESIDE) * part / (dead.high - dead.low), 0.0, 1.0)
-        shifted = descended(model, starts, held=(4,), turns=5, settle=1e-2)
-        more = descended(model, shifted.points[:2], turns=40)
+        shifted = descended(model, starts, held=(4,), turns=2, settle=1e-2).points[:_BESIDE_KEPT]
+        shifted = descended(model, shifted, held=(4,), turns=3, settle=1e-2).points
+        more = descended(model, shifted[:2], turns=40)
         if not more.costs[0] < found.costs[0] * (1.0 - _SETTLED):
             break
         found = more

@@ -31,7 +31,7 @@ from .moves import descended
 from .results import Verdict
 from .spec import FIRST_ORDER, INTEGRATOR, Spec
 from .starts import process_grid
-from .whitened import TURNS, WORTH, Whitened, noise_taps, whitened, with_taps, without_noise
+from .whitened import SETTLE, TURNS, WORTH, Whitened, noise_taps, whitened, with_taps, without_noise
 
 _BLOCKS = 5
 _LAG = "extra-lag"
@@ -195,5 +195,5 @@ def _free(run: Run, spec: Spec) -> tuple[Model, FloatArray]:
     start = np.full(model.space.size, 0.5)
     start[:3] = 0.0
     points, costs = process_grid(model, start)
-    found = descended(model, points[np.argsort(costs, kind="stable")[list(_STARTS)]])
+    found = descended(model, points[np.argsort(costs, kind="stable")[list(_STARTS)]], settle=SETTLE)
     return model, model.values(found.points[:1])[:, 0]

@@ -19,6 +19,8 @@ from .restarts import bound
 from .spec import Evaluated
 
 ORDER, TURNS = 8, 4
+# A descent has settled when the cost falls by less than this share: a tenth of a likelihood ratio on 1,000 samples.
+SETTLE = 1e-4
 # A further turn must lower the innovations to this share of what they were.
 WORTH = 0.999
 
@@ -53,7 +55,7 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
         if np.array_equal(taps, best.model.spec.taps):
             break
         white = bound(model.loop, replace(model.spec, taps=tuple(taps)), s_max=model.s_max, period_s=model.period_s)
-        found = descended(white, white.cube(best.values[:, None]))
+        found = descended(white, white.cube(best.values[:, None]), settle=SETTLE)
         now = with_taps(white, white.values(found.points[:1])[:, 0], taps)
         if now.innovation_sd > WORTH * best.innovation_sd:
             break

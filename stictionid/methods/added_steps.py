@@ -13,14 +13,12 @@ from ..fit import Fitted
 from ..moves import descended, search_model
 from ..results import Step
 from .run import Run
-from .structure import QUICK_SETTLE, QUICK_TURNS, first_look, structure
+from .structure import QUICK_KEPT, QUICK_SETTLE, QUICK_TURNS, first_look, structure
 
 # A step of its own must lower the held-out error by this share and BIC by this much (CRITICISM.md section 7). A second
 # lag is a question of the process: not settled, it bends S through the dead time (8 % met), so it needs less.
 _STEP_DROP, STEP_BIC = 0.03, 20.0
 _LAG_DROP, _LAG_BIC, _LOOK_DROP = 0.002, 10.0, 0.01
-# Points of a first look that are kept for the fit.
-_QUICK_KEPT = 4
 # The law of a valve that rests at every sample, whatever it does while it slides. Taken without `diagnose` looking at
 # its rivals, it must explain the record nearly alone: its error within the second factor of the irreducible noise; a
 # first search beyond the first factor is not followed. (A drifting valve, too, fits better when it may rest: 3 times.)
@@ -103,7 +101,7 @@ def try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str, least
     if not quick.costs[0] < float(same.costs[0]) * (1.0 - _LOOK_DROP):
         return
     spec = replace(before.model.spec, effects=coarse.spec.effects)
-    after = run.fit(spec, quick.points[:_QUICK_KEPT])
+    after = run.fit(spec, quick.points[:QUICK_KEPT])
     step = run.step(after, effect)
     if before.rmse_holdout is None or after.rmse_holdout is None:
         return

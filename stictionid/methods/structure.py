@@ -29,8 +29,8 @@ from .run import ADEQUATE, INTEGRATOR_GAIN, LONG_LAG, Run, increment_error
 # Parts of a sampling interval when the command moves between samples.
 SUBSTEPS = 8
 LAG = "extra-lag"
-# First look at a step: turns of descent, and when one has settled.
-QUICK_TURNS, QUICK_SETTLE = 8, 1e-3
+# First look at a step: turns of descent, when one has settled, and how many starts go on after the first turns.
+QUICK_TURNS, QUICK_SETTLE, QUICK_KEPT, _GLANCE = 8, 1e-3, 4, 2
 # Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
 _ROUGH = 2e-3
 # Softened differences (1 - q^-1) / (1 - 0.8 q^-1), cut after 14 samples: white for the errors of slips that an
@@ -397,5 +397,5 @@ def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tup
     starts[:, 0], starts[:len(fresh), 1:] = model.vector(values), fresh
     starts = starts.repeat(len(guesses), axis=1)
     starts[at] = np.tile(guesses.T, starts.shape[1] // len(guesses))
-    near = with_start(model, model.cube(starts))
-    return model, descended(model, near, turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    near = descended(model, with_start(model, model.cube(starts)), turns=_GLANCE, settle=QUICK_SETTLE).points
+    return model, descended(model, near[:QUICK_KEPT], turns=QUICK_TURNS - _GLANCE, settle=QUICK_SETTLE)
