@@ -67,12 +67,19 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
            before: tuple[FloatArray, FloatArray] | None = None) -> tuple[FloatArray, FloatArray]:
     """Independent runs until two agree, four at the most: their best points (k, d) and costs (k,), best first.
 
-    `before` are runs that were made already.
+    `before` are runs that were made already. A run that has come to the best optimum so far is not polished further.
     """
     coarse = search_model(model)
     points, costs = before or (np.empty((0, model.space.size)), np.empty(0))
+
+    def agrees(point: FloatArray, cost: float) -> bool:
+        if not len(costs):
+            return False
+        order = np.argsort([costs[0], cost], kind="stable")
+        return agreement(coarse, np.stack([points[0], point])[order], np.array([costs[0], cost])[order]) == 2
+
     while len(costs) < _MOST_RUNS and not (len(costs) >= 2 and agreement(coarse, points, costs) >= 2):
-        point, cost = one_run(coarse, rng, starts)
+        point, cost = one_run(coarse, rng, starts, enough=agrees)
         if coarse.spec.increments and starts is None and cost > _MUCH_WORSE * costs.min(initial=np.inf):
             # The best so far lies in a basin too narrow for swarms; a restart that can't find it says nothing of it.
             point, cost = one_run(coarse, rng, grown(coarse, rng))
@@ -86,7 +93,8 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
             enough: Callable[[FloatArray, float], bool] | None = None) -> tuple[FloatArray, float]:
     """One search from nothing (or from given starts): best point (d,) and cost. `near` are basins that are known.
 
-    `enough` is asked about point and cost before the ridge is walked, and ends the search where it says so.
+    `enough` is asked about point and cost before the ridge is walked, and after a first walk along it where it is
+    smooth; it ends the search where it says so.
     A record with very many samples a period is searched thinned first: its ridge is too long to walk sample by
     sample, and the thinned one is short.
     """
@@ -117,7 +125,10 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
             break
     if moving:
         # Where the command moves between samples the ridge is a smooth, narrow valley: walk along it.
-        points = descended(model, with_start(model, points), turns=6, settle=1e-2).points
+        found = descended(model, with_start(model, points), turns=6, settle=1e-2)
+        points = found.points
+        if enough is not None and enough(points[0], float(found.costs[0])):
+            return points[0], float(found.costs[0])
         near = np.concatenate([with_start(model, points[:2]), with_other_start(model, points[0], 1)])
         found = descended(model, near, settle=_SETTLED)
         return found.points[0], float(found.costs[0])
@@ -212,7 +223,7 @@ def _beside(model: Model, found: Found) -> Found:
         starts[:, 4] = np.clip(starts[:, 4] + np.array(_BESIDE) * part / (dead.high - dead.low), 0.0, 1.0)
         shifted = descended(model, starts, held=(4,), turns=2, settle=1e-2).points[:_BESIDE_KEPT]
         shifted = descended(model, shifted, held=(4,), turns=3, settle=1e-2).points
-        more = descended(model, shifted[:2], turns=40)
+        more = descended(model, shifted[:2], turns=40, settle=_SETTLED)
         if not more.costs[0] < found.costs[0] * (1.0 - _SETTLED):
             break
         found = more

@@ -324,7 +324,7 @@ class Model:
 
         A block is filled up with copies of its last candidate to a width that the kernels like.
         """
-        lanes = int(np.clip(_BLOCK // (self.loop.samples * self.parts) // 16 * 16, _FEWEST_LANES, _MOST_LANES))
+        lanes = min(max(_BLOCK // (self.loop.samples * self.parts) // 16 * 16, _FEWEST_LANES), _MOST_LANES)
         for a in range(0, values.shape[1], lanes):
             part = values[:, a:a + lanes]
             missing = -part.shape[1] % FULL

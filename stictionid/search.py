@@ -23,6 +23,8 @@ _SMALLEST_STEP = 1e-5
 # Rounds without progress after which a polish may be done; it is when half its population also lies within this many
 # times `settle` of its best: a population that has not yet found the direction of a narrow valley makes no progress.
 _PATIENCE, _FLAT = 14, 10.0
+# Most sweeps of rotations over a covariance matrix, and the correlation that is none. Unit: 1.
+_SWEEPS, _ROUNDING = 30, 1e-14
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,30 +97,28 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
     top = 1.0 / scale
     sigma = np.ones(k)
     cov = np.tile(np.eye(d), (k, 1, 1))
+    vectors, root = np.tile(np.eye(d), (k, 1, 1)), np.ones((k, d))
     path_s, path_c = np.zeros((k, d)), np.zeros((k, d))
     best, best_cost = np.clip(starts, 0.0, 1.0).copy(), cost(np.clip(starts, 0.0, 1.0))
     spent = k
     live = np.arange(k)
     history, middle = [best_cost.copy()], np.full(k, np.inf)
     for turn in range(rounds):
-        values, vectors = np.linalg.eigh(cov[live])
-        root = np.sqrt(np.maximum(values, 1e-20))
-        z = rng.standard_normal((live.size, lam, d))
-        y = np.einsum("kij,klj->kli", vectors, root[:, None, :] * z)
-        trial = np.clip(mean[live, None, :] + sigma[live, None, None] * y, 0.0, top)
-        y = (trial - mean[live, None, :]) / sigma[live, None, None]
-        c = cost((trial * scale).reshape(-1, d)).reshape(live.size, lam)
+        y, trial = np.empty((live.size, lam, d)), np.empty((live.size, lam, d))
+        _draw(live, rng.standard_normal(y.shape), mean, sigma, vectors, root, top, scale, y, trial)
+        c = cost(trial.reshape(-1, d)).reshape(live.size, lam)
         spent += c.size
-        order = np.ascontiguousarray(np.argsort(c, axis=1, kind="stable")[:, :mu])
+        order = c.argsort(axis=1, kind="stable")[:, :mu]
         lanes = np.arange(live.size)
         first, last = c[lanes, order[:, 0]], c[lanes, order[:, -1]]
         middle[live] = last
         better = first < best_cost[live]
         best_cost[live[better]] = first[better]
-        best[live[better]] = trial[better, order[better, 0]] * scale
+        best[live[better]] = trial[better, order[better, 0]]
         _adapt(live, np.isfinite(last), y, order, vectors, root, w, constants, turn, top, mean, sigma, cov, path_s,
                path_c)
-        widest = sigma * np.sqrt(np.maximum(np.einsum("kii->ki", cov).max(axis=1), 1e-30)) * scale.max()
+        _principal(live, cov, vectors, root)
+        widest = sigma * root.max(axis=1) * scale.max()
         history.append(best_cost.copy())
         going = widest > _SMALLEST_STEP
         if settle and len(history) > _PATIENCE:
@@ -129,6 +129,65 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
             break
     order = np.argsort(best_cost, kind="stable")
     return Found(best[order], best_cost[order], spent)
+
+
+@kernel
+def _principal(live, cov, vectors, root):
+    """Principal axes (columns of `vectors`) and standard deviations `root` of the populations `live`.
+
+    Cyclic Jacobi rotations (Golub and Van Loan): to rounding for each standard deviation, however unlike they are,
+    and at these sizes faster than a call of LAPACK.
+    """
+    d = cov.shape[1]
+    a = np.empty((d, d))
+    for at in range(live.size):
+        g = live[at]
+        v = vectors[g]
+        for i in range(d):
+            for j in range(d):
+                a[i, j] = cov[g, i, j]
+                v[i, j] = 1.0 if i == j else 0.0
+        for _ in range(_SWEEPS):
+            turned = False
+            for p in range(d - 1):
+                for q in range(p + 1, d):
+                    x = a[p, q]
+                    if abs(x) <= _ROUNDING * np.sqrt(abs(a[p, p] * a[q, q])):
+                        continue
+                    turned = True
+                    theta = (a[q, q] - a[p, p]) / (2.0 * x)
+                    t = (1.0 if theta >= 0.0 else -1.0) / (abs(theta) + np.sqrt(theta * theta + 1.0))
+                    c = 1.0 / np.sqrt(t * t + 1.0)
+                    s = t * c
+                    for i in range(d):
+                        one, two = a[i, p], a[i, q]
+                        a[i, p], a[i, q] = c * one - s * two, s * one + c * two
+                    for i in range(d):
+                        one, two = a[p, i], a[q, i]
+                        a[p, i], a[q, i] = c * one - s * two, s * one + c * two
+                    for i in range(d):
+                        one, two = v[i, p], v[i, q]
+                        v[i, p], v[i, q] = c * one - s * two, s * one + c * two
+            if not turned:
+                break
+        for i in range(d):
+            root[g, i] = np.sqrt(max(a[i, i], 1e-20))
+
+
+@kernel
+def _draw(live, z, mean, sigma, vectors, root, top, scale, y, trial):
+    """Steps y and points `trial` (g, lam, d) of the populations `live` from normal numbers z, kept inside the range."""
+    count, d = z.shape[1:]
+    for a in range(live.size):
+        g = live[a]
+        for m in range(count):
+            for i in range(d):
+                step = 0.0
+                for j in range(d):
+                    step += vectors[g, i, j] * root[g, j] * z[a, m, j]
+                point = min(max(mean[g, i] + sigma[g] * step, 0.0), top[i])
+                y[a, m, i] = (point - mean[g, i]) / sigma[g]
+                trial[a, m, i] = point * scale[i]
 
 
 @kernel
@@ -151,13 +210,13 @@ def _adapt(live, fine, y, order, vectors, root, w, constants, turn, top, mean, s
         for j in range(d):
             total = 0.0
             for i in range(d):
-                total += vectors[a, i, j] * step[i]
-            along[j] = total / root[a, j]
+                total += vectors[g, i, j] * step[i]
+            along[j] = total / root[g, j]
         length = 0.0
         for i in range(d):
             white = 0.0
             for j in range(d):
-                white += vectors[a, i, j] * along[j]
+                white += vectors[g, i, j] * along[j]
             path_s[g, i] = (1.0 - cs) * path_s[g, i] + np.sqrt(cs * (2.0 - cs) * mueff) * white
             length += path_s[g, i] ** 2
         length = np.sqrt(length)

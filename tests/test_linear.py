@@ -139,6 +139,34 @@ def test_the_irreducible_noise_is_what_a_free_model_leaves(piece: int, monkeypat
     assert noise.irreducible(y, v, good, delay) == pytest.approx(left, rel=1e-9)
 
 
+@pytest.mark.parametrize("d", [1, 2, 5, 9])
+def test_principal_axes_hold_for_deviations_that_differ_a_millionfold(d: int) -> None:
+    rng = np.random.default_rng(2)
+    mixed, sizes = rng.standard_normal((3, d, d)), np.geomspace(1.0, 1e-6, d)
+    cov = sizes[:, None] * (mixed @ mixed.transpose(0, 2, 1) + np.eye(d)) * sizes
+    vectors, root = np.full((3, d, d), np.nan), np.full((3, d), np.nan)
+    search._principal(np.array([2, 0]), cov, vectors, root)
+    for g in (0, 2):
+        np.testing.assert_allclose((vectors[g] * root[g] ** 2) @ vectors[g].T, cov[g], rtol=1e-9)
+        np.testing.assert_allclose(vectors[g].T @ vectors[g], np.eye(d), atol=1e-13)
+    assert np.isnan(vectors[1]).all() and np.isnan(root[1]).all()
+
+
+def test_a_population_is_drawn_along_its_axes_and_kept_inside() -> None:
+    rng = np.random.default_rng(3)
+    k, d, lam = 2, 3, 40
+    mean, sigma, scale = rng.random((k, d)), np.array([0.02, 2.0]), np.array([1.0, 0.5, 2.0])
+    vectors, root = np.linalg.qr(rng.standard_normal((k, d, d)))[0], rng.random((k, d))
+    z, top = rng.standard_normal((2, lam, d)), 1.0 / scale
+    y, trial = np.empty((2, lam, d)), np.empty((2, lam, d))
+    search._draw(np.array([1, 0]), z, mean, sigma, vectors, root, top, scale, y, trial)
+    for a, g in enumerate((1, 0)):
+        expected = np.clip(mean[g] + sigma[g] * (z[a] * root[g]) @ vectors[g].T, 0.0, top)
+        np.testing.assert_allclose(trial[a], expected * scale, rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(y[a], (expected - mean[g]) / sigma[g], rtol=1e-9, atol=1e-12)
+    assert (trial[0] == 0.0).any() and (trial >= 0.0).all() and (trial <= 1.0 + 1e-15).all()
+
+
 @pytest.mark.parametrize("size", [0.2, 3.0])
 def test_a_generation_of_the_polish_is_the_written_one(size: float) -> None:
     rng = np.random.default_rng(1)
@@ -151,14 +179,15 @@ def test_a_generation_of_the_polish_is_the_written_one(size: float) -> None:
     live, fine = np.array([2, 0]), np.array([True, True])
     y, order = size * rng.standard_normal((2, lam, d)), np.argsort(rng.random((2, lam)), axis=1)[:, :5]
     w = np.array([0.4, 0.3, 0.15, 0.1, 0.05])
-    values, vectors = np.linalg.eigh(before[2][live])
-    search._adapt(live, fine, y, order, vectors, np.sqrt(values), w, constants, 3, top, *after)
+    vectors, root = np.empty((k, d, d)), np.empty((k, d))
+    search._principal(np.arange(k), before[2], vectors, root)
+    search._adapt(live, fine, y, order, vectors, root, w, constants, 3, top, *after)
     for a, g in enumerate(live):
         expected = naive.adapted(*(x[g] for x in before), y[a, order[a]], w, constants, 3, top)
         for ours, theirs in zip(after, expected, strict=True):
             np.testing.assert_allclose(ours[g], theirs, rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(after[0][1], before[0][1])
-    search._adapt(live[:1], ~fine[:1], y, order, vectors, np.sqrt(values), w, constants, 3, top, *after)
+    search._adapt(live[:1], ~fine[:1], y, order, vectors, root, w, constants, 3, top, *after)
     assert after[1][2] == pytest.approx(0.7 * expected_sigma(before, y, order, w, constants, top))
 
 
