@@ -180,3 +180,26 @@ def test_a_valve_that_rests_between_scans_is_found_on_a_noisy_integrator() -> No
     assert study.steps[-1].added == "re-sticking"
     assert pytest.approx(5.0, rel=0.01) == study.estimate.S
     assert pytest.approx(3.0, rel=0.02) == study.estimate.J
+
+
+def test_a_held_search_that_ended_beside_its_basin_is_looked_at_again_from_where_the_moving_one_ended() -> None:
+    from stictionid.methods import catalogue
+    from stictionid.methods.run import Run
+    from stictionid.methods.structure import SUBSTEPS, Tried, _looked_again
+
+    loop = read_loop(Path(__file__).parents[1] / "sample_data" / "foptd_scanned.parquet")
+    run = Run(loop, find_range(loop), Options(), catalogue()["auto"], rng=np.random.default_rng(0),
+              tell=lambda *_: None)
+    # Where both searches ended with numpy 2.5 and seed 0: dead time off by a sample, 1.5 times the noise.
+    ends = {"hold": (Spec(), [0.5793609, 0.32886129, 0.8675, 0.4708931, 0.08516798]),
+            "corner": (Spec(between="corner", substeps=SUBSTEPS),
+                       [0.58839067, 0.33239446, 0.18383987, 0.47319692, 0.0793606])}
+    tried = {}
+    for name, (spec, point) in ends.items():
+        cube = np.array(point)
+        cost = float(run.model(spec).costs(cube[None])[0])
+        tried[name] = Tried(spec, cube, cost, None, np.inf)
+    again = _looked_again(run, tried["hold"], tried["corner"])
+    assert again.cost < 0.5 * tried["hold"].cost and again.evaluated is not None
+    assert again.evaluated.values["dead_time_s"] == pytest.approx(5.0, abs=0.05)
+    assert _looked_again(run, again, tried["corner"]) is again

@@ -199,7 +199,8 @@ def _to_ns(year: IntArray, month: IntArray, day: IntArray) -> tuple[IntArray, Bo
     real = (month >= 1) & (month <= 12) & (day >= 1) & (year >= 1900) & (year <= 2200)
     safe_month = np.where(real, month, 1)
     months = ((np.where(real, year, 1970) - 1970) * 12 + safe_month - 1).astype("datetime64[M]")
-    length = ((months + 1).astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64)
+    following = months + np.timedelta64(1, "M")
+    length = (following.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64)
     real &= day <= length
     days = months.astype("datetime64[D]").astype(np.int64) + np.where(real, day, 1) - 1
     return days * 86_400 * _SECOND, real
