@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .folds import best_of_fold
-from .intervals import CLOUD, cloud, intervals_of, outline
+from .intervals import CLOUD, cloud, intervals_of, outline, widened
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import descended, first_distinct, movable, search_model, spreads, thinned, thinning, with_start
@@ -195,7 +195,7 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
                        settle=_SETTLED)
     top, best_cost = polish_smooth(model, found.points[0])
     agree = agreement(model, points, costs)
-    cube, cost = cloud(model, top, rng)
+    cube, cost = widened(model, *cloud(model, top, rng))
     if cost.min() < best_cost:
         top, best_cost = cube[cost.argmin()], float(cost.min())
     if model.spec.held:

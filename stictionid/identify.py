@@ -23,7 +23,7 @@ from .fit import Fitted
 from .gates import check, swing_of
 from .intervals import INTERVAL_LEVEL
 from .loop import Finding, Loop
-from .methods.contract import Method, Outcome
+from .methods.contract import Method, Outcome, intervals_withheld, without_intervals
 from .methods.options import ALL_LAWS, BETWEEN, Options, searchable
 from .methods.run import ADEQUATE, Run
 from .moves import search_model
@@ -83,6 +83,8 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     if view is not None:
         outcome, note = judged(view, _run_of(piece, found, run.options, method, tell), outcome)
         last, notes = outcome.fits[-1], (*notes, note)
+    if intervals_withheld(outcome.steps):
+        outcome, last = replace(outcome, steps=without_intervals(outcome.steps)), replace(last, intervals={})
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found), rng=run.rng)
     verdict = capped(judge(run, near_fit), loop)

@@ -40,7 +40,7 @@ def region(model: Model, top: FloatArray, rng: np.random.Generator,
     """
     if known is not None:
         known = descended(model, known, held=(0, 1, *model.forces), turns=4, settle=1e-3).points
-    cube, cost = cloud(model, top, rng, known)
+    cube, cost = widened(model, *cloud(model, top, rng, known))
     best = int(cost.argmin())
     return intervals_of(model, cube, cost, float(cost[best]), model.evaluate(model.values(cube[best:best + 1])[:, 0]))
 
@@ -49,16 +49,19 @@ def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
           known: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Points around the optimum, shaped by the points that do nearly as well, and their costs; `known` among them.
 
-    Rays along which one number moves and the others follow; a cloud of all numbers together; one with the break-away
-    (S, initial force) held, since on a sampled command its plateau is far narrower than the rest; and what S and J
-    reach (profiles.py).
+    Rays along which one number moves and the others follow; a cloud of all numbers together; and one with the
+    break-away (S, initial force) held, since on a sampled command its plateau is far narrower than the rest.
     """
     free = movable(model) > 0
     held = free & ~np.isin(np.arange(top.size), (0, *model.forces))
     looks = np.concatenate([top[None], *([] if known is None else [known]), _rays(model, top)])
     around, near = _adapted(model, top, free, rng), _adapted(model, top, held, rng)
-    cube = np.concatenate([looks, around[0], near[0]])
-    cost = np.concatenate([model.costs(looks), around[1], near[1]])
+    return (np.concatenate([looks, around[0], near[0]]),
+            np.concatenate([model.costs(looks), around[1], near[1]]))
+
+
+def widened(model: Model, cube: FloatArray, cost: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A cloud (k, d) and its costs (k,) with points added as far as S and J reach (profiles.py)."""
     return reached(model, cube, cost, _possible(model, cube, cost)) if cost.min() > 0.0 else (cube, cost)
 
 

@@ -14,15 +14,16 @@ from .loop import FloatArray
 from .model import Model
 from .moves import descended, movable
 
-# Rungs beyond what is known to be possible, as shares of S: for S and for J. Those of S are close together: one sample
-# of dead time away lies another optimum, and its step may be as narrow as the distance between them.
+# Rungs beyond what is known to be possible, as shares of S: for S and for J. Under a held command those of S are close
+# together (one sample of dead time away lies another optimum, and its step may be as narrow as the distance between
+# them), and the best of a few side by side is polished; a command that moves makes the cost smooth.
 _LADDERS = (np.geomspace(5e-4, 0.12, 40), np.geomspace(2e-3, 0.5, 14))
+_SMOOTH_LADDERS = (np.geomspace(1e-3, 0.12, 10), np.geomspace(4e-3, 0.5, 7))
+_TOGETHER = (4, 1)
 # Rungs between the last possible value and the first excluded one, and how often to look between them.
-_BETWEEN, _ROUNDS = 6, 3
+_BETWEEN, _ROUNDS = 5, 3
 # Points that each rung starts from (outermost ones, best ones over the range of the other number).
-_OUTERMOST, _OVER = 4, 6
-# Points that are polished of each rung; of a ladder, rungs side by side that share them.
-_POLISHED, _TOGETHER = 1, (4, 1)
+_OUTERMOST, _OVER = 3, 3
 
 
 def reached(model: Model, cube: FloatArray, cost: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
@@ -53,20 +54,19 @@ def _outwards(move: Mover, cube: FloatArray, cost: FloatArray, ratio: float, num
     model = move.model
     at = np.flatnonzero(cost <= ratio * cost.min())
     values = model.values(cube[at])
-    S = float(values[0, cost[at].argmin()])
+    ladder = (_LADDERS if model.spec.held else _SMOOTH_LADDERS)[number] * values[0, cost[at].argmin()]
+    together = _TOGETHER[number] if model.spec.held else 1
     parts, targets = [], []
     for sign in (-1, 1):
         order = np.argsort(-sign * values[number], kind="stable")[:_OUTERMOST]
         edge, end = float(values[number, order[0]]), excluded[number, sign]
         first = not np.isfinite(end)
-        goal = edge + sign * S * _LADDERS[number] if first else np.linspace(edge, end, _BETWEEN + 2)[1:-1]
+        goal = edge + sign * ladder if first else np.linspace(edge, end, _BETWEEN + 2)[1:-1]
         starts = np.concatenate([order, spread_over(values[1 - number], cost[at], _OVER)])
         trial = move(values[:, starts], number, goal)
         points = model.cube(trial.reshape(len(trial), -1))
-        costs = model.costs(points).reshape(goal.size, -1)
-        costs = costs.reshape(-1, costs.shape[1] * (_TOGETHER[number] if first else 1))
-        best = np.argsort(costs, axis=1, kind="stable")[:, :_POLISHED]
-        parts.append(points[(best + np.arange(len(costs))[:, None] * costs.shape[1]).ravel()])
+        costs = model.costs(points).reshape(goal.size // (together if first else 1), -1)
+        parts.append(points[costs.argmin(axis=1) + np.arange(len(costs)) * costs.shape[1]])
         targets.append(goal)
     held = (0, *model.forces) if number == 0 else (0, 1, *model.forces)
     found = descended(model, np.concatenate(parts), held=held, turns=3, settle=1e-3)

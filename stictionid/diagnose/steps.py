@@ -12,6 +12,7 @@ from ..errors import DataError, ModelError, UsageError
 from ..fit import Fitted, finish
 from ..loop import Finding, FloatArray, Loop
 from ..methods import get as get_method
+from ..methods.contract import intervals_withheld, without_intervals
 from ..methods.options import Options
 from ..methods.run import Run
 from ..model import Model
@@ -103,6 +104,8 @@ def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -
     """The study with new steps: main numbers, adequacy and severity are those of the last one's fit."""
     adequate, why = judged(run, steps[-1], after)
     main = estimate(study, after)
+    if intervals_withheld(study.steps):
+        steps = without_intervals(steps)
     return replace(study, steps=steps, estimate=main, adequate=adequate, adequate_reason=why, missing=(),
                    severity=severity_of(run.loop, main, after) if main else None)
 
@@ -201,8 +204,9 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
         return None
     v = fit.best.values
     lags = [v["time_constant_s"], *(x for k, x in v.items() if k.endswith("second_time_constant_s"))]
-    return replace(study.estimate, S=v["S"], J=v["J"], S_interval=fit.intervals.get("S"),
-                   J_interval=fit.intervals.get("J"), gain=fit.best.gain, time_constants_s=tuple(lags),
+    spans = {} if intervals_withheld(study.steps) else fit.intervals
+    return replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),
+                   gain=fit.best.gain, time_constants_s=tuple(lags),
                    dead_time_s=v["dead_time_s"], initial_residual_force=v["initial_residual_force"])
 
 

@@ -8,8 +8,8 @@ around it are made by `identify` for every method alike.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..fit import Fitted
@@ -52,6 +52,16 @@ class Outcome:
     process: Process | None = None
     verdict: Verdict | None = None
     gives_jump: bool = True
+
+
+def intervals_withheld(steps: Iterable[Step]) -> bool:
+    """Whether a finding of some step says that no intervals can be given (`no_intervals` in its evidence)."""
+    return any(finding.evidence.get("no_intervals") for step in steps for finding in step.findings)
+
+
+def without_intervals(steps: Iterable[Step]) -> tuple[Step, ...]:
+    """The steps with no interval of any number."""
+    return tuple(replace(step, parameters=tuple(replace(p, interval=None) for p in step.parameters)) for step in steps)
 
 
 @dataclass(frozen=True, slots=True)

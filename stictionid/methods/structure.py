@@ -188,8 +188,10 @@ def _said_chatter(run: Run, scans: int, chatter: float) -> Finding:
     return Finding("scans-too-noisy", "warning",
                    f"if the controller scans every {step / scans:.3g} s, one scan in {scans} was exported; in "
                    f"between, noise moves the output {chatter:.2g} times as far as it goes anyway: the valve stops and "
-                   "starts unseen: S may be off by a fifth, and J is hardly known",
-                   {"scans": scans, "noise_to_pace": chatter, "limit": _CHATTER}, (), "benchmarks/decimation.py")
+                   "starts unseen: S may be off by a fifth, J is hardly known, and intervals would only say how well "
+                   "the samples fit, so none are given",
+                   {"scans": scans, "noise_to_pace": chatter, "limit": _CHATTER, "no_intervals": True}, (),
+                   "benchmarks/decimation.py")
 
 
 def check_scans(run: Run, fit: Fitted) -> None:
