@@ -20,8 +20,9 @@ from .moves import descended, movable
 _LADDERS = (np.geomspace(5e-4, 0.12, 40), np.geomspace(2e-3, 0.5, 14))
 _SMOOTH_LADDERS = (np.geomspace(1e-3, 0.12, 10), np.geomspace(4e-3, 0.5, 7))
 _TOGETHER = (4, 1)
-# Rungs between the last possible value and the first excluded one, and how often to look between them.
-_BETWEEN, _ROUNDS = 5, 3
+# Rungs between the last possible value and the first excluded one, how many of them share a polish, and how often to
+# look between them.
+_BETWEEN, _SHARED, _ROUNDS = 8, 4, 3
 # Points that each rung starts from (outermost ones, best ones over the range of the other number).
 _OUTERMOST, _OVER = 3, 3
 
@@ -54,9 +55,10 @@ def _outwards(move: Mover, cube: FloatArray, cost: FloatArray, ratio: float, num
     model = move.model
     at = np.flatnonzero(cost <= ratio * cost.min())
     values = model.values(cube[at])
+    limit = ratio * float(cost.min())
     ladder = (_LADDERS if model.spec.held else _SMOOTH_LADDERS)[number] * values[0, cost[at].argmin()]
     together = _TOGETHER[number] if model.spec.held else 1
-    parts, targets = [], []
+    parts, targets, found = [], [], []
     for sign in (-1, 1):
         order = np.argsort(-sign * values[number], kind="stable")[:_OUTERMOST]
         edge, end = float(values[number, order[0]]), excluded[number, sign]
@@ -65,12 +67,16 @@ def _outwards(move: Mover, cube: FloatArray, cost: FloatArray, ratio: float, num
         starts = np.concatenate([order, spread_over(values[1 - number], cost[at], _OVER)])
         trial = move(values[:, starts], number, goal)
         points = model.cube(trial.reshape(len(trial), -1))
-        costs = model.costs(points).reshape(goal.size // (together if first else 1), -1)
-        parts.append(points[costs.argmin(axis=1) + np.arange(len(costs)) * costs.shape[1]])
+        costs = model.costs(points)
+        near, groups = points[costs <= limit], costs.reshape(goal.size // (together if first else _SHARED), -1)
+        parts.append(points[groups.argmin(axis=1) + np.arange(len(groups)) * groups.shape[1]])
+        found.append(near[np.argsort(-sign * model.values(near)[number], kind="stable")[:_OUTERMOST]])
         targets.append(goal)
     held = (0, *model.forces) if number == 0 else (0, 1, *model.forces)
-    found = descended(model, np.concatenate(parts), held=held, turns=3, settle=1e-3)
-    return found.points, found.costs, np.concatenate(targets)
+    polished = descended(model, np.concatenate(parts), held=held, turns=3, settle=1e-3)
+    plain = np.concatenate(found)
+    return (np.concatenate([polished.points, plain]), np.concatenate([polished.costs, model.costs(plain)]),
+            np.concatenate(targets))
 
 
 def spread_over(numbers: FloatArray, cost: FloatArray, parts: int) -> NDArray[np.intp]:

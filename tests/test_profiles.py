@@ -1,0 +1,79 @@
+"""What the intervals of S and J reach: the ends of the steps of the cost, another first slip, other dead times."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stictionid.fit import search
+from stictionid.intervals import INTERVAL_THRESHOLD, cloud, effective_rows, intervals_of, outline, widened
+from stictionid.model import Model
+from stictionid.moves import descended
+from stictionid.oscillation import find_range
+from stictionid.profiles import Mover, spread_over
+from stictionid.simulate import Controller, Plant, Setting, simulate
+from stictionid.spec import Spec
+
+TRUE = (3.0, 1.5)
+
+
+@pytest.fixture(scope="module")
+def fitted() -> tuple[Model, np.ndarray, np.ndarray]:
+    """A scanned loop of 1000 s with noise, its cloud and the cloud's costs."""
+    setting = Setting(Plant(1.5, 10.0, 4.0), Controller(0.7, 10.0, scan_s=1.0), *TRUE, duration_s=1000.0,
+                      setpoint_moves=((0.0, 3.0),), noise_sd=0.05)
+    loop = simulate(setting, seed=3).loop
+    found = find_range(loop)
+    model = Model(loop, Spec(), s_max=found.s_max, period_s=found.period_median_s)
+    points, _ = search(model, np.random.default_rng(0))
+    return model, *cloud(model, points[0], np.random.default_rng(0))
+
+
+def spans(model: Model, cube: np.ndarray, cost: np.ndarray) -> dict[str, tuple[float, float]]:
+    best = int(cost.argmin())
+    return intervals_of(model, cube, cost, float(cost[best]), model.evaluate(model.values(cube[best:best + 1])[:, 0]))
+
+
+def test_no_valve_that_does_as_well_lies_outside(fitted) -> None:
+    model, cube, cost = fitted
+    narrow, wide = spans(model, cube, cost), spans(model, *widened(model, cube, cost))
+    for name, truth in zip("SJ", TRUE, strict=True):
+        assert wide[name][0] <= narrow[name][0] and wide[name][1] >= narrow[name][1]
+        assert wide[name][0] <= truth <= wide[name][1]
+    best = model.values(cube[[cost.argmin()]])[:, 0]
+    rows = effective_rows(np.nan_to_num(model.evaluate(best).innovation), model.weight)
+    limit = cost.min() * np.exp(INTERVAL_THRESHOLD / rows)
+    # Every valve of a dense grid beside the optimum, with the process and the start that go best with it.
+    S, J = (np.linspace(2 * low - high, 2 * high - low, 31) for low, high in (wide["S"], wide["J"]))
+    grid = best[:, None].repeat(S.size * J.size, axis=1)
+    grid[0], grid[1] = S.repeat(J.size), np.tile(J, S.size)
+    found = descended(model, model.cube(grid), held=(0, 1), turns=3)
+    alike = model.values(found.points[found.costs <= limit])
+    assert alike.shape[1] > 20
+    for i, (name, margin) in enumerate((("S", 1e-4 * best[0]), ("J", 1e-3 * best[0]))):
+        assert wide[name][0] - margin <= alike[i].min() and alike[i].max() <= wide[name][1] + margin
+
+
+def test_a_moved_valve_slips_first_at_the_same_sample(fitted) -> None:
+    model, cube, cost = fitted
+    best = model.values(cube[[cost.argmin()]])
+    moved = Mover(model, best[:, 0])(best, 1, best[1] - 0.05 * best[0])[:, 0]
+
+    def first(values: np.ndarray) -> int:
+        path = model.positions(values)[:, 0]
+        return int(np.argmax(np.abs(path - path[0]) > 1e-9))
+
+    # J moved with S as it is, and with S moving along.
+    assert moved.shape[1] == 2 and moved[0].tolist() == pytest.approx([best[0, 0], 0.95 * best[0, 0]])
+    assert first(moved[:, :1]) == first(moved[:, 1:]) == first(best)
+
+
+def test_the_outline_is_a_few_possible_points_over_the_ranges(fitted) -> None:
+    model, cube, cost = fitted
+    cube, cost = widened(model, cube, cost)
+    few, all_ = model.values(outline(model, cube, cost)), spans(model, cube, cost)
+    assert 3 <= few.shape[1] <= 16
+    for i, name in enumerate("SJ"):
+        assert all_[name][0] <= few[i].min() and few[i].max() <= all_[name][1]
+        assert np.ptp(few[i]) > 0.5 * (all_[name][1] - all_[name][0])
+    assert spread_over(np.array([0.0, 0.1, 0.9, 1.0]), np.array([2.0, 1.0, 4.0, 3.0]), 2).tolist() == [1, 3]
