@@ -7,14 +7,14 @@ of the answer. Source: METHODS.md section 4, traps 1 to 5; CRITICISM.md sections
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .folds import best_of_fold
-from .intervals import CLOUD, cloud, intervals_of, outline, widened
+from .intervals import CLOUD, cloud, intervals_of, widened
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import descended, first_distinct, movable, search_model, spreads, thinned, thinning, with_start
@@ -59,8 +59,8 @@ class Fitted:
     rmse_holdout: float | None
     intervals: dict[str, tuple[float, float]]
     searched: FloatArray
-    # Values (d, k) of points that are not excluded, which a wider model's intervals start from.
-    possible: FloatArray | None = None
+    # Points (k, d) around the best ones and their costs (k,): what `reaching` and a wider model's intervals start from.
+    around: tuple[FloatArray, FloatArray] | None = None
 
 
 def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None = None,
@@ -184,8 +184,11 @@ def polish_smooth(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
 
 
 def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.Generator, *,
-           rounds: int = 200, holdout: bool = True) -> Fitted:
-    """The last polish of the best points, with errors, hold-out and intervals."""
+           rounds: int = 200, holdout: bool = True, reach: bool = True) -> Fitted:
+    """The last polish of the best points, with errors, hold-out and intervals.
+
+    Without `reach` the intervals are only those of the points that were met; `reaching` makes up for that.
+    """
     values = model.values(points)
     near = with_start(model, _distinct(points)[:3])
     if not model.spec.held:
@@ -195,7 +198,9 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
                        settle=_SETTLED)
     top, best_cost = polish_smooth(model, found.points[0])
     agree = agreement(model, points, costs)
-    cube, cost = widened(model, *cloud(model, top, rng))
+    cube, cost = cloud(model, top, rng)
+    if reach:
+        cube, cost = widened(model, cube, cost)
     if cost.min() < best_cost:
         top, best_cost = cube[cost.argmin()], float(cost.min())
     if model.spec.held:
@@ -205,9 +210,16 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     best_values = model.values(top[None])[:, 0]
     best = model.evaluate(best_values)
     held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]) if holdout else None
-    possible = model.values(outline(model, cube, cost))
     return Fitted(model, best_values, best_cost, len(points), agree, best, held,
-                  intervals_of(model, cube, cost, best_cost, best), values[:2].T, possible)
+                  intervals_of(model, cube, cost, best_cost, best), values[:2].T, (cube, cost))
+
+
+def reaching(fit: Fitted) -> Fitted:
+    """A fit that was finished without `reach`, its intervals with all that S and J reach."""
+    if fit.around is None:
+        return fit
+    cube, cost = widened(fit.model, *fit.around)
+    return replace(fit, intervals=intervals_of(fit.model, cube, cost, min(fit.sse, float(cost.min())), fit.best))
 
 
 def _beside(model: Model, found: Found) -> Found:

@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import CannotTell
-from ..fit import Fitted
+from ..fit import Fitted, reaching
 from ..gates import SAMPLES_PER_PERIOD
-from ..intervals import region
+from ..intervals import outline, region
 from ..spec import Spec
 from .added_steps import try_resting, try_step
 from .contract import Method, Outcome
@@ -51,7 +51,9 @@ def _run(run: Run) -> Outcome:
         try_noise(run, steps, fits)
     if not o.base_only and not o.fixed and LAG not in fits[-1].model.spec.effects:
         fits[-1] = _whatever_the_order(run, fits[-1])
-        steps[-1] = replace(steps[-1], parameters=tuple(parameters(fits[-1])))
+    else:
+        fits[-1] = reaching(fits[-1])
+    steps[-1] = replace(steps[-1], parameters=tuple(parameters(fits[-1])))
     adequate, why = run.adequate(steps[-1])
     return Outcome(tuple(steps), tuple(fits), adequate, why)
 
@@ -76,9 +78,10 @@ def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
     """The fit with intervals that hold whether or not the process has a second lag too small to be named."""
     model, quick = first_look(run, fit.model, fit.best.values, LAG)
     known = None
-    if fit.possible is not None:
-        values = model.values(quick.points[:1]).repeat(fit.possible.shape[1], axis=1)
-        values[:len(fit.possible)] = fit.possible
+    if fit.around is not None:
+        possible = fit.model.values(outline(fit.model, *fit.around))
+        values = model.values(quick.points[:1]).repeat(possible.shape[1], axis=1)
+        values[:len(possible)] = possible
         known = model.cube(values)
     wide = region(model, quick.points[0], run.rng, known)
     names = {name: (min(low, wide[name][0]), max(high, wide[name][1]))

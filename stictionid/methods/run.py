@@ -74,13 +74,16 @@ class Run:
 
     def fit(self, spec: Spec, starts: FloatArray | None = None,
             before: tuple[FloatArray, FloatArray] | None = None) -> Fitted:
-        """Search, restarts and last polish of one model; CannotTell where no valve model moves."""
+        """Search, restarts and last polish of one model; CannotTell where no valve model moves.
+
+        Its intervals wait for `fit.reaching`: most models that are fitted are not the last one.
+        """
         model = self.model(spec)
         points, costs = search(model, self.rng, starts=starts, before=before)
         if not np.isfinite(costs[0]):
             raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
                              code="valve-never-moves")
-        return finish(model, points, costs, self.rng)
+        return finish(model, points, costs, self.rng, reach=False)
 
     def floor(self, position: FloatArray, dead_time_s: float, disturbance: FloatArray | None = None) -> float | None:
         """Irreducible noise in the unit of y for a valve position (n,), None where the record is too short.
