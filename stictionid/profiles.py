@@ -21,8 +21,8 @@ _LADDERS = (np.geomspace(5e-4, 0.12, 40), np.geomspace(2e-3, 0.5, 14))
 _SMOOTH_LADDERS = (np.geomspace(1e-3, 0.12, 10), np.geomspace(4e-3, 0.5, 7))
 _TOGETHER = (4, 1)
 # Rungs between the last possible value and the first excluded one, how many of them share a polish, and how often to
-# look between them.
-_BETWEEN, _SHARED, _ROUNDS = 8, 4, 3
+# look (once on the ladder, then between its rungs), with steps in the cost and without.
+_BETWEEN, _SHARED, _ROUNDS, _SMOOTH_ROUNDS = 8, 4, 3, 2
 # Points that each rung starts from (outermost ones, best ones over the range of the other number).
 _OUTERMOST, _OVER = 3, 3
 
@@ -35,7 +35,7 @@ def reached(model: Model, cube: FloatArray, cost: FloatArray, ratio: float) -> t
         numbers = numbers[:1]
     move = Mover(model, model.values(cube[[cost.argmin()]])[:, 0])
     excluded = {(number, sign): np.inf * sign for number in numbers for sign in (-1, 1)}
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS if model.spec.held else _SMOOTH_ROUNDS):
         for number in numbers:
             points, costs, targets = _outwards(move, cube, cost, ratio, number, excluded)
             cube, cost = np.concatenate([cube, points]), np.concatenate([cost, costs])

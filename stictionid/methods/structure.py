@@ -238,7 +238,7 @@ def _looked_again(run: Run, held: Tried, corner: Tried) -> Tried:
     A held search that ended beside its basin would lose to a moving command that can't reach the noise either. Met on
     a scanned loop with 1 of 16 seeds: dead time off by a sample, 1.5 times the noise.
     """
-    if corner.spec.process != held.spec.process:
+    if corner.spec.process != held.spec.process or _clearly(corner, held):
         return held
     model = search_model(run.model(held.spec))
     near = np.concatenate([corner.point[None], along_ridge(model, corner.point[None])])
