@@ -61,8 +61,9 @@ def one(task) -> dict:
         after = diagnose(loop, study, apply=apply)
     except StictionidError as error:
         return row | {"named": "refused", "found": [], "equivalent": [], "reason": str(error)}
-    # What identify added may have given way to something better.
-    found = [s.added for s in after.steps if s.added]
+    # What identify added may have given way to something better, and what came first to what explains it.
+    kept = {parse(n)[0].name for n in after.steps[-1].effects}
+    found = [s.added for s in after.steps if s.added in kept]
     found += [name for name in after.missing if name not in found]
     plain = [parse(n)[0].name for n in found]
     top = after.candidates[0] if after.candidates else None

@@ -296,7 +296,18 @@ def has_noise(spec: Spec) -> bool:
 
 def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
           rng: np.random.Generator | None = None) -> Refit:
-    """The model as it is, completed with a noise model of its residual but not refitted to it."""
+    """The model as it is, completed with a noise model of its residual but not refitted to it.
+
+    An integrator that is fitted to the changes of y is completed in levels, too, and the better one is kept.
+    """
+    found = _as_it_is(model, values, noise, order, rng)
+    if not _has_levels(model, noise):
+        return found
+    return _better(found, _as_it_is(_in_levels(model, found.evaluated), values, noise, order, rng))
+
+
+def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
+              rng: np.random.Generator | None = None) -> Refit:
     evaluated = model.evaluate(values)
     increments = noise == RANDOM_WALK or model.spec.increments
     own = own_taps(model.spec)
@@ -304,14 +315,45 @@ def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, orde
     return _refit(model, values, evaluated, ar, increments, own, count)
 
 
+def _has_levels(model: Model, noise: str) -> bool:
+    """Whether a model is fitted to changes of y only for the sake of the search.
+
+    Errors of slips add up in an integrator, so changes show the valve; but white noise on y hides in them whatever is
+    slow, and once nothing is missing the level shows it.
+    """
+    return model.spec.increments and noise == AUTOREGRESSIVE and not has_noise(model.spec)
+
+
+def _in_levels(model: Model, evaluated: Evaluated) -> Model:
+    return bound(model.loop, replace(model.spec, increments=False, taps=()), s_max=model.s_max,
+                 period_s=model.period_s, residual=np.nan_to_num(evaluated.residual))
+
+
+def _better(found: Refit, other: Refit) -> Refit:
+    """The better of two completed models by BIC on common samples."""
+    both = found.good & other.good
+    return other if other.bic(both) < found.bic(both) else found
+
+
 def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, *,
              noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER) -> Refit:
     """The model with a noise model for its residual, refitted in prewhitened form where there is one.
 
     `noise` is an autoregression, a random walk (model and data are fitted in differences, on which the autoregression
-    sits), or a resonance. Prewhitening that the model has already for its process is kept, and extended.
+    sits), or a resonance. Prewhitening that the model has already for its process is kept, and extended; the model of
+    an integrator is completed in levels, too, and the better one is kept.
     """
-    first = quick(model, values, noise=noise, order=order, rng=rng)
+    found = _completed(model, values, pool, rng, noise, order)
+    if not _has_levels(model, noise):
+        return found
+    level = _in_levels(model, found.evaluated)
+    near = descended(level, level.cube(level.vector(found.model.named(found.values))[:, None]))
+    return _better(found, _completed(level, level.values(near.points[:1])[:, 0], None, rng, noise, order))
+
+
+def _completed(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, noise: str,
+               order: int) -> Refit:
+    first = _as_it_is(model, values, noise, order, rng)
     increments, own, ar = first.increments, own_taps(model.spec), first.taps
     if ar.size == 0 and increments == model.spec.increments and not has_noise(model.spec):
         return first
@@ -350,9 +392,7 @@ def _plainer(model: Model, found: Refit) -> Refit:
     noise that is no more, and under one with a root near 1 it loses its level.
     """
     again = descended(model, model.cube(model.vector(found.model.named(found.values))[:, None]))
-    other = quick(model, model.values(again.points[:1])[:, 0])
-    both = found.good & other.good
-    return other if other.bic(both) < found.bic(both) else found
+    return _better(found, _as_it_is(model, model.values(again.points[:1])[:, 0]))
 
 
 def _joined(own: tuple[float, ...], ar: FloatArray) -> FloatArray:

@@ -241,8 +241,10 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     if disturbance is not None and np.shape(disturbance) != time.shape:
         raise UsageError(f"the disturbance has {np.size(disturbance)} samples, the record {time.size}",
                          "give one number a sample")
-    output = (hidden.output if disturbance is None else hidden.output + disturbance).tolist()
-    load = hidden.load.tolist()
+    # Between samples a disturbance is held for a scanning controller; one that works all the time sees it go straight
+    # from sample to sample, or its output would jump as no continuous one does.
+    output, rise = _with_rise(hidden.output if disturbance is None else hidden.output + disturbance, per_sample, scan)
+    load, load_rise = _with_rise(hidden.load, per_sample, scan)
     # The process rests at the operating point whatever the trim makes of it.
     base = hidden.move(OPERATING_POINT, 0.0, 1e9)
     gains = any(effect.place is Place.PROCESS for effect, _, _ in hidden.movers)
@@ -251,7 +253,8 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     run_law(command, friction, profile, state, place)
     for k in range(samples * per_sample):
         sample, part = divmod(k, per_sample)
-        true = OPERATING_POINT + y + output[sample]
+        upset = output[sample] + part * rise[sample]
+        true = OPERATING_POINT + y + upset
         seen = true + noise[k // hold]
         if setting.quantise:
             seen = round(seen / setting.quantise) * setting.quantise
@@ -274,15 +277,21 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
             due = False
         if part == 0:
             y_rec[sample], u_rec[sample], v_rec[sample] = seen, u, place[0, 0]
-        moved = hidden.move(place[0, 0], y + output[sample], fine)
-        x = process.arrive(moved - base + load[sample])
+        moved = hidden.move(place[0, 0], y + upset, fine)
+        x = process.arrive(moved - base + load[sample] + part * load_rise[sample])
         if gains:
-            x = hidden.move(OPERATING_POINT + x, y + output[sample], fine, arrived=True) - OPERATING_POINT
+            x = hidden.move(OPERATING_POINT + x, y + upset, fine, arrived=True) - OPERATING_POINT
         y = process.advance(x)
     loop = Loop(output=u_rec, process_value=y_rec, setpoint=r, position=v_rec, step_s=setting.step_s, name="simulated",
                 extras=hidden.extras,
                 units={"output": "%", "process_value": "%", "setpoint": "%", "position": "%"}, origin=Origin())
     return Simulation(loop, _truth(setting, plant, seed))
+
+
+def _with_rise(disturbance: FloatArray, per_sample: int, scan: int) -> tuple[list[float], list[float]]:
+    """A disturbance (n,) at the samples, and what it rises by from one integration step to the next; 0 if held."""
+    rise = np.zeros_like(disturbance) if scan else np.diff(disturbance, append=disturbance[-1:]) / per_sample
+    return disturbance.tolist(), rise.tolist()
 
 
 def _truth(setting: Setting, p: Plant, seed: int) -> dict[str, Any]:

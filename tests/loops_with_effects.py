@@ -16,6 +16,7 @@ from stictionid.effects import catalogue, get
 from stictionid.gates import swing_of, time_scale_s
 from stictionid.loop import Loop
 from stictionid.model import Model
+from stictionid.moves import descended
 from stictionid.oscillation import find_range
 from stictionid.simulate import OPERATING_POINT, Controller, Plant, Setting, simulate
 from stictionid.spec import FIRST_ORDER, INTEGRATOR, Spec
@@ -49,9 +50,11 @@ _PARTS = 20
 _STRIDE = 5
 # What a Karnopp valve itself may be named for: it rests between scans, or jumps past its place.
 PHYSICAL = {"re-sticking", "slip-overshoot"}
-# An effect that changes the output by less than this share of the noise, beyond what other numbers of the base would
-# undo, is not in the record: 1500 samples of it are worth 60 in twice the log-likelihood. Unit: 1.
+# An effect that leaves less than this share of the noise after a refit without it is not in the record: 1500 samples of
+# it are worth 60 in twice the log-likelihood. Unit: 1.
 VISIBLE = 0.2
+# Lags, as multiples of the true one, from which the model without an effect is fitted: a lag can stand for another.
+_LAGS = np.array([1.0, 2.0, 8.0])
 # A loop that swings more than this many times as far with its effect has run away: nobody would look for stiction.
 _RUNAWAY = 3.0
 
@@ -106,8 +109,8 @@ def loop_of(seed: int, effect: str | None, noise: float, colour: float, samples:
 def shown(setting: Setting, loop: Loop, name: str, sd: float) -> float:
     """How far hidden effect `name` moves y, as a share of the noise: root mean square over the record.
 
-    The true model is run under the recorded output with the effect and without; what small changes of S, J, start,
-    lag and dead time would undo is projected out. Noise effects, which move no free run, count as plainly visible. A
+    The true model is run under the recorded output with the effect, and one without it is fitted to that, from the
+    true values on: what is left could be seen. Noise effects, which move no free run, count as plainly visible. A
     Karnopp valve is taken for the sliding one of the same S and J.
     """
     if get(name).noise is not None:
@@ -120,7 +123,7 @@ def shown(setting: Setting, loop: Loop, name: str, sd: float) -> float:
     found = find_range(loop)
     scanned = setting.controller.scan_s > 0.0
 
-    def model_of(effects: Sequence[tuple[str, dict]]) -> tuple[Model, np.ndarray]:
+    def model_of(loop: Loop, effects: Sequence[tuple[str, dict]]) -> tuple[Model, np.ndarray]:
         spec = Spec(process=INTEGRATOR if setting.plant.integrating else FIRST_ORDER,
                     effects=tuple(_spelt(n, v) for n, v in effects), between="hold" if scanned else "corner",
                     substeps=1 if scanned else 8)
@@ -141,20 +144,13 @@ def shown(setting: Setting, loop: Loop, name: str, sd: float) -> float:
                    "time_constant_s": setting.plant.time_constant_s, "dead_time_s": setting.plant.dead_time_s}
         return model, model.vector(values)
 
-    full, at = model_of([*rest, (name, mine)])
-    without, there = model_of(rest)
+    full, at = model_of(loop, [*rest, (name, mine)])
+    without, there = model_of(replace(loop, process_value=full.evaluate(at).model), rest)
     there[:2] = at[:2]
-    counted = full.weight > 0
-    left = without.evaluate(there).residual
-    change = (left - full.evaluate(at).residual)[counted]
-    directions = []
-    for i in range(full.head):
-        step = np.zeros(there.size)
-        step[i] = 0.01 * max(abs(there[i]), 0.1)
-        directions.append((without.evaluate(there + step).residual - left)[counted])
-    basis = np.linalg.qr(np.stack(directions, axis=1))[0]
-    change = change - basis @ (basis.T @ change)
-    return float(np.sqrt(np.mean(change**2))) / sd
+    starts = there[:, None].repeat(len(_LAGS), axis=1)
+    starts[3] *= _LAGS
+    best = descended(without, without.cube(starts))
+    return float(np.sqrt(best.costs[0] / without.shared.rows)) / sd
 
 
 def runs_away(loop: Loop, sd: float, noise: float) -> bool:

@@ -26,6 +26,9 @@ _NO_WORSE = 1.02
 _LOOK_ALIKE = 0.35
 # A number this close to its neutral value, as a share of its range, says that the effect is not there.
 _NEUTRAL = 1e-3
+# Under a held command a drifting valve also rests at every sample: the drift itself must be worth this share of its
+# gain in BIC over re-sticking.
+_RESTING, _DRIFT_ALONE = "re-sticking", 0.05
 # Words by how far the best rival of another kind is behind.
 _WORDS = ((50.0, "named"), (20.0, "probable"), (10.0, "probable, {rival} not excluded"))
 
@@ -65,7 +68,7 @@ def winner_of(found: Round) -> Tried | None:
         worse = t.refit.evaluated.rmse > _NO_WORSE * found.reference.evaluated.rmse
         ahead = rival is None or rival.held is None or t.held is None \
             or t.held.rmse_one_step <= rival.held.rmse_one_step
-        if not worse and ahead and not _out_of_range(t):
+        if not worse and ahead and not _out_of_range(t) and not _only_rests(t, found):
             return t
     return noises[0] if noises else None
 
@@ -85,6 +88,16 @@ def _out_of_range(t: Tried) -> bool:
         if p.at_bound(value) and not near_neutral and p.name not in ("lag_s", "dead_time_s"):
             return True
     return False
+
+
+def _only_rests(t: Tried, found: Round) -> bool:
+    """Whether a drift of stiction explains hardly more than a valve that rests, which it is under a held command."""
+    assert t.refit is not None
+    if parse(t.name)[0].profile is None or not t.refit.model.spec.held:
+        return False
+    rest = max((r.delta_bic for r in found.tried if parse(r.name)[0].name == _RESTING and clearly_better(r, found)),
+               default=0.0)
+    return rest > (1.0 - _DRIFT_ALONE) * t.delta_bic
 
 
 def _vanished(t: Tried) -> bool:

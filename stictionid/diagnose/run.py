@@ -13,7 +13,7 @@ import numpy as np
 
 from ..effects import parse
 from ..loop import Finding, Loop
-from ..methods.run import Run
+from ..methods.run import ADEQUATE, Run
 from ..refit import quick
 from ..rerun import rebuild_model
 from ..results import Step, Study
@@ -42,7 +42,8 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     added: list[str] = []
     while True:
         earlier = None if added else before_chosen(study)
-        if study.steps and study.adequate and not everything and (earlier is None or not _noisy(study)):
+        settled = study.adequate and not _carried(study) and (earlier is None or not _noisy(study))
+        if study.steps and settled and not everything:
             return replace(study, candidates=() if not added else study.candidates, missing=tuple(added))
         chosen = _instead(loop, study, earlier, seed, jobs, tell) if earlier is not None else None
         if chosen is not None and chosen.stays:
@@ -105,6 +106,17 @@ def before_chosen(study: Study) -> Study | None:
 
 def _noisy(study: Study) -> bool:
     return any(parse(n)[0].noise is not None for n in study.steps[-1].effects)
+
+
+def _carried(study: Study) -> bool:
+    """Whether only the form in which an integrator is fitted makes it adequate: its free run is not at the noise.
+
+    Changes of y show the valve, but hide in white noise whatever is slow.
+    """
+    last = study.steps[-1]
+    floor = last.error.noise_sd
+    return bool(last.model.get("increments")) and not _noisy(study) and floor is not None \
+        and last.error.rmse > ADEQUATE * floor
 
 
 def _instead(loop: Loop, study: Study, earlier: Study, seed: int, jobs: int, tell: Progress) -> _Looked | None:

@@ -165,15 +165,19 @@ def _finished(workers: Workers, ground: Ground, looks: Sequence[Answer]) -> Iter
     if first in queue[2:]:
         queue.remove(first)
         queue.insert(1, first)
-    best, done = -np.inf, 0
-    while queue and done < _FINALISTS:
+    best, ahead, finished = -np.inf, "", set()
+    while queue and len(finished) < _FINALISTS:
         batch, queue = queue[:_BATCH], queue[_BATCH:]
         for answer in workers.map(finish, batch):
-            if not answer.failed:
-                best = max(best, gain(answer, silent))
+            finished.add(answer.name)
+            if not answer.failed and gain(answer, silent) > best:
+                best, ahead = gain(answer, silent), answer.name
             yield answer
-        done += len(batch)
         queue = [a for a in queue if gains[a.name] >= best - max(_WITHIN, _WITHIN_SHARE * best)]
+    # What is known to look like the best one is said beside it, so it must have had the same chance.
+    like = parse(ahead)[0].confused_with if ahead else ()
+    rivals = [a for a in good if a.name not in finished and parse(a.name)[0].name in like]
+    yield from workers.map(finish, sorted(rivals, key=lambda a: -gains[a.name])[:_BATCH])
 
 
 def better_base(fit: Fitted, starts: Sequence[FloatArray], rng: np.random.Generator) -> Fitted:
