@@ -3,7 +3,7 @@
 Thresholds are set on seeds 0 to 999; figures are reported from 10,000 on. Six plants (first and second order, an
 integrator, a tank); half of the loops are scan-driven (20 integration steps a scan), a quarter have a command that
 moves between samples, a quarter a Karnopp valve under a held command: 24 seeds give every effect all of them. Noise is
-a share of the swing of PV. An effect that the record can't show (less than a fifth of the noise, told from the truth)
+a share of the swing of PV. An effect that the record can't show (told from the truth: see `loops_with_effects.shown`)
 is counted and left out, and so is one under which the loop runs away.
 
     python benchmarks/effects_matrix.py --seeds 10000:10024

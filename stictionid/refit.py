@@ -16,6 +16,7 @@ import numpy as np
 from .arx import Arx
 from .effects import parse
 from .fit import Fitted, polish_smooth
+from .grown import grown_valves
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import descended, longest_piece, search_model, spreads, with_start
@@ -32,7 +33,7 @@ _SETTLED = 1e-4
 # log-likelihood that must have been gained by then for one.
 _GLANCE, _GLANCED, _KEPT, _PROMISING = 3, 1e-2, 4, 3.0
 # Rounds of the first look at an effect and of its swarms, and most guesses that get a swarm of their own.
-_LOOK, _SWARM, _DEEP, _GUESSES = 25, 14, 25, 6
+_LOOK, _SWARM, _GUESSES = 25, 14, 6
 # Further polishes go on while each lowers the cost by this share, at most so often.
 _WORTH, _TURNS = 0.01, 4
 # A scan across valves: shares of S, of J as a share of S, and steps of the effect (shares of its range).
@@ -213,17 +214,21 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
 
 
 def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Starts from swarms over the valve on the one-step error, which stays local in time: one swarm for each guess of
-    the effect, because the right S and J lie elsewhere for each."""
+    """Starts (k, d) whose valve goes with the effect, each with its process.
+
+    For effects on friction from a search that grows with the record, because their basins are narrow and far from the
+    base's; for others from swarms over the valve on the one-step error, which stays local in time: one swarm for each
+    guess of the effect, because the right S and J lie elsewhere for each.
+    """
     rows, at = model._slices[model.names.index(name)], longest_piece(model)
+    if parse(name)[0].friction is not None:
+        return with_process(model, grown_valves(model, [0, 1, model.forces[at], *range(rows.start, rows.stop)], rng))
     period = model.period_s / model.step_s
     ladder = np.unique(np.round(np.geomspace(1, int(np.clip(0.4 * period, 1, 60)) + 1, 6) - 1).astype(int))
     arx = Arx(model.pieces[at], 2, tuple(int(d) for d in ladder))
     valve = [0, 1, model.forces[at]]
     middle = model.values(np.full((1, model.space.size), 0.5))
     found: list[tuple[float, FloatArray]] = []
-    effect = parse(name)[0]
-    deep = effect.friction is not None and effect.kind == "F"
     for guess in guesses[:_GUESSES]:
         base = middle.copy()
         base[rows, 0] = guess
@@ -237,23 +242,10 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.G
         def cost(part: FloatArray, whole: Callable[[FloatArray], FloatArray] = whole) -> FloatArray:
             return arx.costs(model.of(at, model.values(whole(part))))[0]
 
-        # Effects on friction shift S and J themselves: their basins are narrow and far from the base's.
-        groups, rounds, scouts = (2, _DEEP, 400) if deep else (1, _SWARM, _SCOUTS // 2)
-        best = swarm(cost, 3, rng, groups=groups, particles=24, rounds=rounds, scouts=scouts)
+        best = swarm(cost, 3, rng, groups=1, particles=24, rounds=_SWARM, scouts=_SCOUTS // 2)
         found.append((float(best.costs[0]), whole(best.points[:1])[0]))
     found.sort(key=lambda f: f[0])
     starts = np.array([f[1] for f in found[:4]])
-    if deep:
-        columns = [*valve, *range(rows.start, rows.stop)]
-
-        def local(part: FloatArray) -> FloatArray:
-            cube = starts[:1].repeat(len(part), axis=0)
-            cube[:, columns] = part
-            return cube
-
-        polish = refine(lambda part: arx.costs(model.of(at, model.values(local(part))))[0], starts[:, columns], rng,
-                        spread=0.03, rounds=30, population=14, settle=_SETTLED)
-        starts = local(polish.points)
     return with_process(model, starts[:3])
 
 

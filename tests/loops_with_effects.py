@@ -50,9 +50,9 @@ _PARTS = 20
 _STRIDE = 5
 # What a Karnopp valve itself may be named for: it rests between scans, or jumps past its place.
 PHYSICAL = {"re-sticking", "slip-overshoot"}
-# An effect that leaves less than this share of the noise after a refit without it is not in the record: 1500 samples of
-# it are worth 60 in twice the log-likelihood. Unit: 1.
-VISIBLE = 0.2
+# An effect that leaves less than this share of the noise after a refit without it makes the error 8 % larger than the
+# noise at most: a model within 5 % of the estimated noise is adequate (CRITICISM.md section 7, step 1). Unit: 1.
+VISIBLE = 0.4
 # Lags, as multiples of the true one, from which the model without an effect is fitted: a lag can stand for another.
 _LAGS = np.array([1.0, 2.0, 8.0])
 # A loop that swings more than this many times as far with its effect has run away: nobody would look for stiction.

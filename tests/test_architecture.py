@@ -26,7 +26,7 @@ FLOORS = [
     {"restarts", "segments"},
     {"rerun"},
     {"arx", "moves", "simulate", "historian", "gates", "steptest"},
-    {"starts", "profiles"},
+    {"starts", "profiles", "grown"},
     {"intervals"},
     {"fit", "position"},
     {"refit", "whitened"},

@@ -12,11 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import parse
+from ..fit import Fitted
 from ..loop import Finding, Loop
 from ..methods.run import ADEQUATE, Run
+from ..methods.structure import LAG
 from ..refit import quick
 from ..rerun import rebuild_model
-from ..results import Step, Study
+from ..restarts import bound
+from ..results import Candidate, Study
 from .judge import candidates, winner_of
 from .steps import add, finished_step, opened, polished, with_steps
 from .tries import NAMED, Round, Tried, try_all
@@ -34,28 +37,33 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
              bootstrap: int = 0, progress: Progress | None = None) -> Study:
     """The study with ranked candidates and the effect to add next; with `apply` added, and so on until none helps.
 
-    An adequate model is left alone unless `everything` asks for the catalogue, or only its noise model makes it so.
+    An adequate model is left alone unless `everything` asks for the catalogue, its errors still remember, or
+    `identify` made it so by a step of its own: that has to stand against the catalogue first.
     `jobs` processes share the refits; `bootstrap` replicates give the named effect a p-value. Raises DataError for an
     abstained study, and ModelError when it can't be rebuilt.
     """
     tell = progress or (lambda text, share: None)
     added: list[str] = []
+    ranking: tuple[Candidate, ...] = ()
     while True:
         earlier = None if added else before_chosen(study)
-        settled = study.adequate and not _carried(study) and (earlier is None or not _noisy(study))
-        if study.steps and settled and not everything:
+        settled = bool(study.steps) and study.adequate and not _carried(study) and not _memory(loop, study, seed)
+        if settled and earlier is None and not everything:
             return replace(study, candidates=() if not added else study.candidates, missing=tuple(added))
         chosen = _instead(loop, study, earlier, seed, jobs, tell) if earlier is not None else None
-        if chosen is not None and chosen.stays:
-            # The noise stays: what it could hide does no better.
+        if chosen is not None and chosen.stays and (settled or _noisy(study)):
+            # What was chosen stays: what it could hide does no better.
             kept = tuple(c for c in candidates(chosen.found, chosen.winner) if c.effect not in study.steps[-1].effects)
             return replace(study, candidates=kept, missing=())
-        if chosen is None:
-            chosen = _looked(loop, study, seed, jobs, tell)
+        if chosen is None or chosen.stays:
+            chosen = _with_lag(_looked(loop, study, seed, jobs, tell), seed, jobs, tell)
         found, winner = chosen.found, chosen.winner
         if chosen.study is not study or found.better:
-            study = _replaced(chosen.study, chosen.run, found, winner if chosen.study is not study else None,
-                              study.steps[len(chosen.study.steps):])
+            kept_names = {step.added for step in chosen.study.steps}
+            gone = [step.added for step in study.steps if step.added and step.added not in kept_names]
+            if LAG in kept_names - {step.added for step in study.steps}:
+                added.append(LAG)
+            study = _replaced(chosen.study, chosen.run, found, winner, gone)
         p_value = None
         if bootstrap and winner is not None:
             from .bootstrap import p_of
@@ -68,7 +76,8 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
         study = replace(study, candidates=candidates(found, winner, p_value),
                         missing=(parse(winner.name)[0].name,) if winner else ())
         if not apply or winner is None or len(added) >= MOST_ADDITIONS:
-            return replace(study, missing=tuple(added)) if apply else study
+            # The last ranking that named something stays, with its equivalents.
+            return replace(study, missing=tuple(added), candidates=ranking or study.candidates) if apply else study
         ranking = study.candidates
         # What an addition makes superfluous goes (CRITICISM.md section 7, step 8); a finding of the step says so.
         study = replace(add(loop, study, winner.name, seed=seed, prune=True, progress=progress), candidates=ranking)
@@ -92,6 +101,37 @@ def _looked(loop: Loop, study: Study, seed: int, jobs: int, tell: Progress) -> _
     return _Looked(study, run, found, winner_of(found))
 
 
+def _with_lag(looked: _Looked, seed: int, jobs: int, tell: Progress) -> _Looked:
+    """The same round beside a further lag, where that names an effect which explains the record better.
+
+    A process of second order hides a valve effect, and that effect the lag: neither helps alone.
+    """
+    run, found, winner = looked.run, looked.found, looked.winner
+    lag = next((t.refit for t in found.tried if t.name == LAG and t.refit is not None), None)
+    if lag is None or (winner is not None and winner.refit is not None
+                       and (winner.name == LAG or not (winner.noise or winner.refit.taps.size))):
+        return looked
+    before = found.fit.model
+    model = bound(run.loop, replace(before.spec, effects=(*before.spec.effects, LAG)), s_max=before.s_max,
+                  period_s=before.period_s, residual=before.context.residual)
+    values = model.vector(lag.model.named(lag.values))
+    best = model.evaluate(values)
+    fit = Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+    deeper = try_all(run.loop, fit, seed, jobs, tell)
+    top = winner_of(deeper)
+    rival = found.reference if winner is None or winner.refit is None else winner.refit
+    if top is None or top.noise or top.refit is None:
+        return looked
+    good = top.refit.good & rival.good
+    if top.refit.bic(good) > rival.bic(good) - NAMED:
+        return looked
+    after = polished(deeper.fit.model, deeper.fit.values, run.rng)
+    said = Finding("joint", "info", f"{LAG} and {top.name} explain together what neither explains alone",
+                   {"effects": [LAG, top.name]}, (), "CRITICISM.md section 6")
+    study = with_steps(looked.study, run, (*looked.study.steps, finished_step(run, after, LAG, (said,))), after)
+    return _Looked(study, run, replace(deeper, better=False), top)
+
+
 def before_chosen(study: Study) -> Study | None:
     """The study as it was before `identify` added a step of its own, None where it added none, or the user did.
 
@@ -102,6 +142,19 @@ def before_chosen(study: Study) -> Study | None:
     if not names or not all(n and (n in _CHOSEN or parse(n)[0].noise is not None) for n in names):
         return None
     return replace(study, steps=study.steps[:1])
+
+
+def _memory(loop: Loop, study: Study, seed: int) -> bool:
+    """Whether the errors of a study's model without a noise model remember: what is left is small, but not noise.
+
+    An error within a few per cent of the noise may still hold an effect that 1500 samples show beyond doubt.
+    """
+    if _noisy(study):
+        return False
+    _, fit = opened(loop, study, seed)
+    white, coloured = quick(fit.model, fit.values, order=0), quick(fit.model, fit.values)
+    both = white.good & coloured.good
+    return white.bic(both) - coloured.bic(both) > NAMED
 
 
 def _noisy(study: Study) -> bool:
@@ -124,7 +177,7 @@ def _instead(loop: Loop, study: Study, earlier: Study, seed: int, jobs: int, tel
 
     `stays` where the study is adequate and nothing does better.
     """
-    looked = _looked(loop, earlier, seed, jobs, tell)
+    looked = _with_lag(_looked(loop, earlier, seed, jobs, tell), seed, jobs, tell)
     ahead = _ahead(looked, study)
     if study.adequate:
         return replace(looked, stays=ahead < NAMED)
@@ -149,9 +202,9 @@ def _ahead(looked: _Looked, study: Study) -> float:
     return now.bic(good) - winner.refit.bic(good)
 
 
-def _replaced(study: Study, run: Run, found: Round, instead: Tried | None, gone: Sequence[Step]) -> Study:
-    """The study with its last step put right: a restart found a better optimum of the same model, or the steps that
-    followed it (`gone`) give way to an effect that does better (`instead`)."""
+def _replaced(study: Study, run: Run, found: Round, instead: Tried | None, gone: Sequence[str]) -> Study:
+    """The study with its last step put right: a restart found a better optimum of the same model, or effects that
+    followed it (`gone`) give way to one that does better (`instead`)."""
     before = study.steps[-1]
     after = polished(found.fit.model, found.fit.values, run.rng)
     notes = []
@@ -162,12 +215,11 @@ def _replaced(study: Study, run: Run, found: Round, instead: Tried | None, gone:
             f"{after.best.rmse:.4g}, S is {after.best.values['S']:.4g}, J {after.best.values['J']:.4g}; it replaces "
             "the model, so that no effect is named for it",
             {"rmse_before": before.error.rmse, "rmse": after.best.rmse}, (), "CRITICISM.md section 7, step 5"))
-    if instead is not None:
-        names = [step.added for step in gone if step.added]
+    if instead is not None and gone:
         notes.append(Finding(
             "gave-way", "info",
-            f"left out again, because {instead.name} explains what it had imitated: {', '.join(names)}",
-            {"effects": names, "instead": instead.name}, (parse(instead.name)[0].name,),
+            f"left out again, because {instead.name} explains what it had imitated: {', '.join(gone)}",
+            {"effects": list(gone), "instead": instead.name}, (parse(instead.name)[0].name,),
             "CRITICISM.md section 7, step 7"))
     codes = {note.code for note in notes}
     kept = tuple(f for f in before.findings if f.code not in codes)

@@ -23,7 +23,9 @@ _DOWN = Parameter("jump_down", "%", 0.0, 100.0, 0.0, "slip jump of the closing v
 
 def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
     table = table.copy()
-    half = 0.25 * theta[0]
+    # Neither jump is negative.
+    most = 2.0 * (table[FS_UP] - table[FD_UP])
+    half = 0.25 * np.clip(theta[0], -most, most)
     table[FS_UP] += half
     table[FD_UP] -= half
     table[FS_DOWN] -= half
@@ -41,7 +43,7 @@ def _guess(context: Context) -> FloatArray:
 
 
 def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
-    half = 0.5 * searched["jump_difference"]
+    half = float(np.clip(0.5 * searched["jump_difference"], -base["J"], base["J"]))
     return {"jump_up": base["J"] + half, "jump_down": base["J"] - half}
 
 
