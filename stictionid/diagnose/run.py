@@ -21,7 +21,7 @@ from ..rerun import rebuild_model
 from ..restarts import bound
 from ..results import Candidate, Study
 from .judge import candidates, winner_of
-from .steps import add, finished_step, opened, polished, with_steps
+from .steps import add, at_noise, finished_step, opened, polished, with_steps
 from .tries import NAMED, Round, Tried, try_all
 
 MOST_ADDITIONS = 4
@@ -30,6 +30,8 @@ MOST_ADDITIONS = 4
 _CHANCE = 0.01
 # Beside noise models: what `identify` may add by itself, without a look at the rivals (methods/auto.py).
 _CHOSEN = frozenset({"extra-lag", "re-sticking"})
+# What a lag and another effect must gain in BIC over the best one alone (CRITICISM.md section 7, step 7: "named").
+_JOINT = 50.0
 Progress = Callable[[str, float], None]
 
 
@@ -80,7 +82,8 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
             return replace(study, missing=tuple(added), candidates=ranking or study.candidates) if apply else study
         ranking = study.candidates
         # What an addition makes superfluous goes (CRITICISM.md section 7, step 8); a finding of the step says so.
-        study = replace(add(loop, study, winner.name, seed=seed, prune=True, progress=progress), candidates=ranking)
+        study = replace(add(loop, study, winner.name, seed=seed, prune=True, known=winner.refit,
+                            progress=progress), candidates=ranking)
         added.append(parse(winner.name)[0].name)
 
 
@@ -108,8 +111,7 @@ def _with_lag(looked: _Looked, seed: int, jobs: int, tell: Progress) -> _Looked:
     """
     run, found, winner = looked.run, looked.found, looked.winner
     lag = next((t.refit for t in found.tried if t.name == LAG and t.refit is not None), None)
-    if lag is None or (winner is not None and winner.refit is not None
-                       and (winner.name == LAG or not (winner.noise or winner.refit.taps.size))):
+    if lag is None or (winner is not None and winner.refit is not None and at_noise(winner.refit)):
         return looked
     before = found.fit.model
     model = bound(run.loop, replace(before.spec, effects=(*before.spec.effects, LAG)), s_max=before.s_max,
@@ -123,7 +125,7 @@ def _with_lag(looked: _Looked, seed: int, jobs: int, tell: Progress) -> _Looked:
     if top is None or top.noise or top.refit is None:
         return looked
     good = top.refit.good & rival.good
-    if top.refit.bic(good) > rival.bic(good) - NAMED:
+    if top.refit.bic(good) > rival.bic(good) - _JOINT:
         return looked
     after = polished(deeper.fit.model, deeper.fit.values, run.rng)
     said = Finding("joint", "info", f"{LAG} and {top.name} explain together what neither explains alone",

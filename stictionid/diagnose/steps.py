@@ -32,6 +32,8 @@ Progress = Callable[[str, float], None]
 SUPERFLUOUS = 2.0
 # Refits after which an effect that follows y has settled, and independent refits of the effect that is added.
 _FOLLOWED, _REFITS = 3, 2
+# A free run within this share of its innovations is at the noise.
+_WHITE = 1.1
 
 
 def variants(effect: str, loop: Loop) -> tuple[str, ...]:
@@ -62,11 +64,12 @@ def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
     return run, Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
 
 
-def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = False,
+def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = False, known: Refit | None = None,
         progress: Progress | None = None) -> Study:
     """The study with one more step: the model refitted with `effect` ("step-disturbance@load" names a variant).
 
-    Earlier effects that the new one makes superfluous are named in a finding, and left out with `prune`. Raises
+    Earlier effects that the new one makes superfluous are named in a finding, and left out with `prune`. A refit that
+    is `known` is taken as it is where it is at the noise, else only where two others come out no better. Raises
     UsageError for an unknown effect, one that is in the model already, or one that needs what is not there.
     """
     tell = progress or (lambda text, share: None)
@@ -75,8 +78,10 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     if any(_plain(name) == _plain(have) for name in names for have in fit.model.spec.effects):
         raise UsageError(f"the model has {effect} already", "choose another effect; stictionid effects lists them")
     tell(f"refitting with {effect}", 0.1)
-    pool = starting_pool(fit.model, fit.values, run.rng)
-    refits = [(name, _refitted(fit, name, pool, run.rng)) for name in names]
+    refits = [] if known is None else [(effect, known)]
+    if known is None or not at_noise(known):
+        pool = starting_pool(fit.model, fit.values, run.rng)
+        refits += [(name, _refitted(fit, name, pool, run.rng)) for name in names]
     name, done = min(refits, key=lambda r: r[1].innovation_sd)
     if not np.isfinite(done.innovation_sd):
         raise ModelError(f"the refit with {effect} did not converge",
@@ -98,6 +103,11 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
                                 {"effects": list(spare)}, (), "CRITICISM.md section 7, step 8"))
     step = finished_step(run, after, name, findings)
     return with_steps(study, run, (*study.steps, step), after)
+
+
+def at_noise(refit: Refit) -> bool:
+    """Whether the free run of a physical refit is at its innovations: a noise model has next to nothing to do."""
+    return not has_noise(refit.model.spec) and refit.evaluated.rmse <= _WHITE * refit.innovation_sd
 
 
 def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -> Study:
