@@ -69,7 +69,7 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     """The study with one more step: the model refitted with `effect` ("step-disturbance@load" names a variant).
 
     Earlier effects that the new one makes superfluous are named in a finding, and left out with `prune`. A refit that
-    is `known` is taken as it is where it is at the noise, else only where two others come out no better. Raises
+    is `known` already takes the place of one of two. Raises
     UsageError for an unknown effect, one that is in the model already, or one that needs what is not there.
     """
     tell = progress or (lambda text, share: None)
@@ -78,10 +78,10 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     if any(_plain(name) == _plain(have) for name in names for have in fit.model.spec.effects):
         raise UsageError(f"the model has {effect} already", "choose another effect; stictionid effects lists them")
     tell(f"refitting with {effect}", 0.1)
-    refits = [] if known is None else [(effect, known)]
-    if known is None or not at_noise(known):
-        pool = starting_pool(fit.model, fit.values, run.rng)
-        refits += [(name, _refitted(fit, name, pool, run.rng)) for name in names]
+    pool = starting_pool(fit.model, fit.values, run.rng)
+    refits = [(name, _refitted(fit, name, pool, run.rng, 1 if known else _REFITS)) for name in names]
+    if known is not None:
+        refits.append((effect, known))
     name, done = min(refits, key=lambda r: r[1].innovation_sd)
     if not np.isfinite(done.innovation_sd):
         raise ModelError(f"the refit with {effect} did not converge",
@@ -154,12 +154,12 @@ def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitt
     return after
 
 
-def _refitted(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) -> Refit:
+def _refitted(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, count: int = _REFITS) -> Refit:
     noise = parse(name)[0].noise
     if noise is not None:
         return complete(fit.model, fit.values, pool, rng, noise=noise)
     # Two independent refits: what goes into the study must not hang on one search.
-    model, values, _ = min((settled(scout(fit, name, pool, rng), rng) for _ in range(_REFITS)), key=lambda r: r[2])
+    model, values, _ = min((settled(scout(fit, name, pool, rng), rng) for _ in range(count)), key=lambda r: r[2])
     return complete(model, values, None, rng)
 
 
