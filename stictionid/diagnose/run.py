@@ -15,7 +15,6 @@ from ..effects import parse
 from ..fit import Fitted
 from ..loop import Finding, Loop
 from ..methods.run import ADEQUATE, Run
-from ..methods.structure import LAG
 from ..refit import quick
 from ..rerun import rebuild_model
 from ..restarts import bound
@@ -29,7 +28,8 @@ MOST_ADDITIONS = 4
 # can give.
 _CHANCE = 0.01
 # Beside noise models: what `identify` may add by itself, without a look at the rivals (methods/auto.py).
-_CHOSEN = frozenset({"extra-lag", "re-sticking"})
+LAG = "extra-lag"
+_CHOSEN = frozenset({LAG, "re-sticking"})
 # What a lag and another effect must gain in BIC over the best one alone (CRITICISM.md section 7, step 7: "named").
 _JOINT = 50.0
 Progress = Callable[[str, float], None]
