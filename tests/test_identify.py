@@ -20,7 +20,7 @@ from stictionid.model import Model
 from stictionid.oscillation import find_range
 from stictionid.rerun import rerun
 from stictionid.results import study_from_json, to_json
-from stictionid.simulate import preset, simulate, with_stiction
+from stictionid.simulate import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.spec import Spec
 
 ROOT = Path(__file__).parent.parent
@@ -142,6 +142,18 @@ def test_the_cost_is_never_above_that_of_the_true_parameters() -> None:
     forces = np.linspace(-0.9, 0.9, 7)
     truth = np.stack([np.full(7, 4.0), np.full(7, 2.0), forces, np.full(7, 5.0), np.full(7, 5.0)])
     assert costs[0] <= model.costs_of(truth).min() * 1.001
+
+
+def test_a_rough_command_that_moves_between_samples_is_not_taken_for_a_held_one_in_the_end() -> None:
+    # Noise hides the corners of the command, so that it is first searched as a held one.
+    setting = Setting(Plant(0.69, 5.3, 1.5), Controller(2.8, 5.3), 3.8, 3.0, duration_s=600.0,
+                      setpoint_moves=((0.0, -3.0),), noise_sd=0.016)
+    loop = replace(simulate(setting, seed=1).loop, position=None)
+    study = identify(loop, options=Options(base_only=True))
+    assert study.steps[0].model["between"] == "corner"
+    assert study.estimate is not None and study.estimate.S == pytest.approx(3.8, rel=0.05)
+    held = identify(loop, options=Options(base_only=True, between="hold"))
+    assert held.estimate is not None and abs(held.estimate.S - 3.8) > 3.0 * abs(study.estimate.S - 3.8)
 
 
 @pytest.mark.parametrize("options", [

@@ -9,6 +9,7 @@ Source: METHODS.md section 4, traps 1 to 5; the paper's Eq. 7 to 21 for the ARX 
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -18,11 +19,12 @@ from ..fit import Fitted, reaching
 from ..gates import SAMPLES_PER_PERIOD
 from ..intervals import outline, region
 from ..spec import Spec
+from ..whitened import whitened
 from .added_steps import try_resting, try_step
 from .contract import Method, Outcome
 from .noise_steps import try_noise
 from .run import Run, parameters
-from .structure import LAG, SUBSTEPS, check_scans, choose, first_look
+from .structure import LAG, SUBSTEPS, check_scans, choose, first_look, moves_after_all
 
 # A free-run error beyond this share of the scatter of y explains nothing, unless an integrator leaves less than the
 # other share of the variance of the changes: 3 to 17 % with a hidden effect. Unit: 1.
@@ -30,6 +32,21 @@ _NOTHING, _CHANGES = 0.995, 0.5
 
 
 def _run(run: Run) -> Outcome:
+    """The search with the command that the record speaks for, looked at once more where a held one was taken."""
+    outcome = _searched(run)
+    if run.options.between != "auto" or not moves_after_all(run, outcome.fits[-1]):
+        return outcome
+    run.tell("rebuilding the command between samples", 0.5)
+    again = copy(run)
+    again.options = replace(run.options, between="corner")
+    try:
+        moving = _searched(again)
+    except CannotTell:
+        return outcome
+    return min(outcome, moving, key=lambda o: whitened(o.fits[-1].model, o.fits[-1].values).innovation_sd)
+
+
+def _searched(run: Run) -> Outcome:
     """Base model with its process and between-samples choice, then what the data ask for beyond it."""
     o = run.options
     spec = Spec(law=run.law, effects=o.effects, fixed=dict(o.fixed),

@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import CannotTell, UsageError
 from ..fit import Fitted, held_out_error, one_run
 from ..gates import SAMPLES_PER_PERIOD
+from ..intervals import effective_rows
 from ..loop import Finding, FloatArray
 from ..model import Model
 from ..moves import descended, search_model, with_start
@@ -48,6 +49,9 @@ _ENDLESS_LAG, _ENDLESS_LOSS = 3.0, 0.05
 # The command is taken as continuous only when that lowers the free-run error by this share; where one way leaves less
 # than the second share of the other's error a further lag can't change which is better: the most it took was half.
 _CORNER_GAIN, _CLEARLY = 0.05, 1.0 / 3.0
+# Twice the log-likelihood that a moving command must gain on a held one where everything else was found. Measured on
+# 126 loops: 5 to 3300 lost where the controller scans; where it does not, 12 to 540 gained in four, 1 lost in a fifth.
+_AFTER_ALL = 6.0
 # A PI law that ran with the samples leaves less of the changes of u than this share of what one that ran between them
 # does. Measured: nothing at all against 1e-5 to 1e-4; where it did run between them, 0.9 to 1.5 times as much. Unit: 1.
 _EXACT = 0.25
@@ -222,6 +226,18 @@ def _moves_better(run: Run, held: Tried, moving: Spec) -> bool:
     assert held.evaluated is not None
     values = run.model(held.spec).vector(held.evaluated.values)
     return float(_moved(run, values, held.spec, moving).costs[0]) < held.cost
+
+
+def moves_after_all(run: Run, fit: Fitted) -> bool:
+    """Whether a command that moves between samples does clearly better from where all that was added to a held one
+    ended. (A missing lag rounds the slips as a moving command does, and a rough command hides its corners.)
+    """
+    spec = fit.model.spec
+    if spec.between != "hold" or run.loop.step_s > run.options.scan_s:
+        return False
+    moved = _moved(run, fit.values, spec, replace(spec, between="corner", substeps=SUBSTEPS))
+    rows = effective_rows(np.nan_to_num(fit.best.innovation), fit.model.weight)
+    return bool(moved.costs[0] < fit.sse * np.exp(-_AFTER_ALL / rows))
 
 
 def _moved(run: Run, values: FloatArray, held: Spec, moving: Spec) -> Found:
