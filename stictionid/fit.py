@@ -18,6 +18,7 @@ from .intervals import CLOUD, cloud, intervals_of, widened
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import descended, first_distinct, movable, search_model, spreads, thinned, thinning, with_start
+from .restarts import bound
 from .search import Found, refine
 from .spec import Evaluated
 from .starts import along_ridge, basins, grown, roamed, with_other_start, with_process
@@ -37,6 +38,8 @@ AGREE_S, AGREE_J = 0.01, 0.05
 # Their costs must agree as well: -2 ln LR, or a share of the cost where the record is noise-free.
 _AGREE_COST, _AGREE_SIGNAL = 0.05, 0.002
 HOLDOUT_BLOCKS = 5
+# Likelihood ratio below which friction is in no record (as in the verdict).
+_EXPLAINS_NOTHING = 15.0
 # Costs that differ by less than this share are those of one valve path; where the path ends is looked for on a ladder.
 _SAME_PATH = 1e-9
 _PLATEAU_LADDER = np.geomspace(1e-6, 0.05, 30)
@@ -68,6 +71,7 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
     """Independent runs until two agree, four at the most: their best points (k, d) and costs (k,), best first.
 
     `before` are runs that were made already. A run that has come to the best optimum so far is not polished further.
+    Where two runs found no friction that explains anything there is no S to agree on, and they are left at that.
     """
     coarse = search_model(model)
     points, costs = before or (np.empty((0, model.space.size)), np.empty(0))
@@ -86,7 +90,22 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
         points, costs = np.concatenate([points, point[None]]), np.append(costs, cost)
         order = np.argsort(costs, kind="stable")
         points, costs = points[order], costs[order]
+        if len(costs) == 2 and agreement(coarse, points, costs) < 2 and _nothing_found(coarse, points[0], costs[0]):
+            break
     return points, costs
+
+
+def _nothing_found(model: Model, point: FloatArray, cost: float) -> bool:
+    """Whether a valve without friction, its process descended to from point (d,), explains as much as that point."""
+    if model.spec.friction_free or not movable(model)[0]:
+        return False
+    free = bound(model.loop, replace(model.spec, friction_free=True, between="hold", substeps=1), s_max=model.s_max,
+                 period_s=model.period_s, residual=model.context.residual)
+    values = model.values(point[None]).repeat(3, axis=1)
+    values[[0, 1, *model.forces]] = 0.0
+    values[4] = np.maximum(values[4] - np.array([0.0, 0.5, 1.0]) * model.step_s, 0.0)
+    found = descended(free, free.cube(values), turns=10, settle=1e-3)
+    return bool(model.shared.rows * np.log(found.costs[0] / max(cost, 1e-300)) < _EXPLAINS_NOTHING)
 
 
 def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = None, near: FloatArray | None = None,

@@ -23,7 +23,7 @@ from .between import interval_means, rebuild
 from .blockwise import Blockwise
 from .effects.contract import Context, Effect, Record
 from .errors import ModelError
-from .kernels import FULL, scratch
+from .kernels import FULL, output, scratch
 from .loop import BoolArray, FloatArray, Loop
 from .noise import first_rows
 from .parameters import Parameter, Space
@@ -114,6 +114,9 @@ class Model:
         self.names = tuple(name for name, _, _ in ordered)
         self.effects: tuple[Effect, ...] = tuple(effect for _, effect, _ in ordered)
         self._options = tuple(option for _, _, option in ordered)
+        # A valve without friction is where the command is, unless something else is in its way.
+        self._follows = (spec.friction_free and spec.held and self.law.supply is None
+                         and not any(e.run or e.friction for e in self.effects))
         self.step_s = loop.step_s
         fine = any(effect.fine for effect in self.effects)
         self.parts = max(spec.substeps, _FINE_PARTS) if fine and spec.held else spec.substeps
@@ -239,6 +242,10 @@ class Model:
 
         `lent` ones hold until the next call (see `kernels.scratch`).
         """
+        if self._follows:
+            position = output("law", self.context.command.size, values.shape[1], lent)
+            position[:] = self.context.command[:, None]
+            return position
         table = self.law.searched_friction(values[0], values[1])
         for effect, rows in zip(self.effects, self._slices, strict=True):
             if effect.friction:
