@@ -151,7 +151,8 @@ def capped(verdict: Verdict, loop: Loop) -> Verdict:
 
 def _answer(ratio: float, won: int, explained: float, drop: float, one_step: float) -> tuple[str, float]:
     """The answer and its confidence from the evidence."""
-    enough = explained >= _EXPLAINED or (ratio >= _CLEAR and one_step >= _CLEAR_DROP)
+    # A model that runs away freely (slips of an integrator add up) may still predict a step well: no proof of a valve.
+    enough = explained >= _EXPLAINED or (ratio >= _CLEAR and one_step >= _CLEAR_DROP and drop > 0.0)
     if ratio >= _STICKS and won >= _WON and enough:
         return "stiction", 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
     nothing = explained < _NOTHING or drop < _NOTHING_DROP
