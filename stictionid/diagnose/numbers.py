@@ -14,6 +14,9 @@ from ..model import Model
 from ..results import ParameterValue
 from ..spec import Evaluated
 
+# Costs that differ by no more than this share are of the same valve path.
+_SAME = 1e-9
+
 
 def values_of(name: str, model: Model, values: FloatArray, evaluated: Evaluated) -> dict[str, float]:
     """One physical effect's public numbers, out of what was searched and what stayed linear."""
@@ -60,6 +63,7 @@ def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[Para
     out = [r for r in rows if r.effect is None]
     model = fit.model
     innovation = float(np.sqrt(fit.sse / max(fit.best.rows, 1)))
+    idle = _idle(model, fit.values)
     for name in model.spec.effects:
         if parse(name)[0].noise is not None:
             numbers = noise_values(name, np.array(model.spec.taps), model.spec.increments, innovation, model.step_s)
@@ -68,5 +72,24 @@ def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[Para
         searched = {r.name: r for r in rows if r.effect == name}
         for row in rows_for(name, numbers):
             old = searched.get(row.name)
-            out.append(replace(row, interval=old.interval, at_bound=old.at_bound) if old else row)
+            if f"{name}:{row.name}" in idle:
+                out.append(replace(row, identifiable=False))
+            else:
+                out.append(replace(row, interval=old.interval, at_bound=old.at_bound) if old else row)
     return tuple(out)
+
+
+def _idle(model: Model, values: FloatArray) -> set[str]:
+    """Numbers of effects without which the model of values (d,) is the very same: a limit that the stem never meets."""
+    names, neutral = [], []
+    for name, effect, rows in zip(model.names, model.effects, model._slices, strict=True):
+        for at, p in enumerate(effect.parameters_for(model.context), rows.start):
+            names.append(f"{name}:{p.name}")
+            neutral.append((at, p.neutral))
+    if not names:
+        return set()
+    trial = np.repeat(values[:, None], 1 + len(names), axis=1)
+    for lane, (at, value) in enumerate(neutral, 1):
+        trial[at, lane] = value
+    costs = model.costs_of(trial)
+    return {name for name, cost in zip(names, costs[1:], strict=True) if abs(cost - costs[0]) <= _SAME * costs[0]}

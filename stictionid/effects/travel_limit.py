@@ -17,6 +17,8 @@ from .contract import Context, Effect, Place
 
 _LOWER = Parameter("lower", "%", -20.0, 120.0, -20.0, "the stem can't close further")
 _UPPER = Parameter("upper", "%", -20.0, 120.0, 120.0, "the stem can't open further")
+# A controller winds up against a limit: the command may be beyond it for most of the record.
+_MOST, _GUESSED = 0.9, (0.05, 0.15, 0.3, 0.5)
 
 
 def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
@@ -32,14 +34,14 @@ def _reach(context: Context) -> tuple[float, float]:
 
 def _limits(context: Context) -> tuple[Parameter, ...]:
     low, high = _reach(context)
-    middle = float(np.median(context.command))
-    return (replace(_LOWER, low=low, high=middle, neutral=low), replace(_UPPER, low=middle, high=high, neutral=high))
+    least, most = (float(q) for q in np.quantile(context.command, [1.0 - _MOST, _MOST]))
+    return (replace(_LOWER, low=low, high=most, neutral=low), replace(_UPPER, low=least, high=high, neutral=high))
 
 
 def _guess(context: Context) -> FloatArray:
     low, high = _reach(context)
-    quantiles = np.quantile(context.command, [0.05, 0.15, 0.3, 0.7, 0.85, 0.95])
-    return np.array([[q, high] for q in quantiles[:3]] + [[low, q] for q in quantiles[3:]])
+    closed, opened = (np.quantile(context.command, shares) for shares in (_GUESSED, 1.0 - np.array(_GUESSED)))
+    return np.array([[q, high] for q in closed] + [[low, q] for q in opened])
 
 
 EFFECT = Effect(
