@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from loops_with_effects import NOISE, PHYSICAL, SMALL, small
 
@@ -70,3 +71,20 @@ def test_the_records_of_the_small_loops_are_repeatable() -> None:
     setting, loop = small("step-disturbance")
     again = simulate(replace(setting), seed=21).loop
     assert (loop.process_value == again.process_value).all()
+
+
+def test_a_travel_limit_short_of_most_of_the_command_is_found() -> None:
+    # The controller winds up against the stop: the command is beyond it for more than half of the record.
+    limit = ("travel-limit", {"upper": 49.2})
+    setting, loop = small(**{"effects": (limit,), "plant": Plant(0.84, 13.0, 4.7), "S": 2.9, "J": 1.6,
+                             "duration_s": 1200.0,
+                             "controller": Controller(1.2, 13.0, scan_s=1.0),
+                             "setpoint_moves": ((0.0, -0.5), (300.0, -1.5), (500.0, 1.8), (800.0, -1.5))})
+    assert np.median(loop.output) > 49.2 + 0.6 * setting.S
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert after.missing[:1] == ("travel-limit",)
+    assert after.steps[-1].error.rmse <= _AT_THE_NOISE * NOISE
+    numbers = {p.name: p for p in after.steps[-1].parameters}
+    assert numbers["S"].value == pytest.approx(2.9, rel=0.02) and numbers["J"].value == pytest.approx(1.6, rel=0.05)
+    assert numbers["upper"].value == pytest.approx(49.2, abs=0.05)
+    assert not numbers["lower"].identifiable and numbers["lower"].interval is None
