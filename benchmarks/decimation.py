@@ -51,7 +51,7 @@ def decimated(seed: int, keep: int, noise_percent: float) -> tuple[Loop, Setting
 
 def row(keep: int, noise: float, loops: int, between: str) -> str:
     """One line of the table."""
-    S, J, held, chosen = [], [], [], Counter[str]()
+    S, J, held, chosen, withheld = [], [], 0, Counter[str](), 0
     for seed in range(loops):
         loop, known = decimated(seed, keep, noise)
         way = "hold" if keep == 1 and between == "decimated" else between
@@ -62,14 +62,16 @@ def row(keep: int, noise: float, loops: int, between: str) -> str:
         e = study.estimate
         S.append(100.0 * (e.S / known.S - 1.0))
         J.append(100.0 * (e.J - known.J) / known.S)
-        held.append(e.S_interval is not None and e.S_interval[0] <= known.S <= e.S_interval[1])
+        withheld += e.S_interval is None
+        held += e.S_interval is not None and e.S_interval[0] <= known.S <= e.S_interval[1]
         warned = any(f.code == "scans-too-noisy" for f in study.steps[0].findings)
         chosen[study.steps[0].model["between"] + " (warned)" * warned] += 1
     words = ", ".join(f"{n} {word}" for word, n in sorted(chosen.items()))
     if not S:
         return f"{keep:4d} {noise:7.2f}  {'abstains':>42}  {words}"
     return (f"{keep:4d} {noise:7.2f}  {np.median(S):+7.2f} {np.abs(S).max():6.1f}  {np.median(J):+7.2f} "
-            f"{np.abs(J).max():6.1f}  {sum(held):3d} of {len(S):2d}  {words}")
+            f"{np.abs(J).max():6.1f}  {f'{held} of {len(S) - withheld}' if withheld < len(S) else 'withheld':>13s}"
+            f"  {words}")
 
 
 def main() -> None:

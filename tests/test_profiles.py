@@ -30,8 +30,11 @@ def fitted() -> tuple[Model, np.ndarray, np.ndarray]:
 
 
 def spans(model: Model, cube: np.ndarray, cost: np.ndarray) -> dict[str, tuple[float, float]]:
-    best = int(cost.argmin())
-    return intervals_of(model, cube, cost, float(cost[best]), model.evaluate(model.values(cube[best:best + 1])[:, 0]))
+    """From where to where S and J of possible points go."""
+    best = model.evaluate(model.values(cube[[cost.argmin()]])[:, 0])
+    limit = cost.min() * np.exp(INTERVAL_THRESHOLD / effective_rows(np.nan_to_num(best.innovation), model.weight))
+    values = model.values(cube[cost <= limit])
+    return {name: (float(x.min()), float(x.max())) for name, x in zip("SJ", values[:2], strict=True)}
 
 
 def test_no_valve_that_does_as_well_lies_outside(fitted) -> None:
@@ -54,6 +57,18 @@ def test_no_valve_that_does_as_well_lies_outside(fitted) -> None:
     assert alike.shape[1] > 20
     for i, (name, margin) in enumerate(margins.items()):
         assert wide[name][0] - margin <= alike[i].min() and alike[i].max() <= wide[name][1] + margin
+
+
+def test_the_interval_of_s_leaves_out_a_tenth_of_the_step_but_never_the_answer(fitted) -> None:
+    model, cube, cost = fitted
+    cube, cost = widened(model, cube, cost)
+    best = int(cost.argmin())
+    e = model.evaluate(model.values(cube[[best]])[:, 0])
+    low, high = spans(model, cube, cost)["S"]
+    given = intervals_of(model, cube, cost, float(cost[best]), e)["S"]
+    cut = 0.05 * (high - low)
+    assert given == pytest.approx((min(low + cut, e.values["S"]), max(high - cut, e.values["S"])), rel=1e-9)
+    assert given[1] - given[0] < high - low
 
 
 def test_a_moved_valve_slips_first_at_the_same_sample(fitted) -> None:
