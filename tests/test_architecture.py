@@ -120,3 +120,21 @@ def test_a_law_or_an_effect_is_one_file_that_nobody_else_names(room: str) -> Non
             if isinstance(node, ast.ImportFrom) and node.module:
                 parts = node.module.split(".")
                 assert not (room in parts and modules & set(parts)), f"{path} imports {node.module}"
+
+
+def test_the_oldest_dependencies_that_are_tested_are_the_oldest_that_are_allowed() -> None:
+    import tomllib
+
+    allowed = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
+    pinned = [line for line in (PACKAGE.parent / ".ci" / "oldest.txt").read_text(encoding="utf-8").splitlines()
+              if line and not line.startswith("#")]
+    assert pinned == [f"{line.replace('>=', '==')}.*" for line in allowed]
+
+
+def test_what_runs_elsewhere_is_there() -> None:
+    lines = (PACKAGE.parent / ".ci" / "elsewhere.txt").read_text(encoding="utf-8").splitlines()
+    named = [line.removeprefix("--deselect=") for line in lines if line and not line.startswith("#")]
+    assert len(named) > 10
+    for file, _, test in (name.partition("::") for name in named):
+        text = (PACKAGE.parent / file).read_text(encoding="utf-8")
+        assert f"\ndef {test}(" in text if test else "\ndef test_" in text, file
