@@ -134,7 +134,7 @@ def tested(place: Place, wheel: Path, folder: Path) -> str:
         absent = without_wheels(pip, place.pins, folder)
         raise NoWheels(", ".join(absent)) if absent else Failed(said)
     # The tests import the folder they stand in, which is what the wheel was made of.
-    code, said = run([str(folder / "env" / "bin" / "python"), "-m", "pytest", "-q", "-p", "no:cacheprovider",
+    code, said = run([str(folder / "env" / "bin" / "python"), "-m", "pytest", "-p", "no:cacheprovider",
                       *lines_of(HERE / "elsewhere.txt")], folder)
     closing = [line for line in said.splitlines() if re.search(r"\d+ (passed|failed|error)", line)]
     if code or not closing:

@@ -97,6 +97,17 @@ def ensure_writable(path: str | Path, *, force: bool = False, kind: bytes | None
             raise UsageError(f"{path} exists and is another kind of file", "choose another -o, or add --force")
 
 
+def keep_apart(output: str | Path, *inputs: str | Path, what: str = "the export") -> None:
+    """UsageError where a result would replace what it is made from, which --force is not meant for either."""
+    for given in inputs:
+        try:
+            same = os.path.samefile(output, given)
+        except (OSError, ValueError):
+            continue
+        if same and not _is_special(Path(output)):
+            raise UsageError(f"-o {output} is {what} itself", f"choose another -o; {what} stays as it is")
+
+
 def _is_special(path: Path) -> bool:
     """Whether a path is a device or a pipe (/dev/null, /dev/stdout), which must never be replaced by a file."""
     try:

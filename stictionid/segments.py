@@ -101,7 +101,11 @@ def described(loop: Loop, description: Mapping[str, Any]) -> tuple[Loop, tuple[s
     rows = description.get("segments")
     if not rows:
         return loop.longest_segment(), (loop.longest,)
-    pieces = tuple(slice(int(first), int(first) + int(count)) for first, count in rows)
+    try:
+        pieces = tuple(slice(int(first), int(first) + int(count)) for first, count in rows)
+    except (TypeError, ValueError):
+        raise DataError(f"the study is damaged: its model's segments are {rows!r:.60}",
+                        "run stictionid identify again") from None
     missing = [p for p in pieces if not any(whole.start <= p.start < p.stop <= whole.stop for whole in loop.segments)]
     if missing:
         raise DataError(f"the study's model was fitted to samples {missing[0].start} to {missing[0].stop - 1} as one "

@@ -194,6 +194,82 @@ def test_so_are_the_options_of_every_command(words: tuple[str, ...], tmp_path: P
 
 # --- names, studies, results
 
+@pytest.mark.parametrize(("path", "value", "words"), [
+    (("substeps",), 10**9, "substeps is 1000000000"), (("substeps",), 0, "substeps is 0"),
+    (("values", "dead_time_s"), 1e300, "dead_time_s is 1e+300"), (("values", "time_constant_s"), -5, "is -5"),
+    (("values", "initial_residual_force"), 1e14, "not a number from -1"), (("effects",), ["extra-lag"] * 50, "twice"),
+    (("segments",), [["a"]], "segments are"), (("process",), "foo", "'foo'"), (("law",), "../../x", "unknown law"),
+    (("taps",), [0.1] * 10**5, "number of taps"), (("taps",), ["a"], "is 'a'"), (("period_s",), 0, "period_s is 0"),
+    (("values",), [1, 2], "can't be rebuilt")])
+def test_a_model_that_no_search_writes_is_refused_before_compiled_code_runs_it(path, value, words: str) -> None:
+    """A dead time of 1e300 s in a study edited by hand once ended the process with a segmentation fault."""
+    from stictionid.loop import Loop
+    from stictionid.rerun import rerun
+
+    u, y = _good()
+    model = {"law": "chen", "process": "first-order", "effects": [], "between": "hold", "substeps": 1,
+             "increments": False, "taps": [], "fixed": {}, "s_max": 6.0, "period_s": 100.0,
+             "values": {"S": 4.0, "J": 2.0, "initial_residual_force": 0.5, "time_constant_s": 5.0, "dead_time_s": 5.0}}
+    loop = Loop(output=u, process_value=y, step_s=1.0)
+    assert np.isfinite(rerun(loop, model).model[100:]).all()
+    at = model
+    for key in path[:-1]:
+        at = at[key]
+    at[path[-1]] = value
+    with pytest.raises(DataError) as told:
+        rerun(loop, model)
+    assert words in told.value.message and told.value.hint
+
+
+@pytest.mark.parametrize("options", [{"fixed": {"dead_time_s": 1e9}}, {"method": "arx", "delay": 5000}])
+def test_a_dead_time_beyond_the_record_is_refused(options: dict) -> None:
+    from stictionid.identify import Options, identify
+    from stictionid.loop import Loop
+
+    u, y = _good()
+    with pytest.raises(UsageError, match="more than half the record"):
+        identify(Loop(output=u, process_value=y, step_s=1.0), options=Options(**options))
+
+
+def test_nothing_is_written_over_what_it_is_made_from_not_even_with_force(tmp_path: Path) -> None:
+    export, study = tmp_path / "loop.csv", tmp_path / "s.json"
+    export.write_bytes((ROOT / "sample_data" / "foptd.csv").read_bytes())
+    study.write_bytes((ROOT / "tests" / "golden" / "study_schema_1.json").read_bytes())
+    (tmp_path / "link.csv").symlink_to(export)
+    before = export.read_bytes(), study.read_bytes()
+    for words in (("identify", export, "-o", export), ("identify", export, "-o", tmp_path / "link.csv"),
+                  ("report", study, "-o", study), ("report", study, "--data", export, "-o", export)):
+        done = _invoked(*words, "--force")
+        assert isinstance(done, UsageError) and "itself" in done.message
+    assert before == (export.read_bytes(), study.read_bytes())
+
+
+def _invoked(*words: object) -> BaseException | None:
+    from typer.testing import CliRunner
+
+    from stictionid.cli import app
+
+    return CliRunner().invoke(app, [str(word) for word in words]).exception
+
+
+def test_links_that_lead_in_a_ring_do_not_stop_a_batch(tmp_path: Path) -> None:
+    from stictionid.batch.sources import look
+
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "x.csv").write_text("t,PV,OP\n0,1,2\n")
+    (tmp_path / "a" / "back").symlink_to("..")
+    (tmp_path / "me").symlink_to("me")
+    assert look([str(tmp_path)]).inside == {tmp_path: (tmp_path / "a" / "x.csv",)}
+
+
+def test_rows_of_one_time_are_said_to_be_that_and_not_too_short_a_window(tmp_path: Path) -> None:
+    from stictionid.historian import read
+
+    file = tmp_path / "x.csv"
+    file.write_text("t,PV,OP\n" + "".join(f"5,{k % 7},{k % 5}\n" for k in range(50)))
+    with pytest.raises(DataError, match=r"1 usable row, fewer than 4 \(49 of 50 rows are left out as 'duplicate'\)"):
+        read(file)
+
 def test_functions_keep_their_names_when_their_modules_are_imported() -> None:
     code = "import stictionid.identify, stictionid.simulate, stictionid.rerun; import stictionid as s; " \
            "from stictionid.identify import Options; print(*map(callable, (s.identify, s.simulate, s.rerun, Options)))"

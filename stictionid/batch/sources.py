@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,13 +26,13 @@ class Found:
 
 def look(paths: Iterable[str], *, leave: Iterable[Path] = ()) -> Found:
     """Files behind files, folders and patterns; `leave` are files and folders not looked at. UsageError if absent."""
-    left = {p.resolve() for p in leave}
+    left = {_real(p) for p in leave}
     named: dict[Path, None] = {}
     inside: dict[Path, tuple[Path, ...]] = {}
     skipped: dict[Path, str] = {}
     for path in paths:
         for place in _places(path):
-            if place.resolve() in left:
+            if _real(place) in left:
                 continue
             if not place.is_dir():
                 named[place] = None
@@ -57,16 +58,24 @@ def _places(path: str) -> list[Path]:
     return [Path(f) for f in found if not Path(f).name.startswith(".")]
 
 
+def _real(place: Path) -> Path:
+    """The file or folder behind links; of a link that leads to itself the link, which `Path.resolve` gives up on."""
+    return Path(os.path.realpath(place))
+
+
 def _walk(folder: Path, left: set[Path]) -> list[Path]:
-    """Files of a folder and its folders in order, without hidden ones, marks of writers (_SUCCESS) and results."""
+    """Files of a folder and its folders in order, without hidden ones, marks of writers (_SUCCESS) and results.
+
+    A link to a folder that it stands in is not followed round and round.
+    """
     found: list[Path] = []
     if (folder / RESULTS_MARK).is_file():
         return found
     for entry in sorted(folder.iterdir(), key=lambda p: p.name):
-        if entry.name.startswith((".", "_")) or entry.resolve() in left:
+        if entry.name.startswith((".", "_")) or _real(entry) in left:
             continue
         if entry.is_dir():
-            found += _walk(entry, left)
+            found += _walk(entry, left | {_real(folder)})
         elif entry.is_file():
             found.append(entry)
     return found

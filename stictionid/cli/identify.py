@@ -68,11 +68,12 @@ def identify(
 
     Example: stictionid identify sample_data/foptd.csv -o study.json
     """
-    from ..files import ensure_writable, write_whole
+    from ..files import ensure_writable, keep_apart, write_whole
     from ..identify import Options
     from ..results import to_json
 
     if output is not None:
+        keep_apart(output, file, *([step_test] if step_test is not None else []))
         ensure_writable(output, force=force, kind=b"{")
     fixed = {name: value for name, value in (("gain", gain), ("time_constant_s", time_constant),
                                              ("dead_time_s", dead_time)) if value is not None}

@@ -52,17 +52,14 @@ def read(
 
 def _check_targets(file: str, output: str | None, save_profile: str | None, force: bool) -> None:
     """Refuse places that can't be written before anything is read."""
-    from pathlib import Path
-
     from ..errors import UsageError
-    from ..files import ensure_writable
+    from ..files import ensure_writable, keep_apart
     from ..historian.clean import own_kind
 
     if output is not None:
         if not output.lower().endswith((".parquet", ".csv")):
             raise UsageError(f"-o {output} is neither .parquet nor .csv", "for example -o clean.parquet")
-        if Path(output).exists() and Path(file).exists() and Path(output).samefile(file):
-            raise UsageError(f"-o {output} is the export itself", "choose another -o; the export stays as it is")
+        keep_apart(output, file)
         ensure_writable(output, force=force, kind=own_kind(output))
     if save_profile is not None:
         ensure_writable(save_profile, force=force, kind=b"# stictionid")

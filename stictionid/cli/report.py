@@ -26,11 +26,15 @@ def report(
 ) -> None:
     """Read the studies, find their data, re-run their models once, and write or print."""
     from ..errors import UsageError
+    from ..files import keep_apart
     from ..report.write import check_target, write_report
 
     if data is not None and len(studies) > 1:
         raise UsageError(f"--data names one file, but there are {len(studies)} studies", "report them one by one")
     if out is not None:
+        keep_apart(out, *studies, what="the study")
+        if data is not None:
+            keep_apart(out, data)
         check_target(out, figures=figures, force=force)
     written: list[Path] = []
     with Progress(quiet or as_json) as progress:

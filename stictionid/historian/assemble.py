@@ -46,6 +46,13 @@ class Assembled:
     findings: list[Finding] = field(default_factory=list)
 
 
+def _left_out(book: RowBook) -> str:
+    """Why most rows that are not usable are not, in words."""
+    out = {reason: rows for reason, rows in book.counts().items() if reason not in ("in", "used") and rows}
+    reason = max(out, key=lambda r: out[r], default="")
+    return f" ({out[reason]:,} of {book.counts()['in']:,} rows are left out as {reason!r})" if reason else ""
+
+
 def assemble(shaped: Shaped, aligned: Aligned, options: ReadOptions, book: RowBook, table: Table) -> Assembled:
     """The loop of aligned series. DataError where nothing usable is left."""
     frame, guesses, findings = aligned.frame, list[str](), list[Finding]()
@@ -55,8 +62,8 @@ def assemble(shaped: Shaped, aligned: Aligned, options: ReadOptions, book: RowBo
         book.mark(rows[rows >= 0], "outside window")
     if frame.ns.size < MIN_SAMPLES:
         raise DataError(
-            f"{table.file} has {frame.ns.size} usable rows{' in the window' if options.start or options.end else ''}, "
-            f"fewer than {MIN_SAMPLES}",
+            f"{table.file} has {frame.ns.size} usable row{'' if frame.ns.size == 1 else 's'}"
+            f"{' in the window' if options.start or options.end else ''}, fewer than {MIN_SAMPLES}{_left_out(book)}",
             "check --start and --end" if options.start or options.end else "export a longer window",
         )
     findings += notes.order_findings(shaped) + notes.tag_findings(shaped, aligned) + notes.setpoint_findings(shaped)

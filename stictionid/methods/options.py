@@ -64,6 +64,16 @@ class Options:
                                  "give a positive number")
         self._check_use(method)
 
+    def check_record(self, samples: int, step_s: float) -> None:
+        """Refuse a dead time of more than half the record, from which nothing could be seen of the valve."""
+        most = samples // 2
+        given = {"--delay": (self.delay, most, "samples"),
+                 "--dead-time": (self.fixed.get("dead_time_s"), most * step_s, "s")}
+        for option, (value, limit, unit) in given.items():
+            if value is not None and value > limit:
+                raise UsageError(f"{option} {value:g} is more than half the record ({limit:g} {unit})",
+                                 f"give {limit:g} {unit} or less, or leave {option} out")
+
     def _check_use(self, method: Method) -> None:
         """Refuse options the method would only ignore: they would look as if they had been used."""
         given = {
