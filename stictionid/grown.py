@@ -27,7 +27,10 @@ from .search import refine
 # Lags in periods; the last one is that of the high pass, too. Delays tried, up to this share of a period.
 _LAGS, _DELAYS, _LONGEST = (0.015, 0.06, 0.2, 0.7), 6, 0.4
 # Points of the first scan, shares of the record, points that each leaves, and periods of the shortest part.
-_SCAN, _SHARES, _KEPT, _PERIODS = 10_000, (0.1, 0.2, 0.4, 0.7, 1.0), (32, 24, 12, 8, 6), 2.0
+# (Of the scan: for each number that is searched beyond two.)
+_SCAN, _SHARES, _KEPT, _PERIODS = 4000, (0.1, 0.2, 0.4, 0.7, 1.0), (32, 24, 12, 8, 6), 2.0
+# Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
+_LEAST_S = 0.1
 # Distance between points that are kept: of the scan, and of what was polished. Share of the range.
 _APART, _NEAR = 0.03, 0.004
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
@@ -94,14 +97,16 @@ def _polished(part: Open, model: Model, own: list[int], middle: FloatArray, poin
     def cost(cube: FloatArray) -> FloatArray:
         whole = middle[None].repeat(len(cube), axis=0)
         whole[:, own] = cube
-        return part.costs(model.values(whole))
+        values = model.values(whole)
+        return np.where(values[0] < _LEAST_S * model.s_max, np.inf, part.costs(values))
 
     if len(points):
         found = refine(cost, points, rng, spread=_WIDE if share <= _SHORT else _FINE, rounds=_ROUNDS,
                        population=_POPULATION, settle=_SETTLED)
         return found.points[_distinct(found.points, kept, _NEAR)]
-    points = (rng.random(len(own)) + np.outer(np.arange(_SCAN), _even(len(own)))) % 1.0
-    points = points[np.argsort(cost(points), kind="stable")[:_SCAN // 4]]
+    count = _SCAN * (len(own) - 2)
+    points = (rng.random(len(own)) + np.outer(np.arange(count), _even(len(own)))) % 1.0
+    points = points[np.argsort(cost(points), kind="stable")[:count // 4]]
     return points[_distinct(points, kept, _APART)]
 
 

@@ -32,6 +32,8 @@ _SETTLED = 1e-4
 # Turns of descent from every start, when one has settled, starts that get a population after it, and twice the
 # log-likelihood that must have been gained by then for one.
 _GLANCE, _GLANCED, _KEPT, _PROMISING = 3, 1e-2, 4, 3.0
+# Basins of the base that refits start from: by swarms, and by a search that grows with the record.
+_SWARMED, _GROWN = 2, 2
 # Rounds of the first look at an effect and of its swarms, and most guesses that get a swarm of their own.
 _LOOK, _SWARM, _GUESSES = 25, 14, 6
 # Further polishes go on while each lowers the cost by this share, at most so often.
@@ -50,6 +52,8 @@ LARGEST_ORDER = 8
 # Rounds of noise model and refit; the second rarely matters.
 _COMPLETIONS = 2
 BLOCKS = 5
+# A free run within this share of its innovations is at the noise.
+_WHITE = 1.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +106,10 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
                                   substeps=model.spec.substeps, increments=model.spec.increments,
                                   taps=own_taps(model.spec), fixed=model.spec.fixed, guides=model.spec.guides),
                  s_max=model.s_max, period_s=model.period_s)
-    fresh = with_process(base, basins(base, rng))
+    # Swarms on the one-step error, and a search that asks for no process: where one is misled the other is not.
+    far = np.concatenate([basins(base, rng)[:_SWARMED],
+                          grown_valves(base, [0, 1, base.forces[longest_piece(base)]], rng)[:_GROWN]])
+    fresh = with_process(base, far)
     return np.concatenate([values[None, :len(BASE)], base.values(fresh)[:len(BASE)].T])
 
 
@@ -284,6 +291,11 @@ def own_taps(spec: Spec) -> tuple[float, ...]:
 def has_noise(spec: Spec) -> bool:
     """Whether the model has a noise effect already, whose coefficients are estimated anew with every refit."""
     return any(parse(name)[0].noise for name in spec.effects)
+
+
+def at_noise(refit: Refit) -> bool:
+    """Whether the free run of a physical refit is at its innovations: a noise model has next to nothing to do."""
+    return not has_noise(refit.model.spec) and refit.evaluated.rmse <= _WHITE * refit.innovation_sd
 
 
 def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,

@@ -10,7 +10,9 @@ import numpy as np
 
 from ..effects import parse
 from ..heldout import Held
+from ..refit import at_noise
 from ..results import Candidate
+from ..spec import INTEGRATOR
 from .detect import detectable
 from .numbers import noise_values, rows_for, values_of
 from .tells import settling
@@ -18,6 +20,9 @@ from .tries import NAMED, Round, Tried
 
 # BIC within which two effects are equivalent (CRITICISM.md section 7, step 7).
 ALIKE = 10.0
+# BIC by which physics must beat a noise model that helps (step 7: "named"): noise in the output of a controller that
+# works all the time moves the valve between samples where no model sees it, and 25 were met by chance then.
+_OVER_NOISE = 50.0
 # Blocks in which the one-step error must fall, and the median drop that counts (step 6).
 _BLOCKS_BETTER, _MEDIAN_GAIN = 4, 0.005
 # The free-run error may not get worse by more than this share.
@@ -61,14 +66,16 @@ def winner_of(found: Round) -> Tried | None:
     """The candidate to name: physics before noise, but only physics that beats the noise models."""
     noises = [t for t in found.tried if t.noise and clearly_better(t, found)]
     floor = max((t.delta_bic for t in noises), default=0.0)
+    least = floor + _OVER_NOISE if noises else NAMED
     rival = next((t for t in noises if t.delta_bic == floor), None)
     for t in found.tried:
-        if t.noise or not clearly_better(t, found) or t.delta_bic < floor + NAMED or t.refit is None:
+        if t.noise or not clearly_better(t, found) or t.delta_bic < least or t.refit is None:
             continue
         worse = t.refit.evaluated.rmse > _NO_WORSE * found.reference.evaluated.rmse
         ahead = rival is None or rival.held is None or t.held is None \
             or t.held.rmse_one_step <= rival.held.rmse_one_step
-        if not worse and ahead and not _out_of_range(t) and not _only_rests(t, found):
+        if not worse and ahead and not _out_of_range(t) and not _only_rests(t, found) \
+                and not _may_be_a_slip(t):
             return t
     return noises[0] if noises else None
 
@@ -88,6 +95,15 @@ def _out_of_range(t: Tried) -> bool:
         if p.at_bound(value) and not near_neutral and p.name not in ("lag_s", "dead_time_s"):
             return True
     return False
+
+
+def _may_be_a_slip(t: Tried) -> bool:
+    """Whether a step or ramp of an integrator may be a slip that the model has in the wrong place: that adds up to one.
+
+    It is believed only where the free run with it is at the noise, so that no slip is wrong.
+    """
+    assert t.refit is not None
+    return t.refit.model.spec.process == INTEGRATOR and bool(parse(t.name)[0].variants) and not at_noise(t.refit)
 
 
 def _only_rests(t: Tried, found: Round) -> bool:

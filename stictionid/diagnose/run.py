@@ -12,15 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import parse
-from ..fit import Fitted
+from ..fit import Fitted, polish_smooth
 from ..loop import Finding, Loop
 from ..methods.run import ADEQUATE, Run
-from ..refit import quick
+from ..model import Model
+from ..moves import descended
+from ..refit import Refit, at_noise, quick
 from ..rerun import rebuild_model
 from ..restarts import bound
 from ..results import Candidate, Study
 from .judge import candidates, winner_of
-from .steps import add, at_noise, finished_step, opened, polished, with_steps
+from .steps import add, finished_step, opened, polished, with_steps
 from .tries import NAMED, Round, Tried, try_all
 
 MOST_ADDITIONS = 4
@@ -122,16 +124,34 @@ def _with_lag(looked: _Looked, seed: int, jobs: int, tell: Progress) -> _Looked:
     deeper = try_all(run.loop, fit, seed, jobs, tell)
     top = winner_of(deeper)
     rival = found.reference if winner is None or winner.refit is None else winner.refit
-    if top is None or top.noise or top.refit is None:
+    # What won without the lag, too, needs none to be named.
+    if top is None or top.noise or top.refit is None or (winner is not None and top.name == winner.name):
         return looked
     good = top.refit.good & rival.good
     if top.refit.bic(good) > rival.bic(good) - _JOINT:
         return looked
+    alone = _alone(run, before, top)
+    if alone.bic(good) <= top.refit.bic(good) + NAMED:
+        # The round beside the lag has only found the better basin: the effect explains as much without.
+        both = alone.good & found.reference.good
+        top = replace(top, refit=alone, delta_bic=found.reference.bic(both) - alone.bic(both))
+        others = (t for t in found.tried if t.name != top.name)
+        return replace(looked, winner=top, found=replace(found, tried=(top, *others)))
     after = polished(deeper.fit.model, deeper.fit.values, run.rng)
     said = Finding("joint", "info", f"{LAG} and {top.name} explain together what neither explains alone",
                    {"effects": [LAG, top.name]}, (), "CRITICISM.md section 6")
     study = with_steps(looked.study, run, (*looked.study.steps, finished_step(run, after, LAG, (said,))), after)
     return _Looked(study, run, replace(deeper, better=False), top)
+
+
+def _alone(run: Run, before: Model, top: Tried) -> Refit:
+    """The refit of an effect found beside a further lag, polished without the lag."""
+    assert top.refit is not None
+    model = bound(run.loop, replace(before.spec, effects=(*before.spec.effects, top.name)), s_max=before.s_max,
+                  period_s=before.period_s, residual=np.nan_to_num(top.refit.evaluated.residual))
+    near = descended(model, model.cube(model.vector(top.refit.model.named(top.refit.values))[:, None]))
+    point, _ = polish_smooth(model, near.points[0])
+    return quick(model, model.values(point[None])[:, 0])
 
 
 def before_chosen(study: Study) -> Study | None:

@@ -32,8 +32,6 @@ Progress = Callable[[str, float], None]
 SUPERFLUOUS = 2.0
 # Refits after which an effect that follows y has settled, and independent refits of the effect that is added.
 _FOLLOWED, _REFITS = 3, 2
-# A free run within this share of its innovations is at the noise.
-_WHITE = 1.1
 
 
 def variants(effect: str, loop: Loop) -> tuple[str, ...]:
@@ -103,11 +101,6 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
                                 {"effects": list(spare)}, (), "CRITICISM.md section 7, step 8"))
     step = finished_step(run, after, name, findings)
     return with_steps(study, run, (*study.steps, step), after)
-
-
-def at_noise(refit: Refit) -> bool:
-    """Whether the free run of a physical refit is at its innovations: a noise model has next to nothing to do."""
-    return not has_noise(refit.model.spec) and refit.evaluated.rmse <= _WHITE * refit.innovation_sd
 
 
 def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -> Study:
