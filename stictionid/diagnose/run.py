@@ -34,6 +34,8 @@ LAG = "extra-lag"
 _CHOSEN = frozenset({LAG, "re-sticking"})
 # What a lag and another effect must gain in BIC over the best one alone (CRITICISM.md section 7, step 7: "named").
 _JOINT = 50.0
+# Additions before which a round is made beside a lag, too: each costs as much as the round itself.
+_JOINTLY = 2
 Progress = Callable[[str, float], None]
 
 
@@ -60,7 +62,9 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
             kept = tuple(c for c in candidates(chosen.found, chosen.winner) if c.effect not in study.steps[-1].effects)
             return replace(study, candidates=kept, missing=())
         if chosen is None or chosen.stays:
-            chosen = _with_lag(_looked(loop, study, seed, jobs, tell), seed, jobs, tell)
+            chosen = _looked(loop, study, seed, jobs, tell)
+            if len(added) < _JOINTLY:
+                chosen = _with_lag(chosen, seed, jobs, tell)
         found, winner = chosen.found, chosen.winner
         if chosen.study is not study or found.better:
             kept_names = {step.added for step in chosen.study.steps}
