@@ -154,12 +154,13 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
     found = {name: (float(v.min()), float(v.max())) for name, v in zip(best.values, values, strict=True)}
     if model.spec.held:
         # On a step of the cost every S is as likely as any other: so many of them lie this far from its ends.
-        (low, high), at = found["S"], best.values["S"]
+        low, high = found["S"]
         cut = 0.5 * (1.0 - INTERVAL_LEVEL) * (high - low)
-        found["S"] = min(low + cut, at), max(high - cut, at)
+        found["S"] = low + cut, high - cut
     margin = _between_samples(model, best)
     for name in ("S", "J"):
-        low, high = found[name]
+        # The answer itself is possible, even where a better point turned up while its interval was looked for.
+        low, high = min(found[name][0], best.values[name]), max(found[name][1], best.values[name])
         found[name] = (max(low - margin, 0.0), high + margin)
     return found
 
