@@ -126,6 +126,7 @@ class Model:
         """The space of the search, in the record that the context holds."""
         self.space = Space(self._axes())
         self._scales = self.space.scales()
+        self._logarithmic = np.flatnonzero(self._scales[2]).tolist()
         self._slices = self._effect_rows()
 
     @property
@@ -224,10 +225,14 @@ class Model:
 
     def values(self, cube: FloatArray) -> FloatArray:
         """Physical values (d, P) of points (P, d) in the unit cube; J in %, within the law's validity."""
-        low, span, log = self._scales
+        low, span, _ = self._scales
+        cube = np.atleast_2d(cube)
         # Row by row in memory: every kernel takes whole rows.
-        values = low[:, None] + span[:, None] * np.ascontiguousarray(np.atleast_2d(cube).T)
-        values[log] = np.exp(values[log])
+        values = np.empty((span.size, cube.shape[0]))
+        np.multiply(cube.T, span[:, None], out=values)
+        values += low[:, None]
+        for row in self._logarithmic:
+            np.exp(values[row], out=values[row])
         values[1] = values[0] if self.law.one_parameter else values[1] * values[0]
         return values
 

@@ -128,11 +128,19 @@ def _run(command, friction, profile, state, position):
 
 def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
     """Valve at rest with residual force e(0) = share * f_s, within its stops."""
-    fs = np.where(share > 0, friction[FS_UP], friction[FS_DOWN])
-    state = np.zeros((4, friction.shape[1]))
-    state[_POSITION] = np.minimum(np.maximum(command0 - share * fs, friction[LOWER]), friction[UPPER])
-    state[_COMMAND] = command0
+    state = np.empty((4, friction.shape[1]))
+    _rest(command0, friction, share, state)
     return state
+
+
+@kernel
+def _rest(command0, friction, share, state):
+    for p in range(share.size):
+        fs = friction[FS_UP, p] if share[p] > 0.0 else friction[FS_DOWN, p]
+        state[_POSITION, p] = min(max(command0 - share[p] * fs, friction[LOWER, p]), friction[UPPER, p])
+        state[_MOVING, p] = 0.0
+        state[_COMMAND, p] = command0
+        state[_CHANGE, p] = 0.0
 
 
 LAW = Law(

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import ModelError
-from ..kernels import output
+from ..kernels import kernel, output
 from ..loop import FloatArray
 from ..parameters import Parameter
 
@@ -141,9 +141,17 @@ def neutral_friction(stickband: FloatArray | float, slip_jump: FloatArray | floa
 
 def friction_table(S: FloatArray, J: FloatArray) -> FloatArray:
     """The same table for arrays (P,) that are known to be valid: the search calls it for every population."""
-    table = np.zeros((ROWS, S.size))
-    table[FS_UP] = table[FS_DOWN] = 0.5 * (S + J)
-    table[FD_UP] = table[FD_DOWN] = 0.5 * (S - J)
-    table[OVERSHOOT] = 1.0
-    table[LOWER], table[UPPER] = -np.inf, np.inf
+    table = np.empty((ROWS, S.size))
+    _fill(np.ascontiguousarray(S), np.ascontiguousarray(J), table)
     return table
+
+
+@kernel
+def _fill(S, J, table):
+    for p in range(S.size):
+        for row in range(ROWS):
+            table[row, p] = 0.0
+        table[FS_UP, p] = table[FS_DOWN, p] = 0.5 * (S[p] + J[p])
+        table[FD_UP, p] = table[FD_DOWN, p] = 0.5 * (S[p] - J[p])
+        table[OVERSHOOT, p] = 1.0
+        table[LOWER, p], table[UPPER, p] = -np.inf, np.inf
