@@ -62,7 +62,7 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     tell("looking for the oscillation", 0.02)
     method = method_room.get(options.method)
     piece, notes = chosen(loop, restarts=method.restarts)
-    options.check_record(piece.samples, piece.step_s)
+    options.check_record(piece)
     found = find_range(piece)
     notes += options.notes
     laws: tuple[LawResult, ...] = ()

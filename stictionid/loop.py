@@ -113,6 +113,10 @@ class Loop:
                             "give one time in seconds for each segment")
         if not (np.isfinite(self.step_s) and self.step_s > 0):
             raise DataError(f"sampling time {self.step_s} s is not a positive number", "give --step SECONDS")
+        for tag, values in self.extras.items():
+            if (np.abs(values[np.isfinite(values)]) > LARGEST).any():
+                raise DataError(f"the further tag {tag} goes beyond {LARGEST:g}: no number there is a measurement",
+                                "mask it first; read_loop does so")
         for role in ("output", "process_value", "setpoint"):
             values = getattr(self, role)
             if values is not None and not np.isfinite(values[self.used]).all():
@@ -123,6 +127,12 @@ class Loop:
                 bad = int(np.flatnonzero(large)[0])
                 raise DataError(f"{role.replace('_', ' ')} is {values[bad]:g} at sample {bad}: beyond {LARGEST:g} no "
                                 "number is a measurement", "mask it first; read_loop does so")
+
+    @property
+    def moving_extras(self) -> tuple[str, ...]:
+        """Further tags whose values that count differ: one that rests disturbs nothing."""
+        seen = {tag: values[self.used & np.isfinite(values)] for tag, values in self.extras.items()}
+        return tuple(tag for tag, values in seen.items() if values.size and values.min() < values.max())
 
     @property
     def samples(self) -> int:

@@ -231,6 +231,30 @@ def test_a_dead_time_beyond_the_record_is_refused(options: dict) -> None:
         identify(Loop(output=u, process_value=y, step_s=1.0), options=Options(**options))
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("tags", "words"), [
+    ({}, "needs a further tag"), ({"FEED": None, "B": 1.0}, "no further tag 'NONE'"), ({"FEED": 7.0}, "does not vary"),
+    ({"FEED": 0.0}, "does not vary"), ({"FEED": np.nan}, "does not vary")])
+def test_a_further_tag_that_is_not_there_or_rests_is_refused_and_no_other_taken(tags: dict, words: str) -> None:
+    from stictionid.identify import Options, identify
+    from stictionid.loop import Loop
+
+    u, y = _good()
+    extras = {tag: y.copy() if level is None else np.full(y.size, level) for tag, level in tags.items()}
+    effect = "measured-disturbance" + (":NONE" if "NONE" in words else ":FEED" if tags else "")
+    with pytest.raises(UsageError, match=words):
+        identify(Loop(output=u, process_value=y, step_s=1.0, extras=extras), options=Options(effects=(effect,)))
+
+
+def test_a_further_tag_beyond_any_measurement_is_refused_like_the_signals() -> None:
+    from stictionid.loop import Loop
+
+    u, y = _good()
+    with pytest.raises(DataError, match="the further tag FEED goes beyond 1e"):
+        Loop(output=u, process_value=y, step_s=1.0, extras={"FEED": y * 1e300})
+    assert Loop(output=u, process_value=y, step_s=1.0, extras={"A": y * np.nan, "B": y}).moving_extras == ("B",)
+
+
 def test_nothing_is_written_over_what_it_is_made_from_not_even_with_force(tmp_path: Path) -> None:
     export, study = tmp_path / "loop.csv", tmp_path / "s.json"
     export.write_bytes((ROOT / "sample_data" / "foptd.csv").read_bytes())

@@ -13,7 +13,7 @@ from ..fit import Fitted, finish
 from ..loop import Finding, FloatArray, Loop
 from ..methods import get as get_method
 from ..methods.contract import intervals_withheld, without_intervals
-from ..methods.options import Options
+from ..methods.options import Options, check_tag
 from ..methods.run import Run
 from ..model import Model
 from ..moves import search_model, spreads, with_start
@@ -36,16 +36,12 @@ _FOLLOWED, _REFITS = 3, 2
 
 def variants(effect: str, loop: Loop) -> tuple[str, ...]:
     """The names under which an effect is tried: one for each variant, or for each further tag of the record."""
+    check_tag(effect, loop)
     found, option = parse(effect)
     if option:
-        if "extra" in found.needs and option not in loop.extras:
-            raise UsageError(f"the record has no further tag '{option}'", "its further tags: "
-                             + (", ".join(loop.extras) or "none; read it with --extra TAG"))
         return (effect,)
     if "extra" in found.needs:
-        if not loop.extras:
-            raise UsageError(f"{found.name} needs a further tag of the export", "read it with --extra TAG")
-        return tuple(f"{found.name}:{tag}" for tag in loop.extras)
+        return tuple(f"{found.name}:{tag}" for tag in loop.moving_extras)
     return tuple(f"{found.name}@{v}" for v in found.variants) or (found.name,)
 
 

@@ -120,7 +120,7 @@ def candidate_names(loop: Loop, present: Sequence[str]) -> list[str]:
     """Names under which effects are tried: variants and tags one by one, without what the model has already."""
     have = {name.partition("@")[0].partition(":")[0] for name in present}
     return [name for effect in catalogue().values()
-            if effect.name not in have and not ("extra" in effect.needs and not loop.extras)
+            if effect.name not in have and not ("extra" in effect.needs and not loop.moving_extras)
             for name in variants(effect.name, loop)]
 
 

@@ -29,7 +29,9 @@ def _limits(context: Context) -> tuple[Parameter, ...]:
 
 def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
     tag = next(iter(context.extras.values()))
-    tag = np.where(np.isfinite(tag), tag, np.nanmean(tag))
+    good = np.isfinite(tag)
+    # A segment may lack the tag throughout.
+    tag = np.where(good, tag, tag[good].mean() if good.any() else 0.0)
     lanes = theta.shape[1]
     dynamics = Dynamics(theta[0], theta[1], np.zeros(lanes), False)
     return (free_run(np.repeat(tag[:, None], lanes, axis=1), dynamics, step_s=context.step_s),)

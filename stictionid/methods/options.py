@@ -9,7 +9,7 @@ import numpy as np
 from .. import laws as law_room
 from ..effects import parse
 from ..errors import UsageError
-from ..loop import Finding
+from ..loop import Finding, Loop
 from . import get
 from .contract import SPELLING, Method
 
@@ -64,11 +64,16 @@ class Options:
                                  "give a positive number")
         self._check_use(method)
 
-    def check_record(self, samples: int, step_s: float) -> None:
-        """Refuse a dead time of more than half the record, from which nothing could be seen of the valve."""
-        most = samples // 2
+    def check_record(self, loop: Loop) -> None:
+        """Refuse effects that need tags the record lacks, and a dead time of more than half of it.
+
+        Of so long a dead time nothing could be seen of the valve.
+        """
+        for effect in self.effects:
+            check_tag(effect, loop)
+        most = loop.samples // 2
         given = {"--delay": (self.delay, most, "samples"),
-                 "--dead-time": (self.fixed.get("dead_time_s"), most * step_s, "s")}
+                 "--dead-time": (self.fixed.get("dead_time_s"), most * loop.step_s, "s")}
         for option, (value, limit, unit) in given.items():
             if value is not None and value > limit:
                 raise UsageError(f"{option} {value:g} is more than half the record ({limit:g} {unit})",
@@ -88,6 +93,21 @@ class Options:
             does = ", ".join(SPELLING[n] for n in SPELLING if n in method.options) or "none of its own"
             raise UsageError(f"{said} has no meaning with --method {method.name}{extra}",
                              f"leave it out; options of {method.name}: {does}")
+
+
+def check_tag(effect: str, loop: Loop) -> None:
+    """UsageError for an effect of a further tag that the record does not have, or that rests throughout."""
+    found, tag = parse(effect)
+    if "extra" not in found.needs:
+        return
+    if tag and tag not in loop.extras:
+        raise UsageError(f"the record has no further tag '{tag}'", "its further tags: "
+                         + (", ".join(loop.extras) or "none; read it with --extra TAG"))
+    if not loop.extras:
+        raise UsageError(f"{found.name} needs a further tag of the export", "read it with --extra TAG")
+    if not loop.moving_extras or (tag and tag not in loop.moving_extras):
+        raise UsageError(f"the further tag '{tag or ', '.join(loop.extras)}' does not vary, so it can't disturb "
+                         "anything", "name one that moves with --extra TAG")
 
 
 def searchable() -> tuple[str, ...]:
