@@ -46,7 +46,7 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     An adequate model is left alone unless `everything` asks for the catalogue, its errors still remember, or
     `identify` made it so by a step of its own: that has to stand against the catalogue first.
     `jobs` processes share the refits; `bootstrap` replicates give the named effect a p-value. Raises DataError for an
-    abstained study, also when it can't be rebuilt.
+    abstained study, and for one that can't be rebuilt.
     """
     tell = progress or (lambda text, share: None)
     added: list[str] = []
