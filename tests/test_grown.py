@@ -1,0 +1,56 @@
+"""Effects behind other things: narrow basins, a second lag beside a valve effect, what changes of y do not show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from loops_with_effects import VISIBLE, loop_of, shown
+
+from stictionid.diagnose import diagnose
+from stictionid.gates import swing_of, time_scale_s
+from stictionid.grown import grown_valves
+from stictionid.identify import identify
+from stictionid.model import Model
+from stictionid.oscillation import find_range
+from stictionid.spec import Spec
+
+# The valve of this loop overshoots, and its process is of second order.
+HIDDEN = (300, "slip-overshoot", 0.01, 0.0, 1500)
+
+
+@pytest.mark.parametrize(("seed", "name"), [(307, "asymmetric-stiction"), (314, "travel-limit"), (328, "re-sticking")])
+def test_a_part_that_grows_finds_a_valve_whatever_the_process(seed: int, name: str) -> None:
+    setting, loop, (kind, _), _ = loop_of(seed, name, 0.01, 0.0, 1500)
+    found = find_range(loop)
+    # The model is of first order, the plants are of first and second: only the valve is asked for.
+    spec = Spec(effects=(name,)) if kind == "scan" else Spec(effects=(name,), between="corner", substeps=4)
+    model = Model(loop, spec, s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
+    points = grown_valves(model, [0, 1, 2, *range(5, model.space.size)], np.random.default_rng(0))
+    assert np.abs(model.values(points)[0] / setting.S - 1.0).min() < 0.03
+
+
+def test_a_lag_and_a_valve_effect_are_found_together() -> None:
+    setting, loop, _, sd = loop_of(*HIDDEN)
+    after = diagnose(loop, identify(loop), apply=True)
+    assert set(after.steps[-1].effects) == {"extra-lag", "slip-overshoot"}
+    assert after.steps[-1].error.rmse < 1.05 * sd
+    assert after.estimate is not None
+    assert pytest.approx(setting.S, rel=0.03) == after.estimate.S
+
+
+def test_an_integrator_shows_a_slow_ramp_in_its_level() -> None:
+    _, loop, _, sd = loop_of(321, "ramp-disturbance", 0.01, 0.0, 1500)
+    study = identify(loop)
+    assert study.steps[-1].error.rmse > 2.0 * sd
+    after = diagnose(loop, study, apply=True)
+    # A ramp at the output of an integrator is a step at its load.
+    assert set(after.missing) <= {"ramp-disturbance", "step-disturbance"} and after.missing
+    assert after.steps[-1].error.rmse < 1.05 * sd
+
+
+def test_what_a_record_cannot_show_is_told_from_the_truth() -> None:
+    setting, loop, _, sd = loop_of(*HIDDEN)
+    assert shown(setting, loop, "slip-overshoot", sd) > VISIBLE
+    # A lag of 2 s stands for the 0.3 s of this integrator, and the dead time for the rest.
+    setting, loop, _, sd = loop_of(300, "extra-lag", 0.01, 0.0, 1500)
+    assert shown(setting, loop, "extra-lag", sd) < VISIBLE
