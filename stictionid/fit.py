@@ -254,7 +254,7 @@ def _beside(model: Model, found: Found) -> Found:
         starts[:, 4] = np.clip(starts[:, 4] + np.array(_BESIDE) * part / (dead.high - dead.low), 0.0, 1.0)
         shifted = descended(model, starts, held=(4,), turns=2, settle=1e-2).points[:_BESIDE_KEPT]
         shifted = descended(model, shifted, held=(4,), turns=3, settle=1e-2).points
-        more = descended(model, shifted[:2], turns=40, settle=_SETTLED)
+        more = descended(model, shifted[:2], turns=40)
         if not more.costs[0] < found.costs[0] * (1.0 - _SETTLED):
             break
         found = more
