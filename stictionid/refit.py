@@ -325,7 +325,7 @@ def _has_levels(model: Model, noise: str) -> bool:
     Errors of slips add up in an integrator, so changes show the valve; but white noise on y hides in them whatever is
     slow, and once nothing is missing the level shows it.
     """
-    return model.spec.increments and noise == AUTOREGRESSIVE and not has_noise(model.spec)
+    return model.spec.increments and noise in (AUTOREGRESSIVE, RESONANT) and not has_noise(model.spec)
 
 
 def _in_levels(model: Model, evaluated: Evaluated) -> Model:
