@@ -107,10 +107,26 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
                                   taps=own_taps(model.spec), fixed=model.spec.fixed, guides=model.spec.guides),
                  s_max=model.s_max, period_s=model.period_s)
     # Swarms on the one-step error, and a search that asks for no process: where one is misled the other is not.
-    far = np.concatenate([basins(base, rng)[:_SWARMED],
-                          grown_valves(base, [0, 1, base.forces[longest_piece(base)]], rng)[:_GROWN]])
+    plain = _undisturbed(base, model, values)
+    far = np.concatenate([basins(plain, rng)[:_SWARMED],
+                          grown_valves(plain, [0, 1, base.forces[longest_piece(base)]], rng)[:_GROWN]])
     fresh = with_process(base, far)
     return np.concatenate([values[None, :len(BASE)], base.values(fresh)[:len(BASE)].T])
+
+
+def _undisturbed(model: Model, before: Model, values: FloatArray) -> Model:
+    """A model without its linear effects, on the record less what those of `before`, values (d,), put into y.
+
+    A search that asks for no process knows no disturbances either: a sine that is known already would mislead it.
+    """
+    known = {name for name, effect in zip(before.names, before.effects, strict=True) if effect.columns}
+    if not known:
+        return model
+    loop = model.loop
+    rest = loop.process_value - before.disturbance(values, before.evaluate(values).own)
+    return bound(replace(loop, process_value=rest),
+                 replace(model.spec, effects=tuple(name for name in model.spec.effects if name not in known)),
+                 s_max=model.s_max, period_s=model.period_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +178,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
     costs = coarse.costs(cube)
     order, neutral = np.argsort(costs, kind="stable"), float(costs[0])
     warm = cube[np.concatenate([order[order != 0][:_WARM], [0]])]
-    fresh = _valve_basins(coarse, name, guesses, rng) if effect.kind in "FT" and guesses.size \
+    fresh = _valve_basins(coarse, name, guesses, fit, rng) if effect.kind in "FT" and guesses.size \
         else np.empty((0, model.space.size))
     roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM, scouts=_SCOUTS)
     near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam.points[:_ROAM]])), turns=_GLANCE,
@@ -220,7 +236,7 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
     return model, model.values(best[None])[:, 0], cost
 
 
-def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng: np.random.Generator) -> FloatArray:
     """Starts (k, d) whose valve goes with the effect, each with its process.
 
     For effects on friction from a search that grows with the record, because their basins are narrow and far from the
@@ -229,13 +245,17 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.G
     """
     rows, at = model._slices[model.names.index(name)], longest_piece(model)
     if parse(name)[0].friction is not None:
-        return with_process(model, grown_valves(model, [0, 1, model.forces[at], *range(rows.start, rows.stop)], rng))
+        plain = _undisturbed(model, fit.model, fit.values)
+        own = plain._slices[plain.names.index(name)]
+        found = plain.values(grown_valves(plain, [0, 1, model.forces[at], *range(own.start, own.stop)], rng))
+        named = [{**fit.best.values, **plain.named(column)} for column in found.T]
+        return with_process(model, model.cube(np.stack([model.vector(n) for n in named], axis=1)))
     period = model.period_s / model.step_s
     ladder = np.unique(np.round(np.geomspace(1, int(np.clip(0.4 * period, 1, 60)) + 1, 6) - 1).astype(int))
     arx = Arx(model.pieces[at], 2, tuple(int(d) for d in ladder))
     valve = [0, 1, model.forces[at]]
     middle = model.values(np.full((1, model.space.size), 0.5))
-    found: list[tuple[float, FloatArray]] = []
+    starts: list[tuple[float, FloatArray]] = []
     for guess in guesses[:_GUESSES]:
         base = middle.copy()
         base[rows, 0] = guess
@@ -250,10 +270,9 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, rng: np.random.G
             return arx.costs(model.of(at, model.values(whole(part))))[0]
 
         best = swarm(cost, 3, rng, groups=1, particles=24, rounds=_SWARM, scouts=_SCOUTS // 2)
-        found.append((float(best.costs[0]), whole(best.points[:1])[0]))
-    found.sort(key=lambda f: f[0])
-    starts = np.array([f[1] for f in found[:4]])
-    return with_process(model, starts[:3])
+        starts.append((float(best.costs[0]), whole(best.points[:1])[0]))
+    starts.sort(key=lambda f: f[0])
+    return with_process(model, np.array([f[1] for f in starts[:3]]))
 
 
 def _across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray:

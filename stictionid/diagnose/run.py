@@ -153,7 +153,11 @@ def _alone(run: Run, before: Model, top: Tried) -> Refit:
     assert top.refit is not None
     model = bound(run.loop, replace(before.spec, effects=(*before.spec.effects, top.name)), s_max=before.s_max,
                   period_s=before.period_s, residual=np.nan_to_num(top.refit.evaluated.residual))
-    near = descended(model, model.cube(model.vector(top.refit.model.named(top.refit.values))[:, None]))
+    named = top.refit.model.named(top.refit.values)
+    # Either lag may have taken what the process does.
+    other = named.get(f"{LAG}:second_time_constant_s", 0.0)
+    starts = [named, {**named, "time_constant_s": max(other, named["time_constant_s"])}]
+    near = descended(model, model.cube(np.stack([model.vector(start) for start in starts], axis=1)))
     point, _ = polish_smooth(model, near.points[0])
     return quick(model, model.values(point[None])[:, 0])
 
