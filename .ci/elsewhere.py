@@ -1,6 +1,7 @@
 """Runs the tests of .ci/elsewhere.txt with the oldest allowed dependencies, and with the newest on other Pythons.
 
-Run: python .ci/elsewhere.py [--only WORD]
+Run: python .ci/elsewhere.py [--every] [--only WORD]
+Of the other Pythons the newest is taken; --every takes all (each is five minutes of one core).
 Each gets a virtual environment of its own in a temporary folder. An environment is left out, with the reason in one
 line, only where a Python is not here or a dependency has no wheels for it; anything else that goes wrong is a failure,
 and the exit code is 1. Only Python's own library is used here.
@@ -79,12 +80,13 @@ def pythons() -> dict[tuple[int, int], str]:
     return dict(sorted(found.items()))
 
 
-def places(found: dict[tuple[int, int], str]) -> list[Place]:
-    """Oldest dependencies on the oldest Python here, newest ones on all others than this run's."""
+def places(found: dict[tuple[int, int], str], every: bool) -> list[Place]:
+    """Oldest dependencies on the oldest Python here, newest ones on the newest other than this run's, or on all."""
     (major, minor), oldest = next(iter(found.items()))
     made = [Place(f"oldest dependencies, Python {major}.{minor}", oldest, OLDEST)]
-    return made + [Place(f"newest dependencies, Python {major}.{minor}", python, None)
-                   for (major, minor), python in found.items() if (major, minor) != sys.version_info[:2]]
+    others = [Place(f"newest dependencies, Python {major}.{minor}", python, None)
+              for (major, minor), python in found.items() if (major, minor) != sys.version_info[:2]]
+    return made + (others if every else others[-1:])
 
 
 def run(words: list[str], folder: Path) -> tuple[int, str]:
@@ -162,6 +164,7 @@ def main() -> int:
     """Make the wheel once, test every environment, exit 1 if one failed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", help="environments whose name holds this word")
+    parser.add_argument("--every", action="store_true", help="every other Python here, not only the newest")
     chosen = parser.parse_args()
     found = pythons()
     if max(found) == sys.version_info[:2]:
@@ -173,7 +176,7 @@ def main() -> int:
         if code or not wheels:
             print(f"+ the wheel could not be made: FAILED\n{said}")
             return 1
-        wanted = [place for place in places(found) if chosen.only in place.name]
+        wanted = [place for place in places(found, chosen.every) if chosen.only in place.name]
         with ThreadPoolExecutor(min(_SIDE_BY_SIDE, os.cpu_count() or 1)) as lanes:
             good = list(lanes.map(lambda place: report(place, wheels[0], Path(top)), wanted))
     return 0 if all(good) else 1

@@ -16,6 +16,7 @@ Source: METHODS.md section 4 ("stiction or not"); CRITICISM.md sections 3 to 7.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -166,10 +167,13 @@ def friction_free(run: Run, spec: Spec) -> Whitened:
     """The best model without friction: first order or the structure of `spec`, whichever predicts better."""
     effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" and name != _LAG)
     lag = () if spec.fixed else (_LAG,)
+    # Under a command that moves between samples the valve must not be the only one to know how it moved.
+    ways = dict.fromkeys((("hold", 1), (spec.between, spec.substeps) if not spec.held else ("hold", 1)))
     tried = []
-    for process in dict.fromkeys((FIRST_ORDER, spec.process)):
-        bare = replace(spec, process=process, effects=(*effects, *lag), friction_free=True, between="hold", substeps=1,
-                       increments=process == INTEGRATOR or (spec.increments and process == spec.process), taps=())
+    for process, (between, substeps) in product(dict.fromkeys((FIRST_ORDER, spec.process)), ways):
+        bare = replace(spec, process=process, effects=(*effects, *lag), friction_free=True, between=between,
+                       substeps=substeps, taps=(),
+                       increments=process == INTEGRATOR or (spec.increments and process == spec.process))
         tried.append(_whitened_free(run, bare))
     return min(tried, key=lambda w: w.innovation_sd)
 
