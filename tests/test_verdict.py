@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +25,10 @@ from stictionid.simulate import Controller, Plant, preset, simulate, with_sticti
 from stictionid.spec import Spec
 from stictionid.verdict import _answer, capped
 from stictionid.whitened import whitened
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
+
+import loops
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "real_loops"
 
@@ -150,6 +155,14 @@ def test_noise_that_decays_like_the_process_does_not_let_the_start_of_the_free_r
 
 
 # Verdict -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [38, 48])
+def test_a_wandering_load_under_a_moving_command_is_no_stiction(seed: int) -> None:
+    # The valve's model alone knew how the command moved between samples: likelihood ratios of 727 and 1991 for it.
+    study = identify(loops.clean(seed, "noise").loop)
+    assert study.steps[-1].model["between"] == "corner"
+    assert study.verdict.stiction != "stiction"
 
 
 def test_friction_that_makes_most_of_the_error_is_not_denied_where_the_cycle_is_smooth() -> None:
