@@ -45,6 +45,8 @@ _ACROSS_J, _ACROSS_EFFECT = np.array([0.7, 0.85, 1.0, 1.15, 1.35]), np.array([-0
 # Fine scans of S for the interval that all slips allow: reach either way (share), points, and slip jumps tried.
 _THRESHOLD_REACH, _THRESHOLDS = (0.02, 0.003), 241
 _THRESHOLD_J = np.array([0.95, 1.0, 1.06])
+# Polishes on the model's own y, for effects that follow it.
+_FOLLOWED = 3
 # Steps along the ridge of dead time and break-away in a full refit.
 _RIDGE_TURNS = 3
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
@@ -89,7 +91,8 @@ class Refit:
         """The model in its prewhitened form, whose cost is the sum of squared innovations."""
         spec = self.spec
         if spec == self.model.spec:
-            return self.model
+            # An effect that follows y follows the model's own, whatever the search followed.
+            return self.model.guided(self.evaluated.model) if _follows(self.model) else self.model
         return bound(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
                      residual=np.nan_to_num(self.evaluated.residual))
 
@@ -205,6 +208,10 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
 def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
     """The scouted model at its best: values (d,) and cost."""
     coarse, model = look.coarse, look.model
+    if _follows(model):
+        # The first look followed the y of the model without the effect, which may be far off.
+        own = model.evaluate(look.values).model
+        coarse, model = coarse.guided(own), model.guided(own)
     found = refine(coarse.costs, look.points[:6], rng, spread=spreads(coarse, 0.5), rounds=20, population=14,
                    settle=_SETTLED)
     points = found.points
@@ -233,7 +240,28 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
         final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16,
                        settle=_SETTLED)
         best, cost = polish_smooth(model, final.points[0])
-    return model, model.values(best[None])[:, 0], cost
+    return (*_following(model, model.values(best[None])[:, 0]), cost)
+
+
+def _follows(model: Model) -> bool:
+    """Whether an effect of the model follows y."""
+    return any(effect.follows_y for effect in model.effects)
+
+
+def _following(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
+    """A model and its values (d,), polished on the y that it makes itself where an effect follows y."""
+    if not _follows(model):
+        return model, values
+    best = model.evaluate(values)
+    for _ in range(_FOLLOWED):
+        own = model.guided(best.model)
+        point, _ = polish_smooth(own, own.cube(values[:, None])[0])
+        trial = own.values(point[None])[:, 0]
+        now = own.evaluate(trial)
+        if not now.sse < best.sse:
+            break
+        model, values, best = own, trial, now
+    return model.guided(best.model), values
 
 
 def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng: np.random.Generator) -> FloatArray:
