@@ -43,6 +43,8 @@ _EXPLAINS_NOTHING = 15.0
 # Costs that differ by less than this share are those of one valve path; where the path ends is looked for on a ladder.
 _SAME_PATH = 1e-9
 _PLATEAU_LADDER = np.geomspace(1e-6, 0.05, 30)
+# Twice the log-likelihood by which another step of S must do better for the answer to go there, and how often to look.
+_BETTER, _STEPS_BETTER = 0.5, 3
 # Neighbouring minima of a command rebuilt between samples, in parts of a sample of dead time, and how often to look.
 _BESIDE, _BESIDE_TURNS, _BESIDE_KEPT = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0), 4, 3
 
@@ -218,8 +220,9 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     top, best_cost = polish_smooth(model, found.points[0])
     agree = agreement(model, points, costs)
     cube, cost = cloud(model, top, rng)
+    S = None
     if reach:
-        cube, cost = widened(model, cube, cost)
+        cube, cost, S = widened(model, cube, cost)
     if cost.min() < best_cost:
         top, best_cost = cube[cost.argmin()], float(cost.min())
     if model.spec.held:
@@ -230,15 +233,27 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     best = model.evaluate(best_values)
     held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]) if holdout else None
     return Fitted(model, best_values, best_cost, len(points), agree, best, held,
-                  intervals_of(model, cube, cost, best_cost, best), values[:2].T, (cube, cost))
+                  intervals_of(model, cube, cost, best_cost, best, S), values[:2].T, (cube, cost))
 
 
-def reaching(fit: Fitted) -> Fitted:
-    """A fit that was finished without `reach`, its intervals with all that S and J reach."""
+def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False) -> Fitted:
+    """A fit that was finished without `reach`, its intervals with all that S and J reach.
+
+    With `steps_only` only with the steps of S under a held command, for a wider model that looks at the rest. Where
+    one of these does better than the fit, the answer goes there.
+    """
     if fit.around is None:
         return fit
-    cube, cost = widened(fit.model, *fit.around)
-    return replace(fit, intervals=intervals_of(fit.model, cube, cost, min(fit.sse, float(cost.min())), fit.best))
+    for _ in range(_STEPS_BETTER):
+        cube, cost, S = widened(fit.model, *fit.around, steps_only=steps_only)
+        best = min(fit.sse, float(cost.min()))
+        if S is None or fit.model.shared.rows * np.log(fit.sse / max(best, 1e-300)) <= _BETTER:
+            break
+        moved = finish(fit.model, cube[[cost.argmin()]], cost[[cost.argmin()]], rng, reach=False)
+        same = abs(moved.values[0] - fit.values[0]) <= AGREE_S * fit.values[0]
+        fit = replace(moved, runs=fit.runs, agree=fit.agree if same else 1, searched=fit.searched)
+    return replace(fit, intervals=intervals_of(fit.model, cube, cost, min(fit.sse, best), fit.best, S),
+                   around=(cube, cost))
 
 
 def _beside(model: Model, found: Found) -> Found:

@@ -13,6 +13,7 @@ from .loop import FloatArray
 from .model import Model
 from .moves import descended, movable, spreads
 from .noise import autocovariance
+from .plateaus import plateaus
 from .profiles import reached, spread_over
 from .spec import Evaluated
 
@@ -41,9 +42,9 @@ def region(model: Model, top: FloatArray, rng: np.random.Generator,
     """
     if known is not None:
         known = descended(model, known, held=(0, 1, *model.forces), turns=4, settle=1e-3).points
-    cube, cost = widened(model, *cloud(model, top, rng, known))
-    best = int(cost.argmin())
-    return intervals_of(model, cube, cost, float(cost[best]), model.evaluate(model.values(cube[best:best + 1])[:, 0]))
+    cube, cost, S = widened(model, *cloud(model, top, rng, known))
+    best = model.evaluate(model.values(cube[[cost.argmin()]])[:, 0])
+    return intervals_of(model, cube, cost, float(cost.min()), best, S)
 
 
 def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
@@ -61,9 +62,24 @@ def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
             np.concatenate([model.costs(looks), around[1], near[1]]))
 
 
-def widened(model: Model, cube: FloatArray, cost: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A cloud (k, d) and its costs (k,) with points added as far as S and J reach (profiles.py)."""
-    return reached(model, cube, cost, _possible(model, cube, cost)) if cost.min() > 0.0 else (cube, cost)
+def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
+            steps_only: bool = False) -> tuple[FloatArray, FloatArray, tuple[float, float] | None]:
+    """A cloud (k, d) and its costs (k,) with points added as far as S and J reach; and the interval of S in steps.
+
+    With `steps_only` nothing is looked for but these steps.
+
+    A held command makes the cost a step function of S: its interval is that of the likelihood of all steps
+    (plateaus.py). None where it is as smooth as that of any other number (profiles.py).
+    """
+    if not cost.min() > 0.0:
+        return cube, cost, None
+    steps = plateaus(model, cube[cost.argmin()])
+    if steps is not None:
+        cube, cost = np.concatenate([cube, steps.points]), np.concatenate([cost, steps.costs])
+    ratio = _possible(model, cube, cost)
+    if not steps_only:
+        cube, cost = reached(model, cube, cost, ratio, (0, 1) if steps is None else (1,))
+    return cube, cost, None if steps is None else steps.interval(INTERVAL_THRESHOLD / np.log(ratio), INTERVAL_LEVEL)
 
 
 def outline(model: Model, cube: FloatArray, cost: FloatArray) -> FloatArray:
@@ -143,20 +159,20 @@ def _rows(model: Model, best: Evaluated) -> float:
     return effective_rows(np.nan_to_num(best.innovation), model.weight)
 
 
-def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: float,
-                 best: Evaluated) -> dict[str, tuple[float, float]]:
-    """Smallest and largest value of each parameter among points that the likelihood ratio does not exclude."""
+def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: float, best: Evaluated,
+                 S: tuple[float, float] | None = None) -> dict[str, tuple[float, float]]:
+    """Smallest and largest value of each parameter among points that the likelihood ratio does not exclude.
+
+    Of `S` the interval may be known already (`widened`).
+    """
     rows = _rows(model, best)
     keep = rows * np.log(np.maximum(cost, 1e-300) / max(best_cost, 1e-300)) <= INTERVAL_THRESHOLD
     if not keep.any():
         keep = cost <= best_cost
     values = model.values(cube[keep])
     found = {name: (float(v.min()), float(v.max())) for name, v in zip(best.values, values, strict=True)}
-    if model.spec.held:
-        # On a step of the cost every S is as likely as any other: so many of them lie this far from its ends.
-        low, high = found["S"]
-        cut = 0.5 * (1.0 - INTERVAL_LEVEL) * (high - low)
-        found["S"] = low + cut, high - cut
+    if S is not None:
+        found["S"] = S
     margin = _between_samples(model, best)
     for name in ("S", "J"):
         # The answer itself is possible, even where a better point turned up while its interval was looked for.

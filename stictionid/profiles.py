@@ -27,12 +27,15 @@ _BETWEEN, _SHARED, _ROUNDS, _SMOOTH_ROUNDS = 8, 4, 3, 2
 _OUTERMOST, _OVER = 3, 3
 
 
-def reached(model: Model, cube: FloatArray, cost: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
+def reached(model: Model, cube: FloatArray, cost: FloatArray, ratio: float,
+            which: tuple[int, ...] = (0, 1)) -> tuple[FloatArray, FloatArray]:
     """Points (k, d) and costs (k,) with those added where S and J are least and most within `ratio` of the least cost.
+
+    `which` of the two are looked at: 0 for S, 1 for J.
     """
-    numbers = [i for i in (0, 1) if movable(model)[i]]
+    numbers = [i for i in which if movable(model)[i]]
     if model.law.one_parameter:
-        numbers = numbers[:1]
+        numbers = [i for i in numbers if i == 0]
     move = Mover(model, model.values(cube[[cost.argmin()]])[:, 0])
     excluded = {(number, sign): np.inf * sign for number in numbers for sign in (-1, 1)}
     for _ in range(_ROUNDS if model.spec.held else _SMOOTH_ROUNDS):

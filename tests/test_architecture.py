@@ -27,6 +27,7 @@ FLOORS = [
     {"rerun"},
     {"arx", "moves", "simulate", "historian", "gates", "steptest"},
     {"starts", "profiles", "grown"},
+    {"plateaus"},
     {"intervals"},
     {"fit", "position"},
     {"refit", "whitened"},

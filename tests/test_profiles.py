@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from stictionid.fit import search
 from stictionid.intervals import INTERVAL_THRESHOLD, cloud, effective_rows, intervals_of, outline, widened
 from stictionid.model import Model
-from stictionid.moves import descended
+from stictionid.moves import descended, with_start
 from stictionid.oscillation import find_range
+from stictionid.plateaus import Plateaus, plateaus
 from stictionid.profiles import Mover, spread_over
 from stictionid.simulate import Controller, Plant, Setting, simulate
 from stictionid.spec import Spec
@@ -39,7 +42,7 @@ def spans(model: Model, cube: np.ndarray, cost: np.ndarray) -> dict[str, tuple[f
 
 def test_no_valve_that_does_as_well_lies_outside(fitted) -> None:
     model, cube, cost = fitted
-    narrow, wide = spans(model, cube, cost), spans(model, *widened(model, cube, cost))
+    narrow, wide = spans(model, cube, cost), spans(model, *widened(model, cube, cost)[:2])
     best = model.values(cube[[cost.argmin()]])[:, 0]
     # The rungs end a little inside the last step: here by 2e-6 of S, where the true S lies.
     margins = {"S": 1e-4 * best[0], "J": 1e-3 * best[0]}
@@ -59,16 +62,59 @@ def test_no_valve_that_does_as_well_lies_outside(fitted) -> None:
         assert wide[name][0] - margin <= alike[i].min() and alike[i].max() <= wide[name][1] + margin
 
 
-def test_the_interval_of_s_leaves_out_a_tenth_of_the_step_but_never_the_answer(fitted) -> None:
+def test_the_interval_of_s_leaves_out_a_tenth_of_the_likelihood_but_never_the_answer(fitted) -> None:
     model, cube, cost = fitted
-    cube, cost = widened(model, cube, cost)
-    best = int(cost.argmin())
-    e = model.evaluate(model.values(cube[[best]])[:, 0])
-    low, high = spans(model, cube, cost)["S"]
-    given = intervals_of(model, cube, cost, float(cost[best]), e)["S"]
-    cut = 0.05 * (high - low)
-    assert given == pytest.approx((min(low + cut, e.values["S"]), max(high - cut, e.values["S"])), rel=1e-9)
-    assert given[1] - given[0] < high - low
+    top = cube[cost.argmin()]
+    steps = plateaus(model, top)
+    assert steps is not None
+    rows = float(model.shared.rows)
+    likelihood = np.exp(-0.5 * rows * np.log(steps.cost / steps.cost.min()))
+    low, high = steps.interval(rows, 0.9)
+    share = np.cumsum(0.5 * (likelihood[1:] + likelihood[:-1]) * np.diff(steps.S))
+    ends = np.interp([low, high], steps.S[1:], share / share[-1])
+    assert ends.tolist() == pytest.approx([0.05, 0.95], abs=0.03)
+    cube, cost, S = widened(model, cube, cost)
+    e = model.evaluate(model.values(cube[[cost.argmin()]])[:, 0])
+    for answer in (e, replace(e, values={**e.values, "S": 0.9 * low})):
+        given = intervals_of(model, cube, cost, float(cost.min()), answer, S)["S"]
+        assert given == pytest.approx((min(S[0], answer.values["S"]), S[1]), rel=1e-9)
+
+
+def test_steps_count_as_much_as_their_width_and_their_cost_say() -> None:
+    S = np.linspace(0.0, 10.0, 1001)
+    rows = 1000.0
+    # A step of width 1 about 2, one of width 2 about 7 that loses 2 ln 2: half as likely, so of the same weight.
+    cost = np.select([np.abs(S - 2.0) < 0.5, np.abs(S - 7.0) < 1.0], [1.0, np.exp(2.0 * np.log(2.0) / rows)], 2.0)
+    steps = Plateaus(S, cost, np.empty((0, 5)), np.empty(0))
+    assert steps.interval(rows, 0.9) == pytest.approx((1.6, 7.8), abs=0.02)
+    assert steps.interval(rows, 0.5) == pytest.approx((2.0, 7.0), abs=0.02)
+    # Where the second is beyond likelihood there is one step, of which a tenth is left out.
+    steps = Plateaus(S, np.where(np.abs(S - 7.0) < 1.0, 1.1, cost), np.empty((0, 5)), np.empty(0))
+    assert steps.interval(rows, 0.9) == pytest.approx((1.55, 2.45), abs=0.02)
+
+
+def test_a_step_one_sample_of_dead_time_away_is_found(fitted) -> None:
+    model, cube, cost = fitted
+    top = cube[cost.argmin()]
+    values = model.values(top[None])[:, 0]
+    # From a stickband that is one sample early, its process descended to, the steps lead back to the best one.
+    wrong = values.copy()
+    wrong[0] -= Mover(model, values).pace * model.step_s
+    wrong[4] += model.step_s
+    near = descended(model, with_start(model, model.cube(wrong[:, None])), held=(0, 2))
+    assert near.costs[0] > 1.05 * cost.min()
+    steps = plateaus(model, near.points[0])
+    assert steps is not None
+    assert steps.costs.min() == pytest.approx(cost.min(), rel=2e-3)
+    best = model.values(steps.points[[steps.costs.argmin()]])[:, 0]
+    assert best[0] == pytest.approx(values[0], rel=2e-3) and best[4] == pytest.approx(values[4], abs=0.1)
+
+
+def test_a_given_s_and_a_moving_command_have_no_steps(fitted) -> None:
+    model, cube, cost = fitted
+    for spec in (replace(model.spec, between="corner", substeps=4), replace(model.spec, fixed={"S": 3.0})):
+        other = Model(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
+        assert plateaus(other, other.cube(model.values(cube[[cost.argmin()]]))[0]) is None
 
 
 def test_a_moved_valve_slips_first_at_the_same_sample(fitted) -> None:
@@ -87,7 +133,7 @@ def test_a_moved_valve_slips_first_at_the_same_sample(fitted) -> None:
 
 def test_the_outline_is_a_few_possible_points_over_the_ranges(fitted) -> None:
     model, cube, cost = fitted
-    cube, cost = widened(model, cube, cost)
+    cube, cost, _ = widened(model, cube, cost)
     few, all_ = model.values(outline(model, cube, cost)), spans(model, cube, cost)
     assert 3 <= few.shape[1] <= 16
     for i, name in enumerate("SJ"):

@@ -70,10 +70,16 @@ def _searched(run: Run) -> Outcome:
     if not o.base_only and not o.fixed and not run.adequate(steps[-1])[0]:
         run.tell("trying coloured noise and a random walk", 0.75)
         try_noise(run, steps, fits)
-    if not o.base_only and not o.fixed and LAG not in fits[-1].model.spec.effects:
+    found = fits[-1]
+    if not o.base_only and not o.fixed and LAG not in found.model.spec.effects:
         fits[-1] = _whatever_the_order(run, fits[-1])
     else:
-        fits[-1] = reaching(fits[-1])
+        fits[-1] = reaching(fits[-1], run.rng)
+    if fits[-1].sse < found.sse:
+        # Another step of S does better than the search did.
+        codes = {f.code for f in steps[-1].findings}
+        again = run.step(fits[-1], steps[-1].added)
+        steps[-1] = replace(again, findings=(*steps[-1].findings, *(f for f in again.findings if f.code not in codes)))
     steps[-1] = replace(steps[-1], parameters=tuple(parameters(fits[-1])))
     adequate, why = run.adequate(steps[-1])
     return Outcome(tuple(steps), tuple(fits), adequate, why)
@@ -106,6 +112,7 @@ def _explains_nothing(run: Run) -> CannotTell:
 
 def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
     """The fit with intervals that hold whether or not the process has a second lag too small to be named."""
+    fit = reaching(fit, run.rng, steps_only=True)
     model, quick = first_look(run, fit.model, fit.best.values, LAG)
     known = None
     if fit.around is not None:
