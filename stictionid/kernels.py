@@ -20,7 +20,7 @@ LANES = 64
 # Candidates are filled up to a multiple of this, so that no loop over them ends in single steps.
 FULL = 8
 # Larger arrays than this are not kept. Unit: numbers; four blocks of a search.
-_KEPT = 1 << 20
+_KEPT = 1 << 22
 
 _own = threading.local()
 

@@ -23,7 +23,7 @@ from .between import interval_means, rebuild
 from .blockwise import Blockwise
 from .effects.contract import Context, Effect, Record
 from .errors import ModelError
-from .kernels import FULL, output, scratch
+from .kernels import FULL
 from .loop import BoolArray, FloatArray, Loop
 from .noise import first_rows
 from .parameters import Parameter, Space
@@ -37,8 +37,9 @@ S_OVER_S_MAX = 1.2
 J_OVER_S = 1.5
 # Below this share of S_max a stickband moves nothing that could be told from a linear valve. Unit: 1.
 _SMALLEST_S = 0.01
-# Candidates evaluated together are limited so that their positions stay in the cache. Unit: numbers.
-_BLOCK = 1 << 18
+# Candidates evaluated together are limited so that their positions take 8 MB. Fewer, which would stay in the cache,
+# cost a quarter more: every row of a kernel has costs of its own (measured at 1,000 to 40,000 rows). Unit: numbers.
+_BLOCK = 1 << 20
 _FEWEST_LANES, _MOST_LANES = 16, 64
 # Samples left out of the cost at the start, as a share of the record and at most this many periods.
 _SKIP_SHARE, _SKIP_PERIODS = 0.05, 0.5
@@ -115,7 +116,7 @@ class Model:
         self.effects: tuple[Effect, ...] = tuple(effect for _, effect, _ in ordered)
         self._options = tuple(option for _, _, option in ordered)
         # A valve without friction is where the command is, unless something else is in its way.
-        self._follows = (spec.friction_free and spec.held and self.law.supply is None
+        self._follows = (spec.friction_free and self.law.supply is None
                          and not any(e.run or e.friction for e in self.effects))
         self.step_s = loop.step_s
         fine = any(effect.fine for effect in self.effects)
@@ -248,9 +249,7 @@ class Model:
         `lent` ones hold until the next call (see `kernels.scratch`).
         """
         if self._follows:
-            position = output("law", self.context.command.size, values.shape[1], lent)
-            position[:] = self.context.command[:, None]
-            return position
+            return self._followed()[:, None].repeat(values.shape[1], axis=1)
         table = self.law.searched_friction(values[0], values[1])
         for effect, rows in zip(self.effects, self._slices, strict=True):
             if effect.friction:
@@ -268,6 +267,11 @@ class Model:
                 position = effect.transformed(position, values[rows], self.context, values[4])
         return position
 
+    def _followed(self) -> FloatArray:
+        """The path (n*substeps,) of a valve that is where the command is: its mean over each part where it moves."""
+        command = self.context.command
+        return command if self.spec.held else np.append(command[:1], 0.5 * (command[1:] + command[:-1]))
+
     def _dynamics(self, values: FloatArray) -> Dynamics:
         dynamics = Dynamics(values[3], values[4], np.zeros(values.shape[1]), self.spec.process == INTEGRATOR)
         for effect, rows in zip(self.effects, self._slices, strict=True):
@@ -282,7 +286,8 @@ class Model:
         The response of the process comes first, then the columns of linear effects, then start-up transients. A `lent`
         stack holds until the next call (see `kernels.scratch`).
         """
-        position = self.positions(values, lent=True) if position is None else position
+        if position is None:
+            position = self._followed()[:, None] if self._follows else self.positions(values, lent=True)
         settings = {"step_s": self.step_s, "substeps": self.parts, "ahead": not self.spec.held}
         dynamics = self._dynamics(values)
         n = self.loop.samples
@@ -352,11 +357,7 @@ class Model:
         """The same for physical values (d, P), which may all share one valve path (rows, 1) that is known."""
         out = np.empty(values.shape[1])
         for rows, part in self.blocks(values):
-            shared = None
-            if position is not None:
-                shared = scratch("path", position.shape[0], part.shape[1])
-                shared[:] = position
-            base, offsets = self.responses(part, shared, lent=True)
+            base, offsets = self.responses(part, position, lent=True)
             costs = (self._fixed_gain_costs(base, offsets) if "gain" in self.spec.fixed
                      else self.shared.costs(base, offsets))
             out[rows] = costs[:rows.stop - rows.start]

@@ -14,16 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .kernels import LANES, kernel, output
+from .kernels import LANES, kernel, output, scratch
 from .loop import FloatArray
 from .parameters import Parameter
 
 # Rows of the coefficient table that the kernel reads.
-_A1, _B1, _C1, _A2, _B2X, _B2, _C2, _HELD, _PART, _GX, _GZ, _GI = range(12)
-_COEFFICIENTS = 12
+_A1, _B1, _C1, _A2, _B2X, _B2, _C2, _HELD, _PART, _GX, _GZ, _GI, _E2, _CROSS = range(14)
+_COEFFICIENTS = 14
 # Further rows of the working table: first position, part to report, and the states.
-_START, _PICK, _X, _Z, _TOTAL, _BEFORE, _OUT = range(12, 19)
-_WORK = 19
+_START, _PICK, _X, _Z, _TOTAL, _BEFORE, _OUT = range(14, 21)
+_WORK = 21
 # Two time constants closer than this share are spread apart: the cascade's formula divides by their difference.
 # Unit: 1; at 1e-6 the response moves by less than 1e-6 of its size.
 _SPREAD = 1e-6
@@ -186,6 +186,72 @@ def _run_parts(position, substeps, table, whole, fine, response):
 
 
 @kernel
+def _run_path(path, substeps, table, whole, fine, lags, response):
+    """`_run_parts` for one path (n*substeps,) that all lanes share and one or two `lags`, and no path to load for each.
+
+    Two lags answer as the weighted difference of what each alone would; their weights are (T1, -T2) / (T1 - T2).
+    """
+    lanes = response.shape[1]
+    samples = path.size // substeps
+    fours = (substeps + 3) // 4
+    # For every lag and part its weight now and at the next sample; then for every lag decay, x, now, next.
+    weights = np.zeros(lags * fours * 8 * LANES)
+    work = np.empty((4 * lags + 1) * LANES)
+    u = np.zeros(4 * fours)
+    at = np.empty(LANES, np.int64)
+    flat = response.reshape(response.size)
+    for first in range(0, lanes, LANES):
+        width = min(LANES, lanes - first)
+        work[:] = 0.0
+        for p in range(width):
+            q = first + p
+            pick = substeps - 1 - fine[q]
+            for lag in range(lags):
+                a = table[_A2 if lag else _A1, q]
+                e = table[_E2, q] if lag else a + table[_C1, q]
+                b, c = 1.0 - e, e - a
+                for s in range(substeps):
+                    age = pick - s
+                    now = 0.0 if age < 0 else b if age == 0 else a ** (age - 1) * (a * b + c)
+                    age += substeps
+                    late = 0.0 if s < pick else a ** (substeps - 1) * c if s == pick else a ** (age - 1) * (a * b + c)
+                    i = (lag * fours * 4 + s) * 2 * LANES + p
+                    weights[i] = now
+                    weights[i + LANES] = late
+                work[4 * lag * LANES + p] = a ** substeps
+            work[4 * lags * LANES + p] = table[_CROSS, q]
+            at[p] = (1 + whole[q]) * lanes + q
+        for k in range(samples - 1):
+            for s in range(substeps):
+                # From rest at the first position: before the record nothing is left over.
+                u[s] = path[k * substeps + s] - path[0]
+            for lag in range(lags):
+                i = 4 * lag * LANES
+                for p in range(width):
+                    work[i + LANES + p] = work[i + p] * work[i + LANES + p] + work[i + 3 * LANES + p]
+                    work[i + 2 * LANES + p] = 0.0
+                    work[i + 3 * LANES + p] = 0.0
+                for four in range(fours):
+                    u0, u1, u2, u3 = u[4 * four], u[4 * four + 1], u[4 * four + 2], u[4 * four + 3]
+                    j = (lag * fours + four) * 8 * LANES
+                    for p in range(width):
+                        work[i + 2 * LANES + p] += (u0 * weights[j + p] + u1 * weights[j + 2 * LANES + p]) + (
+                            u2 * weights[j + 4 * LANES + p] + u3 * weights[j + 6 * LANES + p])
+                        work[i + 3 * LANES + p] += (u0 * weights[j + LANES + p] + u1 * weights[j + 3 * LANES + p]) + (
+                            u2 * weights[j + 5 * LANES + p] + u3 * weights[j + 7 * LANES + p])
+                for p in range(width):
+                    work[i + LANES + p] += work[i + 2 * LANES + p]
+            shift = k * lanes
+            if lags == 1:
+                for p in range(width):
+                    flat[np.uint64(at[p] + shift)] = work[LANES + p]
+            else:
+                for p in range(width):
+                    x, z = work[LANES + p], work[5 * LANES + p]
+                    flat[np.uint64(at[p] + shift)] = z + work[8 * LANES + p] * (x - z)
+
+
+@kernel
 def _coefficients(T1, L, T2, part, substeps, ahead, integrating, table, whole, fine):
     """Fill the coefficient table and the dead times in whole samples and parts; true when any second lag acts, and the
     longest dead time in whole samples."""
@@ -208,10 +274,12 @@ def _coefficients(T1, L, T2, part, substeps, ahead, integrating, table, whole, f
         if lagged:
             a2, e2 = np.exp(-part / t2), np.exp(-rest / t2)
             cross = t1 / (t1 - t2)
+            table[_E2, p], table[_CROSS, p] = e2, cross
             table[_A2, p], table[_B2X, p] = a2, cross * (a1 - a2)
             table[_B2, p] = (1.0 - e2) - cross * (e1 - e2)
             table[_C2, p] = (1.0 - a2) - cross * (a1 - a2) - table[_B2, p]
         else:
+            table[_E2, p], table[_CROSS, p] = 0.0, 1.0
             table[_A2, p], table[_B2X, p] = 0.0, a1
             table[_B2, p], table[_C2, p] = table[_B1, p], table[_C1, p]
         table[_HELD, p], table[_PART, p] = rest, part - rest
@@ -228,12 +296,13 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
              ahead: bool = False, room: int = 0, lent: bool = False) -> FloatArray:
     """Response per unit of gain (n, P) at the samples to positions (n*substeps, P), from rest at the first one.
 
-    `step_s` is the sampling time. A position holds over the part that follows its instant or, with `ahead`, over the
-    part that ended there (as `between.interval_means` gives them); dead times below one part then count as one part.
+    Positions (n*substeps, 1) are a path that all candidates share. `step_s` is the sampling time. A position holds
+    over the part that follows its instant or, with `ahead`, over the part that ended there (as
+    `between.interval_means` gives them); dead times below one part then count as one part.
     `room` rows are left behind the response for further columns of the caller; what they hold is undefined. A `lent`
     response holds until the next call (see `kernels.scratch`).
     """
-    lanes = position.shape[1]
+    lanes = max(position.shape[1], dynamics.time_constant_s.size)
     table = np.empty((_COEFFICIENTS, lanes))
     whole, fine = np.empty(lanes, np.int64), np.empty(lanes, np.int64)
     T1, L, T2 = (x if x.shape == (lanes,) and x.flags.c_contiguous else np.ascontiguousarray(np.broadcast_to(x, lanes))
@@ -244,7 +313,14 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
     response = output("response", samples + max(late, room), lanes, lent)
     response[:late + 1] = 0.0
     position = np.ascontiguousarray(position)
-    if dynamics.integrating or lagged:
+    common = position.shape[1] < lanes
+    if common and (substeps == 1 or dynamics.integrating):
+        path = scratch("path", position.shape[0], lanes)
+        path[:] = position
+        position, common = path, False
+    if common:
+        _run_path(position[:, 0].copy(), substeps, table, whole, fine, 1 + int(lagged), response)
+    elif dynamics.integrating or lagged:
         _run(position, substeps, table, whole, fine, response)
     elif substeps == 1:
         _run_plain(position, table, whole, response)

@@ -16,7 +16,6 @@ Source: METHODS.md section 4 ("stiction or not"); CRITICISM.md sections 3 to 7.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -47,6 +46,11 @@ _NOTHING, _NOTHING_DROP = 0.02, 0.05
 _IRRELEVANT, _MOST_OF_THE_ERROR = 0.005, 0.5
 # Which processes of a grid, best first, are polished: neighbours of the best would end where it does.
 _STARTS = (0, 3, 10)
+# Turns of descent that tell which of them go on: those whose cost is within this factor of the least.
+_GLANCE, _RIVAL = 4, 1.5
+# A held command is searched beside a moving one where its one-step error is within this factor, from dead times this
+# many samples earlier; but not from this likelihood ratio on.
+_NEAR, _EARLIER, _NO_DOUBT = 1.02, (0.0, 0.5, 1.0), 1000.0
 # Fewer reversals of the output than this cap the confidence (CRITICISM.md section 7, gate 0).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 
@@ -77,27 +81,19 @@ def _scattered(fit: Fitted) -> bool:
 
 def compared(run: Run, sticking: Whitened) -> Verdict:
     """The verdict on one model with friction, completed with its noise, against the best one without."""
-    free = friction_free(run, sticking.model.spec)
-    good = sticking.good & free.good
-    a, b = sticking.innovation[good], free.innovation[good]
-    rows = int(good.sum())
-    ratio = rows * float(np.log(max(float(b @ b), 1e-300) / max(float(a @ a), 1e-300)))
-    blocks = [float(b[p] @ b[p]) > float(a[p] @ a[p]) for p in np.array_split(np.arange(rows), _BLOCKS)]
-    one_step = 1.0 - float(np.sqrt((a @ a) / max(float(b @ b), 1e-300)))
-    variance = float(np.var(run.used_y()))
-    explained = (free.rmse**2 - sticking.rmse**2) / variance if variance else 0.0
-    drop = 1.0 - sticking.rmse / free.rmse if free.rmse else 0.0
+    free = friction_free(run, sticking)
+    ratio, won, explained, drop, one_step = _measured(run, sticking, free)
     gain = _held_out_gain(sticking, free)
     evidence: dict[str, Any] = {
         "rmse_without_friction": free.rmse, "rmse_with_friction": sticking.rmse, "share_of_pv_variance": explained,
         "error_drop": drop, "one_step_without": free.innovation_sd, "one_step_with": sticking.innovation_sd,
-        "one_step_drop": one_step, "likelihood_ratio": ratio, "blocks_won": sum(blocks), "blocks": _BLOCKS,
+        "one_step_drop": one_step, "likelihood_ratio": ratio, "blocks_won": won, "blocks": _BLOCKS,
         "held_out_gain": None if gain is None else gain.share, "held_out_won": None if gain is None else gain.won}
     said = (f"friction lowers the free-run error from {free.rmse:.4g} to {sticking.rmse:.4g}, "
             f"{100 * explained:.1f} % of the variance of y" if drop > 0 else
             f"friction does not lower the free-run error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
-    said += f"; {_predicts(one_step, sum(blocks), gain)}; likelihood ratio {ratio:.0f}"
-    answer, confidence = _answer(ratio, sum(blocks), explained, drop, one_step)
+    said += f"; {_predicts(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
+    answer, confidence = _answer(ratio, won, explained, drop, one_step)
     if answer == "stiction" and gain is not None and not gain.share > 0.0:
         answer, confidence = "undecided", 0.4
     instead = looks_like(run.loop, free) if answer != "stiction" else ""
@@ -163,19 +159,57 @@ def _answer(ratio: float, won: int, explained: float, drop: float, one_step: flo
     return "undecided", 0.4
 
 
-def friction_free(run: Run, spec: Spec) -> Whitened:
-    """The best model without friction: first order or the structure of `spec`, whichever predicts better."""
+def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int, float, float, float]:
+    """What speaks for friction: likelihood ratio and blocks won by the one-step errors on common samples, share of the
+    variance of y explained, shares by which the free-run and the one-step error fall.
+    """
+    good = sticking.good & free.good
+    a, b = sticking.innovation[good], free.innovation[good]
+    ratio = a.size * float(np.log(max(float(b @ b), 1e-300) / max(float(a @ a), 1e-300)))
+    won = sum(float(b[p] @ b[p]) > float(a[p] @ a[p]) for p in np.array_split(np.arange(a.size), _BLOCKS))
+    variance = float(np.var(run.used_y()))
+    explained = (free.rmse**2 - sticking.rmse**2) / variance if variance else 0.0
+    drop = 1.0 - sticking.rmse / free.rmse if free.rmse else 0.0
+    return ratio, won, explained, drop, 1.0 - float(np.sqrt((a @ a) / max(float(b @ b), 1e-300)))
+
+
+def friction_free(run: Run, sticking: Whitened) -> Whitened:
+    """The best model without friction: first order or the structure of the sticking one, whichever predicts better."""
+    spec = sticking.model.spec
     effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" and name != _LAG)
     lag = () if spec.fixed else (_LAG,)
-    # Under a command that moves between samples the valve must not be the only one to know how it moved.
-    ways = dict.fromkeys((("hold", 1), (spec.between, spec.substeps) if not spec.held else ("hold", 1)))
     tried = []
-    for process, (between, substeps) in product(dict.fromkeys((FIRST_ORDER, spec.process)), ways):
-        bare = replace(spec, process=process, effects=(*effects, *lag), friction_free=True, between=between,
-                       substeps=substeps, taps=(),
+    for process in dict.fromkeys((FIRST_ORDER, spec.process)):
+        bare = replace(spec, process=process, effects=(*effects, *lag), friction_free=True, taps=(),
                        increments=process == INTEGRATOR or (spec.increments and process == spec.process))
+        held = replace(bare, between="hold", substeps=1)
+        if spec.held:
+            tried.append(_whitened_free(run, held))
+            continue
+        # Under a command that moves between samples the valve must not be the only one to know how it moved.
         tried.append(_whitened_free(run, bare))
+        if _held_may_win(run, held, tried[-1], sticking):
+            tried.append(_whitened_free(run, held))
     return min(tried, key=lambda w: w.innovation_sd)
+
+
+def _held_may_win(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) -> bool:
+    """Whether a held command is worth a search beside a moving one that was searched.
+
+    It is not where friction has lost already, since another rival can only take more from it; nor where a descent from
+    the process and with the noise of the moving one comes out worse, or leaves no doubt that the valve sticks: what a
+    noise of its own could gain would not change the answer.
+    """
+    measured = _measured(run, sticking, moving)
+    if measured[0] < _CLEAN and _answer(*measured)[0] == "no stiction":
+        return False
+    taps = moving.model.spec.taps
+    model = run.model(replace(spec, taps=taps))
+    starts = moving.values[:, None].repeat(len(_EARLIER), axis=1)
+    starts[4] = np.maximum(starts[4] - np.array(_EARLIER) * model.step_s, 0.0)
+    found = descended(model, model.cube(starts), turns=_GLANCE, settle=SETTLE)
+    near = with_taps(model, model.values(found.points[:1])[:, 0], np.asarray(taps))
+    return near.innovation_sd < _NEAR * moving.innovation_sd and _measured(run, sticking, near)[0] < _NO_DOUBT
 
 
 def _whitened_free(run: Run, spec: Spec) -> Whitened:
@@ -186,7 +220,7 @@ def _whitened_free(run: Run, spec: Spec) -> Whitened:
         taps = noise_taps(best)
         if np.array_equal(taps, best.model.spec.taps):
             break
-        model, values = _free(run, replace(spec, taps=tuple(taps)))
+        model, values = _free(run, replace(spec, taps=tuple(taps)), best.values)
         now = with_taps(model, values, taps)
         if now.innovation_sd > WORTH * best.innovation_sd:
             break
@@ -194,11 +228,21 @@ def _whitened_free(run: Run, spec: Spec) -> Whitened:
     return best
 
 
-def _free(run: Run, spec: Spec) -> tuple[Model, FloatArray]:
-    """The friction-free model of a spec and its best values (d,), from a grid of time constants and dead times."""
+def _free(run: Run, spec: Spec, known: FloatArray | None = None) -> tuple[Model, FloatArray]:
+    """The friction-free model of a spec and its best values (d,), from a grid of time constants and dead times.
+
+    `known` (d,) are the values with another noise model, from which it is polished as well.
+    """
     model = run.model(spec)
     start = np.full(model.space.size, 0.5)
     start[:3] = 0.0
     points, costs = process_grid(model, start)
-    found = descended(model, points[np.argsort(costs, kind="stable")[list(_STARTS)]], settle=SETTLE)
+    order = np.argsort(costs, kind="stable")
+    starts = points[order[list(_STARTS)]] if known is None else np.stack([model.cube(known[:, None])[0],
+                                                                          points[order[0]]])
+    first = descended(model, starts, turns=_GLANCE, settle=SETTLE)
+    # The others have come to the same optimum or are far from it.
+    other = (first.costs > first.costs[0] * (1.0 + SETTLE)) & (first.costs < _RIVAL * first.costs[0])
+    other[0] = True
+    found = descended(model, first.points[other], settle=SETTLE)
     return model, model.values(found.points[:1])[:, 0]

@@ -55,6 +55,20 @@ def test_lanes_do_not_touch_each_other() -> None:
         assert (together[:, p] == alone[:, 0]).all()
 
 
+@pytest.mark.parametrize("integrating", [False, True])
+@pytest.mark.parametrize("lagged", [False, True])
+@pytest.mark.parametrize("parts", [1, 3, 8])
+def test_one_path_for_all_is_the_same_path_for_each(integrating: bool, lagged: bool, parts: int) -> None:
+    path = 50.0 + np.cumsum(np.random.default_rng(4).standard_normal((60 * parts, 1)), axis=0)
+    rng = np.random.default_rng(5)
+    T, L, T2 = rng.uniform(0.02, 9, 70), rng.uniform(0, 7, 70), rng.uniform(0, 5, 70) * lagged
+    if lagged:
+        T2[:3] = T[0], T[1] * (1.0 + 1e-5), 0.0
+    one, each = (process.free_run(position, process.Dynamics(T, L, T2, integrating), step_s=1.0, substeps=parts,
+                                  ahead=parts > 1) for position in (path, path.repeat(70, axis=1)))
+    np.testing.assert_allclose(one, each, atol=1e-7)
+
+
 def test_transient_is_an_exponential() -> None:
     out = np.empty((30, 3))
     process.transient(np.array([0.001, 2.0, 50.0]), out, step_s=1.0)
