@@ -26,9 +26,12 @@ from .search import refine
 
 # Lags in periods; the last one is that of the high pass, too. Delays tried, up to this share of a period.
 _LAGS, _DELAYS, _LONGEST = (0.015, 0.06, 0.2, 0.7), 6, 0.4
-# Points of the first scan, shares of the record, points that each leaves, and periods of the shortest part.
-# (Of the scan: for each number that is searched beyond two.)
-_SCAN, _SHARES, _KEPT, _PERIODS = 4000, (0.1, 0.2, 0.4, 0.7, 1.0), (32, 24, 12, 8, 6), 2.0
+# Points of the first scan (for each number that is searched beyond two), periods of the shortest part, shares of the
+# record with the points that each leaves, and the same for a friction that changes along the record: how fast it does
+# is known so badly from a short part that the next must not be much longer.
+_SCAN, _PERIODS = 4000, 2.0
+_PARTS = ((0.1, 32), (0.2, 24), (0.4, 12), (0.7, 8), (1.0, 6))
+_DRIFTING = ((0.06, 64), (0.1, 48), (0.14, 32), (0.2, 24), (0.28, 16), (0.4, 12), (0.55, 8), (0.75, 8), (1.0, 6))
 # Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
 _LEAST_S = 0.1
 # Distance between points that are kept: of the scan, and of what was polished. Share of the range.
@@ -43,15 +46,14 @@ class Open:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        n, y = model.loop.samples, model.context.process_value
+        n = model.loop.samples
         self.lags = [share * model.period_s for share in _LAGS]
         longest = int(np.clip(_LONGEST * model.period_s / model.step_s, 1, 60))
         ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
         self.delays = ladder[ladder <= model.skip].tolist()
-        slow = free_run((y - y[0])[:, None], _lag(self.lags[-1], 1), step_s=model.step_s)[:, 0]
         start = np.exp(-np.arange(n) * model.step_s / self.lags[-1])
         weight = model.good() & ~model.starting()
-        self.shared = Shared.prepare(y - y[0] - slow, np.stack([np.ones(n), start], axis=1), weight)
+        self.shared = Shared.prepare(_quick(model), np.stack([np.ones(n), start], axis=1), weight)
 
     def costs(self, values: FloatArray) -> FloatArray:
         """Sum of squared errors (P,) of values (d, P): the best process of each, the best delay of the ladder."""
@@ -65,6 +67,12 @@ class Open:
                             for d in self.delays], axis=0)
             out[rows] = least[:rows.stop - rows.start]
         return out
+
+
+def _quick(model: Model) -> FloatArray:
+    """What of y (n,) is not slower than the cycles."""
+    y = model.context.process_value - model.context.process_value[0]
+    return y - free_run(y[:, None], _lag(_LAGS[-1] * model.period_s, 1), step_s=model.step_s)[:, 0]
 
 
 def _lag(seconds: float, lanes: int) -> Dynamics:
@@ -82,8 +90,11 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator) -> 
     middle = neutral_point(small)
     own = [2 if c == model.forces[at] else c - (model.head - small.head if c >= model.head else 0) for c in columns]
     points = np.empty((0, len(own)))
-    for share, kept in zip(_SHARES, _KEPT, strict=True):
-        rows = max(int(share * small.loop.samples), small.skip + int(_PERIODS * small.period_s / small.step_s))
+    # A record may begin at rest: a part has its share of what happens, too.
+    happened = np.cumsum(_quick(small) ** 2)
+    for share, kept in _DRIFTING if any(effect.profile for effect in small.effects) else _PARTS:
+        rows = max(int(share * small.loop.samples), small.skip + int(_PERIODS * small.period_s / small.step_s),
+                   int(np.searchsorted(happened, share * happened[-1])) + 1)
         points = _polished(Open(_beginning(small, rows)), small, own, middle, points, share, kept, rng)
     found = middle[None].repeat(len(points), axis=0)
     found[:, own] = points

@@ -69,15 +69,29 @@ def winner_of(found: Round) -> Tried | None:
     least = floor + _OVER_NOISE if noises else NAMED
     rival = next((t for t in noises if t.delta_bic == floor), None)
     for t in found.tried:
-        if t.noise or not clearly_better(t, found) or t.delta_bic < least or t.refit is None:
+        if t.noise or not clearly_better(t, found) or t.delta_bic < least:
             continue
-        worse = t.refit.evaluated.rmse > _NO_WORSE * found.reference.evaluated.rmse
-        ahead = rival is None or rival.held is None or t.held is None \
-            or t.held.rmse_one_step <= rival.held.rmse_one_step
-        if not worse and ahead and not _out_of_range(t) and not _only_rests(t, found) \
-                and not _may_be_a_slip(t):
+        if not _against(t, found, rival):
             return t
     return noises[0] if noises else None
+
+
+def _against(t: Tried, found: Round, noise: Tried | None) -> str:
+    """Why a candidate that helps is not named all the same, beside the best noise model; empty where nothing speaks
+    against it."""
+    assert t.refit is not None
+    if t.refit.evaluated.rmse > _NO_WORSE * found.reference.evaluated.rmse:
+        return "its free run is worse than that of the model so far"
+    if noise is not None and noise.held is not None and t.held is not None \
+            and t.held.rmse_one_step > noise.held.rmse_one_step:
+        return f"it predicts held-out blocks worse than {noise.name}"
+    if _out_of_range(t):
+        return "it ended at a limit of its range"
+    if _only_rests(t, found):
+        return f"{_RESTING} alone explains nearly as much"
+    if _may_be_a_slip(t):
+        return "one slip in the wrong place of an integrator looks the same"
+    return ""
 
 
 def _out_of_range(t: Tried) -> bool:
@@ -206,6 +220,9 @@ def _statement(t: Tried, found: Round, winner: Tried | None, same: tuple[str, ..
         return f"{t.name} is not sure, bootstrap p = {p_value:.3g}: records without it show as much: {change}"
     if winner is None:
         return f"{t.name} is not sure, information criterion and held-out blocks do not agree: {change}"
+    why = _against(t, found, winner if winner.noise else None) if t.delta_bic > winner.delta_bic else ""
+    if why:
+        return f"{t.name} lowers the one-step error more than {winner.name}, but {why}: {change}"
     return f"{t.name} helps less than {winner.name}: {change}"
 
 

@@ -18,7 +18,7 @@ from ..methods.run import Run
 from ..model import Model
 from ..moves import search_model, spreads, with_start
 from ..oscillation import find_range
-from ..refit import Refit, complete, has_noise, own_taps, scout, settled, starting_pool
+from ..refit import Refit, carrier, complete, has_noise, scout, settled, starting_pool
 from ..rerun import rebuild_model
 from ..restarts import bound
 from ..results import Estimate, Step, Study
@@ -81,7 +81,7 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
         raise ModelError(f"the refit with {effect} did not converge",
                          "try another effect; stictionid diagnose ranks them")
     tell("polishing", 0.6)
-    after = polished(_carrier(done, name, fit), done.values, run.rng)
+    after = polished(carrier(done, name, fit.model), done.values, run.rng)
     findings: list[Finding] = []
     tell("looking for effects that are superfluous now", 0.85)
     spare = superfluous(after, name, run.rng)
@@ -150,18 +150,6 @@ def _refitted(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator
     # Two independent refits: what goes into the study must not hang on one search.
     model, values, _ = min((settled(scout(fit, name, pool, rng), rng) for _ in range(count)), key=lambda r: r[2])
     return complete(model, values, None, rng)
-
-
-def _carrier(done: Refit, name: str, fit: Fitted) -> Model:
-    """The model that goes into the study: a noise model enters only as a step of its own, never with another effect."""
-    before = fit.model
-    effects = tuple(dict.fromkeys((*before.spec.effects, name)))
-    if parse(name)[0].noise is not None or has_noise(before.spec):
-        spec = replace(done.spec, effects=effects)
-    else:
-        spec = replace(before.spec, effects=effects, taps=own_taps(before.spec))
-    return bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
-                 residual=np.nan_to_num(done.evaluated.residual))
 
 
 def superfluous(after: Fitted, newest: str, rng: np.random.Generator) -> tuple[str, ...]:

@@ -4,6 +4,9 @@ The position's distance from its mean is stretched by 1 + curvature (y - mean SP
 model's own, at the time when the move arrives (one dead time after the valve made it). An error in the mean only
 changes gain and time constant. Over a short travel it can't be told from a curved valve characteristic.
 
+A valve that hardly leaves one side of its mean shows no curvature, so there the gain stays as it is: a search follows
+the y that was measured, and a resting valve's distance times that y would predict y by itself.
+
 Equation: K(y) = K (1 + curvature (y - mean SP)). Source: METHODS.md section 5.
 """
 
@@ -21,6 +24,8 @@ from .contract import Context, Effect, Place
 _CURVATURE = Parameter("curvature", "1 / unit of y", -10.0, 10.0, 0.0, "relative change of the gain")
 # The stretched gain keeps its sign: it stays above this share of the mean one. Unit: 1.
 _LEAST = 0.05
+# The valve must be on either side of its mean for this share of the record. Unit: 1.
+_EITHER_SIDE = 0.1
 
 
 @kernel
@@ -28,12 +33,16 @@ def _run(signal, y, theta, part_s, state, out):
     rows, lanes = signal.shape
     for k in range(rows):
         for p in range(lanes):
-            stretch = max(1.0 + theta[0, p] * y[k, p], _LEAST)
+            stretch = max(1.0 + theta[0, p] * state[1, p] * y[k, p], _LEAST)
             out[k, p] = state[0, p] + (signal[k, p] - state[0, p]) * stretch
 
 
 def _start(signal: FloatArray, theta: FloatArray) -> FloatArray:
-    return signal.mean(axis=0, keepdims=True)
+    """The mean of the position, and 1 where the effect can be felt, else 0; a single row begins a simulation."""
+    mean = signal.mean(axis=0)
+    above, rows = (signal > mean).sum(axis=0), len(signal)
+    felt = (np.minimum(above, rows - above) >= _EITHER_SIDE * rows) if rows > 1 else np.ones(signal.shape[1])
+    return np.stack([mean, felt])
 
 
 def _limits(context: Context) -> tuple[Parameter, ...]:
@@ -51,6 +60,6 @@ EFFECT = Effect(
     summary="the process gain changes with the process value",
     equation="K(y) = K (1 + curvature (y - mean SP))",
     source="METHODS.md section 5", parameters=(_CURVATURE,), confused_with=("valve-characteristic",), follows_y=True,
-    states=1,
+    states=2,
     limits=_limits, run=_run, start=_start, guess=_guess,
 )

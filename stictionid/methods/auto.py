@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..effects import parse
 from ..errors import CannotTell
 from ..fit import Fitted, reaching
 from ..gates import SAMPLES_PER_PERIOD
@@ -22,7 +23,7 @@ from ..spec import Spec
 from ..whitened import whitened
 from .added_steps import try_resting, try_step
 from .contract import Method, Outcome
-from .noise_steps import try_noise
+from .noise_steps import ask_noise, try_noise
 from .run import Run, parameters
 from .structure import LAG, SUBSTEPS, check_scans, choose, first_look, moves_after_all
 
@@ -49,7 +50,8 @@ def _run(run: Run) -> Outcome:
 def _searched(run: Run) -> Outcome:
     """Base model with its process and between-samples choice, then what the data ask for beyond it."""
     o = run.options
-    spec = Spec(law=run.law, effects=o.effects, fixed=dict(o.fixed),
+    noises = [name for name in o.effects if parse(name)[0].noise is not None]
+    spec = Spec(law=run.law, effects=tuple(name for name in o.effects if name not in noises), fixed=dict(o.fixed),
                 between="hold" if o.between == "auto" else o.between,
                 substeps=SUBSTEPS if o.between == "corner" else 1)
     run.tell("searching (S, J)", 0.1)
@@ -67,7 +69,10 @@ def _searched(run: Run) -> Outcome:
     if not o.base_only and LAG not in spec.effects and not o.fixed:
         run.tell("trying a further lag", 0.7)
         try_step(run, steps, fits, LAG)
-    if not o.base_only and not o.fixed and not run.adequate(steps[-1])[0]:
+    for name in noises:
+        run.tell(f"fitting with {name}", 0.75)
+        ask_noise(run, steps, fits, name)
+    if not noises and not o.base_only and not o.fixed and not run.adequate(steps[-1])[0]:
         run.tell("trying coloured noise and a random walk", 0.75)
         try_noise(run, steps, fits)
     found = fits[-1]

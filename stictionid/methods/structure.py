@@ -46,6 +46,9 @@ _NOISE_SHARE = 0.5
 # A lag beyond this many periods needs no proof that the process integrates: the integrator may even predict this much
 # worse, because its slips add up their errors. Units: periods, 1.
 _ENDLESS_LAG, _ENDLESS_LOSS = 3.0, 0.05
+# An integrator whose free run leaves y by more than y moves does not win against a process that follows y to within the
+# second of these: a valve in a wrong basin may help it to predict a step ahead. Unit: standard deviations of y.
+_RUNS_AWAY, _FOLLOWS = 1.5, 0.5
 # The command is taken as continuous only when that lowers the free-run error by this share; where one way leaves less
 # than the second share of the other's error a further lag can't change which is better: the most it took was half.
 _CORNER_GAIN, _CLEARLY = 0.05, 1.0 / 3.0
@@ -373,8 +376,21 @@ def structure(run: Run, spec: Spec, starts: FloatArray | None = None, rival: Spe
         model = search_model(run.model(second.spec))
         third = _first(run, second.spec, starts=grown(model, run.rng))
         second = third if third.cost < second.cost else second
-    gain = -_ENDLESS_LOSS if lag > _ENDLESS_LAG * run.period_s else INTEGRATOR_GAIN
+    if lag > _ENDLESS_LAG * run.period_s:
+        gain = -_ENDLESS_LOSS
+    elif _runs_away(run, second, first):
+        return first
+    else:
+        gain = INTEGRATOR_GAIN
     return second if _one_step(run, second) < (1.0 - gain) * _one_step(run, first) else first
+
+
+def _runs_away(run: Run, integrator: Tried, first: Tried) -> bool:
+    """Whether the integrator's free run leaves y altogether, and that of the first order does not."""
+    if integrator.evaluated is None or first.evaluated is None:
+        return False
+    moves = float(np.std(run.used_y()))
+    return integrator.evaluated.rmse > _RUNS_AWAY * moves and first.evaluated.rmse < _FOLLOWS * moves
 
 
 def _one_step(run: Run, tried: Tried) -> float:

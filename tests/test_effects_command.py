@@ -1,0 +1,66 @@
+"""Every effect of the catalogue on the command line: hidden by `simulate`, taken in by `identify --with` and `add`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from loops_with_effects import MOVES, NOISE, PLANTS, SAMPLES, SMALL
+from typer.testing import CliRunner
+
+from stictionid.cli import app
+from stictionid.effects import get
+from stictionid.errors import StictionidError
+
+PLANT, CONTROLLER = PLANTS[1]
+
+
+def command(*words: object):
+    """One command in this process: (exit code, standard output, the refusal or None)."""
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    if done.exception is not None and not isinstance(done.exception, SystemExit | StictionidError):
+        raise done.exception
+    return done.exit_code, done.stdout, done.exception if isinstance(done.exception, StictionidError) else None
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_an_effect_is_hidden_added_and_not_added_twice(name: str, tmp_path: Path) -> None:
+    spelt = f"{name}:" + ",".join(f"{parameter}={value}" for parameter, value in SMALL[name][2].items())
+    moves = [word for time, size in (SMALL[name][1] or MOVES) for word in ("--setpoint", f"{time}:{size}")]
+    export, study = tmp_path / "loop.csv", tmp_path / "study.json"
+    code, _, refusal = command(
+        "simulate", "--gain", PLANT.gain, "--time-constant", PLANT.time_constant_s, "--dead-time", PLANT.dead_time_s,
+        "--kc", CONTROLLER.gain, "--ti", CONTROLLER.integral_time_s, "--scan", 1, "--S", 4, "--J", 2.5, "--duration",
+        SAMPLES, "--noise", 0.0 if name == "coloured-noise" else NOISE, "--seed", 21, *moves, "--effect", spelt,
+        "-o", export, "-q")
+    assert (code, refusal) == (0, None)
+    truth = json.loads((tmp_path / "loop.truth.json").read_text())
+    assert [effect["name"] for effect in truth["effects"]] == [name]
+
+    tag = ["--extra", "D1"] if name == "measured-disturbance" else []
+    asked = f"{name}:D1" if tag else name
+    code, printed, refusal = command("identify", export, *tag, "--with", asked, "-o", study, "--json", "-q")
+    assert (code, refusal) == (0, None)
+    steps = json.loads(printed)["steps"]
+    # A noise model is a step of its own; what moves the free run is in the base model.
+    assert (steps[-1] if get(name).noise else steps[0])["model"]["effects"] == [asked]
+    assert steps[-1]["error"]["rmse_one_step"] < 1.05 * noise_of(truth, name)
+    before = study.read_bytes()
+    code, _, refusal = command("add", asked, study, "-q")
+    assert code != 0 and refusal is not None and f"has {asked} already" in str(refusal)
+    assert study.read_bytes() == before
+
+
+def noise_of(truth: dict, name: str) -> float:
+    """What can't be predicted of the next sample, standard deviation: of a noise effect as an autoregression of a far
+    longer draw of it predicts."""
+    if get(name).noise is None:
+        return truth["noise_sd"]
+    rng = np.random.default_rng(0)
+    drawn = get(name).disturb(truth["effects"][0]["parameters"], np.arange(50_000.0), rng)[0]
+    x = drawn + truth["noise_sd"] * rng.standard_normal(drawn.size)
+    lags = np.lib.stride_tricks.sliding_window_view(x, 41)
+    past, now = lags[:, :-1], lags[:, -1]
+    return float(np.std(now - past @ np.linalg.lstsq(past, now, rcond=None)[0]))
