@@ -496,6 +496,10 @@ class Model:
             names += [f"{name}:{p.name}" for p in effect.parameters_for(self.context)]
         return {name: float(v) for name, v in zip(names, values, strict=True)}
 
+    def rows_of(self, name: str) -> slice:
+        """Where the numbers of the effect of that name stand in values (d,)."""
+        return self._slices[self.names.index(name)]
+
     def vector(self, named: dict[str, float]) -> FloatArray:
         """The inverse of `named`; parameters that are missing take their neutral value."""
         neutral = dict.fromkeys(self._further_forces(), 0.0)

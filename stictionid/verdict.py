@@ -88,6 +88,7 @@ def compared(run: Run, sticking: Whitened) -> Verdict:
         "rmse_without_friction": free.rmse, "rmse_with_friction": sticking.rmse, "share_of_pv_variance": explained,
         "error_drop": drop, "one_step_without": free.innovation_sd, "one_step_with": sticking.innovation_sd,
         "one_step_drop": one_step, "likelihood_ratio": ratio, "blocks_won": won, "blocks": _BLOCKS,
+        "effects": [effect.name for effect in sticking.model.effects],
         "held_out_gain": None if gain is None else gain.share, "held_out_won": None if gain is None else gain.won}
     said = (f"friction lowers the free-run error from {free.rmse:.4g} to {sticking.rmse:.4g}, "
             f"{100 * explained:.1f} % of the variance of y" if drop > 0 else
@@ -184,12 +185,12 @@ def friction_free(run: Run, sticking: Whitened) -> Whitened:
                        increments=process == INTEGRATOR or (spec.increments and process == spec.process))
         held = replace(bare, between="hold", substeps=1)
         if spec.held:
-            tried.append(_whitened_free(run, held))
+            tried.append(_whitened_free(run, held, sticking))
             continue
         # Under a command that moves between samples the valve must not be the only one to know how it moved.
-        tried.append(_whitened_free(run, bare))
+        tried.append(_whitened_free(run, bare, sticking))
         if _held_may_win(run, held, tried[-1], sticking):
-            tried.append(_whitened_free(run, held))
+            tried.append(_whitened_free(run, held, sticking))
     return min(tried, key=lambda w: w.innovation_sd)
 
 
@@ -212,15 +213,15 @@ def _held_may_win(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) ->
     return near.innovation_sd < _NEAR * moving.innovation_sd and _measured(run, sticking, near)[0] < _NO_DOUBT
 
 
-def _whitened_free(run: Run, spec: Spec) -> Whitened:
+def _whitened_free(run: Run, spec: Spec, sticking: Whitened) -> Whitened:
     """Whitened and searched anew in turns: a wrong noise model bends the process of a model that lacks something."""
-    model, values = _free(run, spec)
+    model, values = _free(run, spec, sticking)
     best = with_taps(model, values, np.empty(0))
     for _ in range(TURNS):
         taps = noise_taps(best)
         if np.array_equal(taps, best.model.spec.taps):
             break
-        model, values = _free(run, replace(spec, taps=tuple(taps)), best.values)
+        model, values = _free(run, replace(spec, taps=tuple(taps)), sticking, best.values)
         now = with_taps(model, values, taps)
         if now.innovation_sd > WORTH * best.innovation_sd:
             break
@@ -228,14 +229,18 @@ def _whitened_free(run: Run, spec: Spec) -> Whitened:
     return best
 
 
-def _free(run: Run, spec: Spec, known: FloatArray | None = None) -> tuple[Model, FloatArray]:
+def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = None) -> tuple[Model, FloatArray]:
     """The friction-free model of a spec and its best values (d,), from a grid of time constants and dead times.
 
-    `known` (d,) are the values with another noise model, from which it is polished as well.
+    Effects start as the `sticking` model has them: what it knows of a disturbance the rival knows, too. `known` (d,)
+    are the values with another noise model, from which it is polished as well.
     """
     model = run.model(spec)
     start = np.full(model.space.size, 0.5)
     start[:3] = 0.0
+    found = model.cube(model.vector(sticking.model.named(sticking.values))[:, None])[0]
+    for rows in (model.rows_of(name) for name in model.names if name in sticking.model.names):
+        start[rows] = found[rows]
     points, costs = process_grid(model, start)
     order = np.argsort(costs, kind="stable")
     starts = points[order[list(_STARTS)]] if known is None else np.stack([model.cube(known[:, None])[0],

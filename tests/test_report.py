@@ -17,6 +17,7 @@ import pytest
 import study_factory
 
 from stictionid.errors import UsageError
+from stictionid.report import wording
 from stictionid.report.curves import Case
 from stictionid.report.facts import facts
 from stictionid.report.json import report_json
@@ -174,6 +175,9 @@ def test_an_effect_added_later_shows_what_the_verdict_and_the_map_were_made_from
     one = replace(one, study=replace(one.study, cost_map=mapped))
     text = facts(one.study)
     assert text.reason.startswith("Before extra-lag was added: ") and "Now the free-run error is" in text.reason
+    # A verdict that was reached with it needs no such word.
+    known = replace(one.study, verdict=replace(one.study.verdict, evidence={"effects": ["extra-lag"]}))
+    assert facts(known).reason == wording.sentence(known.verdict.reason)
     commands = next(s for s in text.sections if s.key == "method").commands
     assert commands[-1] == "stictionid add extra-lag study.json"
     drawn = pictures(one)["cost_map"]

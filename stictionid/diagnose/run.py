@@ -22,7 +22,7 @@ from ..rerun import rebuild_model
 from ..restarts import bound
 from ..results import Candidate, Study
 from .judge import candidates, winner_of
-from .steps import add, finished_step, opened, polished, with_steps
+from .steps import add, finished_step, judged_anew, opened, polished, with_steps
 from .tries import NAMED, Round, Tried, try_all
 
 MOST_ADDITIONS = 4
@@ -45,10 +45,16 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
 
     An adequate model is left alone unless `everything` asks for the catalogue, its errors still remember, or
     `identify` made it so by a step of its own: that has to stand against the catalogue first.
-    `jobs` processes share the refits; `bootstrap` replicates give the named effect a p-value. Raises DataError for an
-    abstained study, and for one that can't be rebuilt.
+    `jobs` processes share the refits; `bootstrap` replicates give the named effect a p-value. Where the last model is
+    another than before, so is the verdict. Raises DataError for an abstained study, and for one that can't be rebuilt.
     """
     tell = progress or (lambda text, share: None)
+    after = _diagnosed(loop, study, everything, apply, seed, jobs, bootstrap, tell)
+    return after if after.steps[-1] == study.steps[-1] else judged_anew(loop, after, seed)
+
+
+def _diagnosed(loop: Loop, study: Study, everything: bool, apply: bool, seed: int, jobs: int, bootstrap: int,
+               tell: Progress) -> Study:
     added: list[str] = []
     ranking: tuple[Candidate, ...] = ()
     while True:
@@ -89,7 +95,7 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
         ranking = study.candidates
         # What an addition makes superfluous goes (CRITICISM.md section 7, step 8); a finding of the step says so.
         study = replace(add(loop, study, winner.name, seed=seed, prune=True, known=winner.refit,
-                            progress=progress), candidates=ranking)
+                            progress=tell), candidates=ranking)
         added.append(parse(winner.name)[0].name)
 
 

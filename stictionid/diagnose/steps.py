@@ -25,6 +25,7 @@ from ..results import Estimate, Step, Study
 from ..search import refine
 from ..segments import described
 from ..severity import severity_of
+from ..verdict import capped, judge
 from .numbers import public_parameters
 
 Progress = Callable[[str, float], None]
@@ -63,7 +64,7 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     """The study with one more step: the model refitted with `effect` ("step-disturbance@load" names a variant).
 
     Earlier effects that the new one makes superfluous are named in a finding, and left out with `prune`. A refit that
-    is `known` already takes the place of one of two. Raises
+    is `known` already takes the place of one of two, and the verdict is left to the caller. Raises
     UsageError for an unknown effect, one that is in the model already, or one that needs what is not there.
     """
     tell = progress or (lambda text, share: None)
@@ -96,7 +97,14 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
                                 f" changes by less than {SUPERFLUOUS:g}; add again with --prune to leave it out",
                                 {"effects": list(spare)}, (), "CRITICISM.md section 7, step 8"))
     step = finished_step(run, after, name, findings)
-    return with_steps(study, run, (*study.steps, step), after)
+    done_study = with_steps(study, run, (*study.steps, step), after)
+    return done_study if known is not None else judged_anew(loop, done_study, seed)
+
+
+def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
+    """The study with the verdict of its last model: what was missing no longer hides the valve, or acts as one."""
+    run, fit = opened(loop, study, seed)
+    return replace(study, verdict=capped(judge(run, fit), loop))
 
 
 def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -> Study:

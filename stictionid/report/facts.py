@@ -31,10 +31,11 @@ def facts(study: Study, *, no_pictures: str = "") -> Facts:
 
 
 def _reason(study: Study) -> str:
-    """Why the verdict; it was reached before any effect was added, so its numbers are those of that model."""
+    """Why the verdict; where it was reached before the last effects were added, its numbers are of that model."""
     reason = wording.sentence(study.verdict.reason)
     added = sections.added_later(study)
-    if not reason or not added:
+    judged = study.verdict.evidence.get("effects")
+    if not reason or not added or (judged is not None and set(judged) == set(study.steps[-1].effects)):
         return reason
     names = wording.listed([wording.name(s.added) for s in added])
     return (f"Before {names} {'was' if len(added) == 1 else 'were'} added: {wording.clean(study.verdict.reason)}. Now "
