@@ -31,8 +31,16 @@ class Parameter:
 
     def at_bound(self, value: float) -> bool:
         """True when `value` lies on one of the limits, where an estimate means "at least" or "at most"."""
-        margin = AT_BOUND_SHARE * (self.high - self.low)
-        return value <= self.low + margin or value >= self.high - margin
+        share = self.share(value)
+        return share <= AT_BOUND_SHARE or share >= 1.0 - AT_BOUND_SHARE
+
+    def share(self, value: float) -> float:
+        """Where `value` lies in the range as the search moves it, 0 to 1; beyond the limits outside, 0 where fixed."""
+        if not self.high > self.low:
+            return 0.0
+        if self.log:
+            return float(np.log(max(value, 1e-300) / self.low) / np.log(self.high / self.low))
+        return (value - self.low) / (self.high - self.low)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..effects import parse
 from ..heldout import Held
-from ..refit import at_noise
+from ..refit import AUTOREGRESSIVE, Refit, at_noise
 from ..results import Candidate
 from ..spec import INTEGRATOR
 from .detect import detectable
@@ -80,7 +80,7 @@ def _against(t: Tried, found: Round, noise: Tried | None) -> str:
     """Why a candidate that helps is not named all the same, beside the best noise model; empty where nothing speaks
     against it."""
     assert t.refit is not None
-    if t.refit.evaluated.rmse > _NO_WORSE * found.reference.evaluated.rmse:
+    if t.refit.evaluated.rmse > _NO_WORSE * _free_run(t.refit, found):
         return "its free run is worse than that of the model so far"
     if noise is not None and noise.held is not None and t.held is not None \
             and t.held.rmse_one_step > noise.held.rmse_one_step:
@@ -94,6 +94,18 @@ def _against(t: Tried, found: Round, noise: Tried | None) -> str:
     return ""
 
 
+def _free_run(refit: Refit, found: Round) -> float:
+    """The free-run error of the model without the effect that a refit may not exceed.
+
+    A refit under a noise model does not minimise its free run, so it is held against the model under one, too.
+    """
+    plain = found.reference.evaluated.rmse
+    if not refit.taps.size:
+        return plain
+    return max([plain, *(t.refit.evaluated.rmse for t in found.tried if t.refit is not None
+                         and parse(t.name)[0].noise == AUTOREGRESSIVE)])
+
+
 def _out_of_range(t: Tried) -> bool:
     """Whether a signal effect or disturbance ended at a limit of its range that is not its neutral value.
 
@@ -105,7 +117,7 @@ def _out_of_range(t: Tried) -> bool:
         return False
     values = {k: v for k, v in model.named(t.refit.values).items() if k.startswith(t.name + ":")}
     for p, value in zip(effect.parameters_for(model.context), values.values(), strict=True):
-        near_neutral = abs(value - p.neutral) <= 0.01 * (p.high - p.low)
+        near_neutral = abs(p.share(value) - p.share(p.neutral)) <= 0.01
         if p.at_bound(value) and not near_neutral and p.name not in ("lag_s", "dead_time_s"):
             return True
     return False
@@ -138,7 +150,7 @@ def _vanished(t: Tried) -> bool:
         return False
     values = [v for k, v in model.named(t.refit.values).items() if k.startswith(t.name + ":")]
     ranges = effect.parameters_for(model.context)
-    return bool(ranges) and all(abs(v - p.neutral) <= _NEUTRAL * (p.high - p.low)
+    return bool(ranges) and all(abs(p.share(v) - p.share(p.neutral)) <= _NEUTRAL
                                 for p, v in zip(ranges, values, strict=True))
 
 
