@@ -30,7 +30,7 @@ _LAGS, _DELAYS, _LONGEST = (0.015, 0.06, 0.2, 0.7), 6, 0.4
 # record with the points that each leaves, and the same for a friction that changes along the record: how fast it does
 # is known so badly from a short part that the next must not be much longer.
 _SCAN, _PERIODS = 4000, 2.0
-_PARTS = ((0.1, 32), (0.2, 24), (0.4, 12), (0.7, 8), (1.0, 6))
+_PARTS = ((0.1, 64), (0.2, 48), (0.4, 24), (0.7, 12), (1.0, 6))
 _DRIFTING = ((0.06, 64), (0.1, 48), (0.14, 32), (0.2, 24), (0.28, 16), (0.4, 12), (0.55, 8), (0.75, 8), (1.0, 6))
 # Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
 _LEAST_S = 0.1

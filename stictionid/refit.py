@@ -23,7 +23,7 @@ from .moves import descended, longest_piece, search_model, spreads, with_start
 from .noise import autoregression, filtered
 from .resonance import NUMBERS, resonance
 from .restarts import bound
-from .search import refine, swarm
+from .search import Found, refine, swarm
 from .spec import BASE, Evaluated, Spec
 from .starts import along_ridge, basins, with_other_start, with_process
 
@@ -186,6 +186,9 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
     roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM, scouts=_SCOUTS)
     near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam.points[:_ROAM]])), turns=_GLANCE,
                      settle=_GLANCED)
+    if effect.friction is not None and spec.held:
+        near = _together(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
+                                      rounds=_LOOK, population=14, settle=_SETTLED))
     found = Scouted(coarse, model, near.points, float(near.costs[0]), neutral,
                     name if effect.kind in "FT" else "")
     if not found.gain > _PROMISING:
@@ -199,10 +202,16 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
                                                       _across(coarse, points[0], name, 3),
                                                       with_other_start(coarse, points[0], 2)]), rng,
                         spread=spreads(coarse, 0.5), rounds=_LOOK, population=14, settle=_SETTLED)
-        order = np.argsort(np.concatenate([polish.costs, beside.costs]), kind="stable")
-        points = np.concatenate([points, beside.points])[order]
-        cost = min(cost, float(beside.costs[0]))
+        both = _together(polish, beside)
+        points, cost = both.points, float(both.costs[0])
     return replace(found, points=points, cost=cost)
+
+
+def _together(one: Found, other: Found) -> Found:
+    """What two searches found, best first."""
+    costs = np.concatenate([one.costs, other.costs])
+    order = np.argsort(costs, kind="stable")
+    return Found(np.concatenate([one.points, other.points])[order], costs[order])
 
 
 def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:

@@ -18,6 +18,11 @@ from .contract import Context, Effect, Place
 _SPEED = Parameter("restick_speed", "% / s", 0.0, 1e4, 0.0, "slowest command a sliding valve follows")
 
 
+# The lowest speed searched is this share of a low quantile of those that occur; slower than the third share of the
+# largest is standing still.
+_SLOWEST, _SLOW, _STILL = 0.5, 0.02, 1e-6
+
+
 def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
     table = table.copy()
     table[RESTICK] = theta[0] * command_step_s
@@ -29,7 +34,11 @@ def _speeds(context: Context) -> FloatArray:
 
 
 def _limits(context: Context) -> tuple[Parameter, ...]:
-    return (replace(_SPEED, high=max(1.05 * float(_speeds(context).max()), 1e-9)),)
+    # Ranks of the speeds decide, and most are far below the largest. Below the slowest move nothing rests.
+    speeds = _speeds(context)
+    high = max(1.05 * float(speeds.max()), 1e-9)
+    low = max(_SLOWEST * float(np.quantile(speeds[speeds > _STILL * high], _SLOW)), _STILL * high)
+    return (replace(_SPEED, low=low, high=high, neutral=low, log=True),)
 
 
 def _guess(context: Context) -> FloatArray:
