@@ -29,10 +29,14 @@ from .profiles import Mover
 # with a dead time of k samples less, in such moves: from the first to the second number times k, half a move more.
 _SAMPLES, _FINE, _PACES = 3, 64, (0.6, 1.4)
 # Twice the log-likelihood ratio beyond which a plateau is out of the question, with what a scan may be wrong by; of
-# neighbours on one plateau; and the most plateaus that are descended to.
+# neighbours on one plateau; and the most plateaus that are descended to. Where the dead time differs by a sample the
+# slopes know less: the best few are descended to from farther away.
 _POSSIBLE, _FURTHER, _ALIKE, _MOST = 8.0, 8.0, 0.5, 10
+_MUCH_FURTHER, _FAR = 60.0, 2
 # Turns of a descent on one plateau and when it has settled; difference for the slopes.
 _TURNS, _SETTLED, _DIFFERENCE = 6, 1e-4, 1e-3
+# Slip jumps tried on each plateau, as shares of that of the optimum.
+_JUMPS = (1.0, *(1.0 + 0.01 * np.array([-9, -6, -4, -3, -2, -1, -0.5, 0.5, 1, 2, 3, 4, 6, 9])).tolist())
 # Steps between two values of S of which one is possible, numbers held at once, and the residual of a valve that never
 # moves.
 _BETWEEN, _BLOCK, _EXCLUDED = 8, 1 << 21, 1e100
@@ -192,7 +196,10 @@ class _Scan:
 
     def costs(self, lanes: FloatArray) -> FloatArray:
         """What each of lanes (3, m) costs once the smooth numbers have followed (m,)."""
-        points = self.points(lanes)
+        return self.followed(self.points(lanes))
+
+    def followed(self, points: FloatArray) -> FloatArray:
+        """What points (m, d) cost once the smooth numbers have followed (m,)."""
         out = np.empty(len(points))
         width = max(_BLOCK // self.model.loop.samples, 16)
         for a in range(0, len(points), width):
@@ -201,6 +208,19 @@ class _Scan:
             cost = np.einsum("np,np->p", r, r)
             out[a:a + width] = np.maximum(cost - np.sum((self.basis.T @ r)**2, axis=0), 1e-12 * cost)
         return out
+
+    def _with_jump(self, lanes: FloatArray) -> FloatArray:
+        """Points (m, d) of lanes (3, m) with the best slip jump of a few: J has steps where the valve stops and goes.
+        """
+        if self.model.law.one_parameter or not movable(self.model)[1]:
+            return self.points(lanes)
+        trial = []
+        for share in _JUMPS:
+            values = self.values.copy()
+            values[1] *= share
+            trial.append(self.points(lanes, values))
+        which = self.followed(np.concatenate(trial)).reshape(len(trial), -1).argmin(axis=0)
+        return np.stack(trial)[which, np.arange(which.size)]
 
     def between(self, lanes: FloatArray, ratio: FloatArray) -> FloatArray:
         """Further lanes (3, m) between neighbours of which one is possible and the other differs."""
@@ -220,11 +240,14 @@ class _Scan:
         plateau = np.concatenate([[0], np.cumsum(new)])
         least = np.full(plateau[-1] + 1, np.inf)
         np.minimum.at(least, plateau, ratio)
-        chosen = np.argsort(least, kind="stable")[:_MOST]
-        chosen = chosen[least[chosen] < _POSSIBLE + _FURTHER]
+        order = np.argsort(least, kind="stable")
+        samples = lanes[1, np.searchsorted(plateau, order)]
+        rank = np.array([(samples[:i] == k).sum() for i, k in enumerate(samples)])
+        far = (samples != 0) & (rank < _FAR) & (least[order] < _POSSIBLE + _MUCH_FURTHER)
+        chosen = order[far | ((least[order] < _POSSIBLE + _FURTHER) & (np.arange(order.size) < _MOST))]
         middles = np.array([(at := np.flatnonzero(plateau == which))[at.size // 2] for which in chosen], int)
         points, costs = np.empty((len(chosen), self.model.space.size)), np.empty(len(chosen))
-        starts = self.points(lanes[:, middles])
+        starts = self._with_jump(lanes[:, middles])
         for k in np.unique(lanes[1, middles]):
             mine = np.flatnonzero(lanes[1, middles] == k)
             found = descended(self.model, starts[mine], held=self.held, turns=_TURNS, settle=_SETTLED)
