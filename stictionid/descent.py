@@ -81,7 +81,7 @@ def slopes_at(residuals: Residuals, points: FloatArray, free: FloatArray,
     At a bound the difference is taken to the inside only.
     """
     k, f = points.shape[0], free.size
-    trial, width = _beside(points, free, step)
+    trial, width = beside(points, free, step)
     r = residuals(trial)
     r = np.where(np.isfinite(r), r, 0.0).reshape(r.shape[0], k, 2 * f + 1)
     slopes = (r[:, :, 1:f + 1] - r[:, :, f + 1:]) / width
@@ -92,13 +92,13 @@ def normals_at(residuals: Residuals, points: FloatArray, free: FloatArray,
                step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Products (k, f, f) of the slopes of `slopes_at` with each other and (k, f) with the residuals, summed over n."""
     k, f = points.shape[0], free.size
-    trial, width = _beside(points, free, step)
+    trial, width = beside(points, free, step)
     normals, gradients = np.zeros((k, f, f)), np.zeros((k, f))
     _normals(residuals(trial), 1.0 / width, normals, gradients)
     return normals, gradients
 
 
-def _beside(points: FloatArray, free: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+def beside(points: FloatArray, free: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points (k (2f+1), d) for the differences of points (k, d), themselves first, and the widths (k, f)."""
     f = free.size
     trial = points[:, None, :].repeat(2 * f + 1, axis=1)

@@ -55,12 +55,13 @@ def first_rows(taps: FloatArray) -> FloatArray:
     return out
 
 
-def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, starts: Starts = (0,)) -> FloatArray:
+def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, starts: Starts = (0,),
+                   missing: FloatArray | float = 0.0) -> FloatArray:
     """Taps of an AR model (coefficients after the leading 1) whose order 0..largest BIC chooses (Levinson-Durbin).
 
-    `starts` are the first samples of the segments.
+    `starts` are the first samples of the segments; `missing` are autocovariances (largest + 1,) to be added.
     """
-    r = autocovariance(residual, good, largest, starts)
+    r = autocovariance(residual, good, largest, starts) + missing
     n = float(good.sum())
     if r[0] <= 0.0 or n < 10 * largest:
         return np.empty(0)

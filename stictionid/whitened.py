@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .absorbed import noise_of
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import descended
-from .noise import autoregression, filtered
+from .noise import filtered
 from .restarts import bound
 from .spec import Evaluated
 
@@ -73,8 +74,7 @@ def without_noise(model: Model, values: FloatArray) -> float:
 def noise_taps(w: Whitened) -> FloatArray:
     """Autoregression of the free-run residual, in differences where the model is fitted in them."""
     polynomial = np.array([1.0, -1.0]) if w.model.spec.increments else np.ones(1)
-    return autoregression(*filtered(w.evaluated.residual, w.evaluated.counted > 0, polynomial), ORDER,
-                          w.model.loop.starts)
+    return noise_of(w.model, w.evaluated, polynomial, ORDER)
 
 
 def with_taps(model: Model, values: FloatArray, taps: FloatArray) -> Whitened:

@@ -26,7 +26,7 @@ FLOORS = [
     {"restarts", "segments"},
     {"rerun"},
     {"arx", "moves", "simulate", "historian", "gates", "steptest"},
-    {"starts", "profiles", "grown"},
+    {"starts", "profiles", "grown", "absorbed"},
     {"plateaus"},
     {"intervals"},
     {"fit", "position"},
