@@ -22,6 +22,8 @@ from .spec import Evaluated
 
 # Difference for the slopes, as a share of the range; and the share of the largest below which a direction says nothing.
 _DIFFERENCE, _NOTHING = 1e-3, 1e-8
+# The most that a fit may have taken, as a share of what is left: a twentieth at a root of 0.8 in 1200 samples. Unit: 1.
+_MOST = 0.25
 
 
 def noise_of(model: Model, evaluated: Evaluated, polynomial: FloatArray, largest: int) -> FloatArray:
@@ -45,7 +47,10 @@ def noise_of(model: Model, evaluated: Evaluated, polynomial: FloatArray, largest
     sd = float(np.sqrt(np.sum(innovation[rows]**2) / max(int(rows.sum()) - len(axes), 1)))
     # What each direction that the data know takes of the noise, one standard deviation of it.
     taken = sd * (columns[:, used] / size[used]) @ axes.T
-    missing = sum(autocovariance(x, good, largest, starts) for x in taken.T)
+    missing = np.sum([autocovariance(x, good, largest, starts) for x in taken.T], axis=0)
+    # A residual that is mostly what the model lacks says nothing of what a fit took of the noise.
+    if missing[0] > _MOST * np.mean(signal[good]**2):
+        return first
     return autoregression(signal, good, largest, starts, missing)
 
 
@@ -54,7 +59,9 @@ def slopes_of(model: Model, evaluated: Evaluated) -> FloatArray:
     values = model.vector(evaluated.values)
     free = np.flatnonzero(movable(model) > 0)
     free = free[~np.isin(free, (0, *model.forces))]
-    trial, width = beside(model.cube(values[:, None]), free, np.full((1, free.size), _DIFFERENCE))
+    trial, width = model.cube(values[:, None]), np.ones((1, 0))
+    if free.size:
+        trial, width = beside(trial, free, np.full((1, free.size), _DIFFERENCE))
     base, offsets = model.responses(model.values(trial), filtered=False)
     own = model.own_columns(base, offsets)
     # A second lag of 0 has no transient, but has one beside 0: it stands last.

@@ -33,8 +33,9 @@ _SAMPLES, _FINE, _PACES = 3, 64, (0.6, 1.4)
 # slopes know less: the best few are descended to from farther away.
 _POSSIBLE, _FURTHER, _ALIKE, _MOST = 8.0, 8.0, 0.5, 10
 _MUCH_FURTHER, _FAR = 60.0, 2
-# Turns of a descent on one plateau and when it has settled; difference for the slopes.
-_TURNS, _SETTLED, _DIFFERENCE = 6, 1e-4, 1e-3
+# Turns of a descent on one plateau and when it has settled; difference for the slopes, and the share of the largest
+# slope below which there is none.
+_TURNS, _SETTLED, _DIFFERENCE, _NO_SLOPE = 6, 1e-4, 1e-3, 1e-9
 # Slip jumps tried on each plateau, as shares of that of the optimum.
 _JUMPS = (1.0, *(1.0 + 0.01 * np.array([-9, -6, -4, -3, -2, -1, -0.5, 0.5, 1, 2, 3, 4, 6, 9])).tolist())
 # Steps between two values of S of which one is possible, numbers held at once, and the residual of a valve that never
@@ -147,8 +148,11 @@ class _Scan:
         self.held = (0, *model.forces)
         free = np.flatnonzero(movable(model) > 0)
         free = free[~np.isin(free, self.held)]
-        slopes, _ = slopes_at(model.residuals, point[None], free, np.full((1, free.size), _DIFFERENCE))
-        self.basis = np.linalg.qr(slopes[0])[0]
+        self.basis = np.zeros((model.loop.samples, 0))
+        if free.size:
+            slopes, _ = slopes_at(model.residuals, point[None], free, np.full((1, free.size), _DIFFERENCE))
+            size = np.linalg.norm(slopes[0], axis=0)
+            self.basis = np.linalg.qr(slopes[0][:, size > _NO_SLOPE * size.max()])[0]
         self.pace = move.pace * model.step_s
         self.lacks = [_lacks(piece, values[row] * 0.5 * (values[0] + values[1]), 0.5 * (values[0] + values[1]), side)
                       for piece, row, side in zip(model.pieces, model.forces, move.sides, strict=True)]

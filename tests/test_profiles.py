@@ -6,11 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from stictionid.absorbed import noise_of, slopes_of
 from stictionid.fit import search
 from stictionid.intervals import INTERVAL_THRESHOLD, cloud, effective_rows, intervals_of, outline, widened
 from stictionid.model import Model
 from stictionid.moves import descended, with_start
+from stictionid.noise import autoregression, filtered
 from stictionid.oscillation import find_range
 from stictionid.plateaus import Plateaus, plateaus
 from stictionid.profiles import Mover, spread_over
@@ -140,3 +143,28 @@ def test_the_outline_is_a_few_possible_points_over_the_ranges(fitted) -> None:
         assert all_[name][0] <= few[i].min() and few[i].max() <= all_[name][1]
         assert np.ptp(few[i]) > 0.5 * (all_[name][1] - all_[name][0])
     assert spread_over(np.array([0.0, 0.1, 0.9, 1.0]), np.array([2.0, 1.0, 4.0, 3.0]), 2).tolist() == [1, 3]
+
+
+def test_a_noise_model_knows_what_the_fit_took_of_the_noise() -> None:
+    # Slow slopes take slow noise: over many records the root of the residual is too near to 0, put right it is not.
+    root, n = 0.8, 600
+    setting = Setting(Plant(1.5, 10.0, 4.0), Controller(0.7, 10.0, scan_s=1.0), *TRUE, duration_s=float(n),
+                      setpoint_moves=((0.0, 3.0),))
+    quiet = simulate(setting, seed=3).loop
+    found = find_range(quiet)
+    model = Model(quiet, Spec(taps=(-root,)), s_max=found.s_max, period_s=found.period_median_s)
+    true = model.vector({"S": 3.0, "J": 1.5, "initial_residual_force": 0.85, "time_constant_s": 10.0,
+                         "dead_time_s": 4.0})
+    e = model.evaluate(true)
+    X, good = slopes_of(model, e), e.counted > 0
+    rng, plain, right = np.random.default_rng(1), [], []
+    for _ in range(200):
+        noise = lfilter([1.0], [1.0, -root], rng.standard_normal(n + 100))[100:]
+        white, rows = filtered(noise, good, np.array([1.0, -root]))
+        Z = np.stack([filtered(x, good, np.array([1.0, -root]))[0] for x in X.T], axis=1)
+        left = noise - X @ np.linalg.lstsq(Z[rows], white[rows], rcond=1e-9)[0]
+        plain.append(autoregression(left, good, 1)[0])
+        right.append(noise_of(model, replace(e, residual=left), np.ones(1), 1)[0])
+    error = np.std(right) / np.sqrt(len(right))
+    assert np.mean(plain) + root > 0.012
+    assert abs(np.mean(right) + root) < 0.005 + error and abs(np.mean(right) + root) < 0.5 * (np.mean(plain) + root)
