@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .absorbed import noise_of
 from .arx import Arx
 from .effects import parse
 from .fit import Fitted, polish_smooth
@@ -21,7 +20,7 @@ from .grown import grown_valves
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import descended, longest_piece, search_model, spreads, with_start
-from .noise import filtered
+from .noise import autoregression, filtered
 from .resonance import NUMBERS, resonance
 from .restarts import bound
 from .search import Found, refine, swarm
@@ -481,12 +480,12 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
     polynomial = np.concatenate([[1.0], own])
     if increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
+    signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
     if noise == RESONANT:
-        signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
         part = model.loop.longest
         found = resonance(signal[part], good[part], rng or np.random.default_rng(0))
         return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
-    ar = noise_of(model, evaluated, polynomial, order)
+    ar = autoregression(signal, good, order, model.loop.starts)
     return ar, ar.size
 
 
