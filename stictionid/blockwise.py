@@ -85,8 +85,8 @@ class Blockwise:
         _solve(squares, cross, raw, self.common, self.target_energy, cost, sizes)
         return cost, sizes
 
-    def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,)) -> FloatArray:
-        """Residuals (n, P) of each candidate after the fit of `solve`, 0 where a row does not count."""
+    def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,), *, lent: bool = False) -> FloatArray:
+        """Residuals (n, P) of each candidate after the fit of `solve`, 0 where a row does not count; never lent."""
         cost, sizes = self.solve(base, offsets)
         parts = []
         for i, (block, first) in enumerate(zip(self.blocks, self.firsts, strict=True)):

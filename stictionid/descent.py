@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .kernels import kernel
+from .kernels import FULL, LANES, kernel
 from .loop import FloatArray
 from .search import Cost, Found
 
@@ -54,22 +54,19 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
         spent += live.size * (2 * free.size + 1)
         trial = points[live, None, :].repeat(_DAMPINGS.size, axis=1)
         trial[:, :, free] += damped_moves(normals, gradients)
-        trial = np.clip(trial, 0.0, 1.0)
+        np.clip(trial, 0.0, 1.0, out=trial)
         c = cost(trial.reshape(-1, d)).reshape(live.size, -1)
         spent += c.size
-        going = np.ones(live.size, bool)
-        for i, g in enumerate(live):
-            best = int(np.argmin(c[i]))
-            gained = costs[g] - c[i, best] if np.isfinite(c[i, best]) else 0.0
-            if gained > 0.0:
-                points[g], costs[g] = trial[i, best], c[i, best]
-            if gained <= settle * costs[g]:
-                step[g] *= _SHRINK
-                idle[g] += 1
-                going[i] = idle[g] < _IDLE
-            else:
-                idle[g] = 0
-        live = live[going]
+        best = c.argmin(axis=1)
+        least = c[np.arange(live.size), best]
+        gained = np.where(np.isfinite(least), costs[live] - least, 0.0)
+        better = gained > 0.0
+        points[live[better]] = trial[better, best[better]]
+        costs[live[better]] = least[better]
+        small = gained <= settle * costs[live]
+        step[live[small]] *= _SHRINK
+        idle[live] = np.where(small, idle[live] + 1, 0)
+        live = live[idle[live] < _IDLE]
     order = np.argsort(costs, kind="stable")
     return Found(points[order], costs[order], spent)
 
@@ -90,23 +87,44 @@ def slopes_at(residuals: Residuals, points: FloatArray, free: FloatArray,
 
 def normals_at(residuals: Residuals, points: FloatArray, free: FloatArray,
                step: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Products (k, f, f) of the slopes of `slopes_at` with each other and (k, f) with the residuals, summed over n."""
+    """Products (k, f, f) of the slopes of `slopes_at` with each other and (k, f) with the residuals, summed over n.
+
+    As many points at a time as the kernels take together, filled up: their residuals are used up before the next ones.
+    """
     k, f = points.shape[0], free.size
     trial, width = beside(points, free, step)
     normals, gradients = np.zeros((k, f, f)), np.zeros((k, f))
-    _normals(residuals(trial), 1.0 / width, normals, gradients)
+    together = max(LANES // (2 * f + 1), 1)
+    for a in range(0, k, together):
+        starts = slice(a, min(a + together, k))
+        part = trial[a * (2 * f + 1):starts.stop * (2 * f + 1)]
+        missing = -len(part) % FULL
+        if missing:
+            part = np.concatenate([part, part[-1:].repeat(missing, axis=0)])
+        _normals(residuals(part), 1.0 / width[starts], normals[starts], gradients[starts])
     return normals, gradients
 
 
 def beside(points: FloatArray, free: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points (k (2f+1), d) for the differences of points (k, d), themselves first, and the widths (k, f)."""
-    f = free.size
-    trial = points[:, None, :].repeat(2 * f + 1, axis=1)
-    for j, column in enumerate(free):
-        trial[:, 1 + j, column] = np.minimum(points[:, column] + step[:, j], 1.0)
-        trial[:, 1 + f + j, column] = np.maximum(points[:, column] - step[:, j], 0.0)
-    width = np.stack([trial[:, 1 + j, c] - trial[:, 1 + f + j, c] for j, c in enumerate(free)], axis=1)
-    return trial.reshape(-1, points.shape[1]), np.maximum(width, 1e-300)
+    (k, d), f = points.shape, free.size
+    trial, width = points[:, None, :].repeat(2 * f + 1, axis=1), np.empty((k, f))
+    _fill(trial, free, step, width)
+    return trial.reshape(-1, d), width
+
+
+@kernel
+def _fill(trial, free, step, width):
+    """Move the free numbers of points, one by one up and then down, in trial (k, 2f+1, d) that holds them unmoved."""
+    k, f = width.shape
+    for g in range(k):
+        for j in range(f):
+            column = free[j]
+            now = trial[g, 0, column]
+            up, down = min(now + step[g, j], 1.0), max(now - step[g, j], 0.0)
+            trial[g, 1 + j, column] = up
+            trial[g, 1 + f + j, column] = down
+            width[g, j] = max(up - down, 1e-300)
 
 
 @kernel
@@ -146,7 +164,43 @@ def principal(normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def damped_moves(normal: FloatArray, gradient: FloatArray) -> FloatArray:
     """Steps (…, dampings, f) that lower the squared residuals, by their slopes' products with each other and them."""
-    values, vectors, size = principal(normal)
-    along = (gradient / size)[..., None, :] @ vectors
-    return -(along / (np.maximum(values, 0.0)[..., None, :] + _DAMPINGS[:, None])) @ np.swapaxes(
-        vectors, -1, -2) / size[..., None, :]
+    f = gradient.shape[-1]
+    moves = np.empty((gradient.size // f, _DAMPINGS.size, f))
+    _moves(np.ascontiguousarray(normal).reshape(-1, f, f), np.ascontiguousarray(gradient).reshape(-1, f), _DAMPINGS,
+           moves)
+    return moves.reshape(*gradient.shape[:-1], _DAMPINGS.size, f)
+
+
+@kernel
+def _moves(normal, gradient, dampings, moves):
+    """Every damped system by a Cholesky factor, its slopes scaled to a length of 1 as in `principal`."""
+    k, f = gradient.shape
+    size, x = np.empty(f), np.empty(f)
+    root = np.empty((f, f))
+    for g in range(k):
+        largest = 0.0
+        for i in range(f):
+            largest = max(largest, normal[g, i, i])
+        for i in range(f):
+            size[i] = max(np.sqrt(normal[g, i, i]), 1e-9 * np.sqrt(largest) + 1e-100)
+        for m in range(dampings.size):
+            for i in range(f):
+                x[i] = -gradient[g, i] / size[i]
+                for j in range(i + 1):
+                    total = normal[g, i, j] / (size[i] * size[j])
+                    for n in range(j):
+                        total -= root[i, n] * root[j, n]
+                    if i == j:
+                        root[i, i] = np.sqrt(max(total + dampings[m], 0.5 * dampings[m]))
+                    else:
+                        root[i, j] = total / root[j, j]
+            for i in range(f):
+                for n in range(i):
+                    x[i] -= root[i, n] * x[n]
+                x[i] /= root[i, i]
+            for i in range(f - 1, -1, -1):
+                for n in range(i + 1, f):
+                    x[i] -= root[n, i] * x[n]
+                x[i] /= root[i, i]
+            for i in range(f):
+                moves[g, m, i] = x[i] / size[i]

@@ -23,7 +23,7 @@ from .between import interval_means, rebuild
 from .blockwise import Blockwise
 from .effects.contract import Context, Effect, Record
 from .errors import ModelError
-from .kernels import FULL
+from .kernels import FULL, LANES, output
 from .loop import BoolArray, FloatArray, Loop
 from .noise import first_rows
 from .parameters import Parameter, Space
@@ -40,7 +40,7 @@ _SMALLEST_S = 0.01
 # Candidates evaluated together are limited so that their positions take 8 MB. Fewer, which would stay in the cache,
 # cost a quarter more: every row of a kernel has costs of its own (measured at 1,000 to 40,000 rows). Unit: numbers.
 _BLOCK = 1 << 20
-_FEWEST_LANES, _MOST_LANES = 16, 64
+_FEWEST_LANES = 16
 # Samples left out of the cost at the start, as a share of the record and at most this many periods.
 _SKIP_SHARE, _SKIP_PERIODS = 0.05, 0.5
 # Parts of a sample where an effect moves the stem between two values of a held command.
@@ -341,7 +341,7 @@ class Model:
 
         A block is filled up with copies of its last candidate to a width that the kernels like.
         """
-        lanes = min(max(_BLOCK // (self.loop.samples * self.parts) // 16 * 16, _FEWEST_LANES), _MOST_LANES)
+        lanes = min(max(_BLOCK // (self.loop.samples * self.parts) // 16 * 16, _FEWEST_LANES), LANES)
         for a in range(0, values.shape[1], lanes):
             part = values[:, a:a + lanes]
             missing = -part.shape[1] % FULL
@@ -363,19 +363,24 @@ class Model:
             out[rows] = costs[:rows.stop - rows.start]
         return out
 
-    def residuals(self, cube: FloatArray) -> FloatArray:
+    def residuals(self, cube: FloatArray, *, lent: bool = False) -> FloatArray:
         """Weighted residuals (n, P) of points (P, d) after their linear part was fitted; what descent is made of.
 
-        Zero where a sample does not count; not a number for a valve that never moves.
+        Zero where a sample does not count; not a number for a valve that never moves. `lent` ones hold until the next
+        call (see `kernels.scratch`).
         """
         values = self.values(cube)
-        out = np.empty((self.loop.samples, values.shape[1]))
+        out: FloatArray | None = None
         for rows, part in self.blocks(values):
             base, offsets = self.responses(part, lent=True)
             found = (self._fixed_gain_residuals(base, offsets) if "gain" in self.spec.fixed
-                     else self.shared.residuals(base, offsets))
+                     else self.shared.residuals(base, offsets, lent=True))
+            if lent and found.shape[1] == values.shape[1]:
+                return found
+            if out is None:
+                out = output("all residuals", self.loop.samples, values.shape[1], lent)
             out[:, rows] = found[:, :rows.stop - rows.start]
-        return out
+        return np.empty((self.loop.samples, 0)) if out is None else out
 
     def _fixed_gain_residuals(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
         """Residuals with the gain of the process given: the response joins the target instead of the columns."""

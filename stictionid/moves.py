@@ -6,6 +6,7 @@ What searches, intervals and diagnosis share. Source: METHODS.md section 4; DESI
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -165,7 +166,7 @@ def descended(model: Model, starts: FloatArray, *, held: tuple[int, ...] = (), t
     """Starts (k, d) of a model polished by descent, in all numbers that may move but those `held`; best first."""
     spread = _DIFFERENCE * movable(model)
     spread[list(held)] = 0.0
-    return descend(model.residuals, model.costs, starts, spread=spread, turns=turns, settle=settle)
+    return descend(partial(model.residuals, lent=True), model.costs, starts, spread=spread, turns=turns, settle=settle)
 
 
 def movable(model: Model) -> FloatArray:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .descent import slopes_at
+from .kernels import LANES
 from .loop import FloatArray
 from .model import Model
 from .moves import descended, movable
@@ -38,9 +39,8 @@ _MUCH_FURTHER, _FAR = 60.0, 2
 _TURNS, _SETTLED, _DIFFERENCE, _NO_SLOPE = 6, 1e-4, 1e-3, 1e-9
 # Slip jumps tried on each plateau, as shares of that of the optimum.
 _JUMPS = (1.0, *(1.0 + 0.01 * np.array([-9, -6, -4, -3, -2, -1, -0.5, 0.5, 1, 2, 3, 4, 6, 9])).tolist())
-# Steps between two values of S of which one is possible, numbers held at once, and the residual of a valve that never
-# moves.
-_BETWEEN, _BLOCK, _EXCLUDED = 8, 1 << 21, 1e100
+# Steps between two values of S of which one is possible, and the residual of a valve that never moves.
+_BETWEEN, _EXCLUDED = 8, 1e100
 # Of the first slip, which comes at a pace of its own: how many samples beside those of
 # the dead time.
 _FIRST = 1
@@ -205,12 +205,11 @@ class _Scan:
     def followed(self, points: FloatArray) -> FloatArray:
         """What points (m, d) cost once the smooth numbers have followed (m,)."""
         out = np.empty(len(points))
-        width = max(_BLOCK // self.model.loop.samples, 16)
-        for a in range(0, len(points), width):
-            r = self.model.residuals(points[a:a + width])
-            r = np.where(np.isfinite(r), r, _EXCLUDED)
+        for a in range(0, len(points), LANES):
+            r = self.model.residuals(points[a:a + LANES], lent=True)
+            r[~np.isfinite(r)] = _EXCLUDED
             cost = np.einsum("np,np->p", r, r)
-            out[a:a + width] = np.maximum(cost - np.sum((self.basis.T @ r)**2, axis=0), 1e-12 * cost)
+            out[a:a + LANES] = np.maximum(cost - np.sum((self.basis.T @ r)**2, axis=0), 1e-12 * cost)
         return out
 
     def _with_jump(self, lanes: FloatArray) -> FloatArray:

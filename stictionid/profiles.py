@@ -25,6 +25,8 @@ _TOGETHER = (4, 1)
 _BETWEEN, _SHARED, _ROUNDS, _SMOOTH_ROUNDS = 8, 4, 3, 2
 # Points that each rung starts from (outermost ones, best ones over the range of the other number).
 _OUTERMOST, _OVER = 3, 3
+# Rungs that are polished beyond what is possible unpolished, where the cost is smooth.
+_SMOOTH_RUNGS = 4
 
 
 def reached(model: Model, cube: FloatArray, cost: FloatArray, ratio: float,
@@ -72,7 +74,12 @@ def _outwards(move: Mover, cube: FloatArray, cost: FloatArray, ratio: float, num
         points = model.cube(trial.reshape(len(trial), -1))
         costs = model.costs(points)
         near, groups = points[costs <= limit], costs.reshape(goal.size // (together if first else _SHARED), -1)
-        parts.append(points[groups.argmin(axis=1) + np.arange(len(groups)) * groups.shape[1]])
+        best = points[groups.argmin(axis=1) + np.arange(len(groups)) * groups.shape[1]]
+        if first and not model.spec.held:
+            # Where the cost is smooth, rungs before the first excluded one need no polish, nor those far beyond it.
+            beyond = int(np.argmax(groups.min(axis=1) > limit)) if groups[-1].min() > limit else len(groups) - 1
+            best, goal = best[beyond:beyond + _SMOOTH_RUNGS], goal[beyond:beyond + _SMOOTH_RUNGS]
+        parts.append(best)
         found.append(near[np.argsort(-sign * model.values(near)[number], kind="stable")[:_OUTERMOST]])
         targets.append(goal)
     held = (0, *model.forces) if number == 0 else (0, 1, *model.forces)

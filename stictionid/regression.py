@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .kernels import kernel
+from .kernels import kernel, output
 from .loop import BoolArray, FloatArray, IntArray
 from .products import products
 
@@ -124,13 +124,18 @@ class Shared:
         _solve(squares, cross, self.freedom, self.target_energy, cost, sizes)
         return cost, sizes
 
-    def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,)) -> FloatArray:
-        """Residuals (n, P) of each candidate after the fit of `solve`, 0 where a row does not count."""
+    def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,), *, lent: bool = False) -> FloatArray:
+        """Residuals (n, P) of each candidate after the fit of `solve`, 0 where a row does not count.
+
+        `lent` ones hold until the next call (see `kernels.scratch`).
+        """
         squares, cross = products(base, offsets, self.right, *self.runs)
         cost, sizes = self.solved(squares, cross)
-        out = np.empty((self.target.size, base.shape[1]))
+        out = output("residuals", self.target.size, base.shape[1], lent)
         _residuals(base, np.asarray(offsets, np.int64), sizes, cross, self.weight, self.target, self.basis, out)
-        out[:, ~np.isfinite(cost)] = REJECTED
+        still = ~np.isfinite(cost)
+        if still.any():
+            out[:, still] = REJECTED
         return out
 
 
