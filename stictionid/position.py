@@ -19,6 +19,10 @@ from .search import Found, refine, swarm
 # Samples by which a recorded position may lag the command.
 _LARGEST_LAG = 3
 _FEWEST_SAMPLES = 20
+# A position shows stiction where the law leaves less than this share of what a position in proportion to the output
+# does, and S is more than this share of the range of the output, and this many times the smallest change recorded (the
+# quantile that stands for it): a valve that moves freely rests and jumps in a record by exception, too. Unit: 1.
+_LEFT, _RELEVANT, _BEYOND, _SMALLEST = 0.5, 0.1, 3.0, 0.05
 
 
 def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generator) -> PositionEstimate | None:
@@ -67,5 +71,17 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
     cost, gain = solve(best.points[:1])
     if not np.isfinite(cost[0]):
         return None
-    S, J = values(best.points[:1])
-    return PositionEstimate(float(S[0]), float(J[0]), float(np.sqrt(cost[0] / shared.rows)), float(gain[0]), None)
+    S, J = (float(v[0]) for v in values(best.points[:1]))
+    rmse = float(np.sqrt(cost[0] / shared.rows))
+    straight = min(float(shared.solve(command[:, None], (first - lag,))[0][0]) for lag in range(_LARGEST_LAG + 1))
+    straight = float(np.sqrt(straight / shared.rows))
+    shows = rmse < _LEFT * straight and _RELEVANT * float(np.ptp(command[good])) < S \
+        and abs(gain[0]) * S > _BEYOND * _resolution(z[good])
+    return PositionEstimate(S, J, rmse, float(gain[0]), None, straight, bool(shows))
+
+
+def _resolution(z: FloatArray) -> float:
+    """The smallest change that the record of a position (n,) shows: of its quantum, or of exception reporting."""
+    moves = np.abs(np.diff(z))
+    moves = moves[moves > 1e-9 * float(np.ptp(z))]
+    return float(np.quantile(moves, _SMALLEST)) if moves.size else float(np.ptp(z))

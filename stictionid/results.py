@@ -89,13 +89,19 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class PositionEstimate:
-    """S and J read from a measured valve position, with the error of that fit in the unit of the position."""
+    """S and J read from a measured valve position, with the error of that fit in the unit of the position.
+
+    `rmse_proportional` is the error of a position in proportion to the output, as that of a valve without friction;
+    `shows_stiction` whether the difference is beyond what the resolution of the position could make.
+    """
 
     S: float
     J: float
     rmse: float
     gain: float | None = None
     offset: float | None = None
+    rmse_proportional: float | None = None
+    shows_stiction: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)

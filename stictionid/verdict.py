@@ -28,7 +28,7 @@ from .loop import FloatArray, Loop
 from .methods.run import Run
 from .model import Model
 from .moves import descended
-from .results import Verdict
+from .results import PositionEstimate, Verdict
 from .spec import FIRST_ORDER, INTEGRATOR, Spec
 from .starts import process_grid
 from .whitened import SETTLE, TURNS, WORTH, Whitened, noise_taps, whitened, with_taps, without_noise
@@ -53,6 +53,8 @@ _GLANCE, _RIVAL = 4, 1.5
 _NEAR, _EARLIER, _NO_DOUBT = 1.02, (0.0, 0.5, 1.0), 1000.0
 # Fewer reversals of the output than this cap the confidence (CRITICISM.md section 7, gate 0).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
+# The confidence where only a measured position shows it: its transmitter may stick, too.
+_SEEN = 0.9
 
 
 def judge(run: Run, fit: Fitted) -> Verdict:
@@ -136,6 +138,17 @@ def _predicts(one_step: float, won: int, gain: _Gain | None) -> str:
     word = "better" if share > 0.0 else "worse"
     size = f"{100 * abs(share):.{0 if abs(share) >= 0.01 else 1}f} %"
     return f"noise model included, it predicts the next sample {size} {word} on {where} ({won} of {blocks}){tail}"
+
+
+def with_position(verdict: Verdict, seen: PositionEstimate | None) -> Verdict:
+    """The verdict beside a measured position: one that rests and jumps is a valve that sticks, whatever y shows."""
+    if verdict.stiction == "stiction" or seen is None or not seen.shows_stiction:
+        return verdict
+    said = (f"the measured position rests and jumps: by it alone S is {seen.S:.4g}, J {seen.J:.4g}, and the law leaves "
+            f"{seen.rmse:.3g} where a position in proportion to the output leaves {seen.rmse_proportional:.3g}; from "
+            f"the process value alone: {verdict.stiction}, {verdict.reason}")
+    return replace(verdict, stiction="stiction", confidence=_SEEN, reason=said,
+                   evidence={**verdict.evidence, "without_position": verdict.stiction})
 
 
 def capped(verdict: Verdict, loop: Loop) -> Verdict:

@@ -16,14 +16,16 @@ from stictionid.errors import UsageError
 from stictionid.heldout import Held
 from stictionid.historian import read_loop
 from stictionid.identify import Options, identify
-from stictionid.loop import Finding
+from stictionid.loop import Finding, Loop
 from stictionid.model import Model
 from stictionid.noise import first_rows
+from stictionid.position import from_position
+from stictionid.results import Verdict
 from stictionid.search import refine
 from stictionid.severity import band, controller_law
 from stictionid.simulate import Controller, Plant, preset, simulate, with_stiction
 from stictionid.spec import Spec
-from stictionid.verdict import _answer, capped
+from stictionid.verdict import _answer, capped, with_position
 from stictionid.whitened import whitened
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
@@ -305,3 +307,33 @@ def test_bands_of_severity(S, word) -> None:
 def test_a_disturbance_of_another_length_is_refused() -> None:
     with pytest.raises(UsageError, match="7 samples"):
         simulate(preset("foptd"), disturbance=np.zeros(7))
+
+
+# A measured position -----------------------------------------------------------------------------------------------
+
+
+def seen(loop):
+    return from_position(loop, law="chen", s_max=float(np.ptp(loop.output)), rng=np.random.default_rng(0))
+
+
+def test_a_position_that_rests_and_jumps_is_a_valve_that_sticks_whatever_y_shows() -> None:
+    position = seen(simulate(scanned(5.0, 3.0, duration_s=600.0), seed=2).loop)
+    assert position is not None and position.shows_stiction and pytest.approx(5.0, rel=0.01) == position.S
+    said = with_position(Verdict("no stiction", "nothing to see", 0.9, {}), position)
+    assert said.stiction == "stiction" and "nothing to see" in said.reason and "S is 5" in said.reason
+    sure = Verdict("stiction", "seen in y", 0.98, {})
+    assert with_position(sure, position) is sure and with_position(sure, None) is sure
+
+
+@pytest.mark.parametrize("deviation", [0.0, 0.5, 2.0])
+def test_a_position_recorded_by_exception_shows_no_stiction(deviation: float) -> None:
+    rng = np.random.default_rng(4)
+    u = 50.0 + 3.0 * np.sin(np.arange(800) / 9.0) + 0.05 * rng.standard_normal(800)
+    z, last = u + 0.02 * rng.standard_normal(800), np.inf
+    for k in range(z.size):
+        last = z[k] if abs(z[k] - last) > deviation else last
+        z[k] = last
+    position = seen(Loop(output=u, process_value=u, position=z))
+    assert position is not None and not position.shows_stiction
+    clean = Verdict("no stiction", "nothing to see", 0.9, {})
+    assert with_position(clean, position) is clean

@@ -25,7 +25,7 @@ from ..results import Estimate, Step, Study
 from ..search import refine
 from ..segments import described
 from ..severity import severity_of
-from ..verdict import capped, judge
+from ..verdict import capped, judge, with_position
 from .numbers import public_parameters
 
 Progress = Callable[[str, float], None]
@@ -104,7 +104,8 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
 def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
     """The study with the verdict of its last model: what was missing no longer hides the valve, or acts as one."""
     run, fit = opened(loop, study, seed)
-    return replace(study, verdict=capped(judge(run, fit), loop))
+    seen = study.estimate.from_position if study.estimate else None
+    return replace(study, verdict=capped(with_position(judge(run, fit), seen), loop))
 
 
 def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -> Study:
