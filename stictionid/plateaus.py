@@ -30,10 +30,10 @@ from .profiles import Mover
 # with a dead time of k samples less, in such moves: from the first to the second number times k, half a move more.
 _SAMPLES, _FINE, _PACES = 3, 64, (0.6, 1.4)
 # Twice the log-likelihood ratio beyond which a plateau is out of the question, with what a scan may be wrong by; of
-# neighbours on one plateau; and the most plateaus that are descended to. Where the dead time differs by a sample the
-# slopes know less: the best few are descended to from farther away.
+# neighbours on one plateau; and the most plateaus that are descended to. Slopes know little of what is far: the
+# best few of every dead time are descended to whatever they say.
 _POSSIBLE, _FURTHER, _ALIKE, _MOST = 8.0, 8.0, 0.5, 10
-_MUCH_FURTHER, _FAR = 60.0, 2
+_FAR = 2
 # Turns of a descent on one plateau and when it has settled; difference for the slopes, and the share of the largest
 # slope below which there is none.
 _TURNS, _SETTLED, _DIFFERENCE, _NO_SLOPE = 6, 1e-4, 1e-3, 1e-9
@@ -194,7 +194,8 @@ class _Scan:
         trial[4] = np.clip(trial[4] - (samples - moved) * self.model.step_s, dead.low, dead.high)
         fs = np.maximum(0.5 * (trial[0] + (S if self.model.law.one_parameter else trial[1])), 1e-300)
         for row, side, (first, lacks) in zip(self.model.forces, self.move.sides, self.lacks, strict=True):
-            lack = lacks[np.clip(first + late.astype(int), 0, lacks.size - 1)]
+            now = 0.5 * (self.values[0] + self.values[1]) * (1.0 - side * self.values[row])
+            lack = np.where(late == 0.0, now, lacks[np.clip(first + late.astype(int), 0, lacks.size - 1)])
             trial[row] = np.clip(side * (1.0 - lack / fs), -1.0, 1.0)
         return self.model.cube(trial)
 
@@ -244,10 +245,9 @@ class _Scan:
         least = np.full(plateau[-1] + 1, np.inf)
         np.minimum.at(least, plateau, ratio)
         order = np.argsort(least, kind="stable")
-        samples = lanes[1, np.searchsorted(plateau, order)]
-        rank = np.array([(samples[:i] == k).sum() for i, k in enumerate(samples)])
-        far = (samples != 0) & (rank < _FAR) & (least[order] < _POSSIBLE + _MUCH_FURTHER)
-        chosen = order[far | ((least[order] < _POSSIBLE + _FURTHER) & (np.arange(order.size) < _MOST))]
+        near = order[least[order] < _POSSIBLE + _FURTHER]
+        far, samples = order[near.size:], lanes[1, np.searchsorted(plateau, order[near.size:])]
+        chosen = np.concatenate([near[:_MOST], *(far[samples == k][:_FAR] for k in np.unique(samples))])
         middles = np.array([(at := np.flatnonzero(plateau == which))[at.size // 2] for which in chosen], int)
         points, costs = np.empty((len(chosen), self.model.space.size)), np.empty(len(chosen))
         starts = self._with_jump(lanes[:, middles])
