@@ -19,6 +19,7 @@ from ..model import Model
 from ..moves import descended, search_model, with_start
 from ..noise import autocovariance
 from ..oscillation import noise_of
+from ..plateaus import plateaus
 from ..regression import whiten
 from ..scan import DECIMATED, parts_of, pi_law
 from ..search import Found
@@ -49,6 +50,10 @@ _ENDLESS_LAG, _ENDLESS_LOSS = 3.0, 0.05
 # An integrator whose free run leaves y by more than y moves does not win against a process that follows y to within the
 # second of these: a valve in a wrong basin may help it to predict a step ahead. Unit: standard deviations of y.
 _RUNS_AWAY, _FOLLOWS = 1.5, 0.5
+# Nor does one whose free-run error is so many times that of a process that follows y to within the second share.
+_TIMES, _CLOSELY = 4.0, 0.15
+# Share of the cost by which another step of S must do better in a first look to be gone on with. Unit: 1.
+_STEP_AWAY = 0.01
 # The command is taken as continuous only when that lowers the free-run error by this share; where one way leaves less
 # than the second share of the other's error a further lag can't change which is better: the most it took was half.
 _CORNER_GAIN, _CLEARLY = 0.05, 1.0 / 3.0
@@ -390,7 +395,9 @@ def _runs_away(run: Run, integrator: Tried, first: Tried) -> bool:
     if integrator.evaluated is None or first.evaluated is None:
         return False
     moves = float(np.std(run.used_y()))
-    return integrator.evaluated.rmse > _RUNS_AWAY * moves and first.evaluated.rmse < _FOLLOWS * moves
+    away, error = integrator.evaluated.rmse, first.evaluated.rmse
+    return (away > _RUNS_AWAY * moves and error < _FOLLOWS * moves) or (away > _TIMES * error and
+                                                                       error < _CLOSELY * moves)
 
 
 def _one_step(run: Run, tried: Tried) -> float:
@@ -421,9 +428,13 @@ def _noise_fills(run: Run, tried: Tried) -> bool:
 
 
 def at_noise(run: Run, tried: Tried, factor: float = ADEQUATE) -> bool:
-    e = tried.evaluated
-    floor = run.floor(e.position_means, e.values["dead_time_s"]) if e else None
-    return e is not None and floor is not None and e.rmse <= factor * floor
+    return tried.evaluated is not None and _is_noise(run, tried.evaluated, factor)
+
+
+def _is_noise(run: Run, e: Evaluated, factor: float = ADEQUATE) -> bool:
+    """Whether a free-run error is within so many times the irreducible noise."""
+    floor = run.floor(e.position_means, e.values["dead_time_s"])
+    return floor is not None and e.rmse <= factor * floor
 
 
 def first_look(run: Run, before: Model, values: dict[str, float], effect: str) -> tuple[Model, Found]:
@@ -450,4 +461,13 @@ def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tup
     starts = starts.repeat(len(guesses), axis=1)
     starts[at] = np.tile(guesses.T, starts.shape[1] // len(guesses))
     near = descended(model, with_start(model, model.cube(starts)), turns=_GLANCE, settle=QUICK_SETTLE).points
-    return model, descended(model, near[:QUICK_KEPT], turns=QUICK_TURNS - _GLANCE, settle=QUICK_SETTLE)
+    found = descended(model, near[:QUICK_KEPT], turns=QUICK_TURNS - _GLANCE, settle=QUICK_SETTLE)
+    if effect != LAG or _is_noise(run, before.evaluate(before.vector(values))):
+        return model, found
+    # A missing lag makes the dead time too long and, through it, S too small, by several samples: a step away each.
+    steps = plateaus(model, found.points[0])
+    if steps is None or not steps.costs.min() < found.costs[0] * (1.0 - _STEP_AWAY):
+        return model, found
+    more = descended(model, steps.points[[steps.costs.argmin()]], turns=QUICK_TURNS - _GLANCE, settle=QUICK_SETTLE)
+    points, costs = np.concatenate([more.points, found.points]), np.concatenate([more.costs, found.costs])
+    return model, Found(points[:QUICK_KEPT], costs[:QUICK_KEPT], found.evaluations + more.evaluations)
