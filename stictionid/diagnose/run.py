@@ -49,12 +49,6 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     another than before, so is the verdict. Raises DataError for an abstained study, and for one that can't be rebuilt.
     """
     tell = progress or (lambda text, share: None)
-    after = _diagnosed(loop, study, everything, apply, seed, jobs, bootstrap, tell)
-    return after if after.steps[-1] == study.steps[-1] else judged_anew(loop, after, seed)
-
-
-def _diagnosed(loop: Loop, study: Study, everything: bool, apply: bool, seed: int, jobs: int, bootstrap: int,
-               tell: Progress) -> Study:
     added: list[str] = []
     ranking: tuple[Candidate, ...] = ()
     while True:
@@ -69,7 +63,8 @@ def _diagnosed(loop: Loop, study: Study, everything: bool, apply: bool, seed: in
             return replace(study, candidates=kept, missing=())
         if chosen is None or chosen.stays:
             chosen = _looked(loop, study, seed, jobs, tell)
-            if len(added) < _JOINTLY:
+            # (A valve that does not stick has no effect for a lag to hide.)
+            if len(added) < _JOINTLY and study.verdict.stiction != "no stiction":
                 chosen = _with_lag(chosen, seed, jobs, tell)
         found, winner = chosen.found, chosen.winner
         if chosen.study is not study or found.better:
@@ -77,7 +72,7 @@ def _diagnosed(loop: Loop, study: Study, everything: bool, apply: bool, seed: in
             gone = [step.added for step in study.steps if step.added and step.added not in kept_names]
             if LAG in kept_names - {step.added for step in study.steps}:
                 added.append(LAG)
-            study = _replaced(chosen.study, chosen.run, found, winner, gone)
+            study = judged_anew(loop, _replaced(chosen.study, chosen.run, found, winner, gone), seed)
         p_value = None
         if bootstrap and winner is not None:
             from .bootstrap import p_of
@@ -94,8 +89,8 @@ def _diagnosed(loop: Loop, study: Study, everything: bool, apply: bool, seed: in
             return replace(study, missing=tuple(added), candidates=ranking or study.candidates) if apply else study
         ranking = study.candidates
         # What an addition makes superfluous goes (CRITICISM.md section 7, step 8); a finding of the step says so.
-        study = replace(add(loop, study, winner.name, seed=seed, prune=True, known=winner.refit,
-                            progress=tell), candidates=ranking)
+        study = add(loop, study, winner.name, seed=seed, prune=True, known=winner.refit, progress=tell)
+        study = replace(judged_anew(loop, study, seed), candidates=ranking)
         added.append(parse(winner.name)[0].name)
 
 
