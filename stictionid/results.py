@@ -265,6 +265,9 @@ class Study:
     schema: str = SCHEMA
 
 
+_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
+
+
 def plain(value: Any) -> Any:
     """A result as plain JSON types: dataclasses to dicts, tuples and arrays to lists, non-finite numbers to None."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -272,6 +275,8 @@ def plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
+        if set(map(type, value)) == {float}:
+            return [v if math.isfinite(v) else None for v in value]  # in one pass, as below
         return [plain(v) for v in value]
     if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
         return value
@@ -290,9 +295,23 @@ def to_json(value: Any) -> str:
     content = plain(value)
     if isinstance(content, dict) and "schema" in content:
         content = {"schema": content.pop("schema"), **content}
-    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = _indented(content, "\n") + "\n"
     # A file name that is not valid UTF-8 reaches Python as lone surrogates; as JSON escapes they are legal text.
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def _indented(content: Any, line: str) -> str:
+    """JSON text with a line for every item but those of lists of numbers and words; `line` begins one.
+
+    The library would write a line for every number, item by item in Python.
+    """
+    inner = line + " "
+    if isinstance(content, dict) and content:
+        items = (f"{_ENCODER.encode(key)}: {_indented(value, inner)}" for key, value in content.items())
+        return "{" + inner + ("," + inner).join(items) + line + "}"
+    if isinstance(content, list) and any(isinstance(value, (dict, list)) for value in content):
+        return "[" + inner + ("," + inner).join(_indented(value, inner) for value in content) + line + "]"
+    return _ENCODER.encode(content)
 
 
 def study_from_json(text: str) -> Study:

@@ -202,28 +202,33 @@ def friction_free(run: Run, sticking: Whitened) -> Whitened:
             continue
         # Under a command that moves between samples the valve must not be the only one to know how it moved.
         tried.append(_whitened_free(run, bare, sticking))
-        if _held_may_win(run, held, tried[-1], sticking):
-            tried.append(_whitened_free(run, held, sticking))
+        other = _held_beside(run, held, tried[-1], sticking)
+        if other is not None:
+            tried.append(other)
     return min(tried, key=lambda w: w.innovation_sd)
 
 
-def _held_may_win(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) -> bool:
-    """Whether a held command is worth a search beside a moving one that was searched.
+def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) -> Whitened | None:
+    """The rival with a held command beside one with a moving command that was searched; None where it is no rival.
 
-    It is not where friction has lost already, since another rival can only take more from it; nor where a descent from
-    the process and with the noise of the moving one comes out worse, or leaves no doubt that the valve sticks: what a
-    noise of its own could gain would not change the answer.
+    It is none where friction has lost already, since another rival can only take more from it, and where a descent
+    from the process and with the noise of the moving one comes out clearly worse. Where that descent leaves no doubt
+    that the valve sticks it will do: what a search and a noise of its own could gain would not change the answer.
     """
     measured = _measured(run, sticking, moving)
     if measured[0] < _CLEAN and _answer(*measured)[0] == "no stiction":
-        return False
+        return None
     taps = moving.model.spec.taps
     model = run.model(replace(spec, taps=taps))
     starts = moving.values[:, None].repeat(len(_EARLIER), axis=1)
     starts[4] = np.maximum(starts[4] - np.array(_EARLIER) * model.step_s, 0.0)
     found = descended(model, model.cube(starts), turns=_GLANCE, settle=SETTLE)
     near = with_taps(model, model.values(found.points[:1])[:, 0], np.asarray(taps))
-    return near.innovation_sd < _NEAR * moving.innovation_sd and _measured(run, sticking, near)[0] < _NO_DOUBT
+    if near.innovation_sd > _NEAR * moving.innovation_sd:
+        return None
+    if _measured(run, sticking, near)[0] < _NO_DOUBT:
+        return _whitened_free(run, spec, sticking)
+    return replace(near, rmse=min(near.rmse, moving.rmse))
 
 
 def _whitened_free(run: Run, spec: Spec, sticking: Whitened) -> Whitened:
@@ -262,5 +267,5 @@ def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = N
     # The others have come to the same optimum or are far from it.
     other = (first.costs > first.costs[0] * (1.0 + SETTLE)) & (first.costs < _RIVAL * first.costs[0])
     other[0] = True
-    found = descended(model, first.points[other], settle=SETTLE)
+    found = descended(model, first.points[other])
     return model, model.values(found.points[:1])[:, 0]
