@@ -14,7 +14,7 @@ from ..loop import Finding, FloatArray, Loop
 from ..methods import get as get_method
 from ..methods.contract import intervals_withheld, without_intervals
 from ..methods.options import Options, check_tag
-from ..methods.run import Run
+from ..methods.run import CONDITIONAL, Run
 from ..model import Model
 from ..moves import search_model, spreads, with_start
 from ..oscillation import find_range
@@ -126,13 +126,16 @@ def judged(run: Run, step: Step, after: Fitted) -> tuple[bool, str]:
 
 
 def finished_step(run: Run, after: Fitted, added: str | None, findings: Sequence[Finding] = ()) -> Step:
-    """A fit as a step with the effects' numbers under their public names."""
+    """A fit as a step with the effects' numbers under their public names.
+
+    Whether its intervals are conditional is said of this fit, not of one whose `findings` are kept.
+    """
     step = run.step(replace(after, runs=1, agree=1), added)
     variant = ""
     if added:
         effect, variant = parse(added)
         step = replace(step, added=effect.name, variant=variant)
-    return replace(step, findings=(*step.findings, *findings),
+    return replace(step, findings=(*step.findings, *(f for f in findings if f.code != CONDITIONAL)),
                    parameters=public_parameters(after, step.parameters))
 
 

@@ -28,7 +28,7 @@ from .options import Options
 ADEQUATE = 1.05
 WALK = "random-walk-disturbance"
 # Beyond this many times the noise the intervals, which take the model for right, are said to be conditional.
-_CONDITIONAL = 2.0
+CONDITIONAL, _CONDITIONAL = "intervals-conditional", 2.0
 # A lag beyond this share of the period looks like an integrator; that must then lower the error of the differences by
 # this share.
 LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
@@ -127,7 +127,7 @@ class Run:
         walks = any(x.name == WALK for x in fit.model.effects)
         if fit.intervals and floor and e.rmse > _CONDITIONAL * floor and not walks:
             findings.append(Finding(
-                "intervals-conditional", "warning",
+                CONDITIONAL, "warning",
                 f"the intervals take the model for right, but its free-run error {e.rmse:.4g} is {e.rmse / floor:.2g} "
                 f"times the irreducible noise {floor:.4g}: S and J may lie outside (stictionid diagnose looks for what "
                 "is missing, stictionid agree FILE --windows 3 shows how far they move along the record)",
