@@ -13,7 +13,7 @@ from .loop import FloatArray
 from .model import Model
 from .moves import descended, movable, spreads
 from .noise import autocovariance
-from .plateaus import plateaus
+from .plateaus import plateaus, ridges
 from .profiles import reached, spread_over
 from .spec import Evaluated
 
@@ -76,10 +76,20 @@ def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
     steps = plateaus(model, cube[cost.argmin()])
     if steps is not None:
         cube, cost = np.concatenate([cube, steps.points]), np.concatenate([cost, steps.costs])
+    # Where an effect has a share in the thresholds S is as smooth as any number, along with that effect's.
+    along = ridges(model, cube[cost.argmin()]) if steps is not None and not steps_only else np.empty((0, len(cube[0])))
+    if len(along):
+        cube, cost = np.concatenate([cube, along]), np.append(cost, model.costs(along))
     ratio = _possible(model, cube, cost)
     if not steps_only:
         cube, cost = reached(model, cube, cost, ratio, (0, 1) if steps is None else (1,))
-    return cube, cost, None if steps is None else steps.interval(INTERVAL_THRESHOLD / np.log(ratio), INTERVAL_LEVEL)
+    if steps is None:
+        return cube, cost, None
+    low, high = steps.interval(INTERVAL_THRESHOLD / np.log(ratio), INTERVAL_LEVEL)
+    if len(along):
+        possible = model.values(cube[cost <= ratio * cost.min()])[0]
+        low, high = min(low, float(possible.min())), max(high, float(possible.max()))
+    return cube, cost, (low, high)
 
 
 def outline(model: Model, cube: FloatArray, cost: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ search. Source: Chan 1993 and Hansen 2000 for thresholds; Golub and Pereyra 1973
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -41,6 +42,10 @@ _TURNS, _SETTLED, _DIFFERENCE, _NO_SLOPE = 6, 1e-4, 1e-3, 1e-9
 _JUMPS = (1.0, *(1.0 + 0.01 * np.array([-9, -6, -4, -3, -2, -1, -0.5, 0.5, 1, 2, 3, 4, 6, 9])).tolist())
 # Steps between two values of S of which one is possible, and the residual of a valve that never moves.
 _BETWEEN, _EXCLUDED = 8, 1e100
+# Rungs of another number of the friction, as shares of its range, and values of S tried at each: around where the rungs
+# before lead, shares of S for a rung of 1 either way at the first and at later ones; rungs lost before it is given up.
+_RIDGE, _RIDGE_LANES = 5e-4 * 1.35 ** np.arange(16), 97
+_RIDGE_FIRST, _RIDGE_NEXT, _RIDGE_LOST = 1.6, 0.25, 3
 # Of the first slip, which comes at a pace of its own: how many samples beside those of
 # the dead time.
 _FIRST = 1
@@ -91,6 +96,44 @@ def plateaus(model: Model, point: FloatArray) -> Plateaus | None:
     least = np.min([scan.least(S) for scan in scans], axis=0)
     return Plateaus(S, best * np.exp(least / model.shared.rows), np.concatenate([scan.points for scan in scans]),
                     np.concatenate([scan.costs for scan in scans]))
+
+
+def ridges(model: Model, point: FloatArray) -> FloatArray:
+    """Points (k, d) on which S moves beside an optimum (d,) together with another number of the friction.
+
+    An effect on the friction has a share in the thresholds: with S alone, every slip comes at another sample, with S
+    and that number at the same ones. How much of S goes with how much of the number is followed from small to large.
+    None where no effect is on the friction: then S is the threshold.
+    """
+    columns = [c for effect, rows in zip(model.effects, model._slices, strict=True) if effect.friction
+               for c in range(rows.start, rows.stop)]
+    columns = [c for c in (1, *columns) if columns and movable(model)[c]]
+    values = model.values(point[None])[:, 0]
+    scan = _Scan(model, values, Mover(model, values), point) if columns and movable(model)[0] else None
+    best, found = float(model.costs(point[None])[0]), [np.empty((0, point.size))]
+    for column, sign in product(columns if scan is not None else (), (-1.0, 1.0)):
+        pace, width, lost = 0.0, _RIDGE_FIRST, 0
+        for rung in _RIDGE:
+            goal = point[column] + sign * rung
+            if not 0.0 <= goal <= 1.0 or lost > _RIDGE_LOST:
+                break
+            trial = point[None].repeat(_RIDGE_LANES, axis=0)
+            trial[:, column] = goal
+            beside = scan.started(trial, values[0] * (1.0 + rung * (pace + width * np.linspace(-1, 1, len(trial)))))
+            costs = scan.followed(beside)
+            at = int(costs.argmin())
+            if _ratio(model, costs[at], best) < _POSSIBLE + _FURTHER:
+                # The middle of the plateau: the next rung needs its direction.
+                alike = np.flatnonzero(_ratio(model, costs, costs[at]) < _ALIKE)
+                at = int(alike[np.argmin(np.abs(alike - alike.mean()))])
+                pace = pace + width * float(np.linspace(-1, 1, len(trial))[at])
+                width, lost = _RIDGE_NEXT, 0
+                found.append(beside[[at]])
+            else:
+                lost += 1
+    starts = np.concatenate(found)
+    return descended(model, starts, held=(0, *model.forces), turns=_TURNS, settle=_SETTLED).points if len(
+        starts) else starts
 
 
 def _ratio(model: Model, cost: FloatArray | float, best: float) -> FloatArray:
@@ -197,6 +240,17 @@ class _Scan:
             now = 0.5 * (self.values[0] + self.values[1]) * (1.0 - side * self.values[row])
             lack = np.where(late == 0.0, now, lacks[np.clip(first + late.astype(int), 0, lacks.size - 1)])
             trial[row] = np.clip(side * (1.0 - lack / fs), -1.0, 1.0)
+        return self.model.cube(trial)
+
+    def started(self, points: FloatArray, S: FloatArray) -> FloatArray:
+        """Points (m, d) with another S (m,) and what lacks to the first break-away as it is."""
+        trial = self.model.values(points)
+        trial[1] *= S / trial[0]
+        trial[0] = np.clip(S, self.model.space.parameters[0].low, self.model.space.parameters[0].high)
+        before = self.values[0] + self.values[1]
+        for row, side in zip(self.model.forces, self.move.sides, strict=True):
+            lack = before * (1.0 - side * self.values[row]) / np.maximum(trial[0] + trial[1], 1e-300)
+            trial[row] = np.clip(side * (1.0 - lack), -1.0, 1.0)
         return self.model.cube(trial)
 
     def costs(self, lanes: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from stictionid.model import Model
 from stictionid.moves import descended, with_start
 from stictionid.noise import autoregression, filtered
 from stictionid.oscillation import find_range
-from stictionid.plateaus import Plateaus, plateaus
+from stictionid.plateaus import Plateaus, plateaus, ridges
 from stictionid.profiles import Mover, spread_over
 from stictionid.simulate import Controller, Plant, Setting, simulate
 from stictionid.spec import Spec
@@ -168,3 +168,27 @@ def test_a_noise_model_knows_what_the_fit_took_of_the_noise() -> None:
     error = np.std(right) / np.sqrt(len(right))
     assert np.mean(plain) + root > 0.012
     assert abs(np.mean(right) + root) < 0.005 + error and abs(np.mean(right) + root) < 0.5 * (np.mean(plain) + root)
+
+
+def test_s_moves_along_with_an_effect_that_has_a_share_in_the_thresholds() -> None:
+    # With an overshoot the valve waits at a threshold of S - (K - 1) J: S alone is held to a hundredth of a per cent.
+    setting = Setting(Plant(1.5, 10.0, 2.0), Controller(0.7, 10.0, scan_s=1.0), 4.0, 1.5, duration_s=1000.0,
+                      setpoint_moves=((0.0, 3.0),), noise_sd=0.03, effects=(("slip-overshoot", {"overshoot": 1.7}),))
+    loop = simulate(setting, seed=3).loop
+    found = find_range(loop)
+    model = Model(loop, Spec(effects=("slip-overshoot",)), s_max=found.s_max, period_s=found.period_median_s)
+    true = {"S": 4.0, "J": 1.5, "initial_residual_force": 0.0, "time_constant_s": 10.0, "dead_time_s": 2.0,
+            "slip-overshoot:overshoot": 1.7}
+    top = descended(model, with_start(model, model.cube(model.vector(true)[:, None])), held=(0, 2)).points[0]
+    # Off the truth by what the thresholds do not see, and everything else following.
+    along = ridges(model, top)
+    S, best = model.values(along)[0], float(model.costs(top[None])[0])
+    lost = model.shared.rows * np.log(model.costs(along) / best)
+    alone = plateaus(model, top)
+    assert alone is not None
+    low, high = alone.interval(float(model.shared.rows), 0.9)
+    possible = S[lost < INTERVAL_THRESHOLD]
+    assert np.ptp(possible) > 3.0 * (high - low) and possible.min() < 4.0 < possible.max()
+    # Without such an effect S is the threshold itself.
+    plain = Model(loop, Spec(), s_max=found.s_max, period_s=found.period_median_s)
+    assert not len(ridges(plain, plain.cube(plain.vector(true)[:, None])[0]))
