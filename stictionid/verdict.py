@@ -167,7 +167,8 @@ def _answer(ratio: float, won: int, explained: float, drop: float, one_step: flo
     if ratio >= _STICKS and won >= _WON and enough:
         return "stiction", 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
     nothing = explained < _NOTHING or drop < _NOTHING_DROP
-    irrelevant = explained < _IRRELEVANT and ratio < _CLEAR and (ratio < _STICKS or drop < _MOST_OF_THE_ERROR)
+    # Where friction makes the free run worse, that run is of something else, and says nothing of what friction matters.
+    irrelevant = abs(explained) < _IRRELEVANT and ratio < _CLEAR and (ratio < _STICKS or drop < _MOST_OF_THE_ERROR)
     if ((ratio < _CLEAN or won < _WON) and nothing) or irrelevant:
         return "no stiction", 0.6 + 0.4 * float(np.clip(1.0 - ratio / _CLEAN, 0.0, 0.9))
     return "undecided", 0.4

@@ -49,7 +49,7 @@ _NOISE_SHARE = 0.5
 _ENDLESS_LAG, _ENDLESS_LOSS = 3.0, 0.05
 # An integrator whose free run leaves y by more than y moves does not win against a process that follows y to within the
 # second of these: a valve in a wrong basin may help it to predict a step ahead. Unit: standard deviations of y.
-_RUNS_AWAY, _FOLLOWS = 1.5, 0.5
+_RUNS_AWAY, _FOLLOWS = 1.0, 0.5
 # Nor does one whose free-run error is so many times that of a process that follows y to within the second share.
 _TIMES, _CLOSELY = 4.0, 0.15
 # Share of the cost by which another step of S must do better in a first look to be gone on with. Unit: 1.
