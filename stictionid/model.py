@@ -128,6 +128,7 @@ class Model:
         self.space = Space(self._axes())
         self._scales = self.space.scales()
         self._logarithmic = np.flatnonzero(self._scales[2]).tolist()
+        self._powers = self.space.powers()
         self._slices = self._effect_rows()
 
     @property
@@ -230,7 +231,10 @@ class Model:
         cube = np.atleast_2d(cube)
         # Row by row in memory: every kernel takes whole rows.
         values = np.empty((span.size, cube.shape[0]))
-        np.multiply(cube.T, span[:, None], out=values)
+        values[:] = cube.T
+        for row, power in self._powers:
+            values[row] **= power
+        values *= span[:, None]
         values += low[:, None]
         for row in self._logarithmic:
             np.exp(values[row], out=values[row])

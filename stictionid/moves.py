@@ -35,16 +35,8 @@ def longest_piece(model: Model) -> int:
 
 def neutral_point(model: Model) -> FloatArray:
     """Neutral point (d,) of the unit cube; process parameters in the middle."""
-    names = model.space.names
-    values = np.array([p.neutral for p in model.space.parameters])
-    cube = np.empty(len(names))
-    for i, p in enumerate(model.space.parameters):
-        span = (np.log(p.high / p.low) if p.log else p.high - p.low) if p.high > p.low else 0.0
-        if i in (3, 4) or not span:
-            cube[i] = 0.5
-        else:
-            cube[i] = np.clip((np.log(max(values[i], p.low) / p.low) if p.log else values[i] - p.low) / span, 0, 1)
-    return cube
+    return np.array([0.5 if i in (3, 4) or not p.high > p.low else p.share(p.neutral)
+                     for i, p in enumerate(model.space.parameters)])
 
 
 def with_start(model: Model, points: FloatArray) -> FloatArray:

@@ -18,7 +18,8 @@ AT_BOUND_SHARE = 1e-3
 class Parameter:
     """One number of a law, an effect or a process: what it is called, its unit, its limits, where it vanishes.
 
-    `log` says that the search moves it on a logarithmic scale (time constants, rates).
+    `log` says that the search moves it on a logarithmic scale (time constants, rates), `power` that it moves a root:
+    for small values in a wide range that begins at 0.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Parameter:
     neutral: float
     meaning: str
     log: bool = False
+    power: float = 1.0
 
     def at_bound(self, value: float) -> bool:
         """True when `value` lies on one of the limits, where an estimate means "at least" or "at most"."""
@@ -35,12 +37,13 @@ class Parameter:
         return share <= AT_BOUND_SHARE or share >= 1.0 - AT_BOUND_SHARE
 
     def share(self, value: float) -> float:
-        """Where `value` lies in the range as the search moves it, 0 to 1; beyond the limits outside, 0 where fixed."""
+        """Where `value` lies in the range as the search moves it, 0 to 1 (there, too, beyond it); 0 where fixed."""
         if not self.high > self.low:
             return 0.0
+        value = min(max(value, self.low), self.high)
         if self.log:
-            return float(np.log(max(value, 1e-300) / self.low) / np.log(self.high / self.low))
-        return (value - self.low) / (self.high - self.low)
+            return float(np.log(value / self.low) / np.log(self.high / self.low))
+        return float(((value - self.low) / (self.high - self.low)) ** (1.0 / self.power))
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +76,14 @@ class Space:
         moved[log] = np.log(np.maximum(moved[log], 1e-300))
         moved = (moved - low[:, None]) / np.where(span > 0, span, 1.0)[:, None]
         moved[span == 0] = 0.0
-        return np.clip(moved.T, 0.0, 1.0)
+        points = np.clip(moved.T, 0.0, 1.0)
+        for row, power in self.powers():
+            points[:, row] **= 1.0 / power
+        return points
+
+    def powers(self) -> list[tuple[int, float]]:
+        """Positions and powers of the parameters whose root is searched."""
+        return [(i, p.power) for i, p in enumerate(self.parameters) if p.power != 1.0]
 
     def scales(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """Lower limits, spans and logarithmic flags (d,), limits of logarithmic parameters as logarithms."""

@@ -77,6 +77,29 @@ def test_a_scanned_command_taken_for_a_moving_one_is_put_right_before_anything_i
     assert found.best.rmse <= 1.05 * 0.06
 
 
+def test_a_moving_command_taken_for_a_held_one_is_put_right_once_what_hid_it_is_in() -> None:
+    moving = setting(controller=Controller(0.15, 6.0), effects=(("step-disturbance", {"time_s": 500.0, "size": 1.2}),))
+    loop = simulate(moving, seed=21).loop
+    study = identify(loop, options=HELD)
+    assert study.steps[-1].model["between"] == "hold"
+    after = add(loop, study, "step-disturbance@output")
+    assert after.steps[-1].model["between"] == "corner" and after.steps[-1].error.rmse <= 1.05 * 0.06
+    held = add(*hidden("step-disturbance", time_s=500.0, size=1.2), "step-disturbance@output")
+    assert held.steps[-1].model["between"] == "hold"
+
+
+def test_an_effect_that_follows_y_is_run_and_held_out_on_the_y_that_the_model_makes() -> None:
+    loop, study = hidden("gain-nonlinearity", curvature=0.08)
+    _, fit = opened(loop, study, 0)
+    seen = work.look(ground := work.Ground(fit, fit.values[None, :5], 0), "gain-nonlinearity")
+    answer = work.finish(ground, seen)
+    done = answer.refit(ground)
+    white = done.white_model()
+    np.testing.assert_allclose(white._evaluate(done.values).model, done.evaluated.model, atol=0.01 * 0.06)
+    assert answer.held is not None
+    assert answer.held.rmse_one_step <= 1.05 * done.innovation_sd <= 1.1 * 0.06
+
+
 def test_coloured_noise_is_named_noise_and_its_root_comes_back() -> None:
     loop = simulate(setting(effects=(("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),), noise_sd=0.0),
                     seed=5).loop

@@ -17,8 +17,11 @@ from stictionid.historian import read_loop
 from stictionid.identify import Options, identify
 from stictionid.laws.contract import neutral_friction
 from stictionid.loop import Loop
+from stictionid.model import Model
+from stictionid.parameters import Parameter, Space
 from stictionid.results import study_from_json, to_json
 from stictionid.simulate import preset, simulate, with_stiction
+from stictionid.spec import Spec
 
 EFFECTS = list(catalogue().values())
 NAMES = {
@@ -166,3 +169,23 @@ def test_add_refuses_what_is_there_already_and_what_it_cannot_have() -> None:
     dead = identify(Loop(output=np.full(300, 40.0), process_value=np.random.default_rng(0).standard_normal(300)))
     with pytest.raises(StictionidError):
         add(loop, dead, "extra-lag")
+
+
+def test_a_rate_is_at_its_bound_on_the_scale_it_is_searched_on() -> None:
+    rate = Parameter("rate", "% / s", 0.06, 60.0, 60.0, "fastest stroke", log=True)
+    assert not rate.at_bound(0.1) and not rate.at_bound(59.0) and rate.at_bound(0.0602) and rate.at_bound(60.0)
+    assert rate.share(np.sqrt(0.06 * 60.0)) == pytest.approx(0.5)
+    plain = replace(rate, log=False)
+    assert plain.share(plain.low + 0.25 * (plain.high - plain.low)) == pytest.approx(0.25)
+    assert replace(rate, low=3.0, high=3.0).at_bound(3.0)
+    root = replace(plain, low=0.0, neutral=0.0, power=3.0)
+    assert root.share(60.0 / 8.0) == pytest.approx(0.5) and root.share(-1.0) == 0.0
+    space, values = Space((rate, root)), np.array([[0.06, 1.0, 60.0], [0.0, 0.4, 60.0]])
+    np.testing.assert_allclose(space.to_cube(values)[1], [rate.share(1.0), root.share(0.4)])
+
+
+def test_a_model_moves_values_to_the_cube_and_back_on_every_scale() -> None:
+    loop = simulate(base()).loop
+    model = Model(loop, Spec(effects=("re-sticking", "slew-limit", "extra-lag")), s_max=6.0, period_s=50.0)
+    cube = np.random.default_rng(0).random((20, model.space.size))
+    np.testing.assert_allclose(model.cube(model.values(cube)), cube, atol=1e-9)

@@ -65,9 +65,10 @@ def holds(after: Held | None, before: Held | None, local: bool = False) -> bool:
 def winner_of(found: Round) -> Tried | None:
     """The candidate to name: physics before noise, but only physics that beats the noise models."""
     noises = [t for t in found.tried if t.noise and clearly_better(t, found)]
-    floor = max((t.delta_bic for t in noises), default=0.0)
-    least = floor + _OVER_NOISE if noises else NAMED
-    rival = next((t for t in noises if t.delta_bic == floor), None)
+    rival = max(noises, key=lambda t: t.delta_bic, default=None)
+    # A noise model that helps, though not in every block, must be beaten, too.
+    helps = max((t.delta_bic for t in found.tried if t.noise and t.refit is not None), default=0.0)
+    least = max(NAMED, helps + NAMED if helps >= NAMED else 0.0, rival.delta_bic + _OVER_NOISE if rival else 0.0)
     for t in found.tried:
         if t.noise or not clearly_better(t, found) or t.delta_bic < least:
             continue

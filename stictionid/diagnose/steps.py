@@ -15,6 +15,7 @@ from ..methods import get as get_method
 from ..methods.contract import intervals_withheld, without_intervals
 from ..methods.options import Options, check_tag
 from ..methods.run import CONDITIONAL, Run
+from ..methods.structure import moved_after_all
 from ..model import Model
 from ..moves import search_model, spreads, with_start
 from ..oscillation import find_range
@@ -83,6 +84,7 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
                          "try another effect; stictionid diagnose ranks them")
     tell("polishing", 0.6)
     after = polished(carrier(done, name, fit.model), done.values, run.rng)
+    after = _as_it_moved(run, after)
     findings: list[Finding] = []
     tell("looking for effects that are superfluous now", 0.85)
     spare = superfluous(after, name, run.rng)
@@ -106,6 +108,18 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
     run, fit = opened(loop, study, seed)
     seen = study.estimate.from_position if study.estimate else None
     return replace(study, verdict=capped(with_position(judge(run, fit), seen), loop))
+
+
+def _as_it_moved(run: Run, fit: Fitted) -> Fitted:
+    """The fit under a command that moves between samples, where the one it was taken for is held and does worse.
+
+    How the command moves can't be seen beside a missing effect, and taken for held it leaves a lag of half a sample.
+    """
+    moved = moved_after_all(run, fit)
+    if moved is None:
+        return fit
+    after = polished(*moved, run.rng)
+    return after if after.sse < fit.sse else fit
 
 
 def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -> Study:

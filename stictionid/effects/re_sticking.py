@@ -15,12 +15,8 @@ from ..loop import FloatArray
 from ..parameters import Parameter
 from .contract import Context, Effect, Place
 
-_SPEED = Parameter("restick_speed", "% / s", 0.0, 1e4, 0.0, "slowest command a sliding valve follows")
-
-
-# The lowest speed searched is this share of a low quantile of those that occur; slower than the third share of the
-# largest is standing still.
-_SLOWEST, _SLOW, _STILL = 0.5, 0.02, 1e-6
+# Which moves are slower decides, and most are far slower than the fastest.
+_SPEED = Parameter("restick_speed", "% / s", 0.0, 1e4, 0.0, "slowest command a sliding valve follows", power=3.0)
 
 
 def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
@@ -34,11 +30,7 @@ def _speeds(context: Context) -> FloatArray:
 
 
 def _limits(context: Context) -> tuple[Parameter, ...]:
-    # Ranks of the speeds decide, and most are far below the largest. Below the slowest move nothing rests.
-    speeds = _speeds(context)
-    high = max(1.05 * float(speeds.max()), 1e-9)
-    low = max(_SLOWEST * float(np.quantile(speeds[speeds > _STILL * high], _SLOW)), _STILL * high)
-    return (replace(_SPEED, low=low, high=high, neutral=low, log=True),)
+    return (replace(_SPEED, high=max(1.05 * float(_speeds(context).max()), 1e-9)),)
 
 
 def _guess(context: Context) -> FloatArray:

@@ -236,16 +236,21 @@ def _moves_better(run: Run, held: Tried, moving: Spec) -> bool:
     return float(_moved(run, values, held.spec, moving).costs[0]) < held.cost
 
 
-def moves_after_all(run: Run, fit: Fitted) -> bool:
-    """Whether a command that moves between samples does clearly better from where all that was added to a held one
-    ended. (A missing lag rounds the slips as a moving command does, and a rough command hides its corners.)
+def moved_after_all(run: Run, fit: Fitted) -> tuple[Model, FloatArray] | None:
+    """The model with a command that moves between samples, and its values (d,), where that does clearly better from
+    where all that was added to a held one ended; None where it does not. (A missing lag rounds the slips as a moving
+    command does, and a rough command hides its corners.)
     """
     spec = fit.model.spec
     if spec.between != "hold" or run.loop.step_s > run.options.scan_s:
-        return False
-    moved = _moved(run, fit.values, spec, replace(spec, between="corner", substeps=SUBSTEPS))
+        return None
+    moving = replace(spec, between="corner", substeps=SUBSTEPS)
+    found = _moved(run, fit.values, spec, moving)
     rows = effective_rows(np.nan_to_num(fit.best.innovation), fit.model.weight)
-    return bool(moved.costs[0] < fit.sse * np.exp(-_AFTER_ALL / rows))
+    if not found.costs[0] < fit.sse * np.exp(-_AFTER_ALL / rows):
+        return None
+    model = run.model(moving)
+    return model, search_model(model).values(found.points[:1])[:, 0]
 
 
 def _moved(run: Run, values: FloatArray, held: Spec, moving: Spec) -> Found:
