@@ -30,7 +30,7 @@ FLOORS = [
     {"plateaus"},
     {"intervals"},
     {"fit", "position"},
-    {"refit", "whitened"},
+    {"refit", "whitened", "unheld"},
     {"heldout"},
     {"methods", "lawrank"},
     {"severity", "excerpt"},

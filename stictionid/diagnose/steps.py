@@ -15,7 +15,6 @@ from ..methods import get as get_method
 from ..methods.contract import intervals_withheld, without_intervals
 from ..methods.options import Options, check_tag
 from ..methods.run import CONDITIONAL, Run
-from ..methods.structure import moved_after_all
 from ..model import Model
 from ..moves import search_model, spreads, with_start
 from ..oscillation import find_range
@@ -26,6 +25,7 @@ from ..results import Estimate, Step, Study
 from ..search import refine
 from ..segments import described
 from ..severity import severity_of
+from ..unheld import moved_after_all
 from ..verdict import capped, judge, with_position
 from .numbers import public_parameters
 
@@ -115,7 +115,7 @@ def _as_it_moved(run: Run, fit: Fitted) -> Fitted:
 
     How the command moves can't be seen beside a missing effect, and taken for held it leaves a lag of half a sample.
     """
-    moved = moved_after_all(run, fit)
+    moved = moved_after_all(fit, run.options.scan_s)
     if moved is None:
         return fit
     after = polished(*moved, run.rng)

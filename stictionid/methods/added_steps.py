@@ -12,8 +12,9 @@ import numpy as np
 from ..fit import Fitted
 from ..moves import descended, search_model
 from ..results import Step
+from ..unheld import QUICK_SETTLE, QUICK_TURNS
 from .run import Run
-from .structure import QUICK_KEPT, QUICK_SETTLE, QUICK_TURNS, first_look, structure
+from .structure import QUICK_KEPT, first_look, structure
 
 # A step of its own must lower the held-out error by this share and BIC by this much (CRITICISM.md section 7). A second
 # lag is a question of the process: not settled, it bends S through the dead time (8 % met), so it needs less.

@@ -20,12 +20,13 @@ from ..fit import Fitted, reaching
 from ..gates import SAMPLES_PER_PERIOD
 from ..intervals import outline, region
 from ..spec import Spec
+from ..unheld import SUBSTEPS, moved_after_all
 from ..whitened import whitened
 from .added_steps import try_resting, try_step
 from .contract import Method, Outcome
 from .noise_steps import ask_noise, try_noise
 from .run import Run, parameters
-from .structure import LAG, SUBSTEPS, check_scans, choose, first_look, moved_after_all
+from .structure import LAG, check_scans, choose, first_look
 
 # A free-run error beyond this share of the scatter of y explains nothing, unless an integrator leaves less than the
 # other share of the variance of the changes: 3 to 17 % with a hidden effect. Unit: 1.
@@ -35,7 +36,7 @@ _NOTHING, _CHANGES = 0.995, 0.5
 def _run(run: Run) -> Outcome:
     """The search with the command that the record speaks for, looked at once more where a held one was taken."""
     outcome = _searched(run)
-    if run.options.between != "auto" or moved_after_all(run, outcome.fits[-1]) is None:
+    if run.options.between != "auto" or moved_after_all(outcome.fits[-1], run.options.scan_s) is None:
         return outcome
     run.tell("rebuilding the command between samples", 0.5)
     again = copy(run)

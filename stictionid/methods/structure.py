@@ -13,7 +13,6 @@ import numpy as np
 from ..errors import CannotTell, UsageError
 from ..fit import Fitted, held_out_error, one_run
 from ..gates import SAMPLES_PER_PERIOD
-from ..intervals import effective_rows
 from ..loop import Finding, FloatArray
 from ..model import Model
 from ..moves import descended, search_model, with_start
@@ -25,14 +24,13 @@ from ..scan import DECIMATED, parts_of, pi_law
 from ..search import Found
 from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 from ..starts import along_ridge, grown, with_process
+from ..unheld import QUICK_SETTLE, QUICK_TURNS, SUBSTEPS, moved
 from ..whitened import whitened
 from .run import ADEQUATE, INTEGRATOR_GAIN, LONG_LAG, Run, increment_error
 
-# Parts of a sampling interval when the command moves between samples.
-SUBSTEPS = 8
 LAG = "extra-lag"
-# First look at a step: turns of descent, when one has settled, and how many starts go on after the first turns.
-QUICK_TURNS, QUICK_SETTLE, QUICK_KEPT, _GLANCE = 8, 1e-3, 4, 2
+# First look at a step: how many starts go on after the first turns of descent, and how many these are.
+QUICK_KEPT, _GLANCE = 4, 2
 # Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
 _ROUGH = 2e-3
 # Softened differences (1 - q^-1) / (1 - 0.8 q^-1), cut after 14 samples: white for the errors of slips that an
@@ -57,9 +55,6 @@ _STEP_AWAY = 0.01
 # The command is taken as continuous only when that lowers the free-run error by this share; where one way leaves less
 # than the second share of the other's error a further lag can't change which is better: the most it took was half.
 _CORNER_GAIN, _CLEARLY = 0.05, 1.0 / 3.0
-# Twice the log-likelihood that a moving command must gain on a held one where everything else was found. Measured on
-# 126 loops: 5 to 3300 lost where the controller scans; where it does not, 12 to 540 gained in four, 1 lost in a fifth.
-_AFTER_ALL = 6.0
 # A PI law that ran with the samples leaves less of the changes of u than this share of what one that ran between them
 # does. Measured: nothing at all against 1e-5 to 1e-4; where it did run between them, 0.9 to 1.5 times as much. Unit: 1.
 _EXACT = 0.25
@@ -232,33 +227,8 @@ def check_scans(run: Run, fit: Fitted) -> None:
 def _moves_better(run: Run, held: Tried, moving: Spec) -> bool:
     """Whether a command that moves between samples does better from the point where the held one ended."""
     assert held.evaluated is not None
-    values = run.model(held.spec).vector(held.evaluated.values)
-    return float(_moved(run, values, held.spec, moving).costs[0]) < held.cost
-
-
-def moved_after_all(run: Run, fit: Fitted) -> tuple[Model, FloatArray] | None:
-    """The model with a command that moves between samples, and its values (d,), where that does clearly better from
-    where all that was added to a held one ended; None where it does not. (A missing lag rounds the slips as a moving
-    command does, and a rough command hides its corners.)
-    """
-    spec = fit.model.spec
-    if spec.between != "hold" or run.loop.step_s > run.options.scan_s:
-        return None
-    moving = replace(spec, between="corner", substeps=SUBSTEPS)
-    found = _moved(run, fit.values, spec, moving)
-    rows = effective_rows(np.nan_to_num(fit.best.innovation), fit.model.weight)
-    if not found.costs[0] < fit.sse * np.exp(-_AFTER_ALL / rows):
-        return None
-    model = run.model(moving)
-    return model, search_model(model).values(found.points[:1])[:, 0]
-
-
-def _moved(run: Run, values: FloatArray, held: Spec, moving: Spec) -> Found:
-    """What a short descent finds with a command that moves between samples, from values (d,) found with a held one."""
-    model = search_model(run.model(replace(moving, process=held.process, increments=held.increments, taps=held.taps)))
-    starts = values[:, None].repeat(3, axis=1)
-    starts[4] = np.maximum(starts[4] + run.loop.step_s * np.array([0.0, 0.5, 1.0]), 0.0)
-    return descended(model, with_start(model, model.cube(starts)), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    model = run.model(held.spec)
+    return float(moved(model, model.vector(held.evaluated.values), moving).costs[0]) < held.cost
 
 
 def _looked_again(run: Run, held: Tried, corner: Tried) -> Tried:
@@ -339,14 +309,14 @@ def _first(run: Run, spec: Spec, known: FloatArray | None = None, starts: FloatA
     It ends early where a `rival` whose command moves between samples does clearly better from the same point.
     """
     model = search_model(run.model(spec))
-    moved: list[FloatArray] = []
+    rivals: list[FloatArray] = []
 
     def enough(point: FloatArray, cost: float) -> bool:
         assert rival is not None
-        found = _moved(run, model.values(point[None])[:, 0], spec, rival)
+        found = moved(model, model.values(point[None])[:, 0], rival)
         if found.costs[0] < _CLEARLY**2 * cost:
-            moved.append(found.points)
-        return bool(moved)
+            rivals.append(found.points)
+        return bool(rivals)
 
     near = run.basins(spec) if starts is None else None
     point, cost = one_run(model, run.rng, starts, near, None if rival is None else enough)
@@ -357,7 +327,7 @@ def _first(run: Run, spec: Spec, known: FloatArray | None = None, starts: FloatA
     if not np.isfinite(cost):
         return Tried(spec, point, cost, None, np.inf)
     e = model.evaluate(model.values(point[None])[:, 0])
-    return Tried(spec, point, cost, e, increment_error(e), moved[0] if moved else None)
+    return Tried(spec, point, cost, e, increment_error(e), rivals[0] if rivals else None)
 
 
 def structure(run: Run, spec: Spec, starts: FloatArray | None = None, rival: Spec | None = None) -> Tried:
