@@ -113,7 +113,7 @@ def shown(setting: Setting, loop: Loop, name: str, sd: float) -> float:
     The true model is run under the recorded output with the effect, and one without it is fitted to that, from the
     true values on and by a search of its own (a slip that overshoots is another slip jump where the valve never
     slides): what is left could be seen. Noise effects, which move no free run, count as plainly visible. A
-    Karnopp valve is taken for the sliding one of the same S and J.
+    Karnopp valve is taken for the one of the same S and J that rests at every scan: beside it a stop may show nothing.
     """
     if get(name).noise is not None:
         return np.inf
@@ -121,6 +121,9 @@ def shown(setting: Setting, loop: Loop, name: str, sd: float) -> float:
     lag = setting.plant.second_time_constant_s
     if lag and not any(n == "extra-lag" for n, _ in setting.effects):
         rest.append(("extra-lag", {"second_time_constant_s": lag}))
+    if setting.law == "karnopp" and not any(n == "re-sticking" for n, _ in setting.effects):
+        # It rests between the scans of its held command, however fast that moves.
+        rest.append(("re-sticking", {"restick_speed": 1e9}))
     mine = dict(setting.effects)[name]
     found = find_range(loop)
     scanned = setting.controller.scan_s > 0.0
