@@ -103,7 +103,8 @@ def loop_of(seed: int, effect: str | None, noise: float, colour: float, samples:
         effects.append(("coloured-noise", {"root": colour, "innovation_sd": sd * float(np.sqrt(1.0 - colour**2))}))
     coloured = any(name == "coloured-noise" for name, _ in effects)
     setting = replace(setting, effects=tuple(effects), noise_sd=0.0 if coloured else sd)
-    loop = simulate(setting, seed=seed).loop
+    # What is asked is what y shows: a plant that records the position knows whether its valve sticks.
+    loop = replace(simulate(setting, seed=seed).loop, position=None)
     return setting, loop, (kind, bed.kind), sd
 
 

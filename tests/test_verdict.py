@@ -185,7 +185,8 @@ def test_no_stiction_without_a_gain_on_blocks_that_were_not_fitted(monkeypatch) 
     held = [Held(np.full(5, size), np.full(5, 100.0), np.full(5, size), np.full(5, 100.0)) for size in (1.1, 1.0)]
     answers = iter(held)
     monkeypatch.setattr("stictionid.verdict.held_out_of", lambda *_: next(answers))
-    verdict = identify(simulate(scanned(5.0, 3.0), seed=1).loop, options=Options(base_only=True)).verdict
+    loop = replace(simulate(scanned(5.0, 3.0), seed=1).loop, position=None)
+    verdict = identify(loop, options=Options(base_only=True)).verdict
     assert verdict.stiction == "undecided" and "5 % worse on blocks" in verdict.reason
 
 
