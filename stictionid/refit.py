@@ -349,17 +349,6 @@ def has_noise(spec: Spec) -> bool:
     return any(parse(name)[0].noise for name in spec.effects)
 
 
-def carrier(done: Refit, name: str, before: Model) -> Model:
-    """The model that goes into a study: a noise model enters only as a step of its own, never with another effect."""
-    effects = tuple(dict.fromkeys((*before.spec.effects, name)))
-    if parse(name)[0].noise is not None or has_noise(before.spec):
-        spec = replace(done.spec, effects=effects)
-    else:
-        spec = replace(before.spec, effects=effects, taps=own_taps(before.spec))
-    return bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
-                 residual=np.nan_to_num(done.evaluated.residual))
-
-
 def at_noise(refit: Refit) -> bool:
     """Whether the free run of a physical refit is at its innovations: a noise model has next to nothing to do."""
     return not has_noise(refit.model.spec) and refit.evaluated.rmse <= _WHITE * refit.innovation_sd

@@ -31,7 +31,7 @@ FLOORS = [
     {"intervals"},
     {"fit", "position"},
     {"refit", "whitened", "unheld"},
-    {"heldout"},
+    {"heldout", "addition"},
     {"methods", "lawrank"},
     {"severity", "excerpt"},
     {"causes"},

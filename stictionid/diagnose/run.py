@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..addition import polished
 from ..effects import parse
 from ..fit import Fitted, polish_smooth
 from ..loop import Finding, Loop
@@ -22,7 +23,7 @@ from ..rerun import rebuild_model
 from ..restarts import bound
 from ..results import Candidate, Study
 from .judge import candidates, winner_of
-from .steps import add, finished_step, judged_anew, opened, polished, with_steps
+from .steps import add, finished_step, judged_anew, opened, with_steps
 from .tries import NAMED, Round, Tried, try_all
 
 MOST_ADDITIONS = 4

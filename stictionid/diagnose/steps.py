@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..addition import REFITS, carrier, polished, refitted
 from ..effects import parse
 from ..errors import DataError, ModelError, UsageError
-from ..fit import Fitted, finish
+from ..fit import Fitted
 from ..loop import Finding, FloatArray, Loop
 from ..methods import get as get_method
 from ..methods.contract import intervals_withheld, without_intervals
@@ -18,7 +19,7 @@ from ..methods.run import CONDITIONAL, Run
 from ..model import Model
 from ..moves import search_model, spreads, with_start
 from ..oscillation import find_range
-from ..refit import Refit, carrier, complete, has_noise, scout, settled, starting_pool
+from ..refit import Refit, complete, has_noise, starting_pool
 from ..rerun import rebuild_model
 from ..restarts import bound
 from ..results import Estimate, Step, Study
@@ -32,8 +33,6 @@ from .numbers import public_parameters
 Progress = Callable[[str, float], None]
 # An earlier effect is superfluous when the model without it loses less than this in BIC (CRITICISM.md section 7).
 SUPERFLUOUS = 2.0
-# Refits after which an effect that follows y has settled, and independent refits of the effect that is added.
-_FOLLOWED, _REFITS = 3, 2
 
 
 def variants(effect: str, loop: Loop) -> tuple[str, ...]:
@@ -75,7 +74,7 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
         raise UsageError(f"the model has {effect} already", "choose another effect; stictionid effects lists them")
     tell(f"refitting with {effect}", 0.1)
     pool = starting_pool(fit.model, fit.values, run.rng)
-    refits = [(name, _refitted(fit, name, pool, run.rng, 1 if known else _REFITS)) for name in names]
+    refits = [(name, refitted(fit, name, pool, run.rng, 1 if known else REFITS)) for name in names]
     if known is not None:
         refits.append((effect, known))
     name, done = min(refits, key=lambda r: r[1].innovation_sd)
@@ -151,31 +150,6 @@ def finished_step(run: Run, after: Fitted, added: str | None, findings: Sequence
         step = replace(step, added=effect.name, variant=variant)
     return replace(step, findings=(*step.findings, *(f for f in findings if f.code != CONDITIONAL)),
                    parameters=public_parameters(after, step.parameters))
-
-
-def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitted:
-    """The last polish, with errors, hold-out and intervals; repeated where an effect follows the model's own y."""
-    point = model.cube(values[:, None])
-    after = finish(model, point, model.costs(point), rng)
-    for _ in range(_FOLLOWED if any(e.follows_y for e in model.effects) else 0):
-        model = bound(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
-                      residual=np.nan_to_num(after.best.residual))
-        point = model.cube(after.values[:, None])
-        again = finish(model, point, model.costs(point), rng)
-        # What counts is the model that follows its own y: following the y of the fit before, it may predict y from y.
-        if not again.best.sse < after.best.sse:
-            break
-        after = again
-    return after
-
-
-def _refitted(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, count: int = _REFITS) -> Refit:
-    noise = parse(name)[0].noise
-    if noise is not None:
-        return complete(fit.model, fit.values, pool, rng, noise=noise)
-    # Two independent refits: what goes into the study must not hang on one search.
-    model, values, _ = min((settled(scout(fit, name, pool, rng), rng) for _ in range(count)), key=lambda r: r[2])
-    return complete(model, values, None, rng)
 
 
 def superfluous(after: Fitted, newest: str, rng: np.random.Generator) -> tuple[str, ...]:

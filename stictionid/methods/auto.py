@@ -14,12 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..addition import added
 from ..effects import parse
 from ..errors import CannotTell
 from ..fit import Fitted, reaching
 from ..gates import SAMPLES_PER_PERIOD
 from ..intervals import outline, region
-from ..spec import Spec
+from ..spec import FIRST_ORDER, Spec
 from ..unheld import SUBSTEPS, moved_after_all
 from ..whitened import whitened
 from .added_steps import try_resting, try_step
@@ -59,6 +60,9 @@ def _searched(run: Run) -> Outcome:
     spec, runs, notes = choose(run, spec)
     run.tell("restarting until two searches agree", 0.5)
     fit = run.fit(spec, before=runs)
+    if spec.effects and not run.adequate(run.step(fit, None))[0]:
+        run.tell("adding one effect after the other", 0.55)
+        fit = _one_by_one(run, spec, fit)
     check_scans(run, fit)
     first = run.step(fit, None)
     steps, fits = [replace(first, findings=(*notes, *first.findings))], [fit]
@@ -89,6 +93,16 @@ def _searched(run: Run) -> Outcome:
     steps[-1] = replace(steps[-1], parameters=tuple(parameters(fits[-1])))
     adequate, why = run.adequate(steps[-1])
     return Outcome(tuple(steps), tuple(fits), adequate, why)
+
+
+def _one_by_one(run: Run, spec: Spec, together: Fitted) -> Fitted:
+    """The fit of the effects asked for, each added to the best model so far, where that does better than a search for
+    everything together: what is narrow (a period, a drift) is found beside a valve that is nearly right."""
+    bare, runs, _ = choose(run, replace(spec, effects=(), process=FIRST_ORDER, increments=False, taps=()))
+    fit = run.fit(bare, before=runs)
+    for name in spec.effects:
+        fit = added(fit, name, run.rng)
+    return fit if fit.best.rmse < together.best.rmse else together
 
 
 def _explains_changes(fit: Fitted) -> bool:

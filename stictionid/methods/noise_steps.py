@@ -12,12 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import parse
-from ..fit import Fitted, finish
+from ..addition import added
+from ..fit import Fitted
 from ..loop import Finding
 from ..moves import descended
 from ..noise import CEILING_LAGS
-from ..refit import carrier, complete, starting_pool
 from ..results import Step
 from ..spec import FIRST_ORDER, Spec
 from ..whitened import Whitened, whitened
@@ -54,14 +53,7 @@ def try_noise(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
 
 def ask_noise(run: Run, steps: list[Step], fits: list[Fitted], name: str) -> None:
     """The noise effect that was asked for as a step of its own, whether or not the data speak for it."""
-    before = fits[-1]
-    noise = parse(name)[0].noise
-    assert noise is not None
-    done = complete(before.model, before.values, starting_pool(before.model, before.values, run.rng), run.rng,
-                    noise=noise)
-    model = carrier(done, name, before.model)
-    point = model.cube(model.vector(done.model.named(done.values))[:, None])
-    fits.append(finish(model, point, model.costs(point), run.rng))
+    fits.append(added(fits[-1], name, run.rng))
     steps.append(run.step(fits[-1], name))
 
 

@@ -64,6 +64,8 @@ _CHATTER, _SCANS_UNKNOWN = 0.35, 3
 # Searches with the course of y between samples taken from the one before. Measured on loops with a 1 s scan exported
 # every 5 s: S off by up to 5, 3 and 0.5 % with none, one and two; every 10 s, J by up to 40, 8 and 3 %.
 _GUIDED = 2
+# Stickbands tried with a dead time that is a scan longer or shorter, as shares of the one found. Unit: 1.
+_NEAR_S = np.linspace(0.95, 1.05, 81)
 # Below this share of the period a lag is no integrator in disguise, unless the error is this many times the noise.
 _ANY_LAG, _FAR = 0.2, 2.5
 
@@ -147,7 +149,33 @@ def _scanned(run: Run, spec: Spec) -> Tried:
         model = run.model(tried.spec)
         guide = model.guide(model.vector(tried.evaluated.values))
         tried = _first(run, replace(tried.spec, guides=(*tried.spec.guides, guide)), tried.point)
-    return tried
+    return tried if tried.evaluated is None else _beside(run, tried)
+
+
+def _beside(run: Run, tried: Tried) -> Tried:
+    """A search with a guide, or what a scan of dead time away does better with the course of y that belongs there.
+
+    With the guide of a wrong dead time the wrong one stays the best.
+    """
+    best, model = tried, run.model(tried.spec)
+    values = model.values(tried.point[None]).repeat(_NEAR_S.size, axis=1)
+    values[0] *= _NEAR_S
+    values[1] *= _NEAR_S
+    for scans in (-1, 1):
+        near = values.copy()
+        near[4] = np.maximum(near[4] + scans * model.step_s / model.spec.substeps, 0.0)
+        cube = model.cube(near)
+        point, there, spec = cube[model.costs(cube).argmin()], model, tried.spec
+        for _ in range(_GUIDED):
+            guide = there.guide(there.values(point[None])[:, 0])
+            spec = replace(spec, guides=(*spec.guides[:-1], guide))
+            there = search_model(run.model(spec))
+            found = descended(there, with_start(there, point[None]), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+            point, cost = found.points[0], float(found.costs[0])
+        if cost < best.cost:
+            e = there.evaluate(there.values(point[None])[:, 0])
+            best = Tried(spec, point, cost, e, increment_error(e))
+    return best
 
 
 def _held_out(run: Run, tried: Tried) -> float:
