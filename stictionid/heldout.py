@@ -104,7 +104,7 @@ def _polished(model: Model, top: FloatArray, trains: list[BoolArray]) -> FloatAr
     free[list(model.forces)] = False
     if model.spec.held:
         free[:2] = False
-        for effect, rows in zip(model.effects, model._slices, strict=True):
+        for effect, rows in zip(model.effects, model.effect_rows, strict=True):
             if effect.friction is not None:
                 free[rows] = False
     columns = np.flatnonzero(free)

@@ -129,7 +129,7 @@ class Model:
         self._scales = self.space.scales()
         self._logarithmic = np.flatnonzero(self._scales[2]).tolist()
         self._powers = self.space.powers()
-        self._slices = self._effect_rows()
+        self.effect_rows = self._effect_rows()
 
     @property
     def pieces(self) -> tuple[Model, ...]:
@@ -255,7 +255,7 @@ class Model:
         if self._follows:
             return self._followed()[:, None].repeat(values.shape[1], axis=1)
         table = self.law.searched_friction(values[0], values[1])
-        for effect, rows in zip(self.effects, self._slices, strict=True):
+        for effect, rows in zip(self.effects, self.effect_rows, strict=True):
             if effect.friction:
                 table = effect.friction(table, values[rows], self.context.command_step_s,
                                         self.spec.held)
@@ -266,7 +266,7 @@ class Model:
         repeat = self.loop.samples * self.parts // position.shape[0]
         if repeat > 1:
             position = np.repeat(position, repeat, axis=0)
-        for effect, rows in zip(self.effects, self._slices, strict=True):
+        for effect, rows in zip(self.effects, self.effect_rows, strict=True):
             if effect.run:
                 position = effect.transformed(position, values[rows], self.context, values[4])
         return position
@@ -278,7 +278,7 @@ class Model:
 
     def _dynamics(self, values: FloatArray) -> Dynamics:
         dynamics = Dynamics(values[3], values[4], np.zeros(values.shape[1]), self.spec.process == INTEGRATOR)
-        for effect, rows in zip(self.effects, self._slices, strict=True):
+        for effect, rows in zip(self.effects, self.effect_rows, strict=True):
             if effect.dynamics:
                 dynamics = effect.dynamics(dynamics, values[rows])
         return dynamics
@@ -296,7 +296,7 @@ class Model:
         dynamics = self._dynamics(values)
         n = self.loop.samples
         columns: list[FloatArray] = []
-        for effect, rows, option in zip(self.effects, self._slices, self._options, strict=True):
+        for effect, rows, option in zip(self.effects, self.effect_rows, self._options, strict=True):
             if effect.columns:
                 for column in effect.columns(values[rows], self._context(option)):
                     if option == "load":
@@ -319,7 +319,7 @@ class Model:
         base, offsets = self.responses(values[:, None], filtered=False)
         columns, at = self.own_columns(base, offsets)[:, :, 0], 1
         total = np.zeros(self.loop.samples)
-        for effect, rows, option in zip(self.effects, self._slices, self._options, strict=True):
+        for effect, rows, option in zip(self.effects, self.effect_rows, self._options, strict=True):
             if effect.columns:
                 count = len(effect.columns(values[rows, None], self._context(option)))
                 total += own[at:at + count] @ columns[at:at + count]
@@ -329,7 +329,7 @@ class Model:
     def sizes_of(self, name: str, values: FloatArray, own: FloatArray) -> FloatArray:
         """The linear coefficients that belong to one effect, out of all own coefficients of values (d,)."""
         at = 1
-        for have, effect, rows, option in zip(self.names, self.effects, self._slices, self._options, strict=True):
+        for have, effect, rows, option in zip(self.names, self.effects, self.effect_rows, self._options, strict=True):
             count = len(effect.columns(values[rows, None], self._context(option))) if effect.columns else 0
             if have == name:
                 return own[at:at + count]
@@ -507,7 +507,7 @@ class Model:
 
     def rows_of(self, name: str) -> slice:
         """Where the numbers of the effect of that name stand in values (d,)."""
-        return self._slices[self.names.index(name)]
+        return self.effect_rows[self.names.index(name)]
 
     def vector(self, named: dict[str, float]) -> FloatArray:
         """The inverse of `named`; parameters that are missing take their neutral value."""

@@ -105,7 +105,7 @@ def ridges(model: Model, point: FloatArray) -> FloatArray:
     and that number at the same ones. How much of S goes with how much of the number is followed from small to large.
     None where no effect is on the friction: then S is the threshold.
     """
-    columns = [c for effect, rows in zip(model.effects, model._slices, strict=True) if effect.friction
+    columns = [c for effect, rows in zip(model.effects, model.effect_rows, strict=True) if effect.friction
                for c in range(rows.start, rows.stop)]
     columns = [c for c in (1, *columns) if columns and movable(model)[c]]
     values = model.values(point[None])[:, 0]

@@ -175,7 +175,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
     for base in pool:
         for guess in guesses:
             vector = coarse.vector({**others, **dict(zip(BASE, base, strict=True))})
-            vector[coarse._slices[coarse.names.index(name)]] = guess
+            vector[coarse.rows_of(name)] = guess
             starts.append(vector)
     cube = coarse.cube(np.array(starts).T)
     costs = coarse.costs(cube)
@@ -280,10 +280,10 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
     base's; for others from swarms over the valve on the one-step error, which stays local in time: one swarm for each
     guess of the effect, because the right S and J lie elsewhere for each.
     """
-    rows, at = model._slices[model.names.index(name)], longest_piece(model)
+    rows, at = model.rows_of(name), longest_piece(model)
     if parse(name)[0].friction is not None:
         plain = _undisturbed(model, fit.model, fit.values)
-        own = plain._slices[plain.names.index(name)]
+        own = plain.rows_of(name)
         found = plain.values(grown_valves(plain, [0, 1, model.forces[at], *range(own.start, own.stop)], rng))
         named = [{**fit.best.values, **plain.named(column)} for column in found.T]
         return with_process(model, model.cube(np.stack([model.vector(n) for n in named], axis=1)))
@@ -318,7 +318,7 @@ def _across(model: Model, point: FloatArray, name: str, count: int) -> FloatArra
     Break-away, slip jump and effect trade against each other, and the cost has a step for every sample at which the
     valve might break away: a polish can't cross them.
     """
-    rows = model._slices[model.names.index(name)]
+    rows = model.rows_of(name)
     values = model.values(point[None])[:, 0]
     share = np.clip(values[1] / max(values[0], 1e-12), 0.02, None)
     moves = np.zeros((1 + (rows.stop - rows.start) * _ACROSS_EFFECT.size, rows.stop - rows.start))

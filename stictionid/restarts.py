@@ -69,7 +69,7 @@ class Restarted(Model):
         middle = self.values(np.full((1, self.space.size), 0.5))
         common = 1 + sum(len(effect.columns(middle[rows], piece._context(option)))
                          for piece in self._pieces[:1] for effect, rows, option in
-                         zip(self.effects, self._slices, self._options, strict=True) if effect.columns)
+                         zip(self.effects, self.effect_rows, self._options, strict=True) if effect.columns)
         self.shared = Blockwise(tuple(p.shared for p in self._pieces if isinstance(p.shared, Shared)), common)
 
     @property

@@ -129,7 +129,7 @@ def process_grid(model: Model, start: FloatArray) -> tuple[FloatArray, FloatArra
 def _further_lags(model: Model) -> list[tuple[slice, FloatArray]]:
     """Columns of the unit cube and guesses (g, k) of every effect that adds dynamics: they join the process's grid."""
     found = []
-    for effect, rows in zip(model.effects, model._slices, strict=True):
+    for effect, rows in zip(model.effects, model.effect_rows, strict=True):
         if effect.dynamics and effect.guess:
             values = np.array([p.neutral for p in model.space.parameters])[:, None].repeat(
                 len(guesses := effect.guess(model.context)), axis=1)

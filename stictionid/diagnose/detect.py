@@ -121,7 +121,7 @@ def _left(change: FloatArray, directions: FloatArray, good: np.ndarray) -> Float
 def _linear_size(effect: Effect, name: str, wide: Model, values: FloatArray, directions: FloatArray, good: np.ndarray,
                  goal: float) -> str | None:
     at = wide.names.index(name)
-    rows = wide._slices[at]
+    rows = wide.effect_rows[at]
     ranges = effect.parameters_for(wide.context)
     trial = values[:, None].repeat(len(_TIMES), axis=1)
     for i, p in enumerate(ranges):
@@ -133,7 +133,7 @@ def _linear_size(effect: Effect, name: str, wide: Model, values: FloatArray, dir
     base, offsets = wide.responses(trial)
     n = wide.loop.samples
     before = 1 + sum(len(e.columns(trial[r], wide._context(o))) for e, r, o in
-                     zip(wide.effects[:at], wide._slices[:at], wide._options[:at], strict=True) if e.columns)
+                     zip(wide.effects[:at], wide.effect_rows[:at], wide._options[:at], strict=True) if e.columns)
     energy = _left(base[offsets[before]:offsets[before] + n], directions, good)
     unit = float(np.median(np.sqrt(goal / np.maximum(energy, 1e-300))))
     if not np.isfinite(unit) or unit > 1e6:
@@ -149,7 +149,7 @@ def _linear_size(effect: Effect, name: str, wide: Model, values: FloatArray, dir
 def _searched_size(effect: Effect, name: str, wide: Model, values: FloatArray, directions: FloatArray,
                    good: np.ndarray, goal: float, best: Refit) -> str | None:
     """The size from which on the effect would have been seen, in the direction that shows less."""
-    rows = wide._slices[wide.names.index(name)]
+    rows = wide.rows_of(name)
     said: list[str] = []
     for i, p in enumerate(effect.parameters_for(wide.context)):
         sides: list[tuple[float, float]] = []

@@ -82,7 +82,7 @@ def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[Para
 def _idle(model: Model, values: FloatArray) -> set[str]:
     """Numbers of effects without which the model of values (d,) is the very same: a limit that the stem never meets."""
     names, neutral = [], []
-    for name, effect, rows in zip(model.names, model.effects, model._slices, strict=True):
+    for name, effect, rows in zip(model.names, model.effects, model.effect_rows, strict=True):
         for at, p in enumerate(effect.parameters_for(model.context), rows.start):
             names.append(f"{name}:{p.name}")
             neutral.append((at, p.neutral))

@@ -56,7 +56,7 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     found = run.fit(resting.spec, before=(resting.point[None], np.array([resting.cost])))
     spec = replace(resting.spec, law=run.law, effects=(*spec.effects, "re-sticking"))
     model = run.model(spec)
-    at = next(rows for rows, name in zip(model._slices, model.names, strict=True) if name == "re-sticking")
+    at = model.rows_of("re-sticking")
     guess = model.effects[model.names.index("re-sticking")].guess
     assert guess is not None
     speeds = guess(model.context)

@@ -454,7 +454,7 @@ def first_look(run: Run, before: Model, values: dict[str, float], effect: str) -
 def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tuple[Model, Found]:
     model = search_model(run.model(replace(before.spec, effects=(*before.spec.effects, effect))))
     guess = model.effects[model.names.index(effect)].guess
-    at = model._slices[model.names.index(effect)]
+    at = model.rows_of(effect)
     guesses = guess(model.context) if guess is not None else np.zeros((1, at.stop - at.start))
     # What is missing bends S and J: fresh basins of the base, too, are tried with it.
     base = search_model(before)
