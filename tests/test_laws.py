@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stictionid.effects import get as effect_of
 from stictionid.errors import ModelError, UsageError
 from stictionid.laws import catalogue, get
 from stictionid.laws.contract import LOWER, RESTICK, neutral_friction
@@ -196,3 +197,17 @@ def test_physical_laws_simulate_but_are_not_searched(name: str) -> None:
     assert not law.searchable
     with pytest.raises(ModelError):
         law.friction(2.0, 3.0)  # F_c would be negative
+
+
+def test_an_overshooting_slip_begins_where_a_moving_command_crosses_f_s() -> None:
+    K, parts, fine = 1.6, 8, 100
+    # (At rest for the first part, so that both begin alike.)
+    command = 50.0 + 4.0 * np.sin(np.maximum(np.arange(400 * parts * fine) - fine, 0) / (20.0 * parts * fine))
+    effect = effect_of("slip-overshoot")
+    held, moving = (effect.friction(neutral_friction(3.0, 1.0), np.array([[K]]), 1.0, flag) for flag in (True, False))
+    start = np.zeros(1)
+    # So fine that no slip begins a noticeable way beyond f_s: the slow, obvious twin.
+    true = get("chen").positions(command, held, share=start)[fine - 1::fine, 0]
+    here = get("chen").positions(command[fine - 1::fine], moving, share=start)[:, 0]
+    late = get("chen").positions(command[fine - 1::fine], held, share=start)[:, 0]
+    assert np.abs(np.diff(true)).max() > 1.59 and np.abs(here - true).max() < 1e-3 < 1e-2 < np.abs(late - true).max()

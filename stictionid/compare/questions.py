@@ -17,8 +17,8 @@ from .ground import Ground
 from .phases import delayed, directions, valve_phases
 
 BLOCKS, DECILES, CYCLE_PARTS = 10, 10, 12
-# Error above this multiple of the rest is serious. Unit: 1.
-_SERIOUS = 2.0
+# Error above this multiple of the rest is serious, and a mean below this share of an error says nothing. Unit: 1.
+_SERIOUS, _MEAN = 2.0, 0.02
 _SOURCE = "cell against the rest, 1 % over all cells, autocorrelation allowed for; CRITICISM.md section 7, step 2"
 
 Answer = tuple[str, tuple[Cell, ...], Finding | None]
@@ -41,7 +41,7 @@ def _answer(ground: Ground, name: str, cells: tuple[Cell, ...], where: Callable[
     outside = float(np.sqrt(max((1.0 - cell.energy_share) / rest, 0.0)) * ground.rmse)
     statement = (f"{100 * cell.energy_share:.0f} % of the squared error lies in {100 * cell.share:.0f} % of the "
                  f"samples: {where(cell)} the error is {size}, elsewhere {outside:.3g}, its mean there "
-                 f"{cell.mean:+.3g}")
+                 + (f"{cell.mean:+.3g}" if abs(cell.mean) > _MEAN * cell.rms else "next to nothing"))
     severity = "serious" if cell.rms > _SERIOUS * outside else "warning"
     if cell.fails_ahead and cell.z_one_step >= max(cell.z_energy, abs(cell.z_mean)):
         statement = (f"{where(cell)} the error one step ahead is {cell.rms_one_step:.3g} {unit}".rstrip()

@@ -1,6 +1,8 @@
 """Slip overshoot: an underdamped stem jumps past the point where friction would stop it.
 
-Equation: at the slip u_v = u_v + K (e - sign(e) f_d); K = 1 is no overshoot, K near 2 an almost undamped stem.
+Equation: at the slip u_v = u_v + K (e - sign(e) f_d); K = 1 is no overshoot, K near 2 an almost undamped stem. Where
+the command moves within its samples e is f_s at the slip, whatever it is when the part of the sample ends (Chen's law;
+the others take the end): with the end, S and J of such a valve were 3 to 14 times the noise off at the truth.
 Source: He and Wang 2010; METHODS.md section 2.
 """
 
@@ -8,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..laws.contract import OVERSHOOT
+from ..laws.contract import CROSSES, OVERSHOOT
 from ..loop import FloatArray
 from ..parameters import Parameter
 from .contract import Context, Effect, Place
@@ -19,6 +21,7 @@ _K = Parameter("overshoot", "-", 1.0, 1.99, 1.0, "length of the slip as a multip
 def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
     table = table.copy()
     table[OVERSHOOT] = theta[0]
+    table[CROSSES] = 0.0 if held else 1.0
     return table
 
 

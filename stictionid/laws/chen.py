@@ -17,6 +17,7 @@ import numpy as np
 from ..kernels import LANES, kernel
 from ..loop import FloatArray
 from .contract import (
+    CROSSES,
     FD_DOWN,
     FD_DRIFT,
     FD_UP,
@@ -34,7 +35,7 @@ from .contract import (
 # State rows: stem position, 1 while moving, last command and last change of command (equal in all lanes).
 _POSITION, _MOVING, _COMMAND, _CHANGE = 0, 1, 2, 3
 # Rows of the working table: ten constants, the position, and the restick speed while moving (infinite while stuck).
-_WORK = 12
+_WORK = 13
 
 
 @kernel
@@ -59,6 +60,7 @@ def _run(command, friction, profile, state, position):
             work[9 * LANES + p] = friction[UPPER, q]
             work[10 * LANES + p] = state[_POSITION, q]
             work[11 * LANES + p] = friction[RESTICK, q] if state[_MOVING, q] > 0.5 else np.inf
+            work[12 * LANES + p] = friction[CROSSES, q]
         last = first + width
         # The plain law is the other one without drift, re-sticking, overshoot and stops: what most searches ask for.
         plain = True
@@ -101,8 +103,13 @@ def _run(command, friction, profile, state, position):
                 to_down = u + (work[3 * LANES + p] + fd_add)
                 e = u - v
                 # stuck: keep sticking, or slip and overshoot by `spare` = K - 1
-                new = to_up + spare * (to_up - v) if e > fs_up else v
-                new = to_down + spare * (to_down - v) if -e > fs_down else new
+                # (of a command that moves within the sample: from where it crosses f_s, and slide on from there)
+                up, down = to_up + spare * (to_up - v), to_down + spare * (to_down - v)
+                if work[12 * LANES + p] > 0.0:
+                    up = max(to_up, v + (1.0 + spare) * (fs_up - (work[2 * LANES + p] + fd_add)))
+                    down = min(to_down, v - (1.0 + spare) * (fs_down - (work[3 * LANES + p] + fd_add)))
+                new = up if e > fs_up else v
+                new = down if -e > fs_down else new
                 slips = (e > fs_up) | (-e > fs_down)
                 # moving: keep sliding; after an overshoot the stem waits until the command has caught up
                 ahead_up = to_up if to_up > v else v

@@ -32,7 +32,8 @@ FS_DRIFT, FD_DRIFT = 4, 5  # change per unit of the profile, %
 RESTICK = 6  # a sliding valve sticks when the command moves less than this, % per valve step
 OVERSHOOT = 7  # He & Wang's K at the slip, 1 = none
 LOWER, UPPER = 8, 9  # hard stops, %
-ROWS = 10
+CROSSES = 10  # 1 where the command moves within its samples: a slip begins where it crosses f_s, not where it ends
+ROWS = 11
 
 # Break-away needs |e| to exceed f_s by this much, so that quantised commands which tie with f_s hold. Unit: %.
 TIE = 1e-9

@@ -11,8 +11,8 @@ With enough damping it reproduces S and J; a lightly damped stem overshoots at a
 slower than about three times v_s ends every slip at rest (stick-slip). A heavily damped stem that ends a slip
 stops a little early, by about F_v/k times three Stribeck velocities, and lags behind a ramp by F_v/k times its speed.
 
-Directions, drift and travel stops of the friction table hold (a stop takes all speed away); the re-stick and overshoot
-rows have no meaning, because both follow from the physics. J > S is refused.
+Directions, drift and travel stops of the friction table hold (a stop takes all speed away); the re-stick, overshoot
+and crossing rows have no meaning, because they follow from the physics. J > S is refused.
 
 Source: Karnopp 1985, METHODS.md section 2. The print has not been seen.
 """

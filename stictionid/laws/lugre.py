@@ -13,8 +13,9 @@ bristles often quoted (s0 = 1e8 N/m) lose 3 to 5 % of S at 2 %/s, and a command 
 at a third of f_s. The default bristles are stiff and damped enough to keep S and J within 1 % (measured for S = 5,
 J = 3 and ramps of 0.5 to 2 %/s). Small vibrations below break-away make the stem drift, a known fault of the law.
 
-Directions, drift and travel stops of the friction table hold; the re-stick and overshoot rows have no meaning,
-because both follow from the physics. J > S is refused. "Sliding" in the state means faster than the Stribeck speed.
+Directions, drift and travel stops of the friction table hold; the re-stick, overshoot and crossing rows have no
+meaning, because they follow from the physics. J > S is refused. "Sliding" in the state means faster than the Stribeck
+speed.
 
 Source: Canudas de Wit, Olsson, Astrom and Lischinsky 1995, METHODS.md section 2. The print has not been seen.
 """
