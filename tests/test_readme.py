@@ -35,10 +35,20 @@ def test_ci_runs_the_readmes_commands() -> None:
     assert "README.md" in script and "```sh" in script
 
 
+def ranked(text: str) -> list[str]:
+    """Lines of an output; of effects that are not named only the names, in their order: a refit that explains little
+    may end in another basin on another processor."""
+    lines = text.splitlines()
+    at = [i for i, line in enumerate(lines) if re.match(r"\|[a-z@-]+ +\| +no \|", line)]
+    for i, line in zip(at, sorted(lines[i].split("|")[1].strip() for i in at), strict=True):
+        lines[i] = line
+    return lines
+
+
 def test_the_walk_through_prints_what_the_readme_shows(tmp_path: Path) -> None:
     compared = 0
     for shown, today in module().made(TEXT, tmp_path):
-        for a, b in zip(shown.splitlines(), today.splitlines(), strict=True):
+        for a, b in zip(ranked(shown), ranked(today), strict=True):
             words_a, words_b = _NUMBER.sub("#", a).split(), _NUMBER.sub("#", b).split()
             assert words_a == words_b, f"README shows {a!r}, today it is {b!r}"
             # Numbers may differ in the last digits on another processor, not more.
