@@ -30,7 +30,7 @@ def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitt
     """The last polish, with errors, hold-out and intervals; repeated where an effect follows the model's own y."""
     point = model.cube(values[:, None])
     after = finish(model, point, model.costs(point), rng)
-    for _ in range(_FOLLOWED if any(e.follows_y for e in model.effects) else 0):
+    for _ in range(_FOLLOWED if model.follows_y else 0):
         model = bound(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
                       residual=np.nan_to_num(after.best.residual))
         point = model.cube(after.values[:, None])

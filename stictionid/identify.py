@@ -43,7 +43,7 @@ from .results import (
 from .segments import chosen
 from .severity import severity_of
 from .spec import INTEGRATOR
-from .verdict import capped, judge, with_position
+from .verdict import capped, judge
 
 _MAP_S, _MAP_J = 41, 31
 
@@ -88,7 +88,7 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
         outcome, last = replace(outcome, steps=without_intervals(outcome.steps)), replace(last, intervals={})
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found), rng=run.rng)
-    verdict = capped(with_position(judge(run, near_fit), position), loop)
+    verdict = judge(run, near_fit, loop, position)
     estimate = _estimate(last, unit, outcome, position)
     meaning = severity_of(piece, estimate, last)
     tell("done", 1.0)

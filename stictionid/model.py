@@ -404,7 +404,7 @@ class Model:
 
     def evaluate(self, values: FloatArray) -> Evaluated:
         """One candidate in full, physical values (d,); an effect that follows y follows the model's own."""
-        if not any(effect.follows_y for effect in self.effects):
+        if not self.follows_y:
             return self._evaluate(values)
         # Where it starts nothing is known of y: a guess that knows the record could be handed on as its own prediction.
         guide = np.full(self.loop.samples, self.context.centre)
@@ -504,6 +504,11 @@ class Model:
         for name, effect in zip(self.names, self.effects, strict=True):
             names += [f"{name}:{p.name}" for p in effect.parameters_for(self.context)]
         return {name: float(v) for name, v in zip(names, values, strict=True)}
+
+    @property
+    def follows_y(self) -> bool:
+        """Whether an effect of the model follows y."""
+        return any(effect.follows_y for effect in self.effects)
 
     def rows_of(self, name: str) -> slice:
         """Where the numbers of the effect of that name stand in values (d,)."""

@@ -81,7 +81,6 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
 
 
 def _resolution(z: FloatArray) -> float:
-    """The smallest change that the record of a position (n,) shows: of its quantum, or of exception reporting."""
+    """The smallest change that the record of a moving position (n,) shows: its quantum, or what is left unreported."""
     moves = np.abs(np.diff(z))
-    moves = moves[moves > 1e-9 * float(np.ptp(z))]
-    return float(np.quantile(moves, _SMALLEST)) if moves.size else float(np.ptp(z))
+    return float(np.quantile(moves[moves > 1e-9 * float(np.ptp(z))], _SMALLEST))

@@ -92,7 +92,7 @@ class Refit:
         spec = self.spec
         if spec == self.model.spec:
             # An effect that follows y follows the model's own, whatever the search followed.
-            return self.model.guided(self.evaluated.model) if _follows(self.model) else self.model
+            return self.model.guided(self.evaluated.model) if self.model.follows_y else self.model
         return bound(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
                      residual=np.nan_to_num(self.evaluated.residual))
 
@@ -217,7 +217,7 @@ def _together(one: Found, other: Found) -> Found:
 def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
     """The scouted model at its best: values (d,) and cost."""
     coarse, model = look.coarse, look.model
-    if _follows(model):
+    if model.follows_y:
         # The first look followed the y of the model without the effect, which may be far off.
         own = model.evaluate(look.values).model
         coarse, model = coarse.guided(own), model.guided(own)
@@ -252,14 +252,9 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
     return (*_following(model, model.values(best[None])[:, 0]), cost)
 
 
-def _follows(model: Model) -> bool:
-    """Whether an effect of the model follows y."""
-    return any(effect.follows_y for effect in model.effects)
-
-
 def _following(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
     """A model and its values (d,), polished on the y that it makes itself where an effect follows y."""
-    if not _follows(model):
+    if not model.follows_y:
         return model, values
     best = model.evaluate(values)
     for _ in range(_FOLLOWED):

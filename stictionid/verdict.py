@@ -57,8 +57,13 @@ _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 _SEEN = 0.9
 
 
-def judge(run: Run, fit: Fitted) -> Verdict:
-    """The verdict on one fit."""
+def judge(run: Run, fit: Fitted, loop: Loop, seen: PositionEstimate | None) -> Verdict:
+    """The verdict on one fit of a loop, beside its measured position if there is one."""
+    return capped(with_position(_from_process_value(run, fit), seen), loop)
+
+
+def _from_process_value(run: Run, fit: Fitted) -> Verdict:
+    """The verdict on one fit by y alone."""
     run.tell("comparing with a valve that does not stick", 0.85)
     sticking = whitened(fit.model, fit.values)
     if fit.model.spec.taps:

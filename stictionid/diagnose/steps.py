@@ -27,7 +27,7 @@ from ..search import refine
 from ..segments import described
 from ..severity import severity_of
 from ..unheld import moved_after_all
-from ..verdict import capped, judge, with_position
+from ..verdict import judge
 from .numbers import public_parameters
 
 Progress = Callable[[str, float], None]
@@ -106,7 +106,7 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
     """The study with the verdict of its last model: what was missing no longer hides the valve, or acts as one."""
     run, fit = opened(loop, study, seed)
     seen = study.estimate.from_position if study.estimate else None
-    return replace(study, verdict=capped(with_position(judge(run, fit), seen), loop))
+    return replace(study, verdict=judge(run, fit, loop, seen))
 
 
 def _as_it_moved(run: Run, fit: Fitted) -> Fitted:

@@ -2,7 +2,7 @@
 
 Equation: at the slip u_v = u_v + K (e - sign(e) f_d); K = 1 is no overshoot, K near 2 an almost undamped stem. Where
 the command moves within its samples e is f_s at the slip, whatever it is when the part of the sample ends (Chen's law;
-the others take the end): with the end, S and J of such a valve were 3 to 14 times the noise off at the truth.
+the others take the end): with the end, the y of a model with the true numbers was 3 to 14 times the noise off.
 Source: He and Wang 2010; METHODS.md section 2.
 """
 

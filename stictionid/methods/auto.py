@@ -20,6 +20,7 @@ from ..errors import CannotTell
 from ..fit import Fitted, reaching
 from ..gates import SAMPLES_PER_PERIOD
 from ..intervals import outline, region
+from ..loop import Finding
 from ..spec import FIRST_ORDER, Spec
 from ..unheld import SUBSTEPS, moved_after_all
 from ..whitened import whitened
@@ -60,11 +61,13 @@ def _searched(run: Run) -> Outcome:
     spec, runs, notes = choose(run, spec)
     run.tell("restarting until two searches agree", 0.5)
     fit = run.fit(spec, before=runs)
-    if spec.effects and not run.adequate(run.step(fit, None))[0]:
-        run.tell("adding one effect after the other", 0.55)
-        fit = _one_by_one(run, spec, fit)
-    check_scans(run, fit)
     first = run.step(fit, None)
+    if spec.effects and not run.adequate(first)[0]:
+        run.tell("adding one effect after the other", 0.55)
+        one, said = _one_by_one(run, spec)
+        if one.best.rmse < fit.best.rmse:
+            fit, first, notes = one, run.step(one, None), said
+    check_scans(run, fit)
     steps, fits = [replace(first, findings=(*notes, *first.findings))], [fit]
     if not o.base_only and "re-sticking" not in spec.effects:
         run.tell("trying a valve that rests between scans", 0.6)
@@ -95,14 +98,16 @@ def _searched(run: Run) -> Outcome:
     return Outcome(tuple(steps), tuple(fits), adequate, why)
 
 
-def _one_by_one(run: Run, spec: Spec, together: Fitted) -> Fitted:
-    """The fit of the effects asked for, each added to the best model so far, where that does better than a search for
-    everything together: what is narrow (a period, a drift) is found beside a valve that is nearly right."""
-    bare, runs, _ = choose(run, replace(spec, effects=(), process=FIRST_ORDER, increments=False, taps=()))
+def _one_by_one(run: Run, spec: Spec) -> tuple[Fitted, tuple[Finding, ...]]:
+    """The fit of the effects asked for, each added to the best model so far, and what must be said of its structure.
+
+    What is narrow (a period, a drift) is found beside a valve that is nearly right, not by a search for everything.
+    """
+    bare, runs, notes = choose(run, replace(spec, effects=(), process=FIRST_ORDER, increments=False, taps=()))
     fit = run.fit(bare, before=runs)
     for name in spec.effects:
         fit = added(fit, name, run.rng)
-    return fit if fit.best.rmse < together.best.rmse else together
+    return fit, notes
 
 
 def _explains_changes(fit: Fitted) -> bool:
