@@ -3,7 +3,8 @@
 * `hold`: the output was held from one sample to the next (a DCS whose scan is the historian's step): exact.
 * `corner`: the output moved continuously; its corners and peaks lie between samples and are rebuilt. Each interval
   takes the smoother of the two parabolas through its neighbours; where the curvature is concentrated in one
-  interval, both flanks are extended into it and the corner is where they meet.
+  interval, both flanks are extended into it and the corner is where they meet. A setpoint that moves kicks the output
+  by the controller's gain: the output is continuous but for these kicks.
 
 Wrong for a noisy continuous output (the flanks then follow the noise) and for a held output of an unknown scan.
 Source: METHODS.md section 4, trap 4; the reconstruction is the essentially non-oscillatory scheme with subcell
@@ -23,12 +24,14 @@ from .loop import FloatArray
 MODES = ("hold", "corner")
 # Curvature in an interval must exceed its neighbours' by this factor to be a corner. Unit: 1.
 _CONCENTRATED = 3.0
+# A setpoint that moves at more than this share of the samples comes from another controller. Unit: 1.
+MOVES_ALWAYS = 0.3
 
 
-def rebuild(command: FloatArray, substeps: int, mode: str) -> FloatArray:
+def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray | None = None) -> FloatArray:
     """The command (n,) on a grid `substeps` times finer, shape (n*substeps,); the last sample is held.
 
-    Raises UsageError for an unknown mode.
+    `setpoint` (n,) tells kicks from corners. Raises UsageError for an unknown mode.
     """
     if mode not in MODES:
         raise UsageError(f"unknown way between samples '{mode}'", "choose one of auto, " + ", ".join(MODES))
@@ -37,6 +40,43 @@ def rebuild(command: FloatArray, substeps: int, mode: str) -> FloatArray:
     n = command.size
     if n < 6:
         return np.interp(np.arange(n * substeps) / substeps, np.arange(n), command)
+    kicks = _kicks(command, setpoint)
+    if not kicks.any():
+        return _smooth(command, substeps)
+    # A kick at sample k came between the one before and this one. What the output was just before it is where the
+    # valve turned, and is met one step of the grid early rather than not at all.
+    fine = _smooth(command - np.cumsum(kicks), substeps) + np.repeat(np.cumsum(kicks), substeps)
+    at = np.flatnonzero(kicks)
+    fine[at * substeps - 1] = command[at] - kicks[at]
+    return fine
+
+
+def _kicks(command: FloatArray, setpoint: FloatArray | None) -> FloatArray:
+    """How far each move of the setpoint kicks the command (n,): the gain that most moves agree on times the move.
+
+    The gain is read from the command alone (the rest of it is smooth): y has noise that a continuous controller may
+    not see. At each move the flank before it, extended as a parabola, says how far the command jumped; behind it the
+    integral part has another slope at once.
+    """
+    kicks = np.zeros(command.size)
+    if setpoint is None:
+        return kicks
+    moves = np.diff(setpoint, prepend=setpoint[0])
+    moves[~np.isfinite(moves)] = 0.0
+    at = np.flatnonzero(moves)
+    known = at[at >= 3]
+    if at.size > MOVES_ALWAYS * command.size or not known.size:
+        return kicks
+    jump = command[known] - (3.0 * (command[known - 1] - command[known - 2]) + command[known - 3])
+    said = jump / moves[known]
+    order = np.argsort(said)
+    share = np.cumsum(np.abs(moves[known])[order])
+    return moves * float(said[order][np.searchsorted(share, 0.5 * share[-1])])
+
+
+def _smooth(command: FloatArray, substeps: int) -> FloatArray:
+    """A command without kicks on the finer grid: parabolas, and corners where their flanks meet."""
+    n = command.size
     curve = np.zeros(n)
     curve[1:-1] = command[2:] - 2.0 * command[1:-1] + command[:-2]
     curve[0], curve[-1] = curve[1], curve[-2]

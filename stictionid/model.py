@@ -82,7 +82,7 @@ class Model:
         """The command on the grid of the valve, as the spec says it went between samples."""
         spec = self.spec
         if spec.between != DECIMATED:
-            return rebuild(_filled(self.loop.output), spec.substeps, spec.between)
+            return rebuild(_filled(self.loop.output), spec.substeps, spec.between, self.loop.setpoint)
         if not spec.guides:
             return scanned(self.loop, spec.substeps)
         *before, last = spec.guides

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .between import rebuild
+from .between import MOVES_ALWAYS, rebuild
 from .loop import FloatArray, Loop
 
 # The name of this way between samples (`between.MODES` are the others).
@@ -29,8 +29,6 @@ MOST_PARTS = 10
 # A controller that is a PI law explains the changes of its output but for this share of their variance. Unit: 1.
 _PI_LEAVES = 0.1
 _FEWEST_CHANGES = 20
-# A setpoint that moves at more than this share of the samples comes from another controller. Unit: 1.
-_MOVES_ALWAYS = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +53,7 @@ def scanned(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatAr
     u = _filled(loop.output)
     law = pi_law(loop, parts, course)
     if parts == 1 or law is None:
-        return rebuild(u, parts, "corner")
+        return rebuild(u, parts, "corner", loop.setpoint)
     e, between, moved = _errors(loop, parts, course)
     missing = (np.diff(u) - law.gain * np.diff(e)) / law.per_scan - between.sum(axis=1)
     # A setpoint that moved between two samples did so at the scan from which on it makes the mean right.
@@ -106,7 +104,7 @@ def _errors(loop: Loop, parts: int, course: FloatArray | None) -> tuple[FloatArr
     moved = np.diff(r)
     known = np.zeros((y.size, parts)) if course is None else course.reshape(y.size, parts)
     smooth = y - known[:, 0]
-    if np.mean(moved != 0.0) > _MOVES_ALWAYS:
+    if np.mean(moved != 0.0) > MOVES_ALWAYS:
         moved, smooth = np.zeros(moved.size), smooth - r
         between = -_cubics(smooth, parts)
     else:

@@ -288,6 +288,24 @@ def test_rebuilt_command_meets_the_samples_and_finds_the_corner() -> None:
     assert (between.rebuild(command, 4, "hold") == np.repeat(command, 4)).all()
 
 
+def test_a_setpoint_move_kicks_the_rebuilt_command_and_is_no_corner() -> None:
+    """A PI controller's output jumps by its gain where the setpoint moves: the valve turns there, between samples."""
+    t = np.arange(0.0, 60.0, 0.1)
+    setpoint = np.where(t < 20.0, 50.0, np.where(t < 41.0, 53.0, 48.0))
+    smooth = 50.0 + 2.0 * np.sin(2.0 * np.pi * t / 35.0) + 0.02 * np.cumsum(setpoint - 50.0) * 0.1
+    command = smooth + 0.15 * setpoint
+    fine = between.rebuild(command[::10], 10, "corner", setpoint[::10])
+    np.testing.assert_allclose(fine[::10], command[::10], atol=1e-12)
+    before, after = (np.abs(x[20:-20] - command[20:-20]).max()
+                     for x in (between.rebuild(command[::10], 10, "corner"), fine))
+    # What is left is the last tenth before the kick, at which the output already is where the kick begins.
+    assert after < 0.1 * 0.4 < 0.3 < before
+    # A setpoint that always moves comes from another controller and kicks nothing.
+    ramp = 50.0 + 0.1 * t
+    plain = between.rebuild(command[::10], 10, "corner")
+    assert (between.rebuild(command[::10], 10, "corner", ramp[::10]) == plain).all()
+
+
 def test_interval_means_place_the_break_away_inside_the_part() -> None:
     command = 50.0 + 0.3 * np.arange(40.0)
     table = neutral_friction([2.0], [1.0])
