@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from .errors import UsageError
-from .kernels import LANES, kernel, output
+from .kernels import LANES, LINE, kernel, output
 from .laws.contract import FS_DOWN, FS_DRIFT, FS_UP
 from .loop import FloatArray
 
@@ -107,7 +107,8 @@ def _smooth(command: FloatArray, substeps: int) -> FloatArray:
 def _means(command, fs_up, fs_down, drift, profile, position, out):
     rows, lanes = position.shape
     # Rows: f_s up and down, its drift, and the position before.
-    work = np.empty(4 * LANES)
+    work = np.empty(4 * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
         last = first + width

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .kernels import LANES, kernel, output, scratch
+from .kernels import LANES, LINE, kernel, output, scratch
 from .loop import FloatArray
 from .parameters import Parameter
 
@@ -47,7 +47,8 @@ def _run(position, substeps, table, whole, fine, response):
     """Fill response (samples + longest whole delay, P); rows before a lane's delay stay as they are (zero)."""
     lanes = response.shape[1]
     samples = position.shape[0] // substeps
-    work = np.empty(_WORK * LANES)
+    work = np.empty(_WORK * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
     at = np.empty(LANES, np.int64)
     flat = response.reshape(response.size)
     for first in range(0, lanes, LANES):
@@ -92,7 +93,8 @@ def _run(position, substeps, table, whole, fine, response):
 def _run_plain(position, table, whole, response):
     """`_run` for one lag and positions held between samples: most of what a search asks for."""
     lanes = response.shape[1]
-    work = np.empty(6 * LANES)
+    work = np.empty(6 * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
     at = np.empty(LANES, np.int64)
     flat = response.reshape(response.size)
     for first in range(0, lanes, LANES):
@@ -129,8 +131,11 @@ def _run_parts(position, substeps, table, whole, fine, response):
     samples = position.shape[0] // substeps
     even = (substeps + 1) // 2 * 2
     # For every part its weight now and at the next sample; then decay, weights' sum times start, x, now, next.
-    weights = np.empty((even, 2, LANES))
-    work = np.empty(5 * LANES)
+    room = np.empty(even * 2 * LANES + LINE)
+    shift = -(room.ctypes.data // 8) % LINE
+    weights = room[shift:shift + even * 2 * LANES].reshape(even, 2, LANES)
+    work = np.empty(5 * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
     at = np.empty(LANES, np.int64)
     flat = response.reshape(response.size)
     for first in range(0, lanes, LANES):
@@ -195,8 +200,10 @@ def _run_path(path, substeps, table, whole, fine, lags, response):
     samples = path.size // substeps
     fours = (substeps + 3) // 4
     # For every lag and part its weight now and at the next sample; then for every lag decay, x, now, next.
-    weights = np.zeros(lags * fours * 8 * LANES)
-    work = np.empty((4 * lags + 1) * LANES)
+    weights = np.zeros(lags * fours * 8 * LANES + LINE)
+    weights = weights[-(weights.ctypes.data // 8) % LINE:]
+    work = np.empty((4 * lags + 1) * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
     u = np.zeros(4 * fours)
     at = np.empty(LANES, np.int64)
     flat = response.reshape(response.size)

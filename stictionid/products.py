@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .kernels import LANES, kernel
+from .kernels import LANES, LINE, kernel
 from .loop import FloatArray, IntArray
 
 # Sums of the widest pass.
@@ -115,7 +115,8 @@ def _products(base, offsets, right, starts, stops, squares, cross):
     own = offsets.size
     count = right.shape[1]
     lanes = base.shape[1]
-    work = np.empty(_SUMS * LANES)
+    work = np.empty(_SUMS * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
     none = own - own  # no literal: one for the compiler would be another type, and another version of all this
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
@@ -177,7 +178,8 @@ _LAGS = 4
 def _lagged(base, level, y, start, stop, delays, table):
     """Fill table (delays, 7, P) with sums over the window of every delay; see `lagged_products`."""
     lanes = base.shape[1]
-    work = np.empty(_SUMS * LANES)
+    work = np.empty(_SUMS * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
         last = first + width

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels import LANES, kernel
+from ..kernels import LANES, LINE, kernel
 from ..loop import FloatArray
 from .contract import (
     FD_DOWN,
@@ -50,7 +50,8 @@ _WORK = 17
 def _run(command, friction, profile, state, position):
     lanes = friction.shape[1]
     samples = command.size
-    work = np.empty(_WORK * LANES)
+    work = np.empty(_WORK * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
         padded = (width + 3) // 4 * 4
