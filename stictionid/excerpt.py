@@ -18,6 +18,7 @@ import numpy as np
 
 from .effects import parse
 from .fit import Fitted, finish
+from .intervals import including
 from .loop import Finding, FloatArray, Loop
 from .methods.contract import Outcome
 from .methods.options import Options
@@ -146,7 +147,7 @@ def _on_all(run: Run, fit: Fitted) -> Fitted:
     if model.parts == 1:
         values = _broken_away(model, values, fit.intervals.get("S", (values[0], values[0])))
     best = model.evaluate(values)
-    return replace(fit, model=model, values=values, sse=best.sse, best=best)
+    return replace(fit, model=model, values=values, sse=best.sse, best=best, intervals=including(fit.intervals, best))
 
 
 def _broken_away(model: Model, values: FloatArray, within: tuple[float, float]) -> FloatArray:

@@ -17,7 +17,17 @@ from .folds import best_of_fold
 from .intervals import CLOUD, cloud, intervals_of, widened
 from .loop import BoolArray, FloatArray
 from .model import Model
-from .moves import descended, first_distinct, movable, search_model, spreads, thinned, thinning, with_start
+from .moves import (
+    descended,
+    first_distinct,
+    longest_first,
+    movable,
+    search_model,
+    spreads,
+    thinned,
+    thinning,
+    with_start,
+)
 from .restarts import bound
 from .search import Found, refine
 from .spec import Evaluated
@@ -229,7 +239,7 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
         top = middle_of_plateau(model, top)
         best_cost = float(model.costs(top[None])[0])
         cube, cost = np.concatenate([top[None], cube]), np.append(best_cost, cost)
-    best_values = model.values(top[None])[:, 0]
+    best_values = model.values(longest_first(model, top[None]))[:, 0]
     best = model.evaluate(best_values)
     held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]) if holdout else None
     return Fitted(model, best_values, best_cost, len(points), agree, best, held,

@@ -25,7 +25,7 @@ from .intervals import INTERVAL_LEVEL
 from .loop import Finding, Loop
 from .methods.contract import Method, Outcome, intervals_withheld, without_intervals
 from .methods.options import ALL_LAWS, BETWEEN, Options, searchable
-from .methods.run import ADEQUATE, Run
+from .methods.run import ADEQUATE, Run, process_numbers
 from .moves import search_model
 from .oscillation import find_range
 from .position import from_position
@@ -42,7 +42,6 @@ from .results import (
 )
 from .segments import chosen
 from .severity import severity_of
-from .spec import INTEGRATOR
 from .verdict import capped, judge
 
 _MAP_S, _MAP_J = 41, 31
@@ -128,17 +127,15 @@ def _every_law(piece: Loop, found: Range, options: Options, method: Method,
 
 def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstimate | None) -> Estimate:
     v = fit.best.values
-    gain, dead, integrating = fit.best.gain, v["dead_time_s"], fit.model.spec.process == INTEGRATOR
-    lags: tuple[float, ...] = (v["time_constant_s"],)
-    if "extra-lag:second_time_constant_s" in v:
-        lags = (*lags, v["extra-lag:second_time_constant_s"])
+    process = process_numbers(fit)
     if outcome.process is not None:
         p = outcome.process
-        gain, lags, dead, integrating = p.gain, p.time_constants_s, p.dead_time_s, p.integrating
+        process = {"gain": p.gain, "time_constants_s": p.time_constants_s, "dead_time_s": p.dead_time_s,
+                   "integrating": p.integrating}
     # What is not estimated is anywhere in its range, which an interval can say and a number can't.
     J_interval = fit.intervals.get("J") if outcome.gives_jump else (0.0, v["S"])
     return Estimate(v["S"], v["J"], unit, fit.intervals.get("S"), J_interval, INTERVAL_LEVEL, fit.model.spec.law,
-                    gain, lags, dead, integrating, v["initial_residual_force"], position)
+                    initial_residual_force=v["initial_residual_force"], from_position=position, **process)
 
 
 def _cost_map(fit: Fitted, step: int) -> CostMap:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from .descent import normals_at, principal
 from .loop import FloatArray
 from .model import Model
-from .moves import descended, movable, spreads
+from .moves import descended, longest_first, movable, spreads
 from .noise import autocovariance
 from .plateaus import plateaus, ridges
 from .profiles import reached, spread_over
+from .smooth import GAIN, smooth_intervals
 from .spec import Evaluated
 
 # Difference for the slopes behind the rays, and how far along them is looked, as shares of the range.
@@ -176,20 +177,26 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
 
     Of `S` the interval may be known already (`widened`).
     """
-    rows = _rows(model, best)
-    keep = rows * np.log(np.maximum(cost, 1e-300) / max(best_cost, 1e-300)) <= INTERVAL_THRESHOLD
+    limit = max(best_cost, 1e-300) * float(np.exp(INTERVAL_THRESHOLD / _rows(model, best)))
+    keep = cost <= limit
     if not keep.any():
-        keep = cost <= best_cost
-    values = model.values(cube[keep])
-    found = {name: (float(v.min()), float(v.max())) for name, v in zip(best.values, values, strict=True)}
+        keep = cost <= cost.min()
+    possible = longest_first(model, cube[keep])
+    found = {name: (float(v.min()), float(v.max()))
+             for name, v in zip(best.values, model.values(possible), strict=True)}
+    found |= smooth_intervals(model, possible, cost[keep], limit)
     if S is not None:
         found["S"] = S
+    # The answer itself is possible, even where a better point turned up while its interval was looked for.
+    found = including(found, best)
     margin = _between_samples(model, best)
-    for name in ("S", "J"):
-        # The answer itself is possible, even where a better point turned up while its interval was looked for.
-        low, high = min(found[name][0], best.values[name]), max(found[name][1], best.values[name])
-        found[name] = (max(low - margin, 0.0), high + margin)
-    return found
+    return found | {name: (max(found[name][0] - margin, 0.0), found[name][1] + margin) for name in ("S", "J")}
+
+
+def including(intervals: dict[str, tuple[float, float]], best: Evaluated) -> dict[str, tuple[float, float]]:
+    """Intervals widened where they leave out the answer, a model run on its record."""
+    answer = {**best.values, GAIN: best.gain}
+    return {name: (min(low, answer[name]), max(high, answer[name])) for name, (low, high) in intervals.items()}
 
 
 def _between_samples(model: Model, best: Evaluated) -> float:

@@ -74,6 +74,19 @@ def lifted(model: Model, at: int, points: FloatArray) -> FloatArray:
     return model.cube(values)
 
 
+def longest_first(model: Model, points: FloatArray) -> FloatArray:
+    """Points (k, d) whose first time constant is the longer one: u and y know no order of two lags in a row."""
+    names, movers = list(model.named(np.zeros(model.space.size))), movable(model)
+    first = BASE.index("time_constant_s")
+    second = [i for i, name in enumerate(names) if name.endswith(":second_time_constant_s")]
+    if not second or not (movers[first] and movers[second[0]]):
+        return points
+    values = model.values(points)
+    swapped = values.copy()
+    swapped[[first, second[0]]] = values[[second[0], first]]
+    return np.where((values[second[0]] > values[first])[:, None], model.cube(swapped), points)
+
+
 def first_distinct(points: FloatArray, count: int, apart: float = 0.02) -> list[int]:
     kept: list[int] = []
     for i, point in enumerate(points):

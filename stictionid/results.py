@@ -106,7 +106,10 @@ class PositionEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """The last step's main numbers; S and J in `unit`, intervals at `interval_level`, null where unknown."""
+    """The last step's main numbers; S and J in `unit`, intervals at `interval_level`, null where unknown.
+
+    The longest time constant comes first; `time_constants_intervals` has one interval, or null, for each.
+    """
 
     S: float
     J: float
@@ -121,6 +124,9 @@ class Estimate:
     integrating: bool
     initial_residual_force: float
     from_position: PositionEstimate | None = None
+    gain_interval: tuple[float, float] | None = None
+    time_constants_intervals: tuple[tuple[float, float] | None, ...] = ()
+    dead_time_interval: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ FLOORS = [
     {"rerun"},
     {"arx", "moves", "simulate", "historian", "gates", "steptest"},
     {"starts", "profiles", "grown", "absorbed"},
-    {"plateaus"},
+    {"plateaus", "smooth"},
     {"intervals"},
     {"fit", "position"},
     {"refit", "whitened", "unheld"},

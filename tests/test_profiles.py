@@ -12,12 +12,13 @@ from stictionid.absorbed import noise_of, slopes_of
 from stictionid.fit import search
 from stictionid.intervals import INTERVAL_THRESHOLD, cloud, effective_rows, intervals_of, outline, widened
 from stictionid.model import Model
-from stictionid.moves import descended, with_start
+from stictionid.moves import descended, longest_first, with_start
 from stictionid.noise import autoregression, filtered
 from stictionid.oscillation import find_range
 from stictionid.plateaus import Plateaus, plateaus, ridges
 from stictionid.profiles import Mover, spread_over
 from stictionid.simulate import Controller, Plant, Setting, simulate
+from stictionid.smooth import smooth_intervals
 from stictionid.spec import Spec
 
 TRUE = (3.0, 1.5)
@@ -193,3 +194,59 @@ def test_s_moves_along_with_an_effect_that_has_a_share_in_the_thresholds() -> No
     # Without such an effect S is the threshold itself.
     plain = Model(loop, Spec(), s_max=found.s_max, period_s=found.period_median_s)
     assert not len(ridges(plain, plain.cube(plain.vector(true)[:, None])[0]))
+
+
+def test_the_process_numbers_reach_as_far_as_their_profiles_allow(fitted) -> None:
+    model, cube, cost = fitted
+    best = model.evaluate(model.values(cube[[cost.argmin()]])[:, 0])
+    found = intervals_of(model, cube, cost, float(cost.min()), best)
+    rows = effective_rows(np.nan_to_num(best.innovation), model.weight)
+    limit = cost.min() * np.exp(INTERVAL_THRESHOLD / rows)
+    truth = {"gain": 1.5, "time_constant_s": 10.0, "dead_time_s": 4.0}
+    for name, at in (("time_constant_s", 3), ("dead_time_s", 4)):
+        low, high = found[name]
+        assert low <= truth[name] <= high
+        # Everything else follows a number held a little inside its interval, and a little outside of it.
+        middle, half = best.values[name], 0.5 * (high - low)
+        for side in (-1.0, 1.0):
+            for share, possible in ((0.7, True), (1.6, False)):
+                values = np.array(list(best.values.values()))[:, None]
+                values[at] = middle + side * share * half
+                ends = descended(model, model.cube(values), held=(0, *model.forces, at))
+                assert (ends.costs[0] <= limit) == possible, (name, side, share)
+    low, high = found["gain"]
+    assert low <= truth["gain"] <= high
+    for side in (-1.0, 1.0):
+        for share, possible in ((0.7, True), (1.6, False)):
+            given = Model(model.loop, Spec(fixed={"gain": best.gain + side * share * 0.5 * (high - low)}),
+                          s_max=model.s_max, period_s=model.period_s)
+            ends = descended(given, given.cube(np.array(list(best.values.values()))[:, None]),
+                             held=(0, *model.forces))
+            assert (ends.costs[0] <= limit) == possible, (side, share)
+
+
+def test_a_number_that_is_given_and_a_valve_that_barely_moves_have_no_interval_of_their_own(fitted) -> None:
+    model, cube, cost = fitted
+    given = Model(model.loop, Spec(fixed={"gain": 1.5, "time_constant_s": 10.0}), s_max=model.s_max,
+                  period_s=model.period_s)
+    point = given.cube(model.values(cube[[cost.argmin()]]))
+    own = smooth_intervals(given, point, given.costs(point), 2.0 * float(given.costs(point)[0]))
+    assert set(own) == {"dead_time_s"}
+    still = model.values(point)
+    still[0] = 2.0 * np.ptp(model.loop.output)
+    still = model.cube(still)
+    assert smooth_intervals(model, still, np.ones(1), 2.0) == {}
+
+
+def test_the_longer_time_constant_comes_first_and_the_model_is_the_same(fitted) -> None:
+    model, cube, cost = fitted
+    two = Model(model.loop, Spec(effects=("extra-lag",)), s_max=model.s_max, period_s=model.period_s)
+    values = np.array([*model.values(cube[[cost.argmin()]])[:, 0], 2.0])
+    values[3], swapped = 7.0, values.copy()
+    swapped[[3, 5]] = 2.0, 7.0
+    both = two.cube(np.stack([values, swapped], axis=1))
+    ordered = two.values(longest_first(two, both))
+    assert ordered[:, 1] == pytest.approx(ordered[:, 0], rel=1e-9)
+    assert ordered[[3, 5], 0] == pytest.approx([7.0, 2.0], rel=1e-9)
+    assert two.costs(both)[0] == pytest.approx(two.costs(both)[1], rel=1e-6)
+    assert longest_first(model, cube) is cube

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -143,7 +144,7 @@ def show(study: Any, quiet: bool) -> None:
 
 
 def _estimate_table(study: Any) -> Any:
-    e, step = study.estimate, study.steps[-1]
+    e = study.estimate
     unit_y = study.data.units.get("process_value") or "unit of y"
     table = plain_table("estimate", "value", "90 % interval", "from position", title="estimate")
     seen = e.from_position
@@ -151,12 +152,10 @@ def _estimate_table(study: Any) -> Any:
                   number(seen.S, e.unit) if seen else "-")
     table.add_row("J slip jump", number(e.J, e.unit), interval(e.J_interval), number(seen.J, e.unit) if seen else "-")
     per = " per s" if e.integrating else ""
-    table.add_row("process gain", number(e.gain, f"{unit_y}/{e.unit}{per}"), "-", "-")
-    spans = {p.name: p.interval for p in step.parameters if p.effect is None}
-    for i, lag in enumerate(e.time_constants_s):
-        table.add_row("time constant" if i == 0 else "second time constant", number(lag, "s"),
-                      interval(spans.get("time_constant_s") if i == 0 else None), "-")
-    table.add_row("dead time", number(e.dead_time_s, "s"), interval(spans.get("dead_time_s")), "-")
+    table.add_row("process gain", number(e.gain, f"{unit_y}/{e.unit}{per}"), interval(e.gain_interval), "-")
+    for i, (lag, span) in enumerate(zip_longest(e.time_constants_s, e.time_constants_intervals)):
+        table.add_row("time constant" if i == 0 else "second time constant", number(lag, "s"), interval(span), "-")
+    table.add_row("dead time", number(e.dead_time_s, "s"), interval(e.dead_time_interval), "-")
     table.add_row("residual force at start", f"{e.initial_residual_force:.2f} of f_s", "-", "-")
     return table
 

@@ -15,7 +15,7 @@ from ..loop import Finding, FloatArray, Loop
 from ..methods import get as get_method
 from ..methods.contract import intervals_withheld, without_intervals
 from ..methods.options import Options, check_tag
-from ..methods.run import CONDITIONAL, Run
+from ..methods.run import CONDITIONAL, Run, process_numbers
 from ..model import Model
 from ..moves import search_model, spreads, with_start
 from ..oscillation import find_range
@@ -190,11 +190,11 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
     if study.estimate is None:
         return None
     v = fit.best.values
-    lags = [v["time_constant_s"], *(x for k, x in v.items() if k.endswith("second_time_constant_s"))]
-    spans = {} if intervals_withheld(study.steps) else fit.intervals
+    if intervals_withheld(study.steps):
+        fit = replace(fit, intervals={})
+    spans = fit.intervals
     return replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),
-                   gain=fit.best.gain, time_constants_s=tuple(lags),
-                   dead_time_s=v["dead_time_s"], initial_residual_force=v["initial_residual_force"])
+                   initial_residual_force=v["initial_residual_force"], **process_numbers(fit))
 
 
 def _plain(name: str) -> str:

@@ -226,11 +226,23 @@ def parameters(fit: Fitted) -> list[ParameterValue]:
         rows.append(ParameterValue(owner or None, own, value, of_u if name == "J" else p.unit.replace("%", of_u),
                                    None if fixed else span, bound and not fixed, True, p.meaning))
     unit = f"unit of y / {of_u}" + (" / s" if model.spec.process == INTEGRATOR else "")
-    rows.insert(5, ParameterValue(None, "gain", e.gain, unit, None, False, True, "gain of the process"))
+    rows.insert(5, ParameterValue(None, "gain", e.gain, unit, fit.intervals.get("gain"), False, True,
+                                  "gain of the process"))
     rows.insert(6, ParameterValue(None, "offset", e.offset, "unit of y", None, False, True,
                                   "value of y with the valve at its first position"))
     return rows
 
 
+def process_numbers(fit: Fitted) -> dict[str, Any]:
+    """What an estimate says of a fit's process: gain, time constants and dead time with their intervals, and kind."""
+    values, fixed = fit.best.values, fit.model.spec.fixed
+    spans = {name: span for name, span in fit.intervals.items() if name not in fixed}
+    lags = [name for name in values if name == "time_constant_s" or name.endswith(":second_time_constant_s")]
+    return {"gain": fit.best.gain, "time_constants_s": tuple(values[name] for name in lags),
+            "dead_time_s": values["dead_time_s"], "integrating": fit.model.spec.process == INTEGRATOR,
+            "gain_interval": spans.get("gain"), "time_constants_intervals": tuple(spans.get(name) for name in lags),
+            "dead_time_interval": spans.get("dead_time_s")}
+
+
 __all__ = ["ADEQUATE", "FIRST_ORDER", "INTEGRATOR_GAIN", "LONG_LAG", "Run", "increment_error", "level_holdout",
-           "parameters"]
+           "parameters", "process_numbers"]

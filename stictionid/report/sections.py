@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from itertools import zip_longest
 
 from ..results import Estimate, Step, Study
 from . import wording
@@ -202,12 +203,18 @@ def parameters(study: Study) -> Section | None:
 
 
 def _process_sentence(e: Estimate) -> str:
-    lags = wording.listed([f"{wording.number(t)} s" for t in e.time_constants_s]) or "none"
+    known = zip_longest(e.time_constants_s, e.time_constants_intervals)
+    lags = wording.listed([_with_ends(t, span, "s") for t, span in known]) or "none"
     lags = f"time constant{'s' if len(e.time_constants_s) > 1 else ''} {lags}"
     kind = "integrator" if e.integrating else "self-regulating process"
-    return (f"Valve law {wording.name(e.law)}; {kind} with gain {wording.number(e.gain)}, {lags}, dead "
-            f"time {wording.number(e.dead_time_s)} s. At the start the stem was loaded with "
+    return (f"Valve law {wording.name(e.law)}; {kind} with gain "
+            f"{_with_ends(e.gain, e.gain_interval, '')}, {lags}, dead time "
+            f"{_with_ends(e.dead_time_s, e.dead_time_interval, 's')}. At the start the stem was loaded with "
             f"{wording.number(100 * e.initial_residual_force, 2)} % of its static friction.")
+
+
+def _with_ends(value: float, span: tuple[float, float] | None, unit: str) -> str:
+    return wording.with_unit(value, unit) if span is None else wording.estimate(value, span, unit)
 
 
 def method(study: Study) -> Section:
