@@ -7,34 +7,28 @@ on the same samples. Source: METHODS.md section 6; CRITICISM.md sections 1 and 7
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ..addition import polished
 from ..effects import parse
-from ..fit import Fitted, polish_smooth
 from ..loop import Finding, Loop
-from ..methods.run import ADEQUATE, Run
-from ..model import Model
-from ..moves import descended
-from ..refit import Refit, at_noise, quick
+from ..methods.run import ADEQUATE
+from ..refit import quick
 from ..rerun import rebuild_model
-from ..restarts import bound
 from ..results import Candidate, Study
-from .judge import candidates, winner_of
+from .judge import candidates
+from .rounds import LAG, Looked, beside_lag, look_at, on_other_process
 from .steps import add, finished_step, judged_anew, opened, with_steps
-from .tries import NAMED, Round, Tried, try_all
+from .tries import NAMED
 
 MOST_ADDITIONS = 4
 # Bootstrap p above which nothing is named (CRITICISM.md section 7, step 7), or above the least that so few replicates
 # can give.
 _CHANCE = 0.01
 # Beside noise models: what `identify` may add by itself, without a look at the rivals (methods/auto.py).
-LAG = "extra-lag"
 _CHOSEN = frozenset({LAG, "re-sticking"})
-# What a lag and another effect must gain in BIC over the best one alone (CRITICISM.md section 7, step 7: "named").
-_JOINT = 50.0
 # Additions before which a round is made beside a lag, too: each costs as much as the round itself.
 _JOINTLY = 2
 Progress = Callable[[str, float], None]
@@ -63,17 +57,17 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
             kept = tuple(c for c in candidates(chosen.found, chosen.winner) if c.effect not in study.steps[-1].effects)
             return replace(study, candidates=kept, missing=())
         if chosen is None or chosen.stays:
-            chosen = _looked(loop, study, seed, jobs, tell)
+            chosen = on_other_process(look_at(loop, study, seed, jobs, tell), seed, jobs, tell)
             # (A valve that does not stick has no effect for a lag to hide.)
             if len(added) < _JOINTLY and study.verdict.stiction != "no stiction":
-                chosen = _with_lag(chosen, seed, jobs, tell)
+                chosen = beside_lag(chosen, seed, jobs, tell)
         found, winner = chosen.found, chosen.winner
-        if chosen.study is not study or found.better:
+        if chosen.study is not study or found.better or chosen.notes:
             kept_names = {step.added for step in chosen.study.steps}
             gone = [step.added for step in study.steps if step.added and step.added not in kept_names]
             if LAG in kept_names - {step.added for step in study.steps}:
                 added.append(LAG)
-            study = judged_anew(loop, _replaced(chosen.study, chosen.run, found, winner, gone), seed)
+            study = judged_anew(loop, _replaced(chosen, gone), seed)
         p_value = None
         if bootstrap and winner is not None:
             from .bootstrap import p_of
@@ -93,75 +87,6 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
         study = add(loop, study, winner.name, seed=seed, prune=True, known=winner.refit, progress=tell)
         study = replace(judged_anew(loop, study, seed), candidates=ranking)
         added.append(parse(winner.name)[0].name)
-
-
-@dataclass(frozen=True, slots=True)
-class _Looked:
-    """One round over the catalogue: on which study, and what won; `stays` where the study is best left as it was."""
-
-    study: Study
-    run: Run
-    found: Round
-    winner: Tried | None
-    stays: bool = False
-
-
-def _looked(loop: Loop, study: Study, seed: int, jobs: int, tell: Progress) -> _Looked:
-    run, fit = opened(loop, study, seed)
-    found = try_all(run.loop, fit, seed, jobs, tell)
-    return _Looked(study, run, found, winner_of(found))
-
-
-def _with_lag(looked: _Looked, seed: int, jobs: int, tell: Progress) -> _Looked:
-    """The same round beside a further lag, where that names an effect which explains the record better.
-
-    A process of second order hides a valve effect, and that effect the lag: neither helps alone.
-    """
-    run, found, winner = looked.run, looked.found, looked.winner
-    lag = next((t.refit for t in found.tried if t.name == LAG and t.refit is not None), None)
-    if lag is None or (winner is not None and winner.refit is not None and at_noise(winner.refit)):
-        return looked
-    before = found.fit.model
-    model = bound(run.loop, replace(before.spec, effects=(*before.spec.effects, LAG)), s_max=before.s_max,
-                  period_s=before.period_s, residual=before.context.residual)
-    values = model.vector(lag.model.named(lag.values))
-    best = model.evaluate(values)
-    fit = Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
-    deeper = try_all(run.loop, fit, seed, jobs, tell)
-    top = winner_of(deeper)
-    rival = found.reference if winner is None or winner.refit is None else winner.refit
-    # What won without the lag, too, needs none to be named.
-    if top is None or top.noise or top.refit is None or (winner is not None and top.name == winner.name):
-        return looked
-    good = top.refit.good & rival.good
-    if top.refit.bic(good) > rival.bic(good) - _JOINT:
-        return looked
-    alone = _alone(run, before, top)
-    if alone.bic(good) <= top.refit.bic(good) + NAMED:
-        # The round beside the lag has only found the better basin: the effect explains as much without.
-        both = alone.good & found.reference.good
-        top = replace(top, refit=alone, delta_bic=found.reference.bic(both) - alone.bic(both))
-        others = (t for t in found.tried if t.name != top.name)
-        return replace(looked, winner=top, found=replace(found, tried=(top, *others)))
-    after = polished(deeper.fit.model, deeper.fit.values, run.rng)
-    said = Finding("joint", "info", f"{LAG} and {top.name} explain together what neither explains alone",
-                   {"effects": [LAG, top.name]}, (), "CRITICISM.md section 6")
-    study = with_steps(looked.study, run, (*looked.study.steps, finished_step(run, after, LAG, (said,))), after)
-    return _Looked(study, run, replace(deeper, better=False), top)
-
-
-def _alone(run: Run, before: Model, top: Tried) -> Refit:
-    """The refit of an effect found beside a further lag, polished without the lag."""
-    assert top.refit is not None
-    model = bound(run.loop, replace(before.spec, effects=(*before.spec.effects, top.name)), s_max=before.s_max,
-                  period_s=before.period_s, residual=np.nan_to_num(top.refit.evaluated.residual))
-    named = top.refit.model.named(top.refit.values)
-    # Either lag may have taken what the process does.
-    other = named.get(f"{LAG}:second_time_constant_s", 0.0)
-    starts = [named, {**named, "time_constant_s": max(other, named["time_constant_s"])}]
-    near = descended(model, model.cube(np.stack([model.vector(start) for start in starts], axis=1)))
-    point, _ = polish_smooth(model, near.points[0])
-    return quick(model, model.values(point[None])[:, 0])
 
 
 def before_chosen(study: Study) -> Study | None:
@@ -204,18 +129,19 @@ def _carried(study: Study) -> bool:
         and last.error.rmse > ADEQUATE * floor
 
 
-def _instead(loop: Loop, study: Study, earlier: Study, seed: int, jobs: int, tell: Progress) -> _Looked | None:
+def _instead(loop: Loop, study: Study, earlier: Study, seed: int, jobs: int, tell: Progress) -> Looked | None:
     """What explains the record better than the steps that `identify` chose; None where the study's own round decides.
 
     `stays` where the study is adequate and nothing does better.
     """
-    looked = _with_lag(_looked(loop, earlier, seed, jobs, tell), seed, jobs, tell)
+    looked = on_other_process(look_at(loop, earlier, seed, jobs, tell), seed, jobs, tell)
+    looked = beside_lag(looked, seed, jobs, tell)
     ahead = _ahead(looked, study)
     if study.adequate:
         return replace(looked, stays=ahead < NAMED)
     if ahead < NAMED:
         return None
-    own = _looked(loop, study, seed, jobs, tell)
+    own = look_at(loop, study, seed, jobs, tell)
     if own.winner is None or own.winner.refit is None or looked.winner is None or looked.winner.refit is None:
         return looked
     a, b = own.winner.refit, looked.winner.refit
@@ -223,7 +149,7 @@ def _instead(loop: Loop, study: Study, earlier: Study, seed: int, jobs: int, tel
     return looked if b.bic(good) < a.bic(good) else own
 
 
-def _ahead(looked: _Looked, study: Study) -> float:
+def _ahead(looked: Looked, study: Study) -> float:
     """BIC by which a round's winner does better than the study's last model, noise and all, on the same samples."""
     winner = looked.winner
     if winner is None or winner.refit is None or parse(winner.name)[0].name in study.steps[-1].effects:
@@ -234,12 +160,13 @@ def _ahead(looked: _Looked, study: Study) -> float:
     return now.bic(good) - winner.refit.bic(good)
 
 
-def _replaced(study: Study, run: Run, found: Round, instead: Tried | None, gone: Sequence[str]) -> Study:
-    """The study with its last step put right: a restart found a better optimum of the same model, or effects that
-    followed it (`gone`) give way to one that does better (`instead`)."""
+def _replaced(chosen: Looked, gone: Sequence[str]) -> Study:
+    """The study with its last step put right: a restart found a better optimum of the same model, the process is
+    another, or effects that followed it (`gone`) give way to one that does better."""
+    study, run, found, instead = chosen.study, chosen.run, chosen.found, chosen.winner
     before = study.steps[-1]
     after = polished(found.fit.model, found.fit.values, run.rng)
-    notes = []
+    notes = list(chosen.notes)
     if found.better:
         notes.append(Finding(
             "better-optimum", "warning",

@@ -376,14 +376,7 @@ def structure(run: Run, spec: Spec, starts: FloatArray | None = None, rival: Spe
     if lag < _ANY_LAG * run.period_s and at_noise(run, first, _FAR):
         return first
     run.tell("trying an integrating process", 0.2)
-    second = _first(run, replace(plain, process=INTEGRATOR, increments=True))
-    if _noise_fills(run, second):
-        second = _first(run, replace(second.spec, taps=SOFT))
-    if not at_noise(run, second, _FAR):
-        # Slips add up: the basin is narrow, and the ARX cost of a valve far from it misleads.
-        model = search_model(run.model(second.spec))
-        third = _first(run, second.spec, starts=grown(model, run.rng))
-        second = third if third.cost < second.cost else second
+    second = integrating(run, plain)
     if lag > _ENDLESS_LAG * run.period_s:
         gain = -_ENDLESS_LOSS
     elif _runs_away(run, second, first):
@@ -391,6 +384,25 @@ def structure(run: Run, spec: Spec, starts: FloatArray | None = None, rival: Spe
     else:
         gain = INTEGRATOR_GAIN
     return second if _one_step(run, second) < (1.0 - gain) * _one_step(run, first) else first
+
+
+def integrating(run: Run, plain: Spec) -> Tried:
+    """The search with an integrator in place of a `plain` first-order process."""
+    found = _first(run, replace(plain, process=INTEGRATOR, increments=True))
+    if _noise_fills(run, found):
+        found = _first(run, replace(found.spec, taps=SOFT))
+    if at_noise(run, found, _FAR):
+        return found
+    # Slips add up: the basin is narrow, and the ARX cost of a valve far from it misleads.
+    model = search_model(run.model(found.spec))
+    again = _first(run, found.spec, starts=grown(model, run.rng))
+    return again if again.cost < found.cost else found
+
+
+def other_process(run: Run, spec: Spec) -> Tried:
+    """The search with the process that a spec does not have: an integrator for a first order, or the other way."""
+    plain = replace(spec, process=FIRST_ORDER, increments=False, taps=(), guides=())
+    return integrating(run, plain) if spec.process == FIRST_ORDER else _first(run, plain)
 
 
 def _runs_away(run: Run, integrator: Tried, first: Tried) -> bool:

@@ -1,0 +1,159 @@
+"""One round over the catalogue, and the same round on another base where that explains the record better.
+
+A base that lacks a further lag, or has the wrong process, hides the effect that is missing: both are tried where a
+round leaves more than noise. Source: CRITICISM.md sections 6 and 7; METHODS.md section 4, trap 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..addition import polished
+from ..errors import CannotTell
+from ..fit import Fitted, polish_smooth
+from ..loop import Finding, Loop
+from ..methods.run import Run
+from ..methods.structure import other_process
+from ..model import Model
+from ..moves import descended
+from ..refit import AUTOREGRESSIVE, RANDOM_WALK, Refit, at_noise, has_noise, quick
+from ..restarts import bound
+from ..results import Study
+from .judge import winner_of
+from .steps import finished_step, opened, with_steps
+from .tries import NAMED, Progress, Round, Tried, try_all
+
+LAG = "extra-lag"
+# What a lag and another effect must gain in BIC over the best one alone (CRITICISM.md section 7, step 7: "named").
+_JOINT = 50.0
+# A process is tried in a round of its own where its base, noise model included, is at most so much less likely in BIC.
+_AS_LIKELY = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Looked:
+    """One round over the catalogue: on which study, and what won; `stays` where the study is best left as it was.
+
+    `notes` say what was changed in the base before the round: such a base replaces the study's last model.
+    """
+
+    study: Study
+    run: Run
+    found: Round
+    winner: Tried | None
+    stays: bool = False
+    notes: tuple[Finding, ...] = ()
+
+    @property
+    def best(self) -> Refit:
+        """What the round ends with: the winner's refit, or the base where nothing won."""
+        return self.found.reference if self.winner is None or self.winner.refit is None else self.winner.refit
+
+    @property
+    def settled(self) -> bool:
+        """Whether a physical effect brings the free run to the noise: nothing is left that another base could do."""
+        return self.winner is not None and self.winner.refit is not None and at_noise(self.winner.refit)
+
+
+def look_at(loop: Loop, study: Study, seed: int, jobs: int, tell: Progress) -> Looked:
+    run, fit = opened(loop, study, seed)
+    found = try_all(run.loop, fit, seed, jobs, tell)
+    return Looked(study, run, found, winner_of(found))
+
+
+def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
+    """The same round beside a further lag, where that names an effect which explains the record better.
+
+    A process of second order hides a valve effect, and that effect the lag: neither helps alone.
+    """
+    run, found, winner = looked.run, looked.found, looked.winner
+    lag = next((t.refit for t in found.tried if t.name == LAG and t.refit is not None), None)
+    if lag is None or looked.settled:
+        return looked
+    before = found.fit.model
+    model = bound(run.loop, replace(before.spec, effects=(*before.spec.effects, LAG)), s_max=before.s_max,
+                  period_s=before.period_s, residual=before.context.residual)
+    values = model.vector(lag.model.named(lag.values))
+    best = model.evaluate(values)
+    fit = Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+    deeper = try_all(run.loop, fit, seed, jobs, tell)
+    top, rival = winner_of(deeper), looked.best
+    # What won without the lag, too, needs none to be named.
+    if top is None or top.noise or top.refit is None or (winner is not None and top.name == winner.name):
+        return looked
+    good = top.refit.good & rival.good
+    if top.refit.bic(good) > rival.bic(good) - _JOINT:
+        return looked
+    alone = _alone(run, before, top)
+    if alone.bic(good) <= top.refit.bic(good) + NAMED:
+        # The round beside the lag has only found the better basin: the effect explains as much without.
+        both = alone.good & found.reference.good
+        top = replace(top, refit=alone, delta_bic=found.reference.bic(both) - alone.bic(both))
+        others = (t for t in found.tried if t.name != top.name)
+        return replace(looked, winner=top, found=replace(found, tried=(top, *others)))
+    after = polished(deeper.fit.model, deeper.fit.values, run.rng)
+    said = Finding("joint", "info", f"{LAG} and {top.name} explain together what neither explains alone",
+                   {"effects": [LAG, top.name]}, (), "CRITICISM.md section 6")
+    study = with_steps(looked.study, run, (*looked.study.steps, finished_step(run, after, LAG, (said,))), after)
+    return Looked(study, run, replace(deeper, better=False), top, notes=looked.notes)
+
+
+def on_other_process(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
+    """The same round with an integrator for a first order, or the other way, where that ends with a better model.
+
+    A missing effect bends the choice of the process: a ramp or a limited slew rate made first orders integrators.
+    """
+    run, found = looked.run, looked.found
+    spec = found.fit.model.spec
+    if looked.settled or has_noise(spec) or "time_constant_s" in spec.fixed:
+        return looked
+    tell("trying the other process", 0.5)
+    tried = other_process(run, spec)
+    if tried.evaluated is None:
+        return looked
+    try:
+        fit = run.fit(tried.spec, before=(tried.point[None], np.array([tried.cost])))
+    except CannotTell:
+        return looked
+    if _beside_noise(fit) > _beside_noise(found.fit) + _AS_LIKELY:
+        return looked
+    other = try_all(run.loop, fit, seed, jobs, tell)
+    changed = replace(looked, found=replace(other, better=False), winner=winner_of(other))
+    if not changed.settled:
+        return looked
+    good = changed.best.good & looked.best.good
+    if changed.best.bic(good) > looked.best.bic(good) - _JOINT:
+        return looked
+    kinds = [f.model.spec.process for f in (found.fit, other.fit)]
+    assert changed.winner is not None
+    said = Finding("other-process", "warning",
+                   f"the process is taken as {kinds[1]} and no more as {kinds[0]}: with {changed.winner.name} that "
+                   f"explains the record better, the free-run error falls from {found.fit.best.rmse:.4g} to "
+                   f"{changed.best.evaluated.rmse:.4g}",
+                   {"before": kinds[0], "process": kinds[1], "effects": [changed.winner.name]}, (),
+                   "METHODS.md section 4, trap 5; CRITICISM.md section 6")
+    return replace(changed, notes=(said,))
+
+
+def _beside_noise(fit: Fitted) -> float:
+    """BIC of a base with the noise model that its residual asks for."""
+    refits = [quick(fit.model, fit.values, noise=noise) for noise in (AUTOREGRESSIVE, RANDOM_WALK)]
+    return min(r.bic(r.good) for r in refits)
+
+
+def _alone(run: Run, before: Model, top: Tried) -> Refit:
+    """The refit of an effect found beside a further lag, polished without the lag."""
+    assert top.refit is not None
+    model = bound(run.loop, replace(before.spec, effects=(*before.spec.effects, top.name)), s_max=before.s_max,
+                  period_s=before.period_s, residual=np.nan_to_num(top.refit.evaluated.residual))
+    named = top.refit.model.named(top.refit.values)
+    # Either lag may have taken what the process does.
+    other = named.get(f"{LAG}:second_time_constant_s", 0.0)
+    starts = [named, {**named, "time_constant_s": max(other, named["time_constant_s"])}]
+    near = descended(model, model.cube(np.stack([model.vector(start) for start in starts], axis=1)))
+    point, _ = polish_smooth(model, near.points[0])
+    return quick(model, model.values(point[None])[:, 0])
+
+
