@@ -47,11 +47,11 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     added: list[str] = []
     ranking: tuple[Candidate, ...] = ()
     while True:
-        earlier = None if added else before_chosen(study)
+        earlier = () if added else before_chosen(study)
         settled = bool(study.steps) and study.adequate and not _carried(study) and not _memory(loop, study, seed)
-        if settled and earlier is None and not everything:
+        if settled and not earlier and not everything:
             return replace(study, candidates=() if not added else study.candidates, missing=tuple(added))
-        chosen = _instead(loop, study, earlier, seed, jobs, tell) if earlier is not None else None
+        chosen = _instead(loop, study, earlier, seed, jobs, tell) if earlier else None
         if chosen is not None and chosen.stays and (settled or _noisy(study)):
             # What was chosen stays: what it could hide does no better.
             kept = tuple(c for c in candidates(chosen.found, chosen.winner) if c.effect not in study.steps[-1].effects)
@@ -89,16 +89,16 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
         added.append(parse(winner.name)[0].name)
 
 
-def before_chosen(study: Study) -> Study | None:
-    """The study as it was before `identify` added a step of its own, None where it added none, or the user did.
+def before_chosen(study: Study) -> tuple[Study, ...]:
+    """The study as it was before the last step that `identify` added by itself, and before all of them.
 
-    An autoregression can imitate anything one step ahead, and a valve that rests, or a lag, much: what was chosen
-    before any rival was tried has to stand against the whole catalogue first.
+    Empty where it added none, or the user did. An autoregression can imitate anything one step ahead, and a valve that
+    rests, or a lag, much: what was chosen before any rival was tried has to stand against the whole catalogue first.
     """
     names = [step.added for step in study.steps[1:]]
     if not names or not all(n and (n in _CHOSEN or parse(n)[0].noise is not None) for n in names):
-        return None
-    return replace(study, steps=study.steps[:1])
+        return ()
+    return tuple(replace(study, steps=study.steps[:k]) for k in sorted({len(names), 1}, reverse=True))
 
 
 def _memory(loop: Loop, study: Study, seed: int) -> bool:
@@ -129,14 +129,23 @@ def _carried(study: Study) -> bool:
         and last.error.rmse > ADEQUATE * floor
 
 
-def _instead(loop: Loop, study: Study, earlier: Study, seed: int, jobs: int, tell: Progress) -> Looked | None:
+def _instead(loop: Loop, study: Study, before: Sequence[Study], seed: int, jobs: int, tell: Progress) -> Looked | None:
     """What explains the record better than the steps that `identify` chose; None where the study's own round decides.
 
+    The last of the steps stands first, beside the others: a valve that rests at every scan hides what a lag imitates.
     `stays` where the study is adequate and nothing does better.
     """
-    looked = on_other_process(look_at(loop, earlier, seed, jobs, tell), seed, jobs, tell)
-    looked = beside_lag(looked, seed, jobs, tell)
-    ahead = _ahead(looked, study)
+    best: tuple[float, Looked] | None = None
+    for earlier in before:
+        looked = on_other_process(look_at(loop, earlier, seed, jobs, tell), seed, jobs, tell)
+        looked = beside_lag(looked, seed, jobs, tell)
+        ahead = _ahead(looked, study)
+        if best is None or ahead >= best[0]:
+            best = ahead, looked
+        if ahead >= NAMED and looked.settled:
+            break
+    assert best is not None
+    ahead, looked = best
     if study.adequate:
         return replace(looked, stays=ahead < NAMED)
     if ahead < NAMED:
