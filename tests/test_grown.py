@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from loops_with_effects import VISIBLE, loop_of, shown
 
 from stictionid.diagnose import diagnose
+from stictionid.diagnose.run import before_chosen
 from stictionid.gates import swing_of, time_scale_s
 from stictionid.grown import grown_valves
 from stictionid.identify import identify
 from stictionid.model import Model
 from stictionid.oscillation import find_range
+from stictionid.results import ErrorSummary, Restarts, Step
 from stictionid.spec import Spec
 
 # The valve of this loop overshoots, and its process is of second order.
@@ -54,3 +58,31 @@ def test_what_a_record_cannot_show_is_told_from_the_truth() -> None:
     # A lag of 2 s stands for the 0.3 s of this integrator, and the dead time for the rest.
     setting, loop, _, sd = loop_of(300, "extra-lag", 0.01, 0.0, 1500)
     assert shown(setting, loop, "extra-lag", sd) < VISIBLE
+
+
+def test_a_ramp_that_made_a_tank_an_integrator_is_found_on_the_right_process() -> None:
+    _, loop, _, sd = loop_of(322, "ramp-disturbance", 0.01, 0.0, 700)
+    study = identify(loop)
+    assert study.steps[-1].model["process"] == "integrator"
+    after = diagnose(loop, study)
+    assert after.missing == ("ramp-disturbance",)
+    assert after.steps[-1].model["process"] == "first-order"
+    assert any(f.code == "other-process" for f in after.steps[-1].findings)
+
+
+def test_what_identify_chose_stands_step_by_step_but_never_beside_a_noise_model() -> None:
+    base = Step(None, (), (), ErrorSummary(1.0), Restarts(1, 1))
+    rests = replace(base, added="re-sticking", effects=("re-sticking",))
+    lag = replace(base, added="extra-lag", effects=("re-sticking", "extra-lag"))
+    noisy = replace(base, added="coloured-noise", effects=("coloured-noise",))
+    late = replace(base, added="extra-lag", effects=("coloured-noise", "extra-lag"))
+    asked = replace(base, added="slew-limit", effects=("slew-limit",))
+    study = identify(loop_of(300, None, 0.01, 0.0, 400)[1])
+
+    def kept(*steps: Step) -> list[int]:
+        return [len(s.steps) for s in before_chosen(replace(study, steps=steps))]
+
+    assert kept(base, rests, lag) == [2, 1]
+    assert kept(base, rests) == [1]
+    assert kept(base, noisy, late) == [1]
+    assert kept(base) == kept(base, asked) == []

@@ -98,7 +98,9 @@ def before_chosen(study: Study) -> tuple[Study, ...]:
     names = [step.added for step in study.steps[1:]]
     if not names or not all(n and (n in _CHOSEN or parse(n)[0].noise is not None) for n in names):
         return ()
-    return tuple(replace(study, steps=study.steps[:k]) for k in sorted({len(names), 1}, reverse=True))
+    parts = [replace(study, steps=study.steps[:k]) for k in sorted({len(names), 1}, reverse=True)]
+    # Beside a noise model everything is small.
+    return tuple(part for part in parts if not _noisy(part))
 
 
 def _memory(loop: Loop, study: Study, seed: int) -> bool:
