@@ -61,7 +61,7 @@ def test_what_a_record_cannot_show_is_told_from_the_truth() -> None:
 
 
 def test_a_ramp_that_made_a_tank_an_integrator_is_found_on_the_right_process() -> None:
-    _, loop, _, sd = loop_of(322, "ramp-disturbance", 0.01, 0.0, 700)
+    _, loop, _, _ = loop_of(322, "ramp-disturbance", 0.01, 0.0, 700)
     study = identify(loop)
     assert study.steps[-1].model["process"] == "integrator"
     after = diagnose(loop, study)
