@@ -174,6 +174,17 @@ def descended(model: Model, starts: FloatArray, *, held: tuple[int, ...] = (), t
     return descend(partial(model.residuals, lent=True), model.costs, starts, spread=spread, turns=turns, settle=settle)
 
 
+def behind_valve(model: Model, starts: FloatArray, own: slice, *, turns: int, settle: float) -> Found:
+    """Starts (k, d) polished in the process and one effect's numbers (`own`) only, the valve as it is; best first.
+
+    What a lag takes from dead time and time constant is smooth while no slip moves; together with S and J, which have
+    a step at every sample, a descent stops at the first of these.
+    """
+    free = {3, 4, *range(own.start, own.stop)}
+    held = tuple(i for i in range(model.space.size) if i not in free)
+    return descended(model, starts, held=held, turns=turns, settle=settle)
+
+
 def movable(model: Model) -> FloatArray:
     """1 for parameters that may move, 0 for those that are fixed (d,)."""
     return np.array([float(p.high > p.low) for p in model.space.parameters])

@@ -43,6 +43,9 @@ _GROWTH, _GROWN_KEPT, _GROWN_PERIODS = (0.1, 0.2, 0.4, 0.7, 1.0), 16, 2.0
 # shares of S (None: the point's own).
 _RIDGE_POINTS, _RIDGE_S, _RIDGE_SAMPLES = 161, 0.12, 5
 _RIDGE_J = (None, 0.3, 0.9)
+# Where a valve rests at every sample each slip after the first waits for J, so J decides when it comes: points in S
+# and J over the same span of S and this one of J (share).
+_REST_S, _REST_J = 81, 1.0 + np.linspace(-0.2, 0.2, 21)
 _RIDGE_KEPT = 6
 # Initial residual forces tried for each segment there, where there are several.
 _RIDGE_FORCES = np.linspace(-0.96, 0.96, 9)
@@ -150,11 +153,9 @@ def along_ridge(model: Model, points: FloatArray) -> FloatArray:
     found: list[tuple[float, FloatArray]] = []
     for point in points:
         values = model.values(point[None])[:, 0]
-        S = values[0] * (1.0 + np.linspace(-_RIDGE_S, _RIDGE_S, _RIDGE_POINTS))
-        grid = values[:, None].repeat(S.size * len(_RIDGE_J), axis=1)
-        grid[0] = np.tile(S, len(_RIDGE_J))
-        share = np.array([values[1] / max(values[0], 1e-12) if j is None else j for j in _RIDGE_J])
-        grid[1] = grid[0] * (1.0 if model.law.one_parameter else share.repeat(S.size))
+        S, J = _ridge_valves(model, values)
+        grid = values[:, None].repeat(S.size, axis=1)
+        grid[0], grid[1] = S, J
         back = min(_RIDGE_SAMPLES, int((values[4] - dead.low) / model.step_s))
         grid[4] = values[4] - back * model.step_s
         looks = _shifted_costs(model, grid, back + _RIDGE_SAMPLES) if len(model.pieces) == 1 else \
@@ -166,6 +167,19 @@ def along_ridge(model: Model, points: FloatArray) -> FloatArray:
                 found.append((cost, model.cube(neighbour[:, None])[0]))
     found.sort(key=lambda f: f[0])
     return np.array([f[1] for f in found[:_RIDGE_KEPT]]).reshape(-1, points.shape[1])
+
+
+def _ridge_valves(model: Model, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The stickbands and slip jumps (m,) that are tried with every dead time near a point of values (d,)."""
+    if model.law.one_parameter:
+        S = values[0] * (1.0 + np.linspace(-_RIDGE_S, _RIDGE_S, _RIDGE_POINTS))
+        return S, S
+    if model.law.sliding_state is None:
+        S = values[0] * (1.0 + np.linspace(-_RIDGE_S, _RIDGE_S, _REST_S))
+        return S.repeat(_REST_J.size), np.minimum(np.tile(values[1] * _REST_J, S.size), 2.0 * S.repeat(_REST_J.size))
+    S = np.tile(values[0] * (1.0 + np.linspace(-_RIDGE_S, _RIDGE_S, _RIDGE_POINTS)), len(_RIDGE_J))
+    share = np.array([values[1] / max(values[0], 1e-12) if j is None else j for j in _RIDGE_J])
+    return S, S * share.repeat(_RIDGE_POINTS)
 
 
 def _shifted_costs(model: Model, values: FloatArray, shifts: int) -> list[tuple[float, int]]:
@@ -211,8 +225,10 @@ def roamed(model: Model, rng: np.random.Generator) -> FloatArray:
     return found.points[first_distinct(found.points, _ROAMERS)]
 
 
-def grown(model: Model, rng: np.random.Generator) -> FloatArray:
+def grown(model: Model, rng: np.random.Generator, lag_s: float | None = None) -> FloatArray:
     """Starting points (k, d) for records whose ARX cost is all noise, from a scan of a tenth that grows to the whole.
+
+    `lag_s` is a time constant that goes with the record, where one is known; a scan tries a single one.
 
     An integrator adds up its slips, so that on a whole record the basin is as narrow as one slip in a wrong sample
     (0.2 % of S after 80 slips) and swarms walk past it. On a tenth it is ten times as wide: an even scan of valves with
@@ -221,26 +237,27 @@ def grown(model: Model, rng: np.random.Generator) -> FloatArray:
     """
     if len(model.pieces) > 1:
         at = longest_piece(model)
-        return lifted(model, at, grown(model.pieces[at], rng))
+        return lifted(model, at, grown(model.pieces[at], rng, lag_s))
     points, kept = np.empty((0, model.space.size)), _GROWN_KEPT
     for share in _GROWTH:
         least = model.skip + int(_GROWN_PERIODS * model.period_s / model.step_s)
         part = _beginning(model, max(int(share * model.loop.samples), least))
-        near = descended(part, with_start(part, points) if len(points) else _scan(part, rng), turns=6).points[:kept]
+        known = with_start(part, points) if len(points) else _scan(part, rng, lag_s)
+        near = descended(part, known, turns=6).points[:kept]
         last = refine(part.costs, near, rng, spread=spreads(part, 0.4), rounds=30, population=14, settle=1e-3)
         points = np.concatenate([last.points, near])
         points = points[first_distinct(points, 2 * kept, 0.004)]
     return points[:kept // 2]
 
 
-def _scan(model: Model, rng: np.random.Generator) -> FloatArray:
+def _scan(model: Model, rng: np.random.Generator, lag_s: float | None) -> FloatArray:
     """The best distinct points (k, d) of an even scan of the valve, the best dead time with each."""
     points = neutral_point(model)[None].repeat(_SCAN, axis=0)
     points[:, :3] = (rng.random(3) + np.outer(np.arange(_SCAN), _EVEN)) % 1.0
     values = model.values(points)
     lag, dead = model.space.parameters[3:5]
     # A lag delays, too: a short one and half samples of dead time stand for all.
-    values[3] = np.clip(_SCAN_LAG * model.step_s, lag.low, lag.high)
+    values[3] = np.clip(_SCAN_LAG * model.step_s if lag_s is None else lag_s, lag.low, lag.high)
     values[4] = np.minimum(dead.low + 0.5 * model.step_s * (np.arange(_SCAN) % 2), dead.high)
     costs = _all_shifted(model, values, int(min(dead.high - dead.low, _SCAN_DEAD * model.period_s) / model.step_s))
     order = np.argsort(costs.min(axis=0), kind="stable")[:_SCAN // 8]

@@ -13,8 +13,8 @@ from ..fit import Fitted
 from ..moves import descended, search_model
 from ..results import Step
 from ..unheld import QUICK_SETTLE, QUICK_TURNS
-from .run import Run
-from .structure import QUICK_KEPT, first_look, structure
+from .run import Run, bic_gain
+from .structure import LAG, QUICK_KEPT, first_look, structure
 
 # A step of its own must lower the held-out error by this share and BIC by this much (CRITICISM.md section 7). A second
 # lag is a question of the process: not settled, it bends S through the dead time (8 % met), so it needs less.
@@ -51,7 +51,7 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
         # A valve that rests under a held command looks as if the command moved, to a search that knows no rest.
         spec = replace(spec, between="hold", substeps=1)
     resting = structure(run, replace(spec, law=_RESTING_LAW))
-    if resting.evaluated is None or not _explained(run, steps[-1], resting.evaluated.rmse, _RESTING_TRIED):
+    if resting.evaluated is None or not _explained(run, steps[-1], _RESTING_TRIED, resting.evaluated.rmse):
         return
     found = run.fit(resting.spec, before=(resting.point[None], np.array([resting.cost])))
     spec = replace(resting.spec, law=run.law, effects=(*spec.effects, "re-sticking"))
@@ -62,29 +62,32 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     speeds = guess(model.context)
     starts = np.array([model.vector(found.best.values)]).repeat(len(speeds), axis=0)
     starts[:, at] = speeds
-    after = run.fit(spec, model.cube(starts.T))
-    step = run.step(after, "re-sticking")
+    made = [run.fit(spec, model.cube(starts.T))]
+    some = [run.step(made[0], "re-sticking")]
+    if LAG not in spec.effects and not run.options.fixed and not _explained(run, some[0], _RESTING_TAKEN):
+        # A further lag of the process, not yet in the model, may be what is left.
+        try_step(run, some, made, LAG)
+    after, step = made[-1], some[-1]
     was, now = steps[-1].error.rmse_holdout, step.error.rmse_holdout
-    if was is None or now is None or now > (1.0 - _STEP_DROP) * was:
-        return
-    if not _explained(run, step, step.error.rmse, _RESTING_TAKEN):
+    if was is None or now is None or now > (1.0 - _STEP_DROP) * was or not _explained(run, step, _RESTING_TAKEN):
         return
     # Criteria of levels and of differences can't be compared; a change of structure must lower the error clearly.
     if spec.whitening().tolist() == before.model.spec.whitening().tolist():
-        better = (steps[-1].error.bic or 0.0) - (step.error.bic or 0.0) > STEP_BIC
+        better = bic_gain(before, after) > STEP_BIC
     else:
         better = now < (1.0 - 3.0 * _STEP_DROP) * was
     if better:
-        steps.append(step)
-        fits.append(after)
+        steps.extend(some)
+        fits.extend(made)
 
 
-def _explained(run: Run, step: Step, error: float, within: float) -> bool:
-    """Whether an error is within so many times the irreducible noise, or next to nothing beside the scatter of y.
+def _explained(run: Run, step: Step, within: float, error: float | None = None) -> bool:
+    """Whether the error of a step is within so many times its irreducible noise, or next to nothing beside the scatter
+    of y. `error` stands for the step's own.
 
     The noise of a noise-free record is 0, and no model of a valve between its samples is as good as that.
     """
-    floor = step.error.noise_sd
+    floor, error = step.error.noise_sd, step.error.rmse if error is None else error
     return floor is not None and error <= within * max(floor, _NEXT_TO_NOTHING * float(np.std(run.used_y())))
 
 
@@ -107,7 +110,7 @@ def try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str, least
     if before.rmse_holdout is None or after.rmse_holdout is None:
         return
     drop = 1.0 - after.rmse_holdout / before.rmse_holdout
-    gain = (steps[-1].error.bic or 0.0) - (step.error.bic or 0.0)
-    if drop > least_drop and gain > least_bic and (within == np.inf or _explained(run, step, step.error.rmse, within)):
+    if drop > least_drop and bic_gain(before, after) > least_bic and (within == np.inf
+                                                                      or _explained(run, step, within)):
         steps.append(step)
         fits.append(after)

@@ -74,7 +74,7 @@ def _searched(run: Run) -> Outcome:
         try_resting(run, steps, fits)
     if fits[-1].best.rmse > _NOTHING * float(np.std(run.used_y())) and not _explains_changes(fits[-1]):
         raise _explains_nothing(run)
-    if not o.base_only and LAG not in spec.effects and not o.fixed:
+    if not o.base_only and LAG not in fits[-1].model.spec.effects and not o.fixed:
         run.tell("trying a further lag", 0.7)
         try_step(run, steps, fits, LAG)
     for name in noises:

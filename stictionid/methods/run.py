@@ -112,8 +112,7 @@ class Run:
         known = fit.model.disturbance(fit.values, e.own) if any(x.columns for x in fit.model.effects) else None
         floor = self.floor(e.position_means, e.values["dead_time_s"], known)
         innovation = float(np.sqrt(fit.sse / max(e.rows - 1, 1)))
-        rows = effective_rows(np.nan_to_num(e.innovation), fit.model.weight)
-        count = fit.model.space.size - len(fit.model.spec.fixed) + fit.model.shared.freedom + len(e.own)
+        rows, count = _rows(fit), _count(fit)
         span = float(np.linalg.norm(y - y.mean()))
         fitted = 100.0 * (1.0 - e.rmse * np.sqrt(y.size) / span) if span else None
         error = ErrorSummary(e.rmse, level_holdout(fit), innovation, fit.rmse_holdout, floor, fitted,
@@ -197,6 +196,28 @@ class Run:
         return Fitted(model, values, float(best.costs[0]), 1, 1, evaluated, None, {}, np.array([[S, J]]))
 
 
+def bic_gain(before: Fitted, after: Fitted) -> float:
+    """BIC by which one fit does better than another of the same record in the same form, on equally many rows.
+
+    The error of a wrong model remembers and is worth fewer rows: by the criterion of each on its own rows the unit of
+    y would decide. The fewer of both are the ones that certainly count.
+    """
+    rows = min(_rows(before), _rows(after))
+    squares = [fit.sse / max(fit.best.rows, 1) for fit in (before, after)]
+    return rows * float(np.log(squares[0] / max(squares[1], 1e-300))) - (_count(after) - _count(before)) * float(
+        np.log(rows))
+
+
+def _rows(fit: Fitted) -> float:
+    """The rows that count as independent in a fit's innovations."""
+    return effective_rows(np.nan_to_num(fit.best.innovation), fit.model.weight)
+
+
+def _count(fit: Fitted) -> int:
+    """How many numbers a fit has found."""
+    return fit.model.space.size - len(fit.model.spec.fixed) + fit.model.shared.freedom + len(fit.best.own)
+
+
 def increment_error(e: Evaluated) -> float:
     """Root mean square of the differences of the free-run residual, in the unit of y."""
     good = e.counted > 0
@@ -244,5 +265,5 @@ def process_numbers(fit: Fitted) -> dict[str, Any]:
             "dead_time_interval": spans.get("dead_time_s")}
 
 
-__all__ = ["ADEQUATE", "FIRST_ORDER", "INTEGRATOR_GAIN", "LONG_LAG", "Run", "increment_error", "level_holdout",
-           "parameters", "process_numbers"]
+__all__ = ["ADEQUATE", "FIRST_ORDER", "INTEGRATOR_GAIN", "LONG_LAG", "Run", "bic_gain", "increment_error",
+           "level_holdout", "parameters", "process_numbers"]
