@@ -18,12 +18,19 @@ from .kernels import LANES, LINE, kernel, output, scratch
 from .loop import FloatArray
 from .parameters import Parameter
 
-# Rows of the coefficient table that the kernel reads.
-_A1, _B1, _C1, _A2, _B2X, _B2, _C2, _HELD, _PART, _GX, _GZ, _GI, _E2, _CROSS = range(14)
-_COEFFICIENTS = 14
-# Further rows of the working table: first position, part to report, and the states.
-_START, _PICK, _X, _Z, _TOTAL, _BEFORE, _OUT = range(14, 21)
-_WORK = 21
+# Rows of the coefficient table: decays over a part of either lag and of an integral, the weights of their sums in the
+# response and that of the position there; then for one lag the weights of the position in the part and before, for two
+# the second one's decay over the rest of a part and the first one's share in the response.
+_A1, _A2, _ENDLESS, _W1, _W2, _W_ENDLESS, _W_NOW, _B1, _C1, _E2, _CROSS = range(11)
+_COEFFICIENTS = 11
+# Sums that `_run` keeps, by their decays: lags alone, and with an integral; one lag alone has kernels of its own.
+_TWO_LAGS, _INTEGRAL, _INTEGRAL_TWO = (np.array(rows) for rows in ((_A1, _A2), (_A1, _ENDLESS), (_A1, _A2, _ENDLESS)))
+# Rows of the working table of `_run`: first position, part to report, weight of the position there, response; and for
+# every mode decay, weight and sum.
+_START, _PICK, _WEIGHT, _OUT, _ROWS = range(5)
+_DECAY, _SHARE, _TOTAL = range(3)
+# Parts taken in one pass over the lanes: the sums stay in the registers.
+_TOGETHER = 4
 # Two time constants closer than this share are spread apart: the cascade's formula divides by their difference.
 # Unit: 1; at 1e-6 the response moves by less than 1e-6 of its size.
 _SPREAD = 1e-6
@@ -43,50 +50,77 @@ class Dynamics:
 
 
 @kernel
-def _run(position, substeps, table, whole, fine, response):
-    """Fill response (samples + longest whole delay, P); rows before a lane's delay stay as they are (zero)."""
-    lanes = response.shape[1]
+def _run(position, substeps, table, kinds, whole, fine, response):
+    """Fill response (samples + longest whole delay, P); rows before a lane's delay stay as they are (zero).
+
+    Every mode is a sum of all positions so far, the older the more decayed: s = a s + u for each part, a = 1 for an
+    integral. The response is the position of the part to report and every mode's sum before it, each with its weight:
+    two lags answer as the weighted difference of what each alone would.
+    """
+    modes, lanes = kinds.size, response.shape[1]
     samples = position.shape[0] // substeps
-    work = np.empty(_WORK * LANES + LINE)
-    work = work[-(work.ctypes.data // 8) % LINE:]
+    room = np.empty((_ROWS + 3 * modes) * LANES + LINE)
+    shift = -(room.ctypes.data // 8) % LINE
+    work = room[shift:shift + _ROWS * LANES].reshape(_ROWS, LANES)
+    shift += _ROWS * LANES
+    sums = room[shift:shift + 3 * modes * LANES].reshape(3, modes, LANES)
     at = np.empty(LANES, np.int64)
     flat = response.reshape(response.size)
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
         last = first + width
+        work[:] = 0.0
         for p in range(width):
-            for r in range(_COEFFICIENTS):
-                work[r * LANES + p] = table[r, first + p]
-            for r in range(_COEFFICIENTS, _WORK):
-                work[r * LANES + p] = 0.0
-            work[_START * LANES + p] = position[0, first + p]
-            work[_PICK * LANES + p] = float(substeps - 1 - fine[first + p])
-            at[p] = (1 + whole[first + p]) * lanes + first + p
+            q = first + p
+            work[_START, p] = position[0, q]
+            work[_PICK, p] = float(substeps - 1 - fine[q])
+            work[_WEIGHT, p] = table[_W_NOW, q]
+            at[p] = (1 + whole[q]) * lanes + q
+            for i in range(modes):
+                sums[_DECAY, i, p], sums[_SHARE, i, p] = table[kinds[i], q], table[kinds[i] + _W1 - _A1, q]
+                sums[_TOTAL, i, p] = 0.0
+        alike = (whole[first:last] == whole[first]).all()
         for k in range(samples - 1):
-            for s in range(substeps):
-                row = position[k * substeps + s, first:last]
-                part = float(s)
+            for s in range(0, substeps, _TOGETHER):
+                count = min(_TOGETHER, substeps - s)
+                row = k * substeps + s
+                if count < _TOGETHER:
+                    for j in range(count):
+                        here = position[row + j, first:last]
+                        number = float(s + j)
+                        for i in range(modes):
+                            for p in range(width):
+                                u, total, out = here[p] - work[_START, p], sums[_TOTAL, i, p], work[_OUT, p]
+                                y = sums[_SHARE, i, p] * total + (work[_WEIGHT, p] * u if i == 0 else out)
+                                work[_OUT, p] = y if work[_PICK, p] == number else out
+                                sums[_TOTAL, i, p] = sums[_DECAY, i, p] * total + u
+                    continue
+                r0, r1 = position[row, first:last], position[row + 1, first:last]
+                r2, r3 = position[row + 2, first:last], position[row + 3, first:last]
+                p0, p1, p2, p3 = float(s), float(s + 1), float(s + 2), float(s + 3)
+                for i in range(modes):
+                    for p in range(width):
+                        pick, start, decay, out = work[_PICK, p], work[_START, p], sums[_DECAY, i, p], work[_OUT, p]
+                        u0, u1, u2, u3 = r0[p] - start, r1[p] - start, r2[p] - start, r3[p] - start
+                        before, now = sums[_TOTAL, i, p], u0
+                        total = decay * before + u0
+                        before, now = (total, u1) if pick == p1 else (before, now)
+                        total = decay * total + u1
+                        before, now = (total, u2) if pick == p2 else (before, now)
+                        total = decay * total + u2
+                        before, now = (total, u3) if pick == p3 else (before, now)
+                        sums[_TOTAL, i, p] = decay * total + u3
+                        y = sums[_SHARE, i, p] * before + (work[_WEIGHT, p] * now if i == 0 else out)
+                        work[_OUT, p] = y if (p0 <= pick) & (pick <= p3) else out
+            if alike:
+                sink = response[1 + k + whole[first], first:last]
                 for p in range(width):
-                    now = row[p] - work[_START * LANES + p]
-                    before = work[_BEFORE * LANES + p]
-                    x = work[_X * LANES + p]
-                    z = (work[_A2 * LANES + p] * work[_Z * LANES + p] + work[_B2X * LANES + p] * x) + (
-                        work[_C2 * LANES + p] * before + work[_B2 * LANES + p] * now)
-                    x = work[_A1 * LANES + p] * x + (work[_C1 * LANES + p] * before + work[_B1 * LANES + p] * now)
-                    total = work[_TOTAL * LANES + p] + (
-                        work[_PART * LANES + p] * before + work[_HELD * LANES + p] * now)
-                    work[_X * LANES + p] = x
-                    work[_Z * LANES + p] = z
-                    work[_TOTAL * LANES + p] = total
-                    work[_BEFORE * LANES + p] = now
-                    y = work[_GZ * LANES + p] * z + (
-                        work[_GX * LANES + p] * x + work[_GI * LANES + p] * total)
-                    kept = work[_OUT * LANES + p]
-                    work[_OUT * LANES + p] = y if work[_PICK * LANES + p] == part else kept
-            shift = k * lanes
-            for p in range(width):
-                # Every lane writes into its own later row, so that dead times differ without a gather.
-                flat[np.uint64(at[p] + shift)] = work[_OUT * LANES + p]
+                    sink[p] = work[_OUT, p]
+            else:
+                shift = k * lanes
+                for p in range(width):
+                    # Every lane writes into its own later row, so that dead times differ without a gather.
+                    flat[np.uint64(at[p] + shift)] = work[_OUT, p]
 
 
 @kernel
@@ -108,6 +142,7 @@ def _run_plain(position, table, whole, response):
             work[4 * LANES + p] = 0.0
             work[5 * LANES + p] = 0.0
             at[p] = (1 + whole[first + p]) * lanes + first + p
+        alike = (whole[first:last] == whole[first]).all()
         for k in range(position.shape[0] - 1):
             row = position[k, first:last]
             for p in range(width):
@@ -115,9 +150,14 @@ def _run_plain(position, table, whole, response):
                 work[4 * LANES + p] = work[p] * work[4 * LANES + p] + (
                     work[2 * LANES + p] * work[5 * LANES + p] + work[LANES + p] * now)
                 work[5 * LANES + p] = now
-            shift = k * lanes
-            for p in range(width):
-                flat[np.uint64(at[p] + shift)] = work[4 * LANES + p]
+            if alike:
+                sink = response[1 + k + whole[first], first:last]
+                for p in range(width):
+                    sink[p] = work[4 * LANES + p]
+            else:
+                shift = k * lanes
+                for p in range(width):
+                    flat[np.uint64(at[p] + shift)] = work[4 * LANES + p]
 
 
 @kernel
@@ -165,6 +205,7 @@ def _run_parts(position, substeps, table, whole, fine, response):
                 start += weights[s, 1, p] * position[0, q]
             work[4 * LANES + p] = start
             at[p] = (1 + whole[q]) * lanes + q
+        alike = (whole[first:last] == whole[first]).all()
         now_0, next_0, now_1, next_1 = weights[0, 0], weights[0, 1], weights[1, 0], weights[1, 1]
         for k in range(samples - 1):
             row = position[k * substeps, first:last]
@@ -182,12 +223,16 @@ def _run_parts(position, substeps, table, whole, fine, response):
                     u0, u1 = row[p], after[p]
                     work[3 * LANES + p] += now_2[p] * u0 + now_3[p] * u1
                     work[4 * LANES + p] += next_2[p] * u0 + next_3[p] * u1
-            shift = k * lanes
             for p in range(width):
-                x = work[p] * work[2 * LANES + p] + work[3 * LANES + p]
-                work[2 * LANES + p] = x
-            for p in range(width):
-                flat[np.uint64(at[p] + shift)] = work[2 * LANES + p]
+                work[2 * LANES + p] = work[p] * work[2 * LANES + p] + work[3 * LANES + p]
+            if alike:
+                sink = response[1 + k + whole[first], first:last]
+                for p in range(width):
+                    sink[p] = work[2 * LANES + p]
+            else:
+                shift = k * lanes
+                for p in range(width):
+                    flat[np.uint64(at[p] + shift)] = work[2 * LANES + p]
 
 
 @kernel
@@ -276,23 +321,16 @@ def _coefficients(T1, L, T2, part, substeps, ahead, integrating, table, whole, f
         f = min(max(delay - steps, 0.0), 1.0)
         rest = (1.0 - f) * part
         a1, e1 = np.exp(-part / t1), np.exp(-rest / t1)
-        table[_A1, p], table[_B1, p], table[_C1, p] = a1, 1.0 - e1, e1 - a1
-        # z answers x, which answers the held position: weights of z, x, and the two positions in the part.
-        if lagged:
-            a2, e2 = np.exp(-part / t2), np.exp(-rest / t2)
-            cross = t1 / (t1 - t2)
-            table[_E2, p], table[_CROSS, p] = e2, cross
-            table[_A2, p], table[_B2X, p] = a2, cross * (a1 - a2)
-            table[_B2, p] = (1.0 - e2) - cross * (e1 - e2)
-            table[_C2, p] = (1.0 - a2) - cross * (a1 - a2) - table[_B2, p]
-        else:
-            table[_E2, p], table[_CROSS, p] = 0.0, 1.0
-            table[_A2, p], table[_B2X, p] = 0.0, a1
-            table[_B2, p], table[_C2, p] = table[_B1, p], table[_C1, p]
-        table[_HELD, p], table[_PART, p] = rest, part - rest
-        table[_GX, p] = -t1 if integrating else 0.0
-        table[_GZ, p] = (-t2 if lagged else 0.0) if integrating else 1.0
-        table[_GI, p] = 1.0 if integrating else 0.0
+        a2, e2 = (np.exp(-part / t2), np.exp(-rest / t2)) if lagged else (0.0, 0.0)
+        cross = t1 / (t1 - t2) if lagged else 1.0
+        # Shares of the lags in the response; an integral lags behind by what either of them holds.
+        one = -t1 - t2 * cross if integrating else cross
+        two = -t2 * (1.0 - cross) if integrating else 1.0 - cross
+        table[_A1, p], table[_A2, p], table[_ENDLESS, p] = a1, a2, 1.0
+        table[_W1, p], table[_W2, p], table[_W_ENDLESS, p] = one * (e1 * (1.0 - a1)), two * (e2 * (1.0 - a2)), part
+        table[_W_NOW, p] = one * (1.0 - e1) + two * (1.0 - e2) + (rest if integrating else 0.0)
+        table[_B1, p], table[_C1, p] = 1.0 - e1, e1 - a1
+        table[_E2, p], table[_CROSS, p] = e2, cross
         whole[p] = int(steps) // substeps
         fine[p] = int(steps) - whole[p] * substeps
         late = max(late, whole[p])
@@ -328,7 +366,8 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
     if common:
         _run_path(position[:, 0].copy(), substeps, table, whole, fine, 1 + int(lagged), response)
     elif dynamics.integrating or lagged:
-        _run(position, substeps, table, whole, fine, response)
+        kinds = (_INTEGRAL_TWO if lagged else _INTEGRAL) if dynamics.integrating else _TWO_LAGS
+        _run(position, substeps, table, kinds, whole, fine, response)
     elif substeps == 1:
         _run_plain(position, table, whole, response)
     else:
