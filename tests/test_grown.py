@@ -36,12 +36,13 @@ def test_a_part_that_grows_finds_a_valve_whatever_the_process(seed: int, name: s
     assert np.abs(model.values(points)[0] / setting.S - 1.0).min() < 0.03
 
 
-@pytest.mark.parametrize(("seed", "added"), [(525, ["re-sticking", "extra-lag"]), (739, ["re-sticking"]),
-                                             (958, ["re-sticking"]), (717, ["re-sticking", "extra-lag"])])
-def test_the_basin_of_a_valve_that_rests_is_found(seed: int, added: list[str]) -> None:
-    """Karnopp valves of plants of second and first order and an integrator: the first search ends 1.5 to 23 times the
-    noise away, on the ridge of S, J and dead time, or at a process without its second lag."""
-    setting, loop, (kind, _), sd = loop_of(seed, None, 0.01, 0.0, 1500)
+@pytest.mark.parametrize(("seed", "colour", "added"), [
+    (525, 0.0, ["re-sticking", "extra-lag"]), (739, 0.0, ["re-sticking"]), (958, 0.0, ["re-sticking"]),
+    (407, 0.8, ["re-sticking", "coloured-noise"])])
+def test_the_basin_of_a_valve_that_rests_is_found(seed: int, colour: float, added: list[str]) -> None:
+    """Karnopp valves of plants of second and first order, an integrator and a tank: the first search ends 1.5 to 23
+    times the noise away, on the ridge of S, J and dead time, or at a process without its second lag."""
+    setting, loop, (kind, _), sd = loop_of(seed, None, 0.01, colour, 1500)
     assert kind == "karnopp"
     study = identify(loop)
     assert [step.added for step in study.steps[1:]] == added

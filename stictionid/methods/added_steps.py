@@ -13,6 +13,7 @@ from ..fit import Fitted
 from ..moves import descended, search_model
 from ..results import Step
 from ..unheld import QUICK_SETTLE, QUICK_TURNS
+from .only_noise import only_noise
 from .run import Run, bic_gain
 from .structure import LAG, QUICK_KEPT, first_look, structure
 
@@ -64,12 +65,12 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     starts[:, at] = speeds
     made = [run.fit(spec, model.cube(starts.T))]
     some = [run.step(made[0], "re-sticking")]
-    if LAG not in spec.effects and not run.options.fixed and not _explained(run, some[0], _RESTING_TAKEN):
+    if LAG not in spec.effects and not run.options.fixed and not _alone(run, some[0], made[0]):
         # A further lag of the process, not yet in the model, may be what is left.
         try_step(run, some, made, LAG)
     after, step = made[-1], some[-1]
     was, now = steps[-1].error.rmse_holdout, step.error.rmse_holdout
-    if was is None or now is None or now > (1.0 - _STEP_DROP) * was or not _explained(run, step, _RESTING_TAKEN):
+    if was is None or now is None or now > (1.0 - _STEP_DROP) * was or not _alone(run, step, after):
         return
     # Criteria of levels and of differences can't be compared; a change of structure must lower the error clearly.
     if spec.whitening().tolist() == before.model.spec.whitening().tolist():
@@ -79,6 +80,11 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     if better:
         steps.extend(some)
         fits.extend(made)
+
+
+def _alone(run: Run, step: Step, fit: Fitted) -> bool:
+    """Whether a valve that rests explains the record nearly alone: but for noise, which need not be white."""
+    return _explained(run, step, _RESTING_TAKEN) or only_noise(run, fit) is not None
 
 
 def _explained(run: Run, step: Step, within: float, error: float | None = None) -> bool:

@@ -21,7 +21,8 @@ from ..results import Step
 from ..spec import FIRST_ORDER, Spec
 from ..whitened import Whitened, whitened
 from .added_steps import STEP_BIC, try_step
-from .run import ADEQUATE, WALK, Run
+from .only_noise import even, only_noise
+from .run import WALK, Run
 from .structure import LAG
 
 # A noise of its own has no root beyond this: slower, it is a disturbance. Unit: 1.
@@ -30,8 +31,6 @@ NOISE, _SLOWEST_ROOT = "coloured-noise", 0.97
 # (roots of 0.6 to 0.8 met with a drifting valve, a nonlinear gain, a ramp; 0.3 with a walk as strong as the noise).
 # It must also lower the one-step error of an autoregression at the white fit by this share. Unit: 1.
 _WALK_ROOT, _WALK_DROP = 0.5, 0.05
-# Its innovations have no kurtosis beyond this (3 if normal), and no stretch of so many is louder by more than this.
-_HEAVY, _UNEVEN, _STRETCHES = 4.5, 2.0, 10
 # Nor does a noise model let the free run go: coloured noise bends a fit that takes it for white, and the right model
 # may run freely a little worse than that one does (1.15 times met at a root of 0.95 in 800 samples), not more.
 _FREE_RUN = 1.3
@@ -59,11 +58,10 @@ def ask_noise(run: Run, steps: list[Step], fits: list[Fitted], name: str) -> Non
 
 def _try_autoregression(run: Run, steps: list[Step], fits: list[Fitted], local: Whitened) -> bool:
     """Whether an autoregression became a step; `local` is the last fit completed with one."""
-    if _slowest(local) > _SLOWEST_ROOT or not _even(local, 2.0):
+    if _slowest(local) > _SLOWEST_ROOT or not even(local, 2.0):
         return False
-    base = fits[0].model.spec.effects
-    some, made = _refitted(run, replace(fits[-1].model.spec, effects=(*base, NOISE)), local, NOISE)
-    last = _explained(run, made[-1])
+    some, made = _refitted(run, replace(fits[-1].model.spec, effects=(*_valve(fits), NOISE)), local, NOISE)
+    last = only_noise(run, made[-1])
     if last is None or _slowest(last) > _SLOWEST_ROOT or last.rmse > _FREE_RUN * fits[-1].best.rmse:
         return False
     if last.order:
@@ -86,13 +84,13 @@ def _try_walk(run: Run, steps: list[Step], fits: list[Fitted], local: Whitened) 
     spec = fits[-1].model.spec
     if spec.increments or spec.process != FIRST_ORDER:
         return
-    walking = replace(spec, effects=(*fits[0].model.spec.effects, WALK), increments=True, taps=())
+    walking = replace(spec, effects=(*_valve(fits), WALK), increments=True, taps=())
     model = run.model(walking)
     first = whitened(model, model.vector(fits[-1].best.values))
     if _slowest(first) > _WALK_ROOT:
         return
     some, made = _refitted(run, walking, first, WALK)
-    last = _explained(run, made[-1])
+    last = only_noise(run, made[-1])
     if last is None or _slowest(last) > _WALK_ROOT:
         return
     if last.innovation_sd < (1.0 - _WALK_DROP) * local.innovation_sd:
@@ -110,11 +108,10 @@ def _refitted(run: Run, spec: Spec, noise: Whitened, name: str) -> tuple[list[St
     return some, made
 
 
-def _explained(run: Run, fit: Fitted) -> Whitened | None:
-    """The fit completed with its noise, where nothing but noise is left; None elsewhere."""
-    last = whitened(fit.model, fit.values)
-    floor = run.floor(fit.best.position_means, fit.best.values["dead_time_s"])
-    return None if floor is None or last.innovation_sd > ADEQUATE * floor or not _even(last) else last
+def _valve(fits: list[Fitted]) -> tuple[str, ...]:
+    """The effects of the last fit without a lag that was added: the noise, taken for white, bends the process."""
+    base = fits[0].model.spec.effects
+    return tuple(name for name in fits[-1].model.spec.effects if name in base or name != LAG)
 
 
 def _take(steps: list[Step], fits: list[Fitted], some: list[Step], made: list[Fitted], noise: Whitened) -> None:
@@ -132,7 +129,8 @@ def _take(steps: list[Step], fits: list[Fitted], some: list[Step], made: list[Fi
                     "kind": "random walk" if made[-1].model.spec.increments else "autoregression"}, (),
                    "METHODS.md section 4, trap 2")
     some[-1] = replace(some[-1], findings=(*some[-1].findings, said))
-    steps[1:], fits[1:] = some, made
+    kept = 1 + sum(fit.model.spec.effects == _valve(fits) for fit in fits[1:])
+    steps[kept:], fits[kept:] = some, made
 
 
 def _noisy(run: Run, spec: Spec, noise: Whitened) -> Fitted:
@@ -142,20 +140,6 @@ def _noisy(run: Run, spec: Spec, noise: Whitened) -> Fitted:
     start = model.cube(model.vector(noise.model.named(noise.values))[:, None])
     local = descended(model, start)
     return run.fit(noisy, before=(local.points, local.costs))
-
-
-def _even(noise: Whitened, slack: float = 1.0) -> bool:
-    """Whether innovations look like noise all along: no heavy tails, no stretch much louder than another.
-
-    `slack` widens both limits: before the model was fitted with the noise its slips, too, are in the innovations.
-
-    What physics leaves unexplained sits in places (at a travel limit, after a step, at the slips): a kurtosis of 9.6
-    and a ratio of 12 were met where a travel limit was missing, 3.2 and 1.6 at most in simulated coloured noise.
-    """
-    x = noise.innovation[noise.good]
-    loud = [float(np.mean(part**2)) ** 0.5 for part in np.array_split(x, _STRETCHES)]
-    tails = float(np.mean(x**4)) / max(float(np.mean(x**2)) ** 2, 1e-300)
-    return tails <= slack * _HEAVY and max(loud) <= slack * _UNEVEN * min(loud)
 
 
 def _slowest(noise: Whitened) -> float:
