@@ -13,7 +13,7 @@ from ..fit import Fitted
 from ..moves import descended, search_model
 from ..results import Step
 from ..unheld import QUICK_SETTLE, QUICK_TURNS
-from .only_noise import only_noise
+from .only_noise import own_noise
 from .run import Run, bic_gain
 from .structure import LAG, QUICK_KEPT, first_look, structure
 
@@ -84,7 +84,7 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
 
 def _alone(run: Run, step: Step, fit: Fitted) -> bool:
     """Whether a valve that rests explains the record nearly alone: but for noise, which need not be white."""
-    return _explained(run, step, _RESTING_TAKEN) or only_noise(run, fit) is not None
+    return _explained(run, step, _RESTING_TAKEN) or own_noise(run, fit) is not None
 
 
 def _explained(run: Run, step: Step, within: float, error: float | None = None) -> bool:

@@ -21,12 +21,11 @@ from ..results import Step
 from ..spec import FIRST_ORDER, Spec
 from ..whitened import Whitened, whitened
 from .added_steps import STEP_BIC, try_step
-from .only_noise import even, only_noise
+from .only_noise import SLOWEST_ROOT, even, only_noise, own_noise, slowest
 from .run import WALK, Run
 from .structure import LAG
 
-# A noise of its own has no root beyond this: slower, it is a disturbance. Unit: 1.
-NOISE, _SLOWEST_ROOT = "coloured-noise", 0.97
+NOISE = "coloured-noise"
 # A walk whose differences have no slower root than this: weaker ones look like a missing effect in a loop that cycles
 # (roots of 0.6 to 0.8 met with a drifting valve, a nonlinear gain, a ramp; 0.3 with a walk as strong as the noise).
 # It must also lower the one-step error of an autoregression at the white fit by this share. Unit: 1.
@@ -58,11 +57,11 @@ def ask_noise(run: Run, steps: list[Step], fits: list[Fitted], name: str) -> Non
 
 def _try_autoregression(run: Run, steps: list[Step], fits: list[Fitted], local: Whitened) -> bool:
     """Whether an autoregression became a step; `local` is the last fit completed with one."""
-    if _slowest(local) > _SLOWEST_ROOT or not even(local, 2.0):
+    if slowest(local) > SLOWEST_ROOT or not even(local, 2.0):
         return False
     some, made = _refitted(run, replace(fits[-1].model.spec, effects=(*_valve(fits), NOISE)), local, NOISE)
-    last = only_noise(run, made[-1])
-    if last is None or _slowest(last) > _SLOWEST_ROOT or last.rmse > _FREE_RUN * fits[-1].best.rmse:
+    last = own_noise(run, made[-1])
+    if last is None or last.rmse > _FREE_RUN * fits[-1].best.rmse:
         return False
     if last.order:
         made[-1] = _noisy(run, made[-1].model.spec, last)
@@ -87,11 +86,11 @@ def _try_walk(run: Run, steps: list[Step], fits: list[Fitted], local: Whitened) 
     walking = replace(spec, effects=(*_valve(fits), WALK), increments=True, taps=())
     model = run.model(walking)
     first = whitened(model, model.vector(fits[-1].best.values))
-    if _slowest(first) > _WALK_ROOT:
+    if slowest(first) > _WALK_ROOT:
         return
     some, made = _refitted(run, walking, first, WALK)
     last = only_noise(run, made[-1])
-    if last is None or _slowest(last) > _WALK_ROOT:
+    if last is None or slowest(last) > _WALK_ROOT:
         return
     if last.innovation_sd < (1.0 - _WALK_DROP) * local.innovation_sd:
         made[-1] = _noisy(run, made[-1].model.spec, last)
@@ -140,8 +139,3 @@ def _noisy(run: Run, spec: Spec, noise: Whitened) -> Fitted:
     start = model.cube(model.vector(noise.model.named(noise.values))[:, None])
     local = descended(model, start)
     return run.fit(noisy, before=(local.points, local.costs))
-
-
-def _slowest(noise: Whitened) -> float:
-    """The largest root of a noise model, by modulus."""
-    return float(np.abs(np.roots(np.concatenate([[1.0], noise.model.spec.taps]))).max()) if noise.order else 0.0

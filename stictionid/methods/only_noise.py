@@ -14,6 +14,8 @@ from .run import ADEQUATE, Run
 
 # Innovations have no kurtosis beyond this (3 if normal), and no stretch of so many is louder by more than this.
 _HEAVY, _UNEVEN, _STRETCHES = 4.5, 2.0, 10
+# A noise of its own has no root beyond this: slower, it is a disturbance. Unit: 1.
+SLOWEST_ROOT = 0.97
 
 
 def only_noise(run: Run, fit: Fitted) -> Whitened | None:
@@ -21,6 +23,12 @@ def only_noise(run: Run, fit: Fitted) -> Whitened | None:
     last = whitened(fit.model, fit.values)
     floor = run.floor(fit.best.position_means, fit.best.values["dead_time_s"])
     return None if floor is None or last.innovation_sd > ADEQUATE * floor or not even(last) else last
+
+
+def own_noise(run: Run, fit: Fitted) -> Whitened | None:
+    """The same where that noise is an autoregression too fast for a drift or a disturbance; None elsewhere."""
+    last = only_noise(run, fit)
+    return None if last is None or slowest(last) > SLOWEST_ROOT else last
 
 
 def even(noise: Whitened, slack: float = 1.0) -> bool:
@@ -35,3 +43,8 @@ def even(noise: Whitened, slack: float = 1.0) -> bool:
     loud = [float(np.mean(part**2)) ** 0.5 for part in np.array_split(x, _STRETCHES)]
     tails = float(np.mean(x**4)) / max(float(np.mean(x**2)) ** 2, 1e-300)
     return tails <= slack * _HEAVY and max(loud) <= slack * _UNEVEN * min(loud)
+
+
+def slowest(noise: Whitened) -> float:
+    """The largest root of a noise model, by modulus."""
+    return float(np.abs(np.roots(np.concatenate([[1.0], noise.model.spec.taps]))).max()) if noise.order else 0.0
