@@ -53,15 +53,21 @@ def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
           known: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Points around the optimum, shaped by the points that do nearly as well, and their costs; `known` among them.
 
-    Rays along which one number moves and the others follow; a cloud of all numbers together; and one with the
-    break-away (S, initial force) held, since on a sampled command its plateau is far narrower than the rest.
+    Rays along which one number moves and the others follow; a cloud of all numbers together; and under a held command
+    one with the break-away (S, initial force) held: its plateau is far narrower there than the rest.
     """
     free = movable(model) > 0
-    held = free & ~np.isin(np.arange(top.size), (0, *model.forces))
     looks = np.concatenate([top[None], *([] if known is None else [known]), _rays(model, top)])
-    around, near = _adapted(model, top, free, rng), _adapted(model, top, held, rng)
-    return (np.concatenate([looks, around[0], near[0]]),
-            np.concatenate([model.costs(looks), around[1], near[1]]))
+    around = [_adapted(model, top, free, rng)]
+    if model.spec.held:
+        around.append(_adapted(model, top, free & ~_of_break_away(model), rng))
+    return (np.concatenate([looks, *(cube for cube, _ in around)]),
+            np.concatenate([model.costs(looks), *(cost for _, cost in around)]))
+
+
+def _of_break_away(model: Model) -> NDArray[np.bool_]:
+    """Which numbers of a point (d,) say when the valve breaks away: S and the initial forces."""
+    return np.isin(np.arange(model.space.size), (0, *model.forces))
 
 
 def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
@@ -111,14 +117,14 @@ def _rays(model: Model, top: FloatArray) -> FloatArray:
     """Points (k, d) along the directions in which a number moves while the others follow it at least cost.
 
     The direction of each number is its column of the covariance that the slopes of the residuals give: of all numbers,
-    and with the break-away (S, initial force) held, since slopes across a held command's plateau mean little. A wide
-    ladder both ways finds where the cost leaves each ray.
+    and under a held command with the break-away (S, initial force) held, since slopes across its plateau mean little. A
+    wide ladder both ways finds where the cost leaves each ray.
     """
     free = np.flatnonzero(movable(model) > 0)
     normal = normals_at(model.residuals, top[None], free, np.full((1, free.size), _RAY_DIFFERENCE))[0][0]
     directions = [*np.eye(top.size)[free], *_following(normal, free, top.size)]
-    held = ~np.isin(free, (0, *model.forces))
-    if held.any() and not held.all():
+    held = ~_of_break_away(model)[free]
+    if model.spec.held and held.any() and not held.all():
         directions += _following(normal[np.ix_(held, held)], free[held], top.size)
     ladder = np.concatenate([-_RAY_LADDER, _RAY_LADDER])
     points = top + ladder[:, None, None] * np.array(directions)

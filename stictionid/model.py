@@ -303,7 +303,7 @@ class Model:
                         column = free_run(np.repeat(column, self.parts, axis=0), dynamics, **settings)
                     columns.append(column)
         # An unknown start dies away with every lag.
-        lags = [lag for lag in (dynamics.time_constant_s, dynamics.second_time_constant_s) if lag.any()]
+        lags = [lag for lag in (dynamics.time_constant_s, dynamics.second_time_constant_s) if np.count_nonzero(lag)]
         count = 1 + len(columns) + len(lags)
         base = free_run(position, dynamics, room=(count - 1) * n, lent=lent, **settings)
         for i, column in enumerate(columns, 1):

@@ -337,6 +337,11 @@ def _coefficients(T1, L, T2, part, substeps, ahead, integrating, table, whole, f
     return any_lagged, late
 
 
+def _for_each(x: FloatArray, lanes: int) -> FloatArray:
+    """One number for every candidate (P,), in one piece."""
+    return x if x.shape == (lanes,) and x.flags.c_contiguous else np.ascontiguousarray(np.broadcast_to(x, lanes))
+
+
 def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substeps: int = 1,
              ahead: bool = False, room: int = 0, lent: bool = False) -> FloatArray:
     """Response per unit of gain (n, P) at the samples to positions (n*substeps, P), from rest at the first one.
@@ -350,8 +355,8 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
     lanes = max(position.shape[1], dynamics.time_constant_s.size)
     table = np.empty((_COEFFICIENTS, lanes))
     whole, fine = np.empty(lanes, np.int64), np.empty(lanes, np.int64)
-    T1, L, T2 = (x if x.shape == (lanes,) and x.flags.c_contiguous else np.ascontiguousarray(np.broadcast_to(x, lanes))
-                 for x in (dynamics.time_constant_s, dynamics.dead_time_s, dynamics.second_time_constant_s))
+    T1, L = _for_each(dynamics.time_constant_s, lanes), _for_each(dynamics.dead_time_s, lanes)
+    T2 = _for_each(dynamics.second_time_constant_s, lanes)
     lagged, late = _coefficients(T1, L, T2, step_s / substeps, substeps, ahead, dynamics.integrating, table, whole,
                                  fine)
     samples = position.shape[0] // substeps

@@ -27,7 +27,7 @@ from .heldout import held_out_of
 from .loop import FloatArray, Loop
 from .methods.run import Run
 from .model import Model
-from .moves import descended
+from .moves import descended, search_model
 from .results import PositionEstimate, Verdict
 from .spec import FIRST_ORDER, INTEGRATOR, Spec
 from .starts import process_grid
@@ -265,7 +265,7 @@ def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = N
     found = model.cube(model.vector(sticking.model.named(sticking.values))[:, None])[0]
     for rows in (model.rows_of(name) for name in model.names if name in sticking.model.names):
         start[rows] = found[rows]
-    points, costs = process_grid(model, start)
+    points, costs = process_grid(search_model(model), start)
     order = np.argsort(costs, kind="stable")
     starts = points[order[list(_STARTS)]] if known is None else np.stack([model.cube(known[:, None])[0],
                                                                           points[order[0]]])

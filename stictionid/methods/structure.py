@@ -506,7 +506,7 @@ def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tup
         same = model.cube(starts[:, :len(guesses)])
         near = np.concatenate([behind_valve(model, same, at, turns=QUICK_TURNS, settle=QUICK_SETTLE).points[:1], near])
     found = descended(model, near[:QUICK_KEPT], turns=QUICK_TURNS - _GLANCE, settle=QUICK_SETTLE)
-    if effect != LAG or _is_noise(run, before.evaluate(before.vector(values))):
+    if effect != LAG or not model.spec.held or _is_noise(run, before.evaluate(before.vector(values))):
         return model, found
     # A missing lag makes the dead time too long and, through it, S too small, by several samples: a step away each.
     steps = plateaus(model, found.points[0])
