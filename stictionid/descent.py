@@ -95,7 +95,8 @@ def normals_at(residuals: Residuals, points: FloatArray, free: FloatArray,
     trial, width = beside(points, free, step)
     normals, gradients = np.zeros((k, f, f)), np.zeros((k, f))
     together = max(LANES // (2 * f + 1), 1)
-    for a in range(0, k, together):
+    together = -(-k // max(-(-k // together), 1))
+    for a in range(0, k, max(together, 1)):
         starts = slice(a, min(a + together, k))
         part = trial[a * (2 * f + 1):starts.stop * (2 * f + 1)]
         missing = -len(part) % FULL

@@ -262,6 +262,8 @@ def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False)
         moved = finish(fit.model, cube[[cost.argmin()]], cost[[cost.argmin()]], rng, reach=False)
         same = abs(moved.values[0] - fit.values[0]) <= AGREE_S * fit.values[0]
         fit = replace(moved, runs=fit.runs, agree=fit.agree if same else 1, searched=fit.searched)
+    if S is None and steps_only:
+        return fit  # no steps: nothing was looked at that `finish` had not
     return replace(fit, intervals=intervals_of(fit.model, cube, cost, min(fit.sse, best), fit.best, S),
                    around=(cube, cost))
 

@@ -343,15 +343,18 @@ class Model:
     def blocks(self, values: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
         """Values (d, P) in blocks that are evaluated together: where each belongs, and its values (d, >= its width).
 
-        A block is filled up with copies of its last candidate to a width that the kernels like.
+        A block is filled up with copies of its last candidate to a width that the kernels like. All are about as wide:
+        eight candidates alone take nearly half as long as 64.
         """
-        lanes = min(max(_BLOCK // (self.loop.samples * self.parts) // 16 * 16, _FEWEST_LANES), LANES)
-        for a in range(0, values.shape[1], lanes):
+        count = values.shape[1]
+        most = min(max(_BLOCK // (self.loop.samples * self.parts) // 16 * 16, _FEWEST_LANES), LANES)
+        lanes = -(-count // max(-(-count // most), 1) // FULL) * FULL
+        for a in range(0, count, max(lanes, 1)):
             part = values[:, a:a + lanes]
             missing = -part.shape[1] % FULL
             if missing:
                 part = np.concatenate([part, part[:, -1:].repeat(missing, axis=1)], axis=1)
-            yield slice(a, min(a + lanes, values.shape[1])), part
+            yield slice(a, min(a + lanes, count)), part
 
     def costs(self, cube: FloatArray) -> FloatArray:
         """Sum of squared residuals (P,) of points (P, d) of the unit cube; inf for a valve that never moves."""

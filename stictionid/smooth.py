@@ -41,8 +41,8 @@ def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: fl
     at = _asked(cube, cost, wanted)
     points, costs = cube[at], cost[at]
     trial, width = beside(points, free, np.full((at.size, free.size), _DIFFERENCE))
-    r = model.residuals(trial).reshape(-1, at.size, 2 * free.size + 1)
-    gains = _gains(model, trial).reshape(at.size, -1)
+    r, gains = _residuals_and_gains(model, trial)
+    r, gains = r.reshape(-1, at.size, 2 * free.size + 1), gains.reshape(at.size, -1)
     moves = np.isfinite(r).all(axis=(0, 2))
     points, costs, r, gains, width = points[moves], costs[moves], r[:, moves], gains[moves], width[moves]
     if not moves.any():
@@ -68,7 +68,8 @@ def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: fl
         middle = gains[:, 0] + np.einsum("kf,kf->k", follows, step)
         reach = room * np.sqrt(np.einsum("kf,kfg,kg->k", follows, spread, follows) + _own_spread(model, points))
         # A slip jump half as large goes with a gain twice as large, which slopes do not know.
-        ends = np.concatenate([middle - reach, middle + reach, _gains(model, _outermost(cube, (1, *wanted)))])
+        outermost = _residuals_and_gains(model, _outermost(cube, (1, *wanted)))[1]
+        ends = np.concatenate([middle - reach, middle + reach, outermost])
         found[GAIN] = (float(ends.min()), float(ends.max()))
     return found
 
@@ -84,14 +85,19 @@ def _outermost(cube: FloatArray, numbers: Iterable[int]) -> FloatArray:
     return cube[np.unique([at for j in numbers for at in (cube[:, j].argmin(), cube[:, j].argmax())])]
 
 
-def _gains(model: Model, points: FloatArray) -> FloatArray:
-    """Gains of the process (P,) at points (P, d)."""
-    values, out = model.values(points), np.empty(len(points))
+def _residuals_and_gains(model: Model, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Residuals (n, P) as `Model.residuals` gives them and gains of the process (P,) at points (P, d), from one run."""
+    if GAIN in model.spec.fixed:
+        return model.residuals(points), np.full(len(points), model.spec.fixed[GAIN])
+    values = model.values(points)
+    r, gains = np.empty((model.loop.samples, len(points))), np.empty(len(points))
     for rows, part in model.blocks(values):
         base, offsets = model.responses(part, lent=True)
+        width = rows.stop - rows.start
         sizes = model.shared.solve(base, offsets)[1]
-        out[rows] = sizes.reshape(-1, len(offsets), sizes.shape[-1])[0, 0, :rows.stop - rows.start]
-    return out
+        gains[rows] = sizes.reshape(-1, len(offsets), sizes.shape[-1])[0, 0, :width]
+        r[:, rows] = model.shared.residuals(base, offsets, lent=True)[:, :width]
+    return r, gains
 
 
 def _own_spread(model: Model, points: FloatArray) -> FloatArray:

@@ -46,6 +46,8 @@ _NOTHING, _NOTHING_DROP = 0.02, 0.05
 _IRRELEVANT, _MOST_OF_THE_ERROR = 0.005, 0.5
 # Which processes of a grid, best first, are polished: neighbours of the best would end where it does.
 _STARTS = (0, 3, 10)
+# So many of its best processes are asked again with a noise model.
+_NEAREST = 64
 # Turns of descent that tell which of them go on: those whose cost is within this factor of the least.
 _GLANCE, _RIVAL = 4, 1.5
 # A held command is searched beside a moving one where its one-step error is within this factor, from dead times this
@@ -239,13 +241,13 @@ def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) -> 
 
 def _whitened_free(run: Run, spec: Spec, sticking: Whitened) -> Whitened:
     """Whitened and searched anew in turns: a wrong noise model bends the process of a model that lacks something."""
-    model, values = _free(run, spec, sticking)
+    model, values, near = _free(run, spec, sticking)
     best = with_taps(model, values, np.empty(0))
     for _ in range(TURNS):
         taps = noise_taps(best)
         if np.array_equal(taps, best.model.spec.taps):
             break
-        model, values = _free(run, replace(spec, taps=tuple(taps)), sticking, best.values)
+        model, values, _ = _free(run, replace(spec, taps=tuple(taps)), sticking, best.values, near)
         now = with_taps(model, values, taps)
         if now.innovation_sd > WORTH * best.innovation_sd:
             break
@@ -253,25 +255,34 @@ def _whitened_free(run: Run, spec: Spec, sticking: Whitened) -> Whitened:
     return best
 
 
-def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = None) -> tuple[Model, FloatArray]:
-    """The friction-free model of a spec and its best values (d,), from a grid of time constants and dead times.
+def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = None,
+          near: FloatArray | None = None) -> tuple[Model, FloatArray, FloatArray]:
+    """The friction-free model of a spec, its best values (d,), and the best points (m, d) of the grid of time constants
+    and dead times that it starts from.
 
     Effects start as the `sticking` model has them: what it knows of a disturbance the rival knows, too. `known` (d,)
-    are the values with another noise model, from which it is polished as well.
+    are the values with another noise model, from which it is polished as well as from the best of the grid's points
+    `near` that did best with that one.
     """
     model = run.model(spec)
+    if known is not None and near is not None:
+        starts = np.stack([model.cube(known[:, None])[0], near[model.costs(near).argmin()]])
+        return model, _descended(model, starts), near
     start = np.full(model.space.size, 0.5)
     start[:3] = 0.0
     found = model.cube(model.vector(sticking.model.named(sticking.values))[:, None])[0]
     for rows in (model.rows_of(name) for name in model.names if name in sticking.model.names):
         start[rows] = found[rows]
     points, costs = process_grid(search_model(model), start)
-    order = np.argsort(costs, kind="stable")
-    starts = points[order[list(_STARTS)]] if known is None else np.stack([model.cube(known[:, None])[0],
-                                                                          points[order[0]]])
+    points = points[np.argsort(costs, kind="stable")[:_NEAREST]]
+    return model, _descended(model, points[list(_STARTS)]), points
+
+
+def _descended(model: Model, starts: FloatArray) -> FloatArray:
+    """The best values (d,) that descents from several starts (k, d) come to."""
     first = descended(model, starts, turns=_GLANCE, settle=SETTLE)
     # The others have come to the same optimum or are far from it.
     other = (first.costs > first.costs[0] * (1.0 + SETTLE)) & (first.costs < _RIVAL * first.costs[0])
     other[0] = True
     found = descended(model, first.points[other])
-    return model, model.values(found.points[:1])[:, 0]
+    return model.values(found.points[:1])[:, 0]
