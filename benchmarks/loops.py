@@ -23,7 +23,10 @@ _NONE: dict[str, float | str] = {}
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """One simulated loop and what is true of it; `cause` is "stiction" or what moves the loop instead."""
+    """One simulated loop and what is true of it; `cause` is "stiction" or what moves the loop instead.
+
+    `noise_share` is the standard deviation of the noise as a share of the swing of y.
+    """
 
     loop: Loop
     cause: str
@@ -31,6 +34,7 @@ class Known:
     J: float
     noise_sd: float
     setting: Setting
+    noise_share: float = 0.0
 
 
 def _process(rng: np.random.Generator) -> tuple[Plant, tuple[tuple[str, dict[str, float | str]], ...], float]:
@@ -84,7 +88,7 @@ def _noisy(setting: Setting, disturbance: FloatArray | None, share: float, colou
         return None
     if float(np.mean((loop.output <= 0.0) | (loop.output >= 100.0))) > 0.02:
         return None
-    return Known(replace(loop, position=None), "", setting.S, setting.J, sd, setting)
+    return Known(replace(loop, position=None), "", setting.S, setting.J, sd, setting, share)
 
 
 def sticky(seed: int, *, colour: float = 0.0, samples: int = 1200) -> Known:

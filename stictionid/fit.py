@@ -243,7 +243,7 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     best = model.evaluate(best_values)
     held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]) if holdout else None
     return Fitted(model, best_values, best_cost, len(points), agree, best, held,
-                  intervals_of(model, cube, cost, best_cost, best, S), values[:2].T, (cube, cost))
+                  intervals_of(model, cube, cost, best_cost, best, S, rough=not reach), values[:2].T, (cube, cost))
 
 
 def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False) -> Fitted:

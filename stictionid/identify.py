@@ -42,7 +42,7 @@ from .results import (
 )
 from .segments import chosen
 from .severity import severity_of
-from .verdict import capped, judge
+from .verdict import ASK, UNANSWERED, capped, judge
 
 _MAP_S, _MAP_J = 41, 31
 
@@ -88,6 +88,8 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found), rng=run.rng)
     verdict = judge(run, near_fit, loop, position)
+    if verdict.stiction == "undecided" and verdict.evidence.get("code") == UNANSWERED:
+        return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
     estimate = _estimate(last, unit, outcome, position)
     meaning = severity_of(piece, estimate, last)
     tell("done", 1.0)

@@ -55,8 +55,13 @@ _GLANCE, _RIVAL = 4, 1.5
 _NEAR, _EARLIER, _NO_DOUBT = 1.02, (0.0, 0.5, 1.0), 1000.0
 # Fewer reversals of the output than this cap the confidence (CRITICISM.md section 7, gate 0).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
+# Code of a verdict on a record that can't tell, and what to do about it.
+UNANSWERED = "valve-hardly-moves"
+ASK = "give a record in which the output moves further, or one with setpoint moves; check that OP drives this PV"
 # The confidence where only a measured position shows it: its transmitter may stick, too.
 _SEEN = 0.9
+# Directions of the columns beside the answer to the output that are no directions of their own. Unit: 1.
+_SAME = 1e-8
 
 
 def judge(run: Run, fit: Fitted, loop: Loop, seen: PositionEstimate | None) -> Verdict:
@@ -107,6 +112,13 @@ def compared(run: Run, sticking: Whitened) -> Verdict:
     if answer == "stiction" and gain is not None and not gain.share > 0.0:
         answer, confidence = "undecided", 0.4
     instead = looks_like(run.loop, free) if answer != "stiction" else ""
+    if answer == "no stiction" and (answered := _answered(free)) < _CLEAN:
+        swing = float(np.ptp(run.loop.output[run.loop.used]))
+        answer, confidence, instead = "undecided", 0.3, ""
+        evidence |= {"code": UNANSWERED, "answered": answered}
+        said = (f"y does not answer the output, which moves over {swing:.3g} {run.loop.unit('output', '%')} "
+                f"(likelihood ratio {answered:.0f}, {_CLEAN:.0f} are needed): a valve whose stickband is about as wide "
+                "rests, and can't be told from one without friction that moves too little")
     if instead:
         said += f"; {instead}"
         evidence["looks_like"] = instead
@@ -115,6 +127,23 @@ def compared(run: Run, sticking: Whitened) -> Verdict:
         times = "once" if run.found.reversals == 1 else f"{run.found.reversals} times"
         said += f"; the output reverses only {times}, so this is not sure"
     return Verdict(answer, said, min(confidence, _CAPPED if few or gain is None else _SUREST), evidence)
+
+
+def _answered(free: Whitened) -> float:
+    """Twice the log-likelihood by which y speaks for a process that answers the output at all; infinite where its gain
+    is given."""
+    model = free.model
+    if "gain" in model.spec.fixed:
+        return np.inf
+    used = model.weight > 0
+    own = model.own_columns(*model.responses(free.values[:, None]))[:, used, 0]
+    others = np.concatenate([own[1:].T, model.shared.basis[used]], axis=1)
+    size = np.linalg.norm(others, axis=0)
+    axes, known, _ = np.linalg.svd(others[:, size > 0] / size[size > 0], full_matrices=False)
+    axes = axes[:, known > _SAME * known[0]]
+    y, response = (x - axes @ (axes.T @ x) for x in (model.target[used], own[0]))
+    energy = float(response @ response) * float(y @ y)
+    return -y.size * float(np.log1p(-min(float(response @ y)**2 / energy, 1.0 - 1e-15))) if energy else 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,15 @@ from scipy.signal import lfilter
 
 from stictionid.absorbed import noise_of, slopes_of
 from stictionid.fit import search
-from stictionid.intervals import INTERVAL_THRESHOLD, cloud, effective_rows, intervals_of, outline, widened
+from stictionid.intervals import (
+    INTERVAL_THRESHOLD,
+    PROCESS_THRESHOLD,
+    cloud,
+    effective_rows,
+    intervals_of,
+    outline,
+    widened,
+)
 from stictionid.model import Model
 from stictionid.moves import descended, longest_first, with_start
 from stictionid.noise import autoregression, filtered
@@ -201,7 +209,7 @@ def test_the_process_numbers_reach_as_far_as_their_profiles_allow(fitted) -> Non
     best = model.evaluate(model.values(cube[[cost.argmin()]])[:, 0])
     found = intervals_of(model, cube, cost, float(cost.min()), best)
     rows = effective_rows(np.nan_to_num(best.innovation), model.weight)
-    limit = cost.min() * np.exp(INTERVAL_THRESHOLD / rows)
+    limit = cost.min() * np.exp(PROCESS_THRESHOLD / rows)
     truth = {"gain": 1.5, "time_constant_s": 10.0, "dead_time_s": 4.0}
     for name, at in (("time_constant_s", 3), ("dead_time_s", 4)):
         low, high = found[name]
@@ -209,7 +217,7 @@ def test_the_process_numbers_reach_as_far_as_their_profiles_allow(fitted) -> Non
         # Everything else follows a number held a little inside its interval, and a little outside of it.
         middle, half = best.values[name], 0.5 * (high - low)
         for side in (-1.0, 1.0):
-            for share, possible in ((0.7, True), (1.6, False)):
+            for share, possible in ((0.7, True), (1.4, False)):
                 values = np.array(list(best.values.values()))[:, None]
                 values[at] = middle + side * share * half
                 ends = descended(model, model.cube(values), held=(0, *model.forces, at))
@@ -217,7 +225,7 @@ def test_the_process_numbers_reach_as_far_as_their_profiles_allow(fitted) -> Non
     low, high = found["gain"]
     assert low <= truth["gain"] <= high
     for side in (-1.0, 1.0):
-        for share, possible in ((0.7, True), (1.6, False)):
+        for share, possible in ((0.7, True), (1.4, False)):
             given = Model(model.loop, Spec(fixed={"gain": best.gain + side * share * 0.5 * (high - low)}),
                           s_max=model.s_max, period_s=model.period_s)
             ends = descended(given, given.cube(np.array(list(best.values.values()))[:, None]),
@@ -250,3 +258,21 @@ def test_the_longer_time_constant_comes_first_and_the_model_is_the_same(fitted) 
     assert ordered[[3, 5], 0] == pytest.approx([7.0, 2.0], rel=1e-9)
     assert two.costs(both)[0] == pytest.approx(two.costs(both)[1], rel=1e-6)
     assert longest_first(model, cube) is cube
+
+
+def test_ends_that_the_slopes_put_elsewhere_are_where_the_cost_allows_them(fitted) -> None:
+    model, cube, cost = fitted
+    # Few rows: so much is possible that y no longer follows the numbers on straight lines.
+    limit = 3.0 * float(cost.min())
+    kept = cost <= limit
+    rough = smooth_intervals(model, cube[kept], cost[kept], limit, rough=True)
+    found = smooth_intervals(model, cube[kept], cost[kept], limit)
+    best = model.values(cube[[cost.argmin()]])
+    assert found["time_constant_s"] != pytest.approx(rough["time_constant_s"], rel=1e-4)
+    for end in found["time_constant_s"]:
+        # A tenth inside and a half outside, everything else descended to.
+        for share, possible in ((0.9, True), (1.5, False)):
+            values = best.copy()
+            values[3] = best[3] + share * (end - best[3])
+            ends = descended(model, model.cube(values), held=(0, *model.forces, 3))
+            assert (ends.costs[0] <= limit) == possible, (end, share)

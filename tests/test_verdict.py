@@ -338,3 +338,14 @@ def test_a_position_recorded_by_exception_shows_no_stiction(deviation: float) ->
     assert position is not None and not position.shows_stiction
     clean = Verdict("no stiction", "nothing to see", 0.9, {})
     assert with_position(clean, position) is clean
+
+
+# A valve that rests ------------------------------------------------------------------------------------------------
+
+
+def test_a_valve_that_hardly_moves_is_abstained_not_called_free_of_friction() -> None:
+    study = identify(loops.sticky(137, colour=0.8).loop)
+    assert study.estimate is None and study.verdict.stiction == "undecided"
+    assert study.verdict.evidence["code"] == "valve-hardly-moves" and "does not answer" in study.verdict.reason
+    # A load that wanders moves y more than the valve does, but y answers the valve.
+    assert identify(loops.clean(13, "noise").loop).verdict.stiction == "no stiction"
