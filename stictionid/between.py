@@ -40,33 +40,33 @@ def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray 
     n = command.size
     if n < 6:
         return np.interp(np.arange(n * substeps) / substeps, np.arange(n), command)
-    kicks = _kicks(command, setpoint)
-    if not kicks.any():
+    jumps = kicks(command, setpoint)
+    if not jumps.any():
         return _smooth(command, substeps)
     # A kick at sample k came between the one before and this one. What the output was just before it is where the
     # valve turned, and is met one step of the grid early rather than not at all.
-    fine = _smooth(command - np.cumsum(kicks), substeps) + np.repeat(np.cumsum(kicks), substeps)
-    at = np.flatnonzero(kicks)
-    fine[at * substeps - 1] = command[at] - kicks[at]
+    fine = _smooth(command - np.cumsum(jumps), substeps) + np.repeat(np.cumsum(jumps), substeps)
+    at = np.flatnonzero(jumps)
+    fine[at * substeps - 1] = command[at] - jumps[at]
     return fine
 
 
-def _kicks(command: FloatArray, setpoint: FloatArray | None) -> FloatArray:
+def kicks(command: FloatArray, setpoint: FloatArray | None) -> FloatArray:
     """How far each move of the setpoint kicks the command (n,): the gain that most moves agree on times the move.
 
     The gain is read from the command alone (the rest of it is smooth): y has noise that a continuous controller may
     not see. At each move the flank before it, extended as a parabola, says how far the command jumped; behind it the
     integral part has another slope at once.
     """
-    kicks = np.zeros(command.size)
+    none = np.zeros(command.size)
     if setpoint is None:
-        return kicks
+        return none
     moves = np.diff(setpoint, prepend=setpoint[0])
     moves[~np.isfinite(moves)] = 0.0
     at = np.flatnonzero(moves)
     known = at[at >= 3]
     if at.size > MOVES_ALWAYS * command.size or not known.size:
-        return kicks
+        return none
     jump = command[known] - (3.0 * (command[known - 1] - command[known - 2]) + command[known - 3])
     said = jump / moves[known]
     order = np.argsort(said)

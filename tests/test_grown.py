@@ -126,3 +126,13 @@ def test_what_identify_chose_stands_step_by_step_but_never_beside_a_noise_model(
     assert kept(base, rests) == [1]
     assert kept(base, noisy, late) == [1]
     assert kept(base) == kept(base, asked) == []
+
+
+def test_a_valve_that_stops_elsewhere_at_a_kick_is_no_disturbance() -> None:
+    """A slip arrives in the very sample in which the setpoint kicks the output of a continuous controller."""
+    _, loop, (kind, _), _ = loop_of(703, None, 0.01, 0.0, 1500)
+    assert kind == "moving"
+    after = diagnose(loop, identify(loop))
+    steps = [c for c in after.candidates if c.effect == "step-disturbance"]
+    assert max(c.delta_bic or 0.0 for c in steps) > 50.0
+    assert after.missing == ()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..between import kicks
 from ..effects import parse
 from ..heldout import Held
 from ..refit import AUTOREGRESSIVE, Refit, at_noise
@@ -34,6 +35,8 @@ _NEUTRAL = 1e-3
 # Under a held command a drifting valve also rests at every sample: the drift itself must be worth this share of its
 # gain in BIC over re-sticking.
 _RESTING, _DRIFT_ALONE = "re-sticking", 0.05
+# A step this many samples before a move of the setpoint may still be the valve that met it.
+_STEP, _NEAR_KICK = "step-disturbance", 3.0
 # Words by how far the best rival of another kind is behind.
 _WORDS = ((50.0, "named"), (20.0, "probable"), (10.0, "probable, {rival} not excluded"))
 
@@ -74,7 +77,10 @@ def winner_of(found: Round) -> Tried | None:
             continue
         if not _against(t, found, rival):
             return t
-    return noises[0] if noises else None
+    # Noise that helps less than a valve that stopped elsewhere only carries what that left.
+    kicked = max((t.delta_bic for t in found.tried if not t.noise and clearly_better(t, found) and _may_be_a_kick(t)),
+                 default=-np.inf)
+    return noises[0] if noises and noises[0].delta_bic > kicked else None
 
 
 def _against(t: Tried, found: Round, noise: Tried | None) -> str:
@@ -92,6 +98,8 @@ def _against(t: Tried, found: Round, noise: Tried | None) -> str:
         return f"{_RESTING} alone explains nearly as much"
     if _may_be_a_slip(t):
         return "one slip in the wrong place of an integrator looks the same"
+    if _may_be_a_kick(t):
+        return "the setpoint moved then: where a valve stops under an output that this kicks lies between the samples"
     return ""
 
 
@@ -131,6 +139,27 @@ def _may_be_a_slip(t: Tried) -> bool:
     """
     assert t.refit is not None
     return t.refit.model.spec.process == INTEGRATOR and bool(parse(t.name)[0].variants) and not at_noise(t.refit)
+
+
+def _may_be_a_kick(t: Tried) -> bool:
+    """Whether a step may be a valve that stopped elsewhere where a setpoint move kicked an output that is not held.
+
+    What the output did just before and after lies between samples, and decides where the valve rests for the next half
+    cycle: by less than the kick, and y shows it a dead time and a time constant later.
+    """
+    assert t.refit is not None
+    model = t.refit.model
+    if model.spec.held or parse(t.name)[0].name != _STEP:
+        return False
+    numbers = values_of(t.name, model, t.refit.values, t.refit.evaluated)
+    size = abs(numbers["size"])
+    if parse(t.name)[1] == "output":
+        size /= max(abs(t.refit.evaluated.gain), 1e-12)
+    named = model.named(t.refit.values)
+    after = (numbers["time_s"] - model.loop.clock_s) / model.step_s
+    reach = (named["dead_time_s"] + 2.0 * named["time_constant_s"]) / model.step_s
+    near = (after > -_NEAR_KICK) & (after < reach + _NEAR_KICK)
+    return bool((size < np.abs(kicks(model.loop.output, model.loop.setpoint)))[near].any())
 
 
 def _only_rests(t: Tried, found: Round) -> bool:

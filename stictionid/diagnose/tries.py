@@ -90,8 +90,24 @@ def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress) -> Ro
         # Where the best effect gains far more than the base did, the base's own optimum decides nothing.
         if told and gained < _MATTERS * _likelihood(fit, fit.sse, told[0].cost):
             break
-    reference = complete(fit.model, fit.values, None, rng, order=0)
+    reference = _plain_model(ground, answers, complete(fit.model, fit.values, None, rng, order=0))
     return _judged(fit, reference, held_out(reference), ground, answers, fit.sse < first)
+
+
+def _plain_model(ground: Ground, answers: Sequence[Answer], reference: Refit) -> Refit:
+    """The model without any effect, as good as it was met: a noise model that came out white is one, too.
+
+    The model of an integrator is searched in changes of y and completed in levels, where a search for its noise may
+    settle a valve that a descent leaves a slip away; against the worse one every candidate would gain the same.
+    """
+    for a in answers:
+        if a.failed or parse(a.name)[0].noise is None or a.taps is None or a.taps.size or a.increments:
+            continue
+        other = a.refit(ground)
+        both = reference.good & other.good
+        if other.bic(both) < reference.bic(both):
+            reference = other
+    return reference
 
 
 def _likelihood(fit: Fitted, before: float, after: float) -> float:
