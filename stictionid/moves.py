@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -26,6 +27,11 @@ _DIFFERENCE = 1e-3
 # Where there are several segments each force is less known than one: neighbours of what it is are tried, too.
 _NEAR_FORCES = np.array([-0.03, -0.015, -0.007, -0.003, 0.003, 0.007, 0.015, 0.03])
 FORCES, ROUGH_FORCES = np.linspace(0.01, 0.99, 33), np.linspace(0.05, 0.95, 7)
+
+
+# Models that stand for another one, which several stages ask for, as long as that one is there.
+_coarse: WeakKeyDictionary[Model, Model] = WeakKeyDictionary()
+_held: WeakKeyDictionary[Model, Model] = WeakKeyDictionary()
 
 
 def longest_piece(model: Model) -> int:
@@ -108,8 +114,10 @@ def search_model(model: Model) -> Model:
     """The model to search on: a command that moves between samples is searched on a coarser grid than finished on."""
     if model.spec.substeps <= _COARSE_SUBSTEPS or model.spec.held:
         return model
-    return bound(model.loop, replace(model.spec, substeps=_COARSE_SUBSTEPS), s_max=model.s_max,
-                 period_s=model.period_s, residual=model.context.residual)
+    if model not in _coarse:
+        _coarse[model] = bound(model.loop, replace(model.spec, substeps=_COARSE_SUBSTEPS), s_max=model.s_max,
+                               period_s=model.period_s, residual=model.context.residual)
+    return _coarse[model]
 
 
 def as_held(model: Model) -> Model:
@@ -119,8 +127,10 @@ def as_held(model: Model) -> Model:
     """
     if model.spec.held or model.thinned:
         return model
-    return bound(model.loop, replace(model.spec, between="hold", substeps=1), s_max=model.s_max,
-                 period_s=model.period_s, residual=model.context.residual, record=model.context.record)
+    if model not in _held:
+        _held[model] = bound(model.loop, replace(model.spec, between="hold", substeps=1), s_max=model.s_max,
+                             period_s=model.period_s, residual=model.context.residual, record=model.context.record)
+    return _held[model]
 
 
 def thinning(model: Model) -> int:

@@ -33,6 +33,8 @@ CONDITIONAL, _CONDITIONAL = "intervals-conditional", 2.0
 # A lag beyond this share of the period looks like an integrator; that must then lower the error of the differences by
 # this share.
 LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
+# Models that stay at hand, and the most samples of a record for which they do: each is many times as large as that.
+_AT_HAND, _NOT_LONG = 6, 20_000
 # Grid of start forces, time constants and dead times (shares of their ranges) for the process of a given valve.
 _FORCES, _LAGS, _DEADS = np.linspace(-0.96, 0.96, 13), np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12)
 
@@ -52,10 +54,17 @@ class Run:
         self.looks: dict[str, Any] = {}
         self._basins: dict[tuple[Any, ...], FloatArray] = {}
         self._floors: dict[tuple[bytes, int], float | None] = {}
+        self._models: dict[str, Model] = {}
 
     def model(self, spec: Spec) -> Model:
-        """The spec bound to this record."""
-        return bound(self.loop, spec, s_max=self.s_max, period_s=self.period_s)
+        """The spec bound to this record; the last few of a record that is not long are at hand."""
+        key = repr(spec)
+        model = self._models.pop(key, None) or bound(self.loop, spec, s_max=self.s_max, period_s=self.period_s)
+        if self.loop.samples <= _NOT_LONG:
+            self._models[key] = model
+            if len(self._models) > _AT_HAND:
+                del self._models[next(iter(self._models))]
+        return model
 
     def basins(self, spec: Spec) -> FloatArray:
         """Basins (k, d) of the spec's valve on the ARX cost, looked for once for all structures of the process.
