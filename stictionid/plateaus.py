@@ -35,6 +35,8 @@ _SAMPLES, _FINE, _PACES = 3, 64, (0.6, 1.4)
 # best few of every dead time are descended to whatever they say.
 _POSSIBLE, _FURTHER, _ALIKE, _MOST = 8.0, 8.0, 0.5, 10
 _FAR = 2
+# What a sample of dead time may lose for the one behind it to be looked at still.
+_BARRIER = 40.0
 # Turns of a descent on one plateau and when it has settled; difference for the slopes, and the share of the largest
 # slope below which there is none.
 _TURNS, _SETTLED, _DIFFERENCE, _NO_SLOPE = 6, 1e-4, 1e-3, 1e-9
@@ -82,11 +84,16 @@ def plateaus(model: Model, point: FloatArray) -> Plateaus | None:
     scans = [first]
     # From each sample of dead time on to the next: the slopes at one optimum know little of one that is far.
     for sign in (-1, 1) if movable(model)[4] else ():
-        now = first
+        now, lost = first, False
         for _ in range(_SAMPLES):
             beside = now.samples == sign
-            if not beside.any() or _ratio(model, now.costs[beside].min(), best) > _POSSIBLE:
+            if not beside.any():
                 break
+            # One sample alone may lose: slips that come at paces of their own do not all shift by one.
+            loses = _ratio(model, now.costs[beside].min(), best)
+            if loses > (_POSSIBLE if lost else _BARRIER):
+                break
+            lost = bool(loses > _POSSIBLE)
             at = np.flatnonzero(beside)[now.costs[beside].argmin()]
             further = _scanned(model, now.points[at], best, (0, sign))
             if further is None:

@@ -349,3 +349,11 @@ def test_a_valve_that_hardly_moves_is_abstained_not_called_free_of_friction() ->
     assert study.verdict.evidence["code"] == "valve-hardly-moves" and "does not answer" in study.verdict.reason
     # A load that wanders moves y more than the valve does, but y answers the valve.
     assert identify(loops.clean(13, "noise").loop).verdict.stiction == "no stiction"
+
+
+def test_a_dead_time_four_samples_away_is_found_behind_one_that_fits_worse() -> None:
+    known = loops.sticky(111, colour=0.8)
+    e = identify(known.loop).estimate
+    # One sample away the cost is higher than where the search ended, two to four samples away far lower.
+    assert abs(e.S / known.S - 1.0) < 0.04 and abs(e.dead_time_s - known.setting.plant.dead_time_s) < 1.5
+    assert e.S_interval[0] <= known.S <= e.S_interval[1]
