@@ -262,7 +262,7 @@ class Model:
         position = self.law.positions(self.context.command, table, profile=self._profile, share=values[2],
                                       lent=lent)
         if not self.spec.held:
-            position = interval_means(self.context.command, table, self._profile, position, lent=lent)
+            interval_means(self.context.command, table, self._profile, position)
         repeat = self.loop.samples * self.parts // position.shape[0]
         if repeat > 1:
             position = np.repeat(position, repeat, axis=0)
