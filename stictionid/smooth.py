@@ -23,8 +23,8 @@ from .model import Model
 from .moves import movable
 from .profiles import spread_over
 
-# Difference for the slopes, as a share of the range, and parts of the range of each number that are asked, of rough
-# intervals, too.
+# Difference for the slopes, as a share of the range, and parts of the range of each number that are asked; fewer where
+# the intervals are rough.
 _DIFFERENCE, _PARTS, _ROUGH_PARTS = 1e-3, 3, 2
 # How much further an end may move that costs less than it may, as a share of the way to it; how often ends are looked
 # at, and how many of each number's after the first time.
@@ -36,9 +36,9 @@ def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: fl
                      rough: bool = False) -> dict[str, tuple[float, float]]:
     """Smallest and largest possible value of the gain and of every number but those of the friction.
 
-    `cube` (k, d) are the points that cost no more than `limit`, `cost` (k,) what they cost. `rough` ones end where the
-    slopes say, and no cost is looked at there. Empty where the valve
-    barely moves, so that beside every point it never does.
+    `cube` (k, d) are possible points, `cost` (k,) what they cost, `limit` what is allowed. `rough` intervals end where
+    the slopes say, and no cost is looked at there. Empty where the valve barely moves, so that beside every point it
+    never does.
     """
     names, movers = list(model.named(np.zeros(model.space.size))), movable(model) > 0
     wanted = [j for j in np.flatnonzero(movers).tolist() if j not in (0, 1, *model.forces)]
