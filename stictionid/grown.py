@@ -26,11 +26,12 @@ from .search import refine
 
 # Lags in periods; the last one is that of the high pass, too. Delays tried, up to this share of a period.
 _LAGS, _DELAYS, _LONGEST = (0.015, 0.06, 0.2, 0.7), 6, 0.4
-# Points of the first scan (for each number that is searched beyond two), periods of the shortest part, shares of the
-# record with the points that each leaves, and the same for a friction that changes along the record: how fast it does
-# is known so badly from a short part that the next must not be much longer.
-_SCAN, _PERIODS = 4000, 2.0
-_PARTS = ((0.1, 64), (0.2, 48), (0.4, 24), (0.7, 12), (1.0, 6))
+# Points of the first scan (for each number that is searched beyond two), periods of the shortest part, by how much every
+# part is longer than the one before, and how many points the first and the last leave. Measured on 24 scanned loops
+# whose valve overshoots: 19 end within 1.35 times the noise with a growth of 1.4, 17 with 1.7, 13 with 2.
+_SCAN, _PERIODS, _GROWTH, _LEFT = 4000, 2.0, 1.4, (64, 6)
+# Shares of the record with the points that each leaves where friction changes along it: how fast it does is known so
+# badly from a short part that the next must not be much longer.
 _DRIFTING = ((0.06, 64), (0.1, 48), (0.14, 32), (0.2, 24), (0.28, 16), (0.4, 12), (0.55, 8), (0.75, 8), (1.0, 6))
 # Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
 _LEAST_S = 0.1
@@ -92,13 +93,21 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator) -> 
     points = np.empty((0, len(own)))
     # A record may begin at rest: a part has its share of what happens, too.
     happened = np.cumsum(_quick(small) ** 2)
-    for share, kept in _DRIFTING if any(effect.profile for effect in small.effects) else _PARTS:
+    for share, kept in _DRIFTING if any(effect.profile for effect in small.effects) else _parts(small):
         rows = max(int(share * small.loop.samples), small.skip + int(_PERIODS * small.period_s / small.step_s),
                    int(np.searchsorted(happened, share * happened[-1])) + 1)
         points = _polished(Open(_beginning(small, rows)), small, own, middle, points, share, kept, rng)
     found = middle[None].repeat(len(points), axis=0)
     found[:, own] = points
     return found if len(model.pieces) == 1 else lifted(model, at, found)
+
+
+def _parts(model: Model) -> list[tuple[float, int]]:
+    """Shares of a record that grow evenly from a few periods to the whole, and how many points each leaves."""
+    first = min((model.skip + _PERIODS * model.period_s / model.step_s) / model.loop.samples, 1.0)
+    count = max(int(np.ceil(-np.log(first) / np.log(_GROWTH))), 1) + 1
+    left = np.geomspace(*_LEFT, count).astype(int)
+    return list(zip(np.geomspace(first, 1.0, count).tolist(), left.tolist(), strict=True))
 
 
 def _polished(part: Open, model: Model, own: list[int], middle: FloatArray, points: FloatArray, share: float,

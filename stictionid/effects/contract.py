@@ -116,6 +116,7 @@ class Effect:
 
     `parameters` are all public ones; `searched` names those that join the search (None: all), the others are linear
     or follow. `fine` asks for parts of a sample even under a held command; `follows_y` that the kernel uses y.
+    `reach` is how many times further than without it the stickband may reach beyond the swing of the command.
     """
 
     name: str
@@ -131,6 +132,7 @@ class Effect:
     variants: tuple[str, ...] = ()
     fine: bool = False
     follows_y: bool = False
+    reach: float = 1.0
     states: int = 0
     limits: Callable[[Context], tuple[Parameter, ...]] | None = None
     friction: Friction | None = None
