@@ -26,9 +26,9 @@ from .search import refine
 
 # Lags in periods; the last one is that of the high pass, too. Delays tried, up to this share of a period.
 _LAGS, _DELAYS, _LONGEST = (0.015, 0.06, 0.2, 0.7), 6, 0.4
-# Points of the first scan (for each number that is searched beyond two), periods of the shortest part, by how much every
-# part is longer than the one before, and how many points the first and the last leave. Measured on 24 scanned loops
-# whose valve overshoots: 19 end within 1.35 times the noise with a growth of 1.4, 17 with 1.7, 13 with 2.
+# Points of the first scan (for each number that is searched beyond two), periods of the shortest part, by how much
+# every part is longer than the one before, and how many points the first and the last leave. Measured on 24 scanned
+# loops whose valve overshoots: 19 end within 1.35 times the noise with a growth of 1.4, 17 with 1.7, 13 with 2.
 _SCAN, _PERIODS, _GROWTH, _LEFT = 4000, 2.0, 1.4, (64, 6)
 # Shares of the record with the points that each leaves where friction changes along it: how fast it does is known so
 # badly from a short part that the next must not be much longer.

@@ -8,7 +8,7 @@ Source: METHODS.md section 6; CRITICISM.md sections 1 and 7.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +27,7 @@ from .search import Found, refine, swarm
 from .spec import BASE, Evaluated, Spec
 from .starts import along_ridge, basins, with_other_start, with_process
 
-_WARM, _ROAM, _SCOUTS = 6, 2, 500
+_ROAM, _SCOUTS = 2, 500
 _SETTLED = 1e-4
 # Turns of descent from every start, when one has settled, starts that get a population after it, and twice the
 # log-likelihood that must have been gained by then for one.
@@ -105,16 +105,28 @@ class Refit:
 
 def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Values (k, 5) of the base parameters to start refits from: the fit so far and fresh basins."""
-    base = bound(model.loop, Spec(law=model.spec.law, process=model.spec.process, between=model.spec.between,
-                                  substeps=model.spec.substeps, increments=model.spec.increments,
-                                  taps=own_taps(model.spec), fixed=model.spec.fixed, guides=model.spec.guides),
-                 s_max=model.s_max, period_s=model.period_s)
+    spec = Spec(law=model.spec.law, process=model.spec.process, between=model.spec.between,
+                substeps=model.spec.substeps, increments=model.spec.increments, taps=own_taps(model.spec),
+                fixed=model.spec.fixed, guides=model.spec.guides)
+    base = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
     # Swarms on the one-step error, and a search that asks for no process: where one is misled the other is not.
     plain = _undisturbed(base, model, values)
-    far = np.concatenate([basins(plain, rng)[:_SWARMED],
-                          grown_valves(plain, [0, 1, base.forces[longest_piece(base)]], rng)[:_GROWN]])
-    fresh = with_process(base, far)
-    return np.concatenate([values[None, :len(BASE)], base.values(fresh)[:len(BASE)].T])
+    far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, _valve_of(base, ()), rng)[:_GROWN]])
+    fresh = base.values(with_process(base, far))[:len(BASE)].T
+    friction = tuple(x.name for x in model.effects if x.friction is not None)
+    if friction:
+        # A valve that rests has other basins than one that slides.
+        own = bound(model.loop, replace(spec, effects=friction), s_max=model.s_max, period_s=model.period_s)
+        plain = _undisturbed(own, model, values)
+        found = with_process(own, grown_valves(plain, _valve_of(plain, friction), rng)[:_GROWN])
+        fresh = np.concatenate([own.values(found)[:len(BASE)].T, fresh])
+    return np.concatenate([values[None, :len(BASE)], fresh])
+
+
+def _valve_of(model: Model, names: Sequence[str]) -> list[int]:
+    """Columns of the unit cube that say how the valve moves, the numbers of some effects among them."""
+    rows = (model.rows_of(name) for name in names)
+    return [0, 1, model.forces[longest_piece(model)], *(i for r in rows for i in range(r.start, r.stop))]
 
 
 def _undisturbed(model: Model, before: Model, values: FloatArray) -> Model:
@@ -179,8 +191,11 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
             starts.append(vector)
     cube = coarse.cube(np.array(starts).T)
     costs = coarse.costs(cube)
-    order, neutral = np.argsort(costs, kind="stable"), float(costs[0])
-    warm = cube[np.concatenate([order[order != 0][:_WARM], [0]])]
+    neutral = float(costs[0])
+    # The best guess of each base: beside the wrong size of an effect the right valve costs more than a wrong one.
+    each = costs[1:].reshape(len(pool), len(guesses))
+    best = 1 + np.arange(len(pool)) * len(guesses) + each.argmin(axis=1)
+    warm = cube[np.append(best, 0)]
     fresh = _valve_basins(coarse, name, guesses, fit, rng) if effect.kind in "FT" and guesses.size \
         else np.empty((0, model.space.size))
     roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM, scouts=_SCOUTS)
@@ -278,8 +293,7 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
     rows, at = model.rows_of(name), longest_piece(model)
     if parse(name)[0].friction is not None:
         plain = _undisturbed(model, fit.model, fit.values)
-        own = plain.rows_of(name)
-        found = plain.values(grown_valves(plain, [0, 1, model.forces[at], *range(own.start, own.stop)], rng))
+        found = plain.values(grown_valves(plain, _valve_of(plain, (name,)), rng))
         named = [{**fit.best.values, **plain.named(column)} for column in found.T]
         return with_process(model, model.cube(np.stack([model.vector(n) for n in named], axis=1)))
     period = model.period_s / model.step_s

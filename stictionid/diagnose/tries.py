@@ -141,18 +141,24 @@ def candidate_names(loop: Loop, present: Sequence[str]) -> list[str]:
 
 
 def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress) -> list[Answer]:
-    """First looks, then the noise models and the full refits; finished answers replace looks."""
+    """The noise models, first looks, then the full refits; finished answers replace looks.
+
+    A noise model takes what a slow disturbance does to y, so that the valve shows: looks start from its valve, too.
+    """
     physical = [n for n in names if parse(n)[0].noise is None]
     noises = [n for n in names if parse(n)[0].noise is not None]
     answers: dict[str, Answer] = {}
     total = len(physical) + len(noises) + _FINALISTS
     with Workers(ground, jobs) as workers:
-        for answer in workers.map(look, physical):
-            answers[answer.name] = answer
-            tell(f"looked at {answer.name}", 0.05 + 0.9 * len(answers) / total)
         for answer in workers.map(noise, noises):
             answers[answer.name] = answer
             tell(f"fitted {answer.name}", 0.05 + 0.9 * len(answers) / total)
+    told = [base_values(a) for a in answers.values() if not a.failed]
+    ground = replace(ground, pool=np.concatenate([ground.pool, *(values[None] for values in told)]))
+    with Workers(ground, jobs) as workers:
+        for answer in workers.map(look, physical):
+            answers[answer.name] = answer
+            tell(f"looked at {answer.name}", 0.05 + 0.9 * len(answers) / total)
         for i, answer in enumerate(_finished(workers, ground, [answers[n] for n in physical])):
             answers[answer.name] = answer
             tell(f"refitted with {answer.name}", 0.05 + 0.9 * (len(physical) + len(noises) + i + 1) / total)
