@@ -479,7 +479,8 @@ def _is_noise(run: Run, e: Evaluated, factor: float = ADEQUATE) -> bool:
 
 
 def first_look(run: Run, before: Model, values: dict[str, float], effect: str) -> tuple[Model, Found]:
-    """The model to search on with `effect` added, and what a short descent finds: from the model so far and anew.
+    """The model to search on with `effect` added, and what a short descent finds: from the model so far and, where that
+    leaves more than the noise, anew.
 
     Made once for every structure.
     """
@@ -494,9 +495,10 @@ def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tup
     guess = model.effects[model.names.index(effect)].guess
     at = model.rows_of(effect)
     guesses = guess(model.context) if guess is not None else np.zeros((1, at.stop - at.start))
-    # What is missing bends S and J: fresh basins of the base, too, are tried with it.
-    base = search_model(before)
-    fresh = base.values(with_process(base, run.basins(before.spec)))
+    # What is missing bends S and J: fresh basins of the base, too, are tried with it. At the noise nothing is bent.
+    base, settled = search_model(before), _is_noise(run, before.evaluate(before.vector(values)))
+    fresh = base.values(base.cube(np.empty((base.space.size, 0))) if settled else
+                        with_process(base, run.basins(before.spec)))
     starts = np.zeros((model.space.size, 1 + fresh.shape[1]))
     starts[:, 0], starts[:len(fresh), 1:] = model.vector(values), fresh
     starts = starts.repeat(len(guesses), axis=1)
@@ -506,7 +508,7 @@ def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tup
         same = model.cube(starts[:, :len(guesses)])
         near = np.concatenate([behind_valve(model, same, at, turns=QUICK_TURNS, settle=QUICK_SETTLE).points[:1], near])
     found = descended(model, near[:QUICK_KEPT], turns=QUICK_TURNS - _GLANCE, settle=QUICK_SETTLE)
-    if effect != LAG or not model.spec.held or _is_noise(run, before.evaluate(before.vector(values))):
+    if effect != LAG or not model.spec.held or settled:
         return model, found
     # A missing lag makes the dead time too long and, through it, S too small, by several samples: a step away each.
     steps = plateaus(model, found.points[0])
