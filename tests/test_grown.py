@@ -107,7 +107,7 @@ def test_a_ramp_that_made_a_tank_an_integrator_is_found_on_the_right_process() -
     after = diagnose(loop, study)
     assert after.missing == ("ramp-disturbance",)
     assert after.steps[-1].model["process"] == "first-order"
-    assert any(f.code == "other-process" for f in after.steps[-1].findings)
+    assert any(f.code == "other-structure" for f in after.steps[-1].findings)
 
 
 def test_what_identify_chose_stands_step_by_step_but_never_beside_a_noise_model() -> None:

@@ -15,12 +15,14 @@ from ..errors import CannotTell
 from ..fit import Fitted, polish_smooth
 from ..loop import Finding, Loop
 from ..methods.run import Run
-from ..methods.structure import other_process
+from ..methods.structure import may_move, other_process
 from ..model import Model
 from ..moves import descended
 from ..refit import AUTOREGRESSIVE, RANDOM_WALK, Refit, at_noise, has_noise, quick
 from ..restarts import bound
 from ..results import Study
+from ..spec import INTEGRATOR, Spec
+from ..unheld import SUBSTEPS, moved
 from .judge import winner_of
 from .steps import finished_step, opened, with_steps
 from .tries import NAMED, Progress, Round, Tried, try_all
@@ -28,7 +30,7 @@ from .tries import NAMED, Progress, Round, Tried, try_all
 LAG = "extra-lag"
 # What a lag and another effect must gain in BIC over the best one alone (CRITICISM.md section 7, step 7: "named").
 _JOINT = 50.0
-# A process is tried in a round of its own where its base, noise model included, is at most so much less likely in BIC.
+# Another structure gets a round of its own where its base, noise model included, is at most so much less likely in BIC.
 _AS_LIKELY = 100.0
 
 
@@ -100,41 +102,67 @@ def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
     return Looked(study, run, replace(deeper, better=False), top, notes=looked.notes)
 
 
-def on_other_process(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
-    """The same round with an integrator for a first order, or the other way, where that ends with a better model.
+def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
+    """The same round on a base of another structure, where that brings a physical effect to the noise.
 
-    A missing effect bends the choice of the process: a ramp or a limited slew rate made first orders integrators.
+    A missing effect bends the choice of the structure: a ramp or a limited slew rate made first orders integrators, a
+    gain that depends on y hid that the command moves between samples.
     """
-    run, found = looked.run, looked.found
-    spec = found.fit.model.spec
-    if looked.settled or has_noise(spec) or "time_constant_s" in spec.fixed:
+    found = looked.found
+    if looked.settled or has_noise(found.fit.model.spec):
         return looked
-    tell("trying the other process", 0.5)
+    for base in (_other_process, _moving_command):
+        tell("trying another structure of the base", 0.5)
+        fit = base(looked.run, found.fit)
+        if fit is None or _beside_noise(fit) > _beside_noise(found.fit) + _AS_LIKELY:
+            continue
+        other = try_all(looked.run.loop, fit, seed, jobs, tell)
+        changed = replace(looked, found=replace(other, better=False), winner=winner_of(other))
+        good = changed.best.good & looked.best.good
+        if changed.winner is None or not changed.settled \
+                or changed.best.bic(good) > looked.best.bic(good) - _JOINT:
+            continue
+        was, now = (_structure(f.model.spec) for f in (found.fit, other.fit))
+        said = Finding("other-structure", "warning",
+                       f"the base is taken as {now} and no more as {was}: with {changed.winner.name} that explains the "
+                       f"record better, the free-run error falls from {found.fit.best.rmse:.4g} to "
+                       f"{changed.best.evaluated.rmse:.4g}",
+                       {"before": was, "structure": now, "effects": [changed.winner.name]}, (),
+                       "METHODS.md section 4, traps 4 and 5; CRITICISM.md section 6")
+        return replace(changed, notes=(said,))
+    return looked
+
+
+def _other_process(run: Run, fit: Fitted) -> Fitted | None:
+    """The base as an integrator instead of a first order, or the other way."""
+    spec = fit.model.spec
+    if "time_constant_s" in spec.fixed:
+        return None
     tried = other_process(run, spec)
     if tried.evaluated is None:
-        return looked
+        return None
     try:
-        fit = run.fit(tried.spec, before=(tried.point[None], np.array([tried.cost])))
+        return run.fit(tried.spec, before=(tried.point[None], np.array([tried.cost])))
     except CannotTell:
-        return looked
-    if _beside_noise(fit) > _beside_noise(found.fit) + _AS_LIKELY:
-        return looked
-    other = try_all(run.loop, fit, seed, jobs, tell)
-    changed = replace(looked, found=replace(other, better=False), winner=winner_of(other))
-    if not changed.settled:
-        return looked
-    good = changed.best.good & looked.best.good
-    if changed.best.bic(good) > looked.best.bic(good) - _JOINT:
-        return looked
-    kinds = [f.model.spec.process for f in (found.fit, other.fit)]
-    assert changed.winner is not None
-    said = Finding("other-process", "warning",
-                   f"the process is taken as {kinds[1]} and no more as {kinds[0]}: with {changed.winner.name} that "
-                   f"explains the record better, the free-run error falls from {found.fit.best.rmse:.4g} to "
-                   f"{changed.best.evaluated.rmse:.4g}",
-                   {"before": kinds[0], "process": kinds[1], "effects": [changed.winner.name]}, (),
-                   "METHODS.md section 4, trap 5; CRITICISM.md section 6")
-    return replace(changed, notes=(said,))
+        return None
+
+
+def _moving_command(run: Run, fit: Fitted) -> Fitted | None:
+    """The base with a command that moves between samples instead of a held one."""
+    spec = fit.model.spec
+    if spec.between != "hold" or run.loop.step_s > run.options.scan_s or not may_move(run):
+        return None
+    moving = replace(spec, between="corner", substeps=SUBSTEPS)
+    found = moved(fit.model, fit.values, moving)
+    try:
+        return run.fit(moving, before=(found.points[:1], found.costs[:1]))
+    except CannotTell:
+        return None
+
+
+def _structure(spec: Spec) -> str:
+    kind = "an integrator" if spec.process == INTEGRATOR else "a first order"
+    return f"{kind} under a command that {'is held' if spec.held else 'moves'} between samples"
 
 
 def _beside_noise(fit: Fitted) -> float:

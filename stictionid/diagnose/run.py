@@ -19,7 +19,7 @@ from ..refit import quick
 from ..rerun import rebuild_model
 from ..results import Candidate, Study
 from .judge import candidates
-from .rounds import LAG, Looked, beside_lag, look_at, on_other_process
+from .rounds import LAG, Looked, beside_lag, look_at, on_other_base
 from .steps import add, finished_step, judged_anew, opened, with_steps
 from .tries import NAMED
 
@@ -57,7 +57,7 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
             kept = tuple(c for c in candidates(chosen.found, chosen.winner) if c.effect not in study.steps[-1].effects)
             return replace(study, candidates=kept, missing=())
         if chosen is None or chosen.stays:
-            chosen = on_other_process(look_at(loop, study, seed, jobs, tell), seed, jobs, tell)
+            chosen = on_other_base(look_at(loop, study, seed, jobs, tell), seed, jobs, tell)
             # (A valve that does not stick has no effect for a lag to hide.)
             if len(added) < _JOINTLY and study.verdict.stiction != "no stiction":
                 chosen = beside_lag(chosen, seed, jobs, tell)
@@ -139,7 +139,7 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], seed: int, jobs:
     """
     best: tuple[float, Looked] | None = None
     for earlier in before:
-        looked = on_other_process(look_at(loop, earlier, seed, jobs, tell), seed, jobs, tell)
+        looked = on_other_base(look_at(loop, earlier, seed, jobs, tell), seed, jobs, tell)
         looked = beside_lag(looked, seed, jobs, tell)
         ahead = _ahead(looked, study)
         if best is None or ahead >= best[0]:

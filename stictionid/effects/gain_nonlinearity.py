@@ -26,6 +26,8 @@ _CURVATURE = Parameter("curvature", "1 / unit of y", -10.0, 10.0, 0.0, "relative
 _LEAST = 0.05
 # The valve must be on either side of its mean for this share of the record. Unit: 1.
 _EITHER_SIDE = 0.1
+# The gain changes by at most four fifths within what this share of the record reaches. Unit: 1.
+_MOST = 0.9
 
 
 @kernel
@@ -45,14 +47,18 @@ def _start(signal: FloatArray, theta: FloatArray) -> FloatArray:
     return np.stack([mean, felt])
 
 
+def _reach(context: Context) -> float:
+    """How far y is from where gains are referred to for most of the record: a short excursion may reach the floor."""
+    away = np.abs(context.process_value - context.centre)
+    return float(np.quantile(away, _MOST)) or float(away.max()) or 1.0
+
+
 def _limits(context: Context) -> tuple[Parameter, ...]:
-    reach = float(np.abs(context.process_value - context.centre).max()) or 1.0
-    return (replace(_CURVATURE, low=-0.8 / reach, high=0.8 / reach),)
+    return (replace(_CURVATURE, low=-0.8 / _reach(context), high=0.8 / _reach(context)),)
 
 
 def _guess(context: Context) -> FloatArray:
-    reach = float(np.abs(context.process_value - context.centre).max()) or 1.0
-    return np.array([[-0.5], [-0.15], [0.15], [0.5]]) / reach
+    return np.array([[-0.5], [-0.15], [0.15], [0.5]]) / _reach(context)
 
 
 EFFECT = Effect(

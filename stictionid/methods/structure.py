@@ -95,8 +95,8 @@ def choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray], t
         return best.spec, (best.point[None], np.array([best.cost])), (_said_scans(run, best.spec.substeps),)
     # Most plants hold their command: at the noise, a moving one is only looked at.
     moving = replace(spec, between="corner", substeps=SUBSTEPS)
-    may_move = run.options.between == "auto" and _smooth(run)
-    best = structure(run, spec, rival=moving if may_move else None)
+    smooth = run.options.between == "auto" and may_move(run)
+    best = structure(run, spec, rival=moving if smooth else None)
     notes: tuple[Finding, ...] = ()
     if run.options.between == "auto":
         corner = None
@@ -105,7 +105,7 @@ def choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray], t
             corner = structure(run, moving, starts=best.rival)
             if not _clearly(corner, best):
                 best = structure(run, spec)
-        if may_move and (corner is not None or not at_noise(run, best) or _moves_better(run, best, moving)):
+        if smooth and (corner is not None or not at_noise(run, best) or _moves_better(run, best, moving)):
             run.tell("rebuilding the command between samples", 0.3)
             corner = structure(run, moving) if corner is None else corner
             if _of_two(run, corner, best):
@@ -326,7 +326,7 @@ def _with_lag(run: Run, tried: Tried, error: Callable[[Evaluated], float]) -> fl
     return min(error(tried.evaluated), error(coarse.evaluate(coarse.values(quick.points[:1])[:, 0])))
 
 
-def _smooth(run: Run) -> bool:
+def may_move(run: Run) -> bool:
     """Whether the command is smooth enough to be rebuilt between samples: a noisy one has no corners to find."""
     u = run.loop.output[run.loop.used]
     return noise_of(u) < _ROUGH * float(np.ptp(u))
