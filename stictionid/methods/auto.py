@@ -69,10 +69,12 @@ def _searched(run: Run) -> Outcome:
             fit, first, notes = one, run.step(one, None), said
     check_scans(run, fit)
     steps, fits = [replace(first, findings=(*notes, *first.findings))], [fit]
+    if _nothing(run, fit) and _samples_a_turn(run) < SAMPLES_PER_PERIOD:
+        raise _explains_nothing(run)  # nor could a valve that rests be seen
     if not o.base_only and "re-sticking" not in spec.effects:
         run.tell("trying a valve that rests between scans", 0.6)
         try_resting(run, steps, fits)
-    if fits[-1].best.rmse > _NOTHING * float(np.std(run.used_y())) and not _explains_changes(fits[-1]):
+    if _nothing(run, fits[-1]):
         raise _explains_nothing(run)
     if not o.base_only and LAG not in fits[-1].model.spec.effects and not o.fixed:
         run.tell("trying a further lag", 0.7)
@@ -110,6 +112,18 @@ def _one_by_one(run: Run, spec: Spec) -> tuple[Fitted, tuple[Finding, ...]]:
     return fit, notes
 
 
+def _nothing(run: Run, fit: Fitted) -> bool:
+    return fit.best.rmse > _NOTHING * float(np.std(run.used_y())) and not _explains_changes(fit)
+
+
+def _samples_a_turn(run: Run) -> float:
+    """Samples in which PV turns twice, on average."""
+    moves = np.sign(np.diff(run.used_y()))
+    moves = moves[moves != 0]
+    turns = int((moves[1:] != moves[:-1]).sum())
+    return 2.0 * run.used_y().size / max(turns, 1)
+
+
 def _explains_changes(fit: Fitted) -> bool:
     """Whether the model of an integrator explains most of the changes of y, which is what it is fitted to.
 
@@ -121,11 +135,7 @@ def _explains_changes(fit: Fitted) -> bool:
 
 def _explains_nothing(run: Run) -> CannotTell:
     """Why the best model is no better than a constant: PV turns too fast for the samples, or OP does not drive it."""
-    moves = np.sign(np.diff(run.used_y()))
-    moves = moves[moves != 0]
-    turns = int((moves[1:] != moves[:-1]).sum())
-    per = 2.0 * run.used_y().size / max(turns, 1)
-    step = run.loop.step_s
+    per, step = _samples_a_turn(run), run.loop.step_s
     if per < SAMPLES_PER_PERIOD:
         return CannotTell(f"sampled too slowly: the process value turns every {0.5 * per:.1f} samples of {step:g} s, "
                           f"{per:.1f} samples a period where {SAMPLES_PER_PERIOD} are needed, and no model explains it",
