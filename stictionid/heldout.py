@@ -36,6 +36,11 @@ class Held:
     level_rows: FloatArray
 
     @property
+    def blocks(self) -> FloatArray:
+        """Held-out one-step error of each block (B,) in the unit of y."""
+        return np.sqrt(self.one_step / np.maximum(self.rows, 1.0))
+
+    @property
     def rmse_one_step(self) -> float:
         """Held-out one-step error in the unit of y."""
         return float(np.sqrt(self.one_step.sum() / max(self.rows.sum(), 1.0)))

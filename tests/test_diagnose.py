@@ -13,12 +13,15 @@ import numpy as np
 import pytest
 
 from stictionid.diagnose import add, bootstrap, diagnose, work
-from stictionid.diagnose.judge import equivalents
+from stictionid.diagnose.judge import equivalents, holds
 from stictionid.diagnose.steps import opened
 from stictionid.diagnose.tells import settling
 from stictionid.diagnose.tries import held_command
 from stictionid.effects import catalogue
+from stictionid.effects import get as get_effect
+from stictionid.effects.contract import Context
 from stictionid.errors import DataError, UsageError
+from stictionid.heldout import Held
 from stictionid.identify import Options, identify
 from stictionid.loop import Loop
 from stictionid.model import Model
@@ -233,3 +236,27 @@ def test_an_effect_that_chance_would_show_as_often_is_not_named(monkeypatch: pyt
     assert doubtful.missing == () and not any(c.accepted for c in doubtful.candidates)
     assert any("bootstrap p = 0.04" in c.statement for c in doubtful.candidates)
     assert diagnose(loop, study, bootstrap=99).missing == ("step-disturbance",)
+
+
+def test_a_step_in_the_block_held_out_is_no_proof_against_a_step() -> None:
+    rows = np.full(5, 100.0)
+
+    def held(*errors: float) -> Held:
+        squares = rows * np.array(errors) ** 2
+        return Held(squares, rows, squares, rows)
+
+    before, with_step = held(2.0, 2.0, 2.0, 2.0, 2.0), held(1.0, 1.0, 9.0, 1.0, 1.0)
+    assert with_step.blocks.tolist() == [1.0, 1.0, 9.0, 1.0, 1.0]
+    assert holds(with_step, before, local=True)
+    assert not holds(with_step, before)
+    # A drift may help in two blocks alone, and what helps in none is not held.
+    assert holds(held(2.0, 2.0, 2.0, 1.0, 1.0), before, local=True)
+    assert not holds(held(2.0, 2.0, 9.0, 2.0, 2.0), before, local=True)
+
+
+def test_the_gain_may_change_by_most_of_itself_within_what_most_of_the_record_reaches() -> None:
+    y = np.concatenate([np.linspace(45.0, 55.0, 990), np.full(10, 90.0)])
+    context = Context(y, y, np.full(y.size, 50.0), 1.0, 1, 50.0)
+    (limits,) = get_effect("gain-nonlinearity").parameters_for(context)
+    assert limits.high == pytest.approx(0.8 / np.quantile(np.abs(y - 50.0), 0.9))
+    assert limits.high > 0.8 / 5.0 and limits.low == -limits.high

@@ -48,24 +48,41 @@ def clearly_better(t: Tried, found: Round) -> bool:
     """BIC, the blocks in sample, and the blocks held out agree that the candidate helps."""
     if t.refit is None or not t.full or t.delta_bic < NAMED or _vanished(t):
         return False
-    effect = parse(t.name)[0]
-    local = effect.kind == "L" or effect.profile is not None
+    local = _local(t)
     if not local and ((t.gains > 0).sum() < _BLOCKS_BETTER or float(np.median(t.gains)) < _MEDIAN_GAIN):
         return False
     return holds(t.held, found.held, local)
 
 
+def _local(t: Tried) -> bool:
+    """Whether an effect acts at a place of the record: a disturbance, or a friction that changes with time."""
+    effect = parse(t.name)[0]
+    return effect.kind == "L" or effect.profile is not None
+
+
+def _held_worse(t: Tried, noise: Tried) -> bool:
+    """Whether a candidate predicts held-out blocks worse than a noise model.
+
+    Nobody can predict a step that lies in the block held out: of a local effect the middle block counts.
+    """
+    if noise.held is None or t.held is None:
+        return False
+    if _local(t):
+        return bool(np.median(t.held.blocks / noise.held.blocks) > 1.0)
+    return t.held.rmse_one_step > noise.held.rmse_one_step
+
+
 def holds(after: Held | None, before: Held | None, local: bool = False) -> bool:
     """Whether the held-out one-step error falls, in all and in the middle block; true where none could be held out.
 
-    A `local` effect (a step, a drift) may leave most blocks as they are: it must lower the error of the whole.
+    Of a `local` effect either is enough: a drift may leave most blocks as they are, and nobody can predict a step that
+    lies in the block held out.
     """
     if after is None or before is None:
         return True
-    if after.rmse_one_step > (1.0 - _MEDIAN_GAIN) * before.rmse_one_step:
-        return False
-    a, b = (np.sqrt(h.one_step / np.maximum(h.rows, 1.0)) for h in (after, before))
-    return bool(local or np.median(1.0 - a / b) >= _MEDIAN_GAIN)
+    whole = after.rmse_one_step <= (1.0 - _MEDIAN_GAIN) * before.rmse_one_step
+    middle = bool(np.median(1.0 - after.blocks / before.blocks) >= _MEDIAN_GAIN)
+    return whole or middle if local else whole and middle
 
 
 def winner_of(found: Round) -> Tried | None:
@@ -100,8 +117,7 @@ def _against(t: Tried, found: Round, noise: Tried | None) -> str:
     assert t.refit is not None
     if t.refit.evaluated.rmse > _NO_WORSE * _free_run(t.refit, found):
         return "its free run is worse than that of the model so far"
-    if noise is not None and noise.held is not None and t.held is not None \
-            and t.held.rmse_one_step > noise.held.rmse_one_step:
+    if noise is not None and _held_worse(t, noise):
         return f"it predicts held-out blocks worse than {noise.name}"
     if _out_of_range(t):
         return "it ended at a limit of its range"
