@@ -18,6 +18,7 @@ from ..methods.run import ADEQUATE
 from ..refit import quick
 from ..rerun import rebuild_model
 from ..results import Candidate, Study
+from ..segments import described
 from .judge import candidates
 from .rounds import LAG, Looked, beside_lag, look_at, on_other_base
 from .steps import add, finished_step, judged_anew, opened, with_steps
@@ -148,6 +149,13 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], seed: int, jobs:
             break
     assert best is not None
     ahead, looked = best
+    if ahead < NAMED and _may_lead_further(looked, study):
+        # One effect against several steps: what the round names is followed to its end before it is judged.
+        began = _replaced(looked, ()) if looked.found.better or looked.notes else looked.study
+        winner = looked.winner
+        assert winner is not None
+        path = add(loop, began, winner.name, seed=seed, prune=True, known=winner.refit, progress=tell)
+        ahead = _between(loop, diagnose(loop, path, apply=True, seed=seed, jobs=jobs, progress=tell), study)
     if study.adequate:
         return replace(looked, stays=ahead < NAMED)
     if ahead < NAMED:
@@ -158,6 +166,23 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], seed: int, jobs:
     a, b = own.winner.refit, looked.winner.refit
     good = a.good & b.good
     return looked if b.bic(good) < a.bic(good) else own
+
+
+def _may_lead_further(looked: Looked, study: Study) -> bool:
+    """Whether a round's winner is physics that leaves less in the free run than steps that end in a noise model."""
+    winner = looked.winner
+    return _noisy(study) and winner is not None and not winner.noise and winner.refit is not None \
+        and winner.refit.evaluated.rmse < study.steps[-1].error.rmse
+
+
+def _between(loop: Loop, found: Study, other: Study) -> float:
+    """BIC by which one study's last model does better than another's, noise and all, on the same samples."""
+    refits = []
+    for study in (found, other):
+        piece, _ = described(loop, study.steps[-1].model)
+        refits.append(quick(*rebuild_model(piece, study.steps[-1].model)))
+    good = refits[0].good & refits[1].good
+    return refits[1].bic(good) - refits[0].bic(good)
 
 
 def _ahead(looked: Looked, study: Study) -> float:
