@@ -104,8 +104,9 @@ def compared(run: Run, sticking: Whitened) -> Verdict:
         "one_step_drop": one_step, "likelihood_ratio": ratio, "blocks_won": won, "blocks": _BLOCKS,
         "effects": [effect.name for effect in sticking.model.effects],
         "held_out_gain": None if gain is None else gain.share, "held_out_won": None if gain is None else gain.won}
-    said = (f"friction lowers the free-run error from {free.rmse:.4g} to {sticking.rmse:.4g}, "
-            f"{100 * explained:.1f} % of the variance of y" if drop > 0 else
+    # (A free run that leaves y errs by more than y moves.)
+    share = f", {100 * explained:.1f} % of the variance of y" if explained <= 1.0 else ""
+    said = (f"friction lowers the free-run error from {free.rmse:.4g} to {sticking.rmse:.4g}{share}" if drop > 0 else
             f"friction does not lower the free-run error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
     said += f"; {_predicts(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
     answer, confidence = _answer(ratio, won, explained, drop, one_step)
