@@ -173,7 +173,7 @@ def _predicts(one_step: float, won: int, gain: _Gain | None) -> str:
     else:
         share, where, won, blocks, tail = gain.share, "blocks it was not fitted to", gain.won, gain.blocks, ""
     word = "better" if share > 0.0 else "worse"
-    size = f"{100 * abs(share):.{0 if abs(share) >= 0.01 else 1}f} %"
+    size = f"{100 * abs(share):.{0 if abs(share) >= 0.01 else 1}f} %" if share > -1.0 else f"{1.0 - share:.2g} times"
     return f"noise model included, it predicts the next sample {size} {word} on {where} ({won} of {blocks}){tail}"
 
 
