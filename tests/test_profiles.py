@@ -240,9 +240,10 @@ def test_a_number_that_is_given_and_a_valve_that_barely_moves_have_no_interval_o
     point = given.cube(model.values(cube[[cost.argmin()]]))
     own = smooth_intervals(given, point, given.costs(point), 2.0 * float(given.costs(point)[0]))
     assert set(own) == {"dead_time_s"}
-    still = model.values(point)
-    still[0] = 2.0 * np.ptp(model.loop.output)
-    still = model.cube(still)
+    # The widest stickband and slip jump, and no residual force at the start: no command of this record reaches f_s.
+    still = model.cube(model.values(point))
+    still[:, :3] = 1.0, 1.0, 0.5
+    assert np.ptp(model.positions(model.values(still))) == 0.0
     assert smooth_intervals(model, still, np.ones(1), 2.0) == {}
 
 
