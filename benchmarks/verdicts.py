@@ -110,7 +110,8 @@ def one(task: tuple[int, bool]) -> Outcome:
     study = identify(known.loop)
     cpu_s, start = time.process_time() - start, time.process_time()
     with searches() as spent:
-        identify(known.loop, options=Options(base_only=True))
+        if sticks:
+            identify(known.loop, options=Options(base_only=True))
     said = (known.cause, study.verdict.stiction, study.verdict.reason, cpu_s, time.process_time() - start, sum(spent))
     e = study.estimate
     if e is None or not sticks or e.S_interval is None or e.J_interval is None:

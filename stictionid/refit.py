@@ -102,6 +102,11 @@ class Refit:
         sse = float(np.sum(self.innovation[good] ** 2))
         return rows * float(np.log(max(sse, 1e-300) / rows)) + self.parameters * float(np.log(rows))
 
+    def gain_over(self, other: Refit) -> float:
+        """BIC by which this model does better than another on the samples that both predict."""
+        both = self.good & other.good
+        return other.bic(both) - self.bic(both)
+
 
 def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Values (k, 5) of the base parameters to start refits from: the fit so far and fresh basins."""
@@ -372,7 +377,7 @@ def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, orde
     found = _as_it_is(model, values, noise, order, rng)
     if not _has_levels(model, noise):
         return found
-    return _better(found, _as_it_is(_in_levels(model, found.evaluated), values, noise, order, rng))
+    return better(found, _as_it_is(_in_levels(model, found.evaluated), values, noise, order, rng))
 
 
 def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
@@ -398,10 +403,9 @@ def _in_levels(model: Model, evaluated: Evaluated) -> Model:
                  period_s=model.period_s, residual=np.nan_to_num(evaluated.residual))
 
 
-def _better(found: Refit, other: Refit) -> Refit:
+def better(found: Refit, other: Refit) -> Refit:
     """The better of two completed models by BIC on common samples."""
-    both = found.good & other.good
-    return other if other.bic(both) < found.bic(both) else found
+    return other if other.gain_over(found) > 0.0 else found
 
 
 def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, *,
@@ -417,7 +421,7 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
         return found
     level = _in_levels(model, found.evaluated)
     near = descended(level, level.cube(level.vector(found.model.named(found.values))[:, None]))
-    return _better(found, _completed(level, level.values(near.points[:1])[:, 0], None, rng, noise, order))
+    return better(found, _completed(level, level.values(near.points[:1])[:, 0], None, rng, noise, order))
 
 
 def _completed(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, noise: str,
@@ -461,7 +465,7 @@ def _plainer(model: Model, found: Refit) -> Refit:
     noise that is no more, and under one with a root near 1 it loses its level.
     """
     again = descended(model, model.cube(model.vector(found.model.named(found.values))[:, None]))
-    return _better(found, _as_it_is(model, model.values(again.points[:1])[:, 0]))
+    return better(found, _as_it_is(model, model.values(again.points[:1])[:, 0]))
 
 
 def _joined(own: tuple[float, ...], ar: FloatArray) -> FloatArray:

@@ -20,6 +20,9 @@ from .products import products
 # columns were taken out never moved: it is rejected. Unit: 1.
 DEPENDENT = 1e-10
 REJECTED = np.inf
+# Share of the largest direction below which columns have none of their own: shared ones, and a model's responses, whose
+# rounding is larger. Unit: 1.
+_SHARED, SAME = 1e-10, 1e-8
 
 
 @kernel
@@ -67,6 +70,19 @@ def whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
     _whiten_stack(base, samples, np.ascontiguousarray(taps))
 
 
+def axes(columns: FloatArray, least: float) -> FloatArray:
+    """Orthonormal axes (n, k) of what columns (n, c) span, each column as long as any other.
+
+    Directions that carry less than the share `least` of the largest are left out.
+    """
+    norms = np.linalg.norm(columns, axis=0)
+    columns = columns[:, norms > 0] / norms[norms > 0]
+    if not columns.shape[1]:
+        return columns
+    found, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return found[:, size > least * size[0]]
+
+
 @dataclass(frozen=True, slots=True)
 class Shared:
     """What all candidates share in a least squares: rows (n,) that count, orthonormal columns, target without them.
@@ -89,13 +105,9 @@ class Shared:
         """Target (n,), shared columns (n, q) and weights (n,) 0 or 1; rows of weight 0 are never looked at."""
         w = np.asarray(weight, dtype=np.float64)
         columns = np.where(w[:, None] > 0, columns, 0.0) if columns.size else np.empty((target.size, 0))
-        norms = np.linalg.norm(columns, axis=0)
-        columns = columns[:, norms > 0] / norms[norms > 0]
-        if columns.shape[1]:
-            u, s, _ = np.linalg.svd(columns, full_matrices=False)
-            # Rounding leaves 1e-17 in rows that don't count, where a start-up transient is still 1: its whole energy
-            # in the rows that do count may be smaller, and the cost then came out as 0.
-            columns = np.where(w[:, None] > 0, u[:, s > 1e-10 * s[0]], 0.0)
+        # Rounding leaves 1e-17 in rows that don't count, where a start-up transient is still 1: its whole energy
+        # in the rows that do count may be smaller, and the cost then came out as 0.
+        columns = np.where(w[:, None] > 0, axes(columns, _SHARED), 0.0)
         y = np.where(w > 0, target, 0.0)
         y = y - columns @ (columns.T @ y)
         none = np.zeros((y.size, 1 - columns.shape[1] % 2))

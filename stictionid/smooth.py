@@ -22,6 +22,7 @@ from .loop import FloatArray, IntArray
 from .model import Model
 from .moves import movable
 from .profiles import spread_over
+from .regression import SAME, axes
 
 # Difference for the slopes, as a share of the range, and parts of the range of each number that are asked; fewer where
 # the intervals are rough.
@@ -190,9 +191,7 @@ def _own_variance(model: Model, points: FloatArray) -> FloatArray:
     own, shared, out = own[:, used], model.shared.basis[used], np.empty(len(points))
     for p in range(len(points)):
         others = np.concatenate([own[1:, :, p].T, shared], axis=1)
-        size = np.linalg.norm(others, axis=0)
-        axes, known, _ = np.linalg.svd(others[:, size > 0] / size[size > 0], full_matrices=False)
-        axes = axes[:, known > 1e-8 * known[0]]
-        rest = own[0, :, p] - axes @ (axes.T @ own[0, :, p])
+        known = axes(others, SAME)
+        rest = own[0, :, p] - known @ (known.T @ own[0, :, p])
         out[p] = 1.0 / max(float(rest @ rest), 1e-300)
     return out

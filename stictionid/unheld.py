@@ -28,6 +28,11 @@ QUICK_TURNS, QUICK_SETTLE = 8, 1e-3
 _AFTER_ALL = 6.0
 
 
+def as_moving(spec: Spec) -> Spec:
+    """The same spec under a command that moves between samples."""
+    return replace(spec, between="corner", substeps=SUBSTEPS)
+
+
 def moved_after_all(fit: Fitted, scan_s: float) -> tuple[Model, FloatArray] | None:
     """The model with a command that moves between samples, and its values (d,), where that does clearly better from
     where all that was added to a held one ended; None where it does not, and beside scans of `scan_s` in the samples.
@@ -35,7 +40,7 @@ def moved_after_all(fit: Fitted, scan_s: float) -> tuple[Model, FloatArray] | No
     before = fit.model
     if before.spec.between != "hold" or before.loop.step_s > scan_s:
         return None
-    model = _moving(before, replace(before.spec, between="corner", substeps=SUBSTEPS))
+    model = _moving(before, as_moving(before.spec))
     found = moved(before, fit.values, model.spec)
     rows = effective_rows(np.nan_to_num(fit.best.innovation), before.weight)
     if not found.costs[0] < fit.sse * np.exp(-_AFTER_ALL / rows):

@@ -26,15 +26,16 @@ from .fit import Fitted
 from .heldout import held_out_of
 from .loop import FloatArray, Loop
 from .methods.run import Run
+from .methods.structure import LAG
 from .model import Model
 from .moves import descended, search_model
+from .regression import SAME, axes
 from .results import PositionEstimate, Verdict
 from .spec import FIRST_ORDER, INTEGRATOR, Spec
 from .starts import process_grid
 from .whitened import SETTLE, TURNS, WORTH, Whitened, noise_taps, whitened, with_taps, without_noise
 
 _BLOCKS = 5
-_LAG = "extra-lag"
 # Likelihood ratio and blocks won above which friction is in the record, below which it is not; and the share of the
 # variance of y that it must explain (or, for a clear ratio, the share by which the one-step error must fall).
 _STICKS, _CLEAN, _WON = 40.0, 15.0, 4
@@ -60,8 +61,6 @@ UNANSWERED = "valve-hardly-moves"
 ASK = "give a record in which the output moves further, or one with setpoint moves; check that OP drives this PV"
 # The confidence where only a measured position shows it: its transmitter may stick, too.
 _SEEN = 0.9
-# Directions of the columns beside the answer to the output that are no directions of their own. Unit: 1.
-_SAME = 1e-8
 
 
 def judge(run: Run, fit: Fitted, loop: Loop, seen: PositionEstimate | None) -> Verdict:
@@ -139,10 +138,8 @@ def _answered(free: Whitened) -> float:
     used = model.weight > 0
     own = model.own_columns(*model.responses(free.values[:, None]))[:, used, 0]
     others = np.concatenate([own[1:].T, model.shared.basis[used]], axis=1)
-    size = np.linalg.norm(others, axis=0)
-    axes, known, _ = np.linalg.svd(others[:, size > 0] / size[size > 0], full_matrices=False)
-    axes = axes[:, known > _SAME * known[0]]
-    y, response = (x - axes @ (axes.T @ x) for x in (model.target[used], own[0]))
+    known = axes(others, SAME)
+    y, response = (x - known @ (known.T @ x) for x in (model.target[used], own[0]))
     energy = float(response @ response) * float(y @ y)
     return -y.size * float(np.log1p(-min(float(response @ y)**2 / energy, 1.0 - 1e-15))) if energy else 0.0
 
@@ -228,8 +225,8 @@ def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int,
 def friction_free(run: Run, sticking: Whitened) -> Whitened:
     """The best model without friction: first order or the structure of the sticking one, whichever predicts better."""
     spec = sticking.model.spec
-    effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" and name != _LAG)
-    lag = () if spec.fixed else (_LAG,)
+    effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" and name != LAG)
+    lag = () if spec.fixed else (LAG,)
     tried = []
     for process in dict.fromkeys((FIRST_ORDER, spec.process)):
         bare = replace(spec, process=process, effects=(*effects, *lag), friction_free=True, taps=(),

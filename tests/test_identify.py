@@ -197,7 +197,8 @@ def test_a_valve_that_rests_between_scans_is_found_on_a_noisy_integrator() -> No
 def test_a_held_search_that_ended_beside_its_basin_is_looked_at_again_from_where_the_moving_one_ended() -> None:
     from stictionid.methods import catalogue
     from stictionid.methods.run import Run
-    from stictionid.methods.structure import SUBSTEPS, Tried, _looked_again
+    from stictionid.methods.structure import Tried, _looked_again
+    from stictionid.unheld import SUBSTEPS
 
     loop = read_loop(Path(__file__).parents[1] / "sample_data" / "foptd_scanned.parquet")
     run = Run(loop, find_range(loop), Options(), catalogue()["auto"], rng=np.random.default_rng(0),

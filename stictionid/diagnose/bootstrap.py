@@ -53,9 +53,7 @@ def _gain(ground: Ground, name: str, fit: Fitted) -> float:
     if answer.failed:
         return -np.inf
     after = answer.refit(ground)
-    before = quick(fit.model, fit.values, order=0)
-    good = before.good & after.good
-    return before.bic(good) - after.bic(good)
+    return after.gain_over(quick(fit.model, fit.values, order=0))
 
 
 def _replicate(ground: Ground, draw: _Draw) -> Answer:

@@ -1,7 +1,8 @@
 """One round over the catalogue, and the same round on another base where that explains the record better.
 
-A base that lacks a further lag, or has the wrong process, hides the effect that is missing: both are tried where a
-round leaves more than noise. Source: CRITICISM.md sections 6 and 7; METHODS.md section 4, trap 5.
+A base that lacks a further lag, has the wrong process, or holds a command that moves, hides the effect that is missing:
+each is tried where a round leaves more than noise. Source: CRITICISM.md sections 6 and 7; METHODS.md section 4, traps 4
+and 5.
 """
 
 from __future__ import annotations
@@ -15,19 +16,18 @@ from ..errors import CannotTell
 from ..fit import Fitted, polish_smooth
 from ..loop import Finding, Loop
 from ..methods.run import Run
-from ..methods.structure import may_move, other_process
+from ..methods.structure import LAG, may_move, other_process
 from ..model import Model
 from ..moves import descended
 from ..refit import AUTOREGRESSIVE, RANDOM_WALK, Refit, at_noise, has_noise, quick
 from ..restarts import bound
 from ..results import Study
 from ..spec import INTEGRATOR, Spec
-from ..unheld import SUBSTEPS, moved
+from ..unheld import as_moving, moved
 from .judge import winner_of
-from .steps import finished_step, opened, with_steps
-from .tries import NAMED, Progress, Round, Tried, try_all
+from .steps import Progress, finished_step, opened, with_steps
+from .tries import NAMED, Round, Tried, try_all
 
-LAG = "extra-lag"
 # What a lag and another effect must gain in BIC over the best one alone (CRITICISM.md section 7, step 7: "named").
 _JOINT = 50.0
 # Another structure gets a round of its own where its base, noise model included, is at most so much less likely in BIC.
@@ -91,8 +91,7 @@ def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
     alone = _alone(run, before, top)
     if alone.bic(good) <= top.refit.bic(good) + NAMED:
         # The round beside the lag has only found the better basin: the effect explains as much without.
-        both = alone.good & found.reference.good
-        top = replace(top, refit=alone, delta_bic=found.reference.bic(both) - alone.bic(both))
+        top = replace(top, refit=alone, delta_bic=alone.gain_over(found.reference))
         others = (t for t in found.tried if t.name != top.name)
         return replace(looked, winner=top, found=replace(found, tried=(top, *others)))
     after = polished(deeper.fit.model, deeper.fit.values, run.rng)
@@ -111,16 +110,15 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
     found = looked.found
     if looked.settled or has_noise(found.fit.model.spec):
         return looked
+    likely = _beside_noise(found.fit) + _AS_LIKELY
     for base in (_other_process, _moving_command):
         tell("trying another structure of the base", 0.5)
         fit = base(looked.run, found.fit)
-        if fit is None or _beside_noise(fit) > _beside_noise(found.fit) + _AS_LIKELY:
+        if fit is None or _beside_noise(fit) > likely:
             continue
         other = try_all(looked.run.loop, fit, seed, jobs, tell)
         changed = replace(looked, found=replace(other, better=False), winner=winner_of(other))
-        good = changed.best.good & looked.best.good
-        if changed.winner is None or not changed.settled \
-                or changed.best.bic(good) > looked.best.bic(good) - _JOINT:
+        if changed.winner is None or not changed.settled or changed.best.gain_over(looked.best) < _JOINT:
             continue
         was, now = (_structure(f.model.spec) for f in (found.fit, other.fit))
         said = Finding("other-structure", "warning",
@@ -152,7 +150,7 @@ def _moving_command(run: Run, fit: Fitted) -> Fitted | None:
     spec = fit.model.spec
     if spec.between != "hold" or run.loop.step_s > run.options.scan_s or not may_move(run):
         return None
-    moving = replace(spec, between="corner", substeps=SUBSTEPS)
+    moving = as_moving(spec)
     found = moved(fit.model, fit.values, moving)
     try:
         return run.fit(moving, before=(found.points[:1], found.costs[:1]))

@@ -6,7 +6,7 @@ on the same samples. Source: METHODS.md section 6; CRITICISM.md sections 1 and 7
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from ..results import Candidate, Study
 from ..segments import described
 from .judge import candidates
 from .rounds import LAG, Looked, beside_lag, look_at, on_other_base
-from .steps import add, finished_step, judged_anew, opened, with_steps
+from .steps import Progress, add, finished_step, judged_anew, opened, with_steps
 from .tries import NAMED
 
 MOST_ADDITIONS = 4
@@ -32,7 +32,6 @@ _CHANCE = 0.01
 _CHOSEN = frozenset({LAG, "re-sticking"})
 # Additions before which a round is made beside a lag, too: each costs as much as the round itself.
 _JOINTLY = 2
-Progress = Callable[[str, float], None]
 
 
 def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool = False, seed: int = 0, jobs: int = 1,
@@ -113,8 +112,7 @@ def _memory(loop: Loop, study: Study, seed: int) -> bool:
         return False
     _, fit = opened(loop, study, seed)
     white, coloured = quick(fit.model, fit.values, order=0), quick(fit.model, fit.values)
-    both = white.good & coloured.good
-    return white.bic(both) - coloured.bic(both) > NAMED
+    return coloured.gain_over(white) > NAMED
 
 
 def _noisy(study: Study) -> bool:
@@ -163,9 +161,7 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], seed: int, jobs:
     own = look_at(loop, study, seed, jobs, tell)
     if own.winner is None or own.winner.refit is None or looked.winner is None or looked.winner.refit is None:
         return looked
-    a, b = own.winner.refit, looked.winner.refit
-    good = a.good & b.good
-    return looked if b.bic(good) < a.bic(good) else own
+    return looked if looked.winner.refit.gain_over(own.winner.refit) > 0.0 else own
 
 
 def _may_lead_further(looked: Looked, study: Study) -> bool:
@@ -181,8 +177,7 @@ def _between(loop: Loop, found: Study, other: Study) -> float:
     for study in (found, other):
         piece, _ = described(loop, study.steps[-1].model)
         refits.append(quick(*rebuild_model(piece, study.steps[-1].model)))
-    good = refits[0].good & refits[1].good
-    return refits[1].bic(good) - refits[0].bic(good)
+    return refits[0].gain_over(refits[1])
 
 
 def _ahead(looked: Looked, study: Study) -> float:
@@ -190,10 +185,7 @@ def _ahead(looked: Looked, study: Study) -> float:
     winner = looked.winner
     if winner is None or winner.refit is None or parse(winner.name)[0].name in study.steps[-1].effects:
         return -np.inf
-    model, values = rebuild_model(looked.run.loop, study.steps[-1].model)
-    now = quick(model, values)
-    good = now.good & winner.refit.good
-    return now.bic(good) - winner.refit.bic(good)
+    return winner.refit.gain_over(quick(*rebuild_model(looked.run.loop, study.steps[-1].model)))
 
 
 def _replaced(chosen: Looked, gone: Sequence[str]) -> Study:

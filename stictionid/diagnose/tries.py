@@ -6,7 +6,7 @@ refit's S, J, start and process are handed back to it. Source: CRITICISM.md sect
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,14 +16,13 @@ from ..fit import Fitted, polish_smooth
 from ..heldout import Held, held_out
 from ..loop import FloatArray, Loop
 from ..moves import search_model, spreads, with_start
-from ..refit import Refit, at_thresholds, block_gains, complete, quick, starting_pool
+from ..refit import Refit, at_thresholds, better, block_gains, complete, quick, starting_pool
 from ..restarts import bound
 from ..search import refine
 from ..spec import BASE
-from .steps import variants
+from .steps import Progress, variants
 from .work import Answer, Ground, Workers, base_values, finish, look, noise
 
-Progress = Callable[[str, float], None]
 # Full refits: at most so many, so many at a time whatever the jobs, of looks whose BIC is within so much (or this share
 # of the best gain) of the best full refit so far.
 _FINALISTS, _BATCH, _WITHIN, _WITHIN_SHARE = 6, 2, 150.0, 0.12
@@ -103,10 +102,7 @@ def _plain_model(ground: Ground, answers: Sequence[Answer], reference: Refit) ->
     for a in answers:
         if a.failed or parse(a.name)[0].noise is None or a.taps is None or a.taps.size or a.increments:
             continue
-        other = a.refit(ground)
-        both = reference.good & other.good
-        if other.bic(both) < reference.bic(both):
-            reference = other
+        reference = better(reference, a.refit(ground))
     return reference
 
 
@@ -175,9 +171,7 @@ def _finished(workers: Workers, ground: Ground, looks: Sequence[Answer]) -> Iter
     base, silent = quick(fit.model, fit.values), quick(fit.model, fit.values, order=0)
 
     def gain(answer: Answer, before: Refit) -> float:
-        after = answer.refit(ground)
-        both = before.good & after.good
-        return before.bic(both) - after.bic(both)
+        return answer.refit(ground).gain_over(before)
 
     gains = {a.name: gain(a, silent) for a in good}
     queue = sorted(good, key=lambda a: -gains[a.name])

@@ -24,7 +24,7 @@ from ..scan import DECIMATED, parts_of, pi_law
 from ..search import Found
 from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 from ..starts import along_ridge, grown, with_process
-from ..unheld import QUICK_SETTLE, QUICK_TURNS, SUBSTEPS, moved
+from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, moved
 from ..whitened import whitened
 from .run import ADEQUATE, INTEGRATOR_GAIN, LONG_LAG, Run, increment_error
 
@@ -94,7 +94,7 @@ def choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray], t
         best = _scanned(run, replace(spec, substeps=_scans(run)))
         return best.spec, (best.point[None], np.array([best.cost])), (_said_scans(run, best.spec.substeps),)
     # Most plants hold their command: at the noise, a moving one is only looked at.
-    moving = replace(spec, between="corner", substeps=SUBSTEPS)
+    moving = as_moving(spec)
     smooth = run.options.between == "auto" and may_move(run)
     best = structure(run, spec, rival=moving if smooth else None)
     notes: tuple[Finding, ...] = ()
