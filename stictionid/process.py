@@ -49,6 +49,8 @@ class Dynamics:
     integrating: bool
 
 
+# The kernels below end a sample alike, each in lines of its own: as a kernel that they call it took twice the time of a
+# short one (108 against 47 µs for 64,000 positions, measured).
 @kernel
 def _run(position, substeps, table, kinds, whole, fine, response):
     """Fill response (samples + longest whole delay, P); rows before a lane's delay stay as they are (zero).
