@@ -16,6 +16,7 @@ from .loop import FloatArray
 from .model import Model
 from .moves import descended, search_model, with_start
 from .restarts import bound
+from .scan import ran_with_samples
 from .search import Found
 from .spec import Spec
 
@@ -35,10 +36,11 @@ def as_moving(spec: Spec) -> Spec:
 
 def moved_after_all(fit: Fitted, scan_s: float) -> tuple[Model, FloatArray] | None:
     """The model with a command that moves between samples, and its values (d,), where that does clearly better from
-    where all that was added to a held one ended; None where it does not, and beside scans of `scan_s` in the samples.
+    where all that was added to a held one ended; None where it does not, beside scans of `scan_s` in the samples, and
+    where the controller ran with the samples.
     """
     before = fit.model
-    if before.spec.between != "hold" or before.loop.step_s > scan_s:
+    if before.spec.between != "hold" or before.loop.step_s > scan_s or ran_with_samples(before.loop):
         return None
     model = _moving(before, as_moving(before.spec))
     found = moved(before, fit.values, model.spec)

@@ -20,7 +20,7 @@ from ..noise import autocovariance
 from ..oscillation import noise_of
 from ..plateaus import plateaus
 from ..regression import whiten
-from ..scan import DECIMATED, parts_of, pi_law
+from ..scan import DECIMATED, parts_of, pi_law, ran_between, ran_with_samples
 from ..search import Found
 from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 from ..starts import along_ridge, grown, with_process
@@ -55,9 +55,6 @@ _STEP_AWAY = 0.01
 # The command is taken as continuous only when that lowers the free-run error by this share; where one way leaves less
 # than the second share of the other's error a further lag can't change which is better: the most it took was half.
 _CORNER_GAIN, _CLEARLY = 0.05, 1.0 / 3.0
-# A PI law that ran with the samples leaves less of the changes of u than this share of what one that ran between them
-# does. Measured: nothing at all against 1e-5 to 1e-4; where it did run between them, 0.9 to 1.5 times as much. Unit: 1.
-_EXACT = 0.25
 # Noise of the scans in between, as a share of the pace of the output, beyond which S and J come out wrong. Measured
 # with every third to tenth of the 1 s scans exported: up to 0.3 S within 3 %, from 0.4 on off by 10 to 20 %. Unit: 1.
 _CHATTER, _SCANS_UNKNOWN = 0.35, 3
@@ -112,7 +109,7 @@ def choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray], t
                 held = _looked_again(run, best, corner)
                 best = corner if held is best or _of_two(run, corner, held) else held
         scans = parts_of(run.loop.step_s, run.options.scan_s)
-        if scans > 1 and _computed_between(run, scans):
+        if scans > 1 and ran_between(run.loop, scans):
             run.tell("rebuilding the scans between samples", 0.4)
             slow = _scanned(run, replace(spec, between=DECIMATED, substeps=scans))
             chatter = _chatter(run, slow.evaluated, scans)
@@ -132,12 +129,6 @@ def _scans(run: Run) -> int:
                          f"controller's scan of {run.options.scan_s:g} s",
                          "leave --between out, or give the scan with --scan SECONDS")
     return scans
-
-
-def _computed_between(run: Run, scans: int) -> bool:
-    """Whether u is a PI law's whose scans lie between the samples: one that ran with them explains u exactly."""
-    between, with_them = pi_law(run.loop, scans), pi_law(run.loop, 1)
-    return between is not None and (with_them is None or 1.0 - with_them.fit > _EXACT * (1.0 - between.fit))
 
 
 def _scanned(run: Run, spec: Spec) -> Tried:
@@ -327,9 +318,10 @@ def _with_lag(run: Run, tried: Tried, error: Callable[[Evaluated], float]) -> fl
 
 
 def may_move(run: Run) -> bool:
-    """Whether the command is smooth enough to be rebuilt between samples: a noisy one has no corners to find."""
+    """Whether the command may have moved between samples, and is smooth enough to be rebuilt there: a noisy one has no
+    corners to find."""
     u = run.loop.output[run.loop.used]
-    return noise_of(u) < _ROUGH * float(np.ptp(u))
+    return noise_of(u) < _ROUGH * float(np.ptp(u)) and not ran_with_samples(run.loop)
 
 
 def _first(run: Run, spec: Spec, known: FloatArray | None = None, starts: FloatArray | None = None,
