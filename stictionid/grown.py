@@ -17,11 +17,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from .kernels import LANES
+from .lagbank import LagBank
 from .loop import FloatArray
 from .model import Model
-from .moves import lifted, longest_piece, neutral_point, thinned, thinning
+from .moves import lifted, longest_piece, neutral_point, search_model, thinned, thinning
 from .process import Dynamics, free_run
-from .regression import Shared
 from .search import refine
 
 # Lags in periods; the last one is that of the high pass, too. Delays tried, up to this share of a period.
@@ -38,46 +39,35 @@ _LEAST_S = 0.1
 # Distance between points that are kept: of the scan, and of what was polished. Share of the range.
 _APART, _NEAR = 0.03, 0.004
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
+# Numbers of paths that are evaluated together: the arrays stay in the cache.
+_BLOCK = 1 << 17
 # First standard deviations of the polish: on parts up to this share of the record, and on longer ones.
 _WIDE, _FINE, _SHORT = 0.02, 0.01, 0.3
 
 
-class Open:
-    """Costs of valves on one record (a model of one segment) whatever the process does."""
+def _open(model: Model) -> LagBank:
+    """What the record of a model of one segment asks of valves whatever the process does."""
+    longest = int(np.clip(_LONGEST * model.period_s / model.step_s, 1, 60))
+    ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
+    return LagBank(_quick(model), model.good() & ~model.starting(), [share * model.period_s for share in _LAGS],
+                   _LAGS[-1] * model.period_s, ladder[ladder <= model.skip].tolist(), step_s=model.step_s,
+                   parts=model.parts)
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
-        n = model.loop.samples
-        self.lags = [share * model.period_s for share in _LAGS]
-        longest = int(np.clip(_LONGEST * model.period_s / model.step_s, 1, 60))
-        ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
-        self.delays = ladder[ladder <= model.skip].tolist()
-        start = np.exp(-np.arange(n) * model.step_s / self.lags[-1])
-        weight = model.good() & ~model.starting()
-        self.shared = Shared.prepare(_quick(model), np.stack([np.ones(n), start], axis=1), weight)
 
-    def costs(self, values: FloatArray) -> FloatArray:
-        """Sum of squared errors (P,) of values (d, P): the best process of each, the best delay of the ladder."""
-        model, n = self.model, self.model.loop.samples
-        out = np.empty(values.shape[1])
-        for rows, part in model.blocks(values):
-            position = model.positions(part, lent=True)
-            base = np.concatenate([free_run(position, _lag(T, part.shape[1]), step_s=model.step_s,
-                                            substeps=model.parts, ahead=not model.spec.held) for T in self.lags])
-            least = np.min([self.shared.costs(base, tuple(i * n - d for i in range(len(self.lags))))
-                            for d in self.delays], axis=0)
-            out[rows] = least[:rows.stop - rows.start]
-        return out
+def _costs(model: Model, part: LagBank, values: FloatArray) -> FloatArray:
+    """Sum of squared errors (P,) of values (d, P)."""
+    out = np.empty(values.shape[1])
+    lanes = max(_BLOCK // (model.loop.samples * model.parts) // LANES, 1) * LANES
+    for a in range(0, out.size, lanes):
+        out[a:a + lanes] = part.costs(model.positions(values[:, a:a + lanes], lent=True))
+    return out
 
 
 def _quick(model: Model) -> FloatArray:
     """What of y (n,) is not slower than the cycles."""
     y = model.context.process_value - model.context.process_value[0]
-    return y - free_run(y[:, None], _lag(_LAGS[-1] * model.period_s, 1), step_s=model.step_s)[:, 0]
-
-
-def _lag(seconds: float, lanes: int) -> Dynamics:
-    return Dynamics(np.full(lanes, seconds), np.zeros(lanes), np.zeros(lanes), False)
+    alone = np.array([_LAGS[-1] * model.period_s])
+    return y - free_run(y[:, None], Dynamics(alone, 0.0 * alone, 0.0 * alone, False), step_s=model.step_s)[:, 0]
 
 
 def grown_valves(model: Model, columns: list[int], rng: np.random.Generator) -> FloatArray:
@@ -86,7 +76,7 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator) -> 
     The process of all is in the middle of its range. Of several segments the longest is searched.
     """
     at = longest_piece(model)
-    whole = model.pieces[at]
+    whole = search_model(model.pieces[at])
     small = thinned(whole, thinning(whole))
     middle = neutral_point(small)
     own = [2 if c == model.forces[at] else c - (model.head - small.head if c >= model.head else 0) for c in columns]
@@ -96,7 +86,7 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator) -> 
     for share, kept in _DRIFTING if any(effect.profile for effect in small.effects) else _parts(small):
         rows = max(int(share * small.loop.samples), small.skip + int(_PERIODS * small.period_s / small.step_s),
                    int(np.searchsorted(happened, share * happened[-1])) + 1)
-        points = _polished(Open(_beginning(small, rows)), small, own, middle, points, share, kept, rng)
+        points = _polished(_beginning(small, rows), small, own, middle, points, share, kept, rng)
     found = middle[None].repeat(len(points), axis=0)
     found[:, own] = points
     return found if len(model.pieces) == 1 else lifted(model, at, found)
@@ -110,15 +100,16 @@ def _parts(model: Model) -> list[tuple[float, int]]:
     return list(zip(np.geomspace(first, 1.0, count).tolist(), left.tolist(), strict=True))
 
 
-def _polished(part: Open, model: Model, own: list[int], middle: FloatArray, points: FloatArray, share: float,
+def _polished(part: Model, model: Model, own: list[int], middle: FloatArray, points: FloatArray, share: float,
               kept: int, rng: np.random.Generator) -> FloatArray:
     """The best distinct points (kept, columns) of one part of the record, out of those of the part before."""
+    bank = _open(part)
 
     def cost(cube: FloatArray) -> FloatArray:
         whole = middle[None].repeat(len(cube), axis=0)
         whole[:, own] = cube
         values = model.values(whole)
-        return np.where(values[0] < _LEAST_S * model.s_max, np.inf, part.costs(values))
+        return np.where(values[0] < _LEAST_S * model.s_max, np.inf, _costs(part, bank, values))
 
     if len(points):
         found = refine(cost, points, rng, spread=_WIDE if share <= _SHORT else _FINE, rounds=_ROUNDS,

@@ -18,7 +18,7 @@ FLOORS = [
     {"loop", "files", "spreadsheet"},
     {"parameters", "results", "products"},
     {"process", "regression", "search", "noise", "armax", "conic", "spec"},
-    {"blockwise"},
+    {"blockwise", "lagbank"},
     {"laws", "descent", "folds"},
     {"effects", "between"},
     {"scan"},

@@ -15,9 +15,11 @@ from stictionid.gates import swing_of, time_scale_s
 from stictionid.grown import grown_valves
 from stictionid.identify import identify
 from stictionid.intervals import effective_rows
+from stictionid.lagbank import LagBank
 from stictionid.methods.run import bic_gain
 from stictionid.model import Model
 from stictionid.oscillation import find_range
+from stictionid.process import Dynamics, free_run
 from stictionid.results import ErrorSummary, Restarts, Step
 from stictionid.spec import Spec
 
@@ -34,6 +36,30 @@ def test_a_part_that_grows_finds_a_valve_whatever_the_process(seed: int, name: s
     model = Model(loop, spec, s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
     points = grown_valves(model, [0, 1, 2, *range(5, model.space.size)], np.random.default_rng(0))
     assert np.abs(model.values(points)[0] / setting.S - 1.0).min() < 0.03
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_a_bank_of_lags_costs_what_least_squares_with_its_columns_leave(parts: int) -> None:
+    """Rows that don't count lie in the middle, too, so that windows have edges there for every delay."""
+    rng = np.random.default_rng(5)
+    n, lags, delays = 160, [1.5, 4.0, 9.0, 30.0], [0, 2, 7]
+    y, count = rng.standard_normal(n).cumsum(), np.arange(n) >= 12
+    count[[40, 41, 90]] = False
+    path = 50.0 + rng.standard_normal((n * parts, 70)).cumsum(axis=0)
+    path[:, 3] = 50.0
+    found = LagBank(y, count, lags, 20.0, delays, step_s=2.0, parts=parts).costs(path)
+    for lane in (0, 69):
+        left = []
+        for d in delays:
+            columns = [np.ones(n), np.exp(-0.1 * np.arange(n))]
+            for T in lags:
+                lag = Dynamics(np.array([T]), np.zeros(1), np.zeros(1), False)
+                response = free_run(path[:, [lane]], lag, step_s=2.0, substeps=parts)[:, 0]
+                columns.append(np.append(np.zeros(d), response[:n - d]))
+            design = np.stack(columns, axis=1)[count]
+            left.append(np.sum((y[count] - design @ np.linalg.lstsq(design, y[count], rcond=None)[0]) ** 2))
+        assert found[lane] == pytest.approx(min(left), rel=1e-8)
+    assert np.isinf(found[3])
 
 
 @pytest.mark.parametrize(("seed", "colour", "added"), [
