@@ -12,10 +12,11 @@ import numpy as np
 from ..fit import Fitted
 from ..moves import descended, search_model
 from ..results import Step
+from ..spec import FIRST_ORDER
 from ..unheld import QUICK_SETTLE, QUICK_TURNS
 from .only_noise import own_noise
 from .run import Run, bic_gain
-from .structure import LAG, QUICK_KEPT, first_look, structure
+from .structure import LAG, QUICK_KEPT, Known, first_look, structure
 
 # A step of its own must lower the held-out error by this share and BIC by this much (CRITICISM.md section 7). A second
 # lag is a question of the process: not settled, it bends S through the dead time (8 % met), so it needs less.
@@ -51,8 +52,13 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
             return
         # A valve that rests under a held command looks as if the command moved, to a search that knows no rest.
         spec = replace(spec, between="hold", substeps=1)
-    resting = structure(run, replace(spec, law=_RESTING_LAW))
-    if resting.evaluated is None or not _explained(run, steps[-1], _RESTING_TRIED, resting.evaluated.rmse):
+    sliding = None
+    if spec.process == FIRST_ORDER:
+        sliding = Known(before.best.rmse, _explained(run, steps[-1], _RESTING_TRIED))
+    resting = structure(run, replace(spec, law=_RESTING_LAW), known=sliding)
+    if resting.evaluated is None or (sliding is not None and sliding.beats(resting)):
+        return
+    if not _explained(run, steps[-1], _RESTING_TRIED, resting.evaluated.rmse):
         return
     found = run.fit(resting.spec, before=(resting.point[None], np.array([resting.cost])))
     spec = replace(resting.spec, law=run.law, effects=(*spec.effects, "re-sticking"))
