@@ -113,7 +113,8 @@ def ran_between(loop: Loop, parts: int) -> bool:
 
 def _exact(with_samples: PiLaw, between: PiLaw | None) -> bool:
     """Whether a law that ran with the samples explains u so much better than one that ran between them."""
-    return between is None or 1.0 - with_samples.fit <= _EXACT * (1.0 - between.fit)
+    # (Where no law between them is one, it leaves at least what makes it none.)
+    return 1.0 - with_samples.fit <= _EXACT * (_PI_LEAVES if between is None else 1.0 - between.fit)
 
 
 def _errors(loop: Loop, parts: int, course: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -13,7 +13,7 @@ from stictionid.loop import Loop
 from stictionid.methods.structure import _CHATTER
 from stictionid.rerun import rebuild_model, rerun
 from stictionid.results import study_from_json, to_json
-from stictionid.scan import parts_of, pi_law, scanned
+from stictionid.scan import MOST_PARTS, parts_of, pi_law, ran_between, ran_with_samples, scanned
 from stictionid.simulate import Controller, Plant, Setting, simulate
 
 SETTING = Setting(Plant(1.5, 12.0, 8.0), Controller(0.45, 12.0, scan_s=1.0), 3.0, 1.5, duration_s=2000.0,
@@ -106,3 +106,22 @@ def test_options_that_do_not_fit_are_refused() -> None:
         Options(scan_s=0.0).check()
     with pytest.raises(UsageError, match="--scan has no meaning"):
         Options(method="arx", scan_s=2.0).check()
+
+
+def test_a_controller_ran_with_the_samples_only_where_its_law_is_exact_there():
+    every_scan, _ = thinned(1)
+    assert ran_with_samples(every_scan) and not ran_between(every_scan, 5)
+    every_fifth, _ = thinned(5)
+    assert ran_between(every_fifth, 5) and not ran_with_samples(every_fifth)
+    # A law that is just one at the samples, and just none between them, tells nothing.
+    noise = np.random.default_rng(1).standard_normal(every_scan.samples) * np.std(np.diff(every_scan.output))
+
+    def rough(size: float) -> Loop:
+        return replace(every_scan, output=every_scan.output + size * noise)
+
+    least, most = 0.1, 0.5
+    for _ in range(30):
+        middle = 0.5 * (least + most)
+        least, most = (middle, most) if pi_law(rough(middle), 1) else (least, middle)
+    assert pi_law(rough(least), 1) is not None and pi_law(rough(least), MOST_PARTS) is None
+    assert not ran_with_samples(rough(least))
