@@ -19,7 +19,7 @@ from ..methods.run import CONDITIONAL, Run, process_numbers
 from ..model import Model
 from ..moves import search_model, spreads, with_start
 from ..oscillation import find_range
-from ..refit import Refit, complete, has_noise, starting_pool
+from ..refit import Refit, at_noise, complete, has_noise, starting_pool
 from ..rerun import rebuild_model
 from ..restarts import bound
 from ..results import Estimate, Step, Study
@@ -64,8 +64,9 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     """The study with one more step: the model refitted with `effect` ("step-disturbance@load" names a variant).
 
     Earlier effects that the new one makes superfluous are named in a finding, and left out with `prune`. A refit that
-    is `known` already takes the place of one of two, and the verdict is left to the caller. Raises
-    UsageError for an unknown effect, one that is in the model already, or one that needs what is not there.
+    is `known` already takes the place of one of two, of both where it leaves nothing but noise, and the verdict is left
+    to the caller. Raises UsageError for an unknown effect, one that is in the model already, or one that needs what is
+    not there.
     """
     tell = progress or (lambda text, share: None)
     run, fit = opened(loop, study, seed)
@@ -73,10 +74,10 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     if any(_plain(name) == _plain(have) for name in names for have in fit.model.spec.effects):
         raise UsageError(f"the model has {effect} already", "choose another effect; stictionid effects lists them")
     tell(f"refitting with {effect}", 0.1)
-    pool = starting_pool(fit.model, fit.values, run.rng)
-    refits = [(name, refitted(fit, name, pool, run.rng, 1 if known else REFITS)) for name in names]
-    if known is not None:
-        refits.append((effect, known))
+    refits = [] if known is None else [(effect, known)]
+    if known is None or not at_noise(known):
+        pool = starting_pool(fit.model, fit.values, run.rng)
+        refits = [(name, refitted(fit, name, pool, run.rng, 1 if known else REFITS)) for name in names] + refits
     name, done = min(refits, key=lambda r: r[1].innovation_sd)
     if not np.isfinite(done.innovation_sd):
         raise ModelError(f"the refit with {effect} did not converge",

@@ -26,6 +26,7 @@ from enum import Enum
 
 import numpy as np
 
+from ..kernels import kernel
 from ..loop import FloatArray
 from ..parameters import Parameter
 from ..process import Dynamics
@@ -104,6 +105,18 @@ class Context:
         return float(np.mean(self.process_value if self.setpoint is None else self.setpoint))
 
 
+@kernel
+def _later(signal, repeat, late, out):
+    """Fill out (n*repeat, P) with a signal (n,) as it is `late` (P,) samples after every part; at its end it stays."""
+    last = signal.size - 1
+    for k in range(out.shape[0]):
+        now = k / repeat
+        for p in range(late.size):
+            at = min(max(now + late[p], 0.0), float(last))
+            i = min(int(at), max(last - 1, 0))
+            out[k, p] = signal[i] + (at - i) * (signal[min(i + 1, last)] - signal[i])
+
+
 Friction = Callable[[FloatArray, FloatArray, float, bool], FloatArray]
 Values = Mapping[str, float]
 # What an effect adds in a simulation: at the output (n,), at the load (n,), and tags that the record then holds.
@@ -161,9 +174,9 @@ class Effect:
             return np.zeros((signal.shape[0], 1))
         if dead_time_s is None:
             return np.repeat(guide, repeat)[:, None].repeat(signal.shape[1], axis=1)
-        at = np.arange(signal.shape[0]) / repeat
-        samples = np.arange(guide.size, dtype=np.float64)
-        return np.stack([np.interp(at + late / context.step_s, samples, guide) for late in dead_time_s], axis=1)
+        out = np.empty(signal.shape)
+        _later(guide, repeat, np.asarray(dead_time_s, dtype=np.float64) / context.step_s, out)
+        return out
 
     def transformed(self, signal: FloatArray, theta: FloatArray, context: Context,
                     dead_time_s: FloatArray | None = None) -> FloatArray:

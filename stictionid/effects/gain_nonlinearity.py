@@ -41,10 +41,21 @@ def _run(signal, y, theta, part_s, state, out):
 
 def _start(signal: FloatArray, theta: FloatArray) -> FloatArray:
     """The mean of the position, and 1 where the effect can be felt, else 0; a single row begins a simulation."""
-    mean = signal.mean(axis=0)
-    above, rows = (signal > mean).sum(axis=0), len(signal)
+    mean, rows = signal.mean(axis=0), len(signal)
+    above = _above(signal, mean)
     felt = (np.minimum(above, rows - above) >= _EITHER_SIDE * rows) if rows > 1 else np.ones(signal.shape[1])
     return np.stack([mean, felt])
+
+
+@kernel
+def _above(signal, mean):
+    """How many rows of each lane are above its mean (P,)."""
+    rows, lanes = signal.shape
+    count = np.zeros(lanes)
+    for k in range(rows):
+        for p in range(lanes):
+            count[p] += 1.0 if signal[k, p] > mean[p] else 0.0
+    return count
 
 
 def _reach(context: Context) -> float:

@@ -21,13 +21,18 @@ _CURVE = Parameter("log_rangeability", "-", -6.0, 6.0, 0.0, "ln R; 0 is linear, 
 @kernel
 def _run(signal, y, theta, part_s, state, out):
     rows, lanes = signal.shape
+    # (e^{ax} - 1)/(e^a - 1) for negative a is the mirror image of the positive one.
+    scale = np.empty(lanes)
     for p in range(lanes):
-        # (e^{ax} - 1)/(e^a - 1) for negative a is the mirror image of the positive one.
-        a = theta[0, p]
-        straight = abs(a) < 1e-9
-        scale = 0.0 if straight else 100.0 / np.expm1(a)
-        for k in range(rows):
-            out[k, p] = signal[k, p] if straight else scale * np.expm1(a * 0.01 * signal[k, p])
+        scale[p] = 0.0 if abs(theta[0, p]) < 1e-9 else 100.0 / np.expm1(theta[0, p])
+    for k in range(rows):
+        for p in range(lanes):
+            x = signal[k, p]
+            # A valve that sticks stays where it was, for most of a record.
+            if k > 0 and x == signal[k - 1, p]:
+                out[k, p] = out[k - 1, p]
+            else:
+                out[k, p] = x if scale[p] == 0.0 else scale[p] * np.expm1(theta[0, p] * 0.01 * x)
 
 
 def _guess(context: Context) -> FloatArray:
