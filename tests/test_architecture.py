@@ -31,7 +31,7 @@ FLOORS = [
     {"intervals"},
     {"fit", "position"},
     {"refit", "whitened", "unheld"},
-    {"heldout", "addition"},
+    {"heldout", "addition", "effect_numbers"},
     {"methods", "lawrank"},
     {"severity", "excerpt"},
     {"causes"},

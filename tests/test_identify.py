@@ -194,6 +194,24 @@ def test_a_valve_that_rests_between_scans_is_found_on_a_noisy_integrator() -> No
     assert pytest.approx(3.0, rel=0.02) == study.estimate.J
 
 
+def test_a_load_that_steps_under_an_integrator_is_a_step_of_its_own_where_the_base_explains_nothing() -> None:
+    """The output answers the load, so that no level holds and no valve is seen; it was an abstention."""
+    setting = Setting(Plant(1.0, 0.3, 1.0, integrating=True), Controller(0.1, 5.0, scan_s=1.0), S=5.0, J=3.5,
+                      duration_s=700.0, setpoint_moves=((0.0, 3.0), (150.0, -4.0), (500.0, 4.0)), noise_sd=0.7,
+                      effects=(("step-disturbance", {"time_s": 350.0, "size": 14.0, "at": "load"}),))
+    loop = simulate(setting, seed=3).loop
+    study = identify(loop)
+    last = study.steps[-1]
+    assert (last.added, last.variant) == ("step-disturbance", "load")
+    assert study.steps[0].error.rmse > 20.0 * last.error.rmse and last.error.rmse < 1.05 * setting.noise_sd
+    numbers = {p.name: p.value for p in last.parameters if p.effect == "step-disturbance"}
+    assert numbers["time_s"] == pytest.approx(350.0, abs=1.0) and numbers["size"] == pytest.approx(14.0, rel=0.02)
+    assert study.estimate is not None
+    assert pytest.approx(5.0, rel=0.01) == study.estimate.S
+    assert pytest.approx(3.5, rel=0.05) == study.estimate.J
+    assert "friction" in study.verdict.reason and study.adequate
+
+
 def test_a_held_search_that_ended_beside_its_basin_is_looked_at_again_from_where_the_moving_one_ended() -> None:
     from stictionid.methods import catalogue
     from stictionid.methods.run import Run

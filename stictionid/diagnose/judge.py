@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from ..between import kicks
+from ..effect_numbers import noise_values, rows_for, values_of
 from ..effects import parse
 from ..heldout import Held
 from ..refit import AUTOREGRESSIVE, Refit, at_noise
 from ..results import Candidate
 from ..spec import INTEGRATOR
 from .detect import detectable
-from .numbers import noise_values, rows_for, values_of
 from .tells import settling
 from .tries import NAMED, Round, Tried
 

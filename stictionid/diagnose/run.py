@@ -211,4 +211,5 @@ def _replaced(chosen: Looked, gone: Sequence[str]) -> Study:
     codes = {note.code for note in notes}
     kept = tuple(f for f in before.findings if f.code not in codes)
     step = finished_step(run, after, before.added, (*kept, *notes))
+    step = replace(step, variant=before.variant)
     return replace(with_steps(study, run, (*study.steps[:-1], step), after), missing=study.missing)

@@ -28,7 +28,6 @@ from ..segments import described
 from ..severity import severity_of
 from ..unheld import moved_after_all
 from ..verdict import judge
-from .numbers import public_parameters
 
 Progress = Callable[[str, float], None]
 # An earlier effect is superfluous when the model without it loses less than this in BIC (CRITICISM.md section 7).
@@ -140,17 +139,12 @@ def judged(run: Run, step: Step, after: Fitted) -> tuple[bool, str]:
 
 
 def finished_step(run: Run, after: Fitted, added: str | None, findings: Sequence[Finding] = ()) -> Step:
-    """A fit as a step with the effects' numbers under their public names.
+    """A fit as a step of its own.
 
     Whether its intervals are conditional is said of this fit, not of one whose `findings` are kept.
     """
     step = run.step(replace(after, runs=1, agree=1), added)
-    variant = ""
-    if added:
-        effect, variant = parse(added)
-        step = replace(step, added=effect.name, variant=variant)
-    return replace(step, findings=(*step.findings, *(f for f in findings if f.code != CONDITIONAL)),
-                   parameters=public_parameters(after, step.parameters))
+    return replace(step, findings=(*step.findings, *(f for f in findings if f.code != CONDITIONAL)))
 
 
 def superfluous(after: Fitted, newest: str, rng: np.random.Generator) -> tuple[str, ...]:

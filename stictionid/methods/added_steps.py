@@ -1,6 +1,7 @@
-"""Steps of their own beyond the base model: a further lag, and a valve that rests between the scans.
+"""Steps of their own beyond the base model: a further lag, a valve that rests between the scans, a load that changes.
 
-Each must lower the held-out error and BIC clearly. Source: METHODS.md section 4; CRITICISM.md section 7.
+Each must lower the held-out error and BIC clearly; a change of load makes sense of a model that explains nothing.
+Source: METHODS.md section 4; CRITICISM.md sections 6 and 7.
 """
 
 from __future__ import annotations
@@ -12,11 +13,12 @@ import numpy as np
 from ..fit import Fitted
 from ..moves import descended, search_model
 from ..results import Step
-from ..spec import FIRST_ORDER
-from ..unheld import QUICK_SETTLE, QUICK_TURNS
+from ..search import Found
+from ..spec import FIRST_ORDER, INTEGRATOR, Spec
+from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, moved
 from .only_noise import own_noise
 from .run import Run, bic_gain
-from .structure import LAG, QUICK_KEPT, Known, first_look, structure
+from .structure import LAG, QUICK_KEPT, SOFT, Known, first_look, may_move, structure
 
 # A step of its own must lower the held-out error by this share and BIC by this much (CRITICISM.md section 7). A second
 # lag is a question of the process: not settled, it bends S through the dead time (8 % met), so it needs less.
@@ -26,6 +28,8 @@ _LAG_DROP, _LAG_BIC, _LOOK_DROP = 0.002, 10.0, 0.01
 # its rivals, it must explain the record nearly alone: its error within the second factor of the irreducible noise; a
 # first search beyond the first factor is not followed. (A drifting valve, too, fits better when it may rest: 3 times.)
 _RESTING_LAW, _RESTING_TRIED, _RESTING_TAKEN = "he", 2.5, 1.3
+# Changes of the load that are tried where a level explains nothing, and the share of the scatter of y that may be left.
+_LOADS, _LOAD_LEFT = ("step-disturbance@load", "ramp-disturbance@load"), 0.5
 # An error below this share of the scatter of y is next to nothing: no plant measures better. Unit: 1.
 _NEXT_TO_NOTHING = 0.01
 # Below this share of it, a noise-free record is explained to what its sums round to. Unit: 1.
@@ -126,3 +130,36 @@ def try_step(run: Run, steps: list[Step], fits: list[Fitted], effect: str, least
                                                                       or _explained(run, step, within)):
         steps.append(step)
         fits.append(after)
+
+
+def try_load(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
+    """A load that steps or drifts as a step of its own, where the model of an integrator explains nothing without.
+
+    The controller answers a change of the load by another output, and a model that knows of none turns that into a
+    ramp of the level: it can't be left for a later step, because there is no valve and no process beside it. What y
+    moves must be explained for the most part with it, else nothing is added.
+    """
+    before = fits[-1]
+    spec = before.model.spec
+    if spec.process != INTEGRATOR or run.options.fixed or any(name in spec.effects for name in _LOADS):
+        return
+    bare = replace(spec, between="hold", substeps=1, increments=True, taps=SOFT)
+    name, start = min(((name, _with_load(run, bare, before, name)) for name in _LOADS), key=lambda x: x[1].costs[0])
+    full = replace(bare, effects=(*bare.effects, name))
+    after = run.fit(full, start.points[:QUICK_KEPT])
+    step = run.step(after, name)
+    if run.options.between == "auto" and may_move(run) and not run.adequate(step)[0]:
+        moving = as_moving(full)
+        near = moved(after.model, after.values, moving)
+        start = _with_load(run, as_moving(bare), before, name)
+        other = run.fit(moving, np.concatenate([near.points[:1], start.points[:QUICK_KEPT]]))
+        if other.sse < after.sse:
+            after, step = other, run.step(other, name)
+    if after.best.rmse <= _LOAD_LEFT * float(np.std(run.used_y())):
+        steps.append(step)
+        fits.append(after)
+
+
+def _with_load(run: Run, bare: Spec, before: Fitted, name: str) -> Found:
+    """A first look at a change of the load beside a structure without any."""
+    return first_look(run, run.model(bare), before.best.values, name)[1]

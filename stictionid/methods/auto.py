@@ -24,7 +24,7 @@ from ..loop import Finding
 from ..spec import FIRST_ORDER, Spec
 from ..unheld import SUBSTEPS, moved_after_all
 from ..whitened import whitened
-from .added_steps import try_resting, try_step
+from .added_steps import try_load, try_resting, try_step
 from .contract import Method, Outcome
 from .noise_steps import ask_noise, try_noise
 from .run import Run, parameters
@@ -74,6 +74,9 @@ def _searched(run: Run) -> Outcome:
     if not o.base_only and "re-sticking" not in spec.effects:
         run.tell("trying a valve that rests between scans", 0.6)
         try_resting(run, steps, fits)
+    if not o.base_only and _nothing(run, fits[-1]):
+        run.tell("trying a load that changes", 0.65)
+        try_load(run, steps, fits)
     if _nothing(run, fits[-1]):
         raise _explains_nothing(run)
     if not o.base_only and LAG not in fits[-1].model.spec.effects and not o.fixed:
@@ -94,8 +97,9 @@ def _searched(run: Run) -> Outcome:
         # Another step of S does better than the search did.
         codes = {f.code for f in steps[-1].findings}
         again = run.step(fits[-1], steps[-1].added)
-        steps[-1] = replace(again, findings=(*steps[-1].findings, *(f for f in again.findings if f.code not in codes)))
-    steps[-1] = replace(steps[-1], parameters=tuple(parameters(fits[-1])))
+        steps[-1] = replace(again, variant=steps[-1].variant, findings=(
+            *steps[-1].findings, *(f for f in again.findings if f.code not in codes)))
+    steps[-1] = replace(steps[-1], parameters=parameters(fits[-1]))
     adequate, why = run.adequate(steps[-1])
     return Outcome(tuple(steps), tuple(fits), adequate, why)
 

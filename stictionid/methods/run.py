@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..effect_numbers import public_parameters
+from ..effects import parse
 from ..errors import CannotTell
 from ..fit import Fitted, finish, search
 from ..gates import swing_of, time_scale_s
@@ -150,8 +152,9 @@ class Run:
                 f"times the irreducible noise {floor:.4g}: S and J may lie outside (stictionid diagnose looks for what "
                 "is missing, stictionid agree FILE --windows 3 shows how far they move along the record)",
                 {"rmse": e.rmse, "noise_sd": floor}, (), "CRITICISM.md section 5"))
-        return Step(added, tuple(x.name for x in fit.model.effects), tuple(parameters(fit)), error,
-                    Restarts(fit.runs, fit.agree), tuple(findings), fit.model.describe(fit.values))
+        effect, variant = parse(added) if added else (None, "")
+        return Step(effect and effect.name, tuple(x.name for x in fit.model.effects), parameters(fit), error,
+                    Restarts(fit.runs, fit.agree), tuple(findings), fit.model.describe(fit.values), variant=variant)
 
     def adequate(self, step: Step) -> tuple[bool, str]:
         """Whether the step's free-run error is the irreducible noise, and the sentence that says so."""
@@ -253,8 +256,8 @@ def level_holdout(fit: Fitted) -> float | None:
     return fit.best.rmse * fit.rmse_holdout / inner if inner else fit.rmse_holdout
 
 
-def parameters(fit: Fitted) -> list[ParameterValue]:
-    """The numbers of a fit as rows of the study."""
+def parameters(fit: Fitted) -> tuple[ParameterValue, ...]:
+    """The numbers of a fit as rows of the study, those of effects under their public names."""
     e, model = fit.best, fit.model
     # Not % where the output is not in % of its span (normalised data).
     of_u = model.loop.unit("output", "%")
@@ -271,7 +274,7 @@ def parameters(fit: Fitted) -> list[ParameterValue]:
                                   "gain of the process"))
     rows.insert(6, ParameterValue(None, "offset", e.offset, "unit of y", None, False, True,
                                   "value of y with the valve at its first position"))
-    return rows
+    return public_parameters(fit, rows)
 
 
 def process_numbers(fit: Fitted) -> dict[str, Any]:

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import parse
-from ..fit import Fitted
-from ..loop import FloatArray
-from ..model import Model
-from ..results import ParameterValue
-from ..spec import Evaluated
+from .effects import parse
+from .fit import Fitted
+from .loop import FloatArray
+from .model import Model
+from .results import ParameterValue
+from .spec import Evaluated
 
 # Costs that differ by no more than this share are of the same valve path.
 _SAME = 1e-9
