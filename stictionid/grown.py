@@ -23,6 +23,7 @@ from .loop import FloatArray
 from .model import Model
 from .moves import lifted, longest_piece, neutral_point, search_model, thinned, thinning
 from .process import Dynamics, free_run
+from .ridge import as_valves, ridge_of
 from .search import refine
 
 # Lags in periods; the last one is that of the high pass, too. Delays tried, up to this share of a period.
@@ -83,12 +84,16 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator) -> 
     points = np.empty((0, len(own)))
     # A record may begin at rest: a part has its share of what happens, too.
     happened = np.cumsum(_quick(small) ** 2)
+    # Valves of an effect that has natural numbers are searched along these.
+    along = ridge_of(small)
+    ridge = along is not None and along[1].start in own
     for share, kept in _DRIFTING if any(effect.profile for effect in small.effects) else _parts(small):
         rows = max(int(share * small.loop.samples), small.skip + int(_PERIODS * small.period_s / small.step_s),
                    int(np.searchsorted(happened, share * happened[-1])) + 1)
-        points = _polished(_beginning(small, rows), small, own, middle, points, share, kept, rng)
+        points = _polished(_beginning(small, rows), small, own, middle, points, share, kept, ridge, rng)
     found = middle[None].repeat(len(points), axis=0)
     found[:, own] = points
+    found = as_valves(small, found)[0] if ridge else found
     return found if len(model.pieces) == 1 else lifted(model, at, found)
 
 
@@ -101,15 +106,16 @@ def _parts(model: Model) -> list[tuple[float, int]]:
 
 
 def _polished(part: Model, model: Model, own: list[int], middle: FloatArray, points: FloatArray, share: float,
-              kept: int, rng: np.random.Generator) -> FloatArray:
+              kept: int, ridge: bool, rng: np.random.Generator) -> FloatArray:
     """The best distinct points (kept, columns) of one part of the record, out of those of the part before."""
     bank = _open(part)
 
     def cost(cube: FloatArray) -> FloatArray:
         whole = middle[None].repeat(len(cube), axis=0)
         whole[:, own] = cube
+        whole, possible = as_valves(model, whole) if ridge else (whole, np.ones(len(whole), bool))
         values = model.values(whole)
-        return np.where(values[0] < _LEAST_S * model.s_max, np.inf, _costs(part, bank, values))
+        return np.where(possible & (values[0] >= _LEAST_S * model.s_max), _costs(part, bank, values), np.inf)
 
     if len(points):
         found = refine(cost, points, rng, spread=_WIDE if share <= _SHORT else _FINE, rounds=_ROUNDS,

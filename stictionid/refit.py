@@ -23,6 +23,7 @@ from .moves import descended, longest_piece, search_model, spreads, with_start
 from .noise import autoregression, filtered
 from .resonance import NUMBERS, resonance
 from .restarts import bound
+from .ridge import followed, ridge_of
 from .search import Found, refine, swarm
 from .spec import BASE, Evaluated, Spec
 from .starts import along_ridge, basins, with_other_start, with_process
@@ -42,6 +43,9 @@ _WORTH, _TURNS = 0.01, 4
 _ACROSS_STEP = 0.01
 _ACROSS_S = 1.0 + _ACROSS_STEP * np.arange(-16, 17)
 _ACROSS_J, _ACROSS_EFFECT = np.array([0.7, 0.85, 1.0, 1.15, 1.35]), np.array([-0.1, -0.04, -0.015, 0.015, 0.04, 0.1])
+# Searches along a ridge; the share of the cost of the model so far under which the first must be for another, or J as a
+# share of S in that model (J > S is a kinetic friction below 0).
+_GROWTHS, _PROMISES, _BEYOND = 3, 0.8, 0.9
 # Fine scans of S for the interval that all slips allow: reach either way (share), points, and slip jumps tried.
 _THRESHOLD_REACH, _THRESHOLDS = (0.02, 0.003), 241
 _THRESHOLD_J = np.array([0.95, 1.0, 1.06])
@@ -244,6 +248,8 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
     found = refine(coarse.costs, look.points[:6], rng, spread=spreads(coarse, 0.5), rounds=20, population=14,
                    settle=_SETTLED)
     points = found.points
+    if model.spec.held and look.name and parse(look.name)[0].natural is not None:
+        points = followed(coarse, points[:_KEPT], rng).points
     for _ in range(_RIDGE_TURNS if model.spec.held else 1):
         near = with_start(coarse, points[:2])
         if model.spec.held:
@@ -297,10 +303,8 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
     """
     rows, at = model.rows_of(name), longest_piece(model)
     if parse(name)[0].friction is not None:
-        plain = _undisturbed(model, fit.model, fit.values)
-        found = plain.values(grown_valves(plain, _valve_of(plain, (name,)), rng))
-        named = [{**fit.best.values, **plain.named(column)} for column in found.T]
-        return with_process(model, model.cube(np.stack([model.vector(n) for n in named], axis=1)))
+        found = _grown_with(model, name, fit, rng)
+        return found if ridge_of(model) is None or not model.spec.held else _ridges(model, name, fit, found, rng)
     period = model.period_s / model.step_s
     ladder = np.unique(np.round(np.geomspace(1, int(np.clip(0.4 * period, 1, 60)) + 1, 6) - 1).astype(int))
     arx = Arx(model.pieces[at], 2, tuple(int(d) for d in ladder))
@@ -324,6 +328,30 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
         starts.append((float(best.costs[0]), whole(best.points[:1])[0]))
     starts.sort(key=lambda f: f[0])
     return with_process(model, np.array([f[1] for f in starts[:3]]))
+
+
+def _grown_with(model: Model, name: str, fit: Fitted, rng: np.random.Generator) -> FloatArray:
+    """Starts (k, d) for an effect on friction from a search that grows with the record, each with its process."""
+    plain = _undisturbed(model, fit.model, fit.values)
+    found = plain.values(grown_valves(plain, _valve_of(plain, (name,)), rng))
+    named = [{**fit.best.values, **plain.named(column)} for column in found.T]
+    return with_process(model, model.cube(np.stack([model.vector(n) for n in named], axis=1)))
+
+
+def _ridges(model: Model, name: str, fit: Fitted, starts: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Starts (k, d) followed along their ridge, best first; grown anew where that helps, but is not yet at the noise.
+
+    One search in two ends on the ridge. Where it leads nowhere there is nothing to go on with, unless the model so far
+    has a slip jump that no friction makes: a stem jumps past its place, or its slips would not be so long.
+    """
+    found = followed(model, starts, rng)
+    asked = fit.best.values["J"] > _BEYOND * fit.best.values["S"]
+    for _ in range(_GROWTHS - 1):
+        helps = asked or found.costs[0] < _PROMISES * fit.sse
+        if not helps or at_noise(quick(model, model.values(found.points[:1])[:, 0])):
+            break
+        found = _together(found, followed(model, _grown_with(model, name, fit, rng), rng))
+    return found.points
 
 
 def _across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray:

@@ -26,6 +26,7 @@ FLOORS = [
     {"restarts", "segments"},
     {"rerun"},
     {"arx", "moves", "simulate", "historian", "gates", "steptest"},
+    {"ridge"},
     {"starts", "profiles", "grown", "absorbed"},
     {"plateaus", "smooth"},
     {"intervals"},

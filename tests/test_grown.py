@@ -10,17 +10,20 @@ from loops_with_effects import VISIBLE, loop_of, shown
 
 from stictionid.diagnose import diagnose
 from stictionid.diagnose.run import before_chosen
+from stictionid.diagnose.steps import opened
 from stictionid.fit import Fitted
 from stictionid.gates import swing_of, time_scale_s
 from stictionid.grown import grown_valves
-from stictionid.identify import identify
+from stictionid.identify import Options, identify
 from stictionid.intervals import effective_rows
 from stictionid.lagbank import LagBank
 from stictionid.methods.run import bic_gain
 from stictionid.model import Model
 from stictionid.oscillation import find_range
 from stictionid.process import Dynamics, free_run
+from stictionid.refit import scout, settled
 from stictionid.results import ErrorSummary, Restarts, Step
+from stictionid.ridge import as_natural, as_valves
 from stictionid.spec import Spec
 
 # The valve of this loop overshoots, and its process is of second order.
@@ -60,6 +63,24 @@ def test_a_bank_of_lags_costs_what_least_squares_with_its_columns_leave(parts: i
             left.append(np.sum((y[count] - design @ np.linalg.lstsq(design, y[count], rcond=None)[0]) ** 2))
         assert found[lane] == pytest.approx(min(left), rel=1e-8)
     assert np.isinf(found[3])
+
+
+def test_a_valve_that_overshoots_is_followed_along_its_ridge() -> None:
+    """Searched along S and J this scanned loop ended at K = 1.05, 1.8 times the noise; the true K is 1.58."""
+    setting, loop, (kind, _), sd = loop_of(335, "slip-overshoot", 0.01, 0.0, 1500)
+    assert kind == "scan"
+    _, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
+    rng = np.random.default_rng(0)
+    look = scout(fit, "slip-overshoot", fit.values[None, :5], rng)
+    model, values, _ = settled(look, rng)
+    assert model.evaluate(values).rmse < 1.05 * sd
+    assert values[0] == pytest.approx(setting.S, rel=0.02)
+    assert values[5] == pytest.approx(1.58, abs=0.05)
+    # Natural numbers and back.
+    cube = model.cube(model.vector({**model.named(values), "S": 5.0})[:, None])
+    again, possible = as_valves(model, as_natural(model, cube))
+    assert possible.all()
+    assert np.allclose(again, cube, atol=1e-9)
 
 
 @pytest.mark.parametrize(("seed", "colour", "added"), [

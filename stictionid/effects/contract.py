@@ -124,12 +124,27 @@ Disturbance = tuple[FloatArray, FloatArray, dict[str, FloatArray]]
 
 
 @dataclass(frozen=True, slots=True)
+class Natural:
+    """Numbers of a valve with an effect on its friction that its slips show one by one, where S and J only do together.
+
+    `numbers(S, J, theta, context)` returns the swing of the command between two opposite slips, which what times the
+    slips gives to a part in a thousand, and the slip (P,), both in %; `valve(swing, slip, theta, context)` the S and J
+    of such a valve; `longest(theta)` (P,) how many times longer than without the effect a slip may be for its swing.
+    """
+
+    numbers: Callable[[FloatArray, FloatArray, FloatArray, Context], tuple[FloatArray, FloatArray]]
+    valve: Callable[[FloatArray, FloatArray, FloatArray, Context], tuple[FloatArray, FloatArray]]
+    longest: Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
 class Effect:
     """One physical effect: what it is called, its numbers, its equation, its source, and its hooks.
 
     `parameters` are all public ones; `searched` names those that join the search (None: all), the others are linear
     or follow. `fine` asks for parts of a sample even under a held command; `follows_y` that the kernel uses y.
-    `reach` is how many times further than without it the stickband may reach beyond the swing of the command.
+    `reach` is how many times further than without it the stickband may reach beyond the swing of the command; `natural`
+    are the numbers in which such a valve is searched.
     """
 
     name: str
@@ -146,6 +161,7 @@ class Effect:
     fine: bool = False
     follows_y: bool = False
     reach: float = 1.0
+    natural: Natural | None = None
     states: int = 0
     limits: Callable[[Context], tuple[Parameter, ...]] | None = None
     friction: Friction | None = None

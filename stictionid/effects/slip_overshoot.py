@@ -3,7 +3,8 @@
 Equation: at the slip u_v = u_v + K (e - sign(e) f_d); K = 1 is no overshoot, K near 2 an almost undamped stem. Where
 the command moves within its samples e is f_s at the slip, whatever it is when the part of the sample ends (Chen's law;
 the others take the end): with the end, the y of a model with the true numbers was 3 to 14 times the noise off.
-A stem that overshoots needs less of the command to slip back: in a cycle the command swings by S - (K - 1) J only.
+A stem that overshoots needs less of the command to slip back: in a cycle the command swings by S - (K - 1) J only. That
+swing and the slip K J are what the record shows at once (`Natural`).
 Source: He and Wang 2010; METHODS.md section 2.
 """
 
@@ -14,9 +15,15 @@ import numpy as np
 from ..laws.contract import CROSSES, OVERSHOOT
 from ..loop import FloatArray
 from ..parameters import Parameter
-from .contract import Context, Effect, Place
+from .contract import Context, Effect, Natural, Place
 
 _K = Parameter("overshoot", "-", 1.0, 1.99, 1.0, "length of the slip as a multiple of the plain one")
+
+# How far beyond f_s a held command is when the valve slips, in moves of it from sample to sample: half of one.
+_LATE = 0.5
+# How much longer a slip may be, as a share of the swing of the command, for each unit of K - 1: at J = 0.85 S and
+# K = 1.8 the swing is a third of S and the slip nearly 5 times that.
+_LONGER = 4.0
 
 
 def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
@@ -24,6 +31,26 @@ def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held:
     table[OVERSHOOT] = theta[0]
     table[CROSSES] = 0.0 if held else 1.0
     return table
+
+
+def _late(context: Context) -> float:
+    """By how much a command is beyond f_s when the valve slips, in %: the slip is longer by K times that."""
+    moves = np.abs(np.diff(context.command))
+    return _LATE * float(np.median(moves[moves > 0.0])) if moves.any() else 0.0
+
+
+def _numbers(S: FloatArray, J: FloatArray, theta: FloatArray, context: Context) -> tuple[FloatArray, FloatArray]:
+    past = J + _late(context)
+    return S - (theta[0] - 1.0) * past, theta[0] * past
+
+
+def _valve(swing: FloatArray, slip: FloatArray, theta: FloatArray, context: Context) -> tuple[FloatArray, FloatArray]:
+    past = slip / theta[0]
+    return swing + (theta[0] - 1.0) * past, past - _late(context)
+
+
+def _longest(theta: FloatArray) -> FloatArray:
+    return 1.0 + _LONGER * (theta[0] - 1.0)
 
 
 def _guess(context: Context) -> FloatArray:
@@ -35,4 +62,5 @@ EFFECT = Effect(
     summary="the stem jumps past its place and waits for the command",
     equation="at the slip u_v = u_v(k-1) + K (e - sign(e) f_d)",
     source="He and Wang 2010", parameters=(_K,), friction=_friction, guess=_guess, reach=2.0,
+    natural=Natural(_numbers, _valve, _longest),
 )
