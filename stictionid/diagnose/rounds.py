@@ -38,7 +38,8 @@ _AS_LIKELY = 100.0
 class Looked:
     """One round over the catalogue: on which study, and what won; `stays` where the study is best left as it was.
 
-    `notes` say what was changed in the base before the round: such a base replaces the study's last model.
+    `notes` say what was changed in the base before the round: such a base replaces the study's last model. `followed`
+    is the study that adding the winner, and all that is named after it, ended in, where that was walked already.
     """
 
     study: Study
@@ -47,6 +48,7 @@ class Looked:
     winner: Tried | None
     stays: bool = False
     notes: tuple[Finding, ...] = ()
+    followed: Study | None = None
 
     @property
     def best(self) -> Refit:
@@ -57,6 +59,15 @@ class Looked:
     def settled(self) -> bool:
         """Whether a physical effect brings the free run to the noise: nothing is left that another base could do."""
         return self.winner is not None and self.winner.refit is not None and at_noise(self.winner.refit)
+
+    @property
+    def white(self) -> bool:
+        """Whether what the base leaves is noise as it is: nothing gains what another base would have to.
+
+        Changes of y, in which an integrator is searched, hide what is slow, so their noise says nothing.
+        """
+        best = max((t.delta_bic for t in self.found.tried), default=np.inf)
+        return self.winner is None and best < _JOINT and not self.found.fit.model.spec.increments
 
 
 def look_at(loop: Loop, study: Study, seed: int, jobs: int, tell: Progress) -> Looked:
@@ -72,7 +83,7 @@ def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
     """
     run, found, winner = looked.run, looked.found, looked.winner
     lag = next((t.refit for t in found.tried if t.name == LAG and t.refit is not None), None)
-    if lag is None or looked.settled:
+    if lag is None or looked.settled or looked.white:
         return looked
     before = found.fit.model
     model = bound(run.loop, replace(before.spec, effects=(*before.spec.effects, LAG)), s_max=before.s_max,
@@ -108,7 +119,7 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
     gain that depends on y hid that the command moves between samples.
     """
     found = looked.found
-    if looked.settled or has_noise(found.fit.model.spec):
+    if looked.settled or looked.white or has_noise(found.fit.model.spec):
         return looked
     likely = _beside_noise(found.fit) + _AS_LIKELY
     for base in (_other_process, _moving_command):

@@ -7,7 +7,7 @@ on the same samples. Source: METHODS.md section 6; CRITICISM.md sections 1 and 7
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ..segments import described
 from .judge import candidates
 from .rounds import LAG, Looked, beside_lag, look_at, on_other_base
 from .steps import Progress, add, finished_step, judged_anew, opened, with_steps
-from .tries import NAMED
+from .tries import NAMED, Tried
 
 MOST_ADDITIONS = 4
 # Bootstrap p above which nothing is named (CRITICISM.md section 7, step 7), or above the least that so few replicates
@@ -43,19 +43,38 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     `jobs` processes share the refits; `bootstrap` replicates give the named effect a p-value. Where the last model is
     another than before, so is the verdict. Raises DataError for an abstained study, and for one that can't be rebuilt.
     """
-    tell = progress or (lambda text, share: None)
-    added: list[str] = []
-    ranking: tuple[Candidate, ...] = ()
+    return _walked(loop, study, [], (), _Asked(everything, apply, seed, jobs, bootstrap,
+                                               progress or (lambda text, share: None)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """How a walk was asked for."""
+
+    everything: bool
+    apply: bool
+    seed: int
+    jobs: int
+    bootstrap: int
+    tell: Progress
+
+
+def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candidate, ...], asked: _Asked) -> Study:
+    """The walk from a study to which effects were `added` already; `ranking` is that of the last of them."""
+    added = list(added)
+    apply, seed, jobs, bootstrap, tell = asked.apply, asked.seed, asked.jobs, asked.bootstrap, asked.tell
     while True:
         earlier = () if added else before_chosen(study)
         settled = bool(study.steps) and study.adequate and not _carried(study) and not _memory(loop, study, seed)
-        if settled and not earlier and not everything:
+        if settled and not earlier and not asked.everything:
             return replace(study, candidates=() if not added else study.candidates, missing=tuple(added))
-        chosen = _instead(loop, study, earlier, seed, jobs, tell) if earlier else None
+        chosen = _instead(loop, study, earlier, asked) if earlier else None
         if chosen is not None and chosen.stays and (settled or _noisy(study)):
             # What was chosen stays: what it could hide does no better.
             kept = tuple(c for c in candidates(chosen.found, chosen.winner) if c.effect not in study.steps[-1].effects)
             return replace(study, candidates=kept, missing=())
+        if chosen is not None and chosen.followed is not None and apply and not bootstrap:
+            return chosen.followed
         if chosen is None or chosen.stays:
             chosen = on_other_base(look_at(loop, study, seed, jobs, tell), seed, jobs, tell)
             # (A valve that does not stick has no effect for a lag to hide.)
@@ -63,11 +82,8 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
                 chosen = beside_lag(chosen, seed, jobs, tell)
         found, winner = chosen.found, chosen.winner
         if chosen.study is not study or found.better or chosen.notes:
-            kept_names = {step.added for step in chosen.study.steps}
-            gone = [step.added for step in study.steps if step.added and step.added not in kept_names]
-            if LAG in kept_names - {step.added for step in study.steps}:
-                added.append(LAG)
-            study = judged_anew(loop, _replaced(chosen, gone), seed)
+            study, lag = _put_right(loop, study, chosen, seed)
+            added += lag
         p_value = None
         if bootstrap and winner is not None:
             from .bootstrap import p_of
@@ -83,10 +99,24 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
             # The last ranking that named something stays, with its equivalents.
             return replace(study, missing=tuple(added), candidates=ranking or study.candidates) if apply else study
         ranking = study.candidates
-        # What an addition makes superfluous goes (CRITICISM.md section 7, step 8); a finding of the step says so.
-        study = add(loop, study, winner.name, seed=seed, prune=True, known=winner.refit, progress=tell)
-        study = replace(judged_anew(loop, study, seed), candidates=ranking)
+        study = _one_more(loop, study, winner, asked)
         added.append(parse(winner.name)[0].name)
+
+
+def _put_right(loop: Loop, study: Study, chosen: Looked, seed: int) -> tuple[Study, list[str]]:
+    """The study that a round was made on, its last step put right, and the lag where the round added one."""
+    before, after = ({step.added for step in s.steps} for s in (study, chosen.study))
+    gone = [step.added for step in study.steps if step.added and step.added not in after]
+    return judged_anew(loop, _replaced(chosen, gone), seed), [LAG] if LAG in after - before else []
+
+
+def _one_more(loop: Loop, study: Study, winner: Tried, asked: _Asked) -> Study:
+    """The study with a round's winner, and with the verdict and the ranking that go with it.
+
+    What an addition makes superfluous goes (CRITICISM.md section 7, step 8); a finding of the step says so.
+    """
+    after = add(loop, study, winner.name, seed=asked.seed, prune=True, known=winner.refit, progress=asked.tell)
+    return replace(judged_anew(loop, after, asked.seed), candidates=study.candidates)
 
 
 def before_chosen(study: Study) -> tuple[Study, ...]:
@@ -130,12 +160,13 @@ def _carried(study: Study) -> bool:
         and last.error.rmse > ADEQUATE * floor
 
 
-def _instead(loop: Loop, study: Study, before: Sequence[Study], seed: int, jobs: int, tell: Progress) -> Looked | None:
+def _instead(loop: Loop, study: Study, before: Sequence[Study], asked: _Asked) -> Looked | None:
     """What explains the record better than the steps that `identify` chose; None where the study's own round decides.
 
     The last of the steps stands first, beside the others: a valve that rests at every scan hides what a lag imitates.
-    `stays` where the study is adequate and nothing does better.
+    `stays` where the study is adequate and nothing does better; `followed` where the answer had to be walked to.
     """
+    seed, jobs, tell = asked.seed, asked.jobs, asked.tell
     best: tuple[float, Looked] | None = None
     for earlier in before:
         looked = on_other_base(look_at(loop, earlier, seed, jobs, tell), seed, jobs, tell)
@@ -149,11 +180,15 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], seed: int, jobs:
     ahead, looked = best
     if ahead < NAMED and _may_lead_further(looked, study):
         # One effect against several steps: what the round names is followed to its end before it is judged.
-        began = _replaced(looked, ()) if looked.found.better or looked.notes else looked.study
         winner = looked.winner
         assert winner is not None
-        path = add(loop, began, winner.name, seed=seed, prune=True, known=winner.refit, progress=tell)
-        ahead = _between(loop, diagnose(loop, path, apply=True, seed=seed, jobs=jobs, progress=tell), study)
+        began, lag = _put_right(loop, study, looked, seed)
+        began = replace(began, candidates=candidates(looked.found, winner))
+        followed = _walked(loop, _one_more(loop, began, winner, asked), [*lag, parse(winner.name)[0].name],
+                           began.candidates, replace(asked, apply=True, bootstrap=0))
+        ahead = _between(loop, followed, study)
+        if ahead >= NAMED:
+            looked = replace(looked, followed=followed)
     if study.adequate:
         return replace(looked, stays=ahead < NAMED)
     if ahead < NAMED:
