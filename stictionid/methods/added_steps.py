@@ -1,4 +1,4 @@
-"""Steps of their own beyond the base model: a further lag, a valve that rests between the scans, a load that changes.
+"""Steps of their own beyond the base model: a further lag, a valve that rests, a load that changes, a stop.
 
 Each must lower the held-out error and BIC clearly; a change of load makes sense of a model that explains nothing.
 Source: METHODS.md section 4; CRITICISM.md sections 6 and 7.
@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..fit import Fitted
-from ..moves import descended, search_model
+from ..moves import descended, search_model, with_start
 from ..results import Step
 from ..search import Found
 from ..spec import FIRST_ORDER, INTEGRATOR, Spec
+from ..starts import process_grid
 from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, moved
 from .only_noise import own_noise
 from .run import Run, bic_gain
@@ -30,6 +31,13 @@ _LAG_DROP, _LAG_BIC, _LOOK_DROP = 0.002, 10.0, 0.01
 _RESTING_LAW, _RESTING_TRIED, _RESTING_TAKEN = "he", 2.5, 1.3
 # Changes of the load that are tried where a level explains nothing, and the share of the scatter of y that may be left.
 _LOADS, _LOAD_LEFT = ("step-disturbance@load", "ramp-disturbance@load"), 0.5
+# A stop is asked for where the model without leaves more than the first share of the scatter of y, and looked into
+# where a valve without friction at its stop leaves less than the second share of that model's error: y then answers the
+# output beyond a level, and not below. (With an oscillation from elsewhere it may seem to, beside coloured noise: it is
+# taken only where nothing but white noise is left.)
+_STOP, _STOP_ASKED, _STOP_LEAVES = "travel-limit", 0.6, 0.5
+# Stickbands, as shares of their range, and slip jumps, as shares of S, that such a valve may have.
+_STOP_S, _STOP_J = np.array([0.03, 0.06, 0.12, 0.2, 0.3, 0.45, 0.65]), np.array([0.2, 0.5, 0.8])
 # An error below this share of the scatter of y is next to nothing: no plant measures better. Unit: 1.
 _NEXT_TO_NOTHING = 0.01
 # Below this share of it, a noise-free record is explained to what its sums round to. Unit: 1.
@@ -156,6 +164,46 @@ def try_load(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
         if other.sse < after.sse:
             after, step = other, run.step(other, name)
     if after.best.rmse <= _LOAD_LEFT * float(np.std(run.used_y())):
+        steps.append(step)
+        fits.append(after)
+
+
+def try_stop(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
+    """A stop as a step of its own, where it hides most of the movement: y answers the output beyond a level only.
+
+    A model without it finds neither valve nor process, because for most of the record y does not answer at all. A valve
+    without friction shows the stop and the process first; with them the stickband is looked for.
+    """
+    before = fits[-1]
+    spec = before.model.spec
+    if _STOP in spec.effects or run.options.fixed \
+            or before.best.rmse < _STOP_ASKED * float(np.std(run.used_y())):
+        return
+    spec = replace(spec, process=FIRST_ORDER, increments=False, taps=(), effects=(*spec.effects, _STOP))
+    free = search_model(run.model(replace(spec, friction_free=True)))
+    rows = free.rows_of(_STOP)
+    guess = free.effects[free.names.index(_STOP)].guess
+    assert guess is not None
+    start = free.values(np.full((1, free.space.size), 0.5))[:, 0]
+    tried = []
+    for levels in guess(free.context):
+        start[rows] = levels
+        points, costs = process_grid(free, free.cube(start[:, None])[0])
+        tried.append((float(costs.min()), points[costs.argmin()]))
+    tried.sort(key=lambda t: t[0])
+    seen = descended(free, np.array([point for _, point in tried[:QUICK_KEPT]]))
+    if seen.costs[0] > (_STOP_LEAVES * before.best.rmse) ** 2 * free.shared.rows:
+        return
+    model = search_model(run.model(spec))
+    S, J = (axis.ravel() for axis in np.meshgrid(_STOP_S, _STOP_J, indexing="ij"))
+    values = model.values(np.full((1, model.space.size), 0.5)).repeat(S.size, axis=1)
+    values[:] = model.vector(free.named(free.values(seen.points[:1])[:, 0]))[:, None]
+    values[0] = model.space.parameters[0].high * S
+    values[1] = values[0] * J
+    near = descended(model, with_start(model, model.cube(values)), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    after = run.fit(spec, near.points[:QUICK_KEPT])
+    step = run.step(after, _STOP)
+    if _explained(run, step, _RESTING_TAKEN):
         steps.append(step)
         fits.append(after)
 

@@ -24,7 +24,7 @@ from ..loop import Finding
 from ..spec import FIRST_ORDER, Spec
 from ..unheld import SUBSTEPS, moved_after_all
 from ..whitened import whitened
-from .added_steps import try_load, try_resting, try_step
+from .added_steps import try_load, try_resting, try_step, try_stop
 from .contract import Method, Outcome
 from .noise_steps import ask_noise, try_noise
 from .run import Run, parameters
@@ -77,6 +77,8 @@ def _searched(run: Run) -> Outcome:
     if not o.base_only and _nothing(run, fits[-1]):
         run.tell("trying a load that changes", 0.65)
         try_load(run, steps, fits)
+    if not o.base_only:
+        try_stop(run, steps, fits)
     if _nothing(run, fits[-1]):
         raise _explains_nothing(run)
     if not o.base_only and LAG not in fits[-1].model.spec.effects and not o.fixed:
