@@ -127,7 +127,8 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
         fit = base(looked.run, found.fit)
         if fit is None or _beside_noise(fit) > likely:
             continue
-        other = try_all(looked.run.loop, fit, seed, jobs, tell)
+        # What wins must be at the noise, and leave less than the best so far.
+        other = try_all(looked.run.loop, fit, seed, jobs, tell, looked.best.innovation_sd)
         changed = replace(looked, found=replace(other, better=False), winner=winner_of(other))
         if changed.winner is None or not changed.settled or changed.best.gain_over(looked.best) < _JOINT:
             continue

@@ -68,8 +68,11 @@ class Round:
     better: bool
 
 
-def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress) -> Round:
-    """Every effect of the catalogue that the model does not have, on one loop's stretch."""
+def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress, noise_sd: float = np.inf) -> Round:
+    """Every effect of the catalogue that the model does not have, on one loop's stretch.
+
+    Only effects that may bring the free run to a noise of `noise_sd` (unit of y) are refitted in full.
+    """
     rng = np.random.default_rng(seed)
     names = candidate_names(loop, fit.model.spec.effects)
     tell("restarting the model so far", 0.02)
@@ -82,7 +85,7 @@ def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress) -> Ro
     answers: list[Answer] = []
     for _ in range(1 + _AGAIN):
         ground = Ground(fit, np.concatenate([fit.values[None, :len(BASE)], pool[1:]]), seed)
-        answers = _round(ground, names, jobs, tell)
+        answers = _round(ground, names, jobs, tell, noise_sd)
         told = sorted((a for a in answers if not a.failed), key=lambda a: a.cost)[:_HANDED]
         now = better_base(fit, [base_values(a) for a in told], rng)
         if now is fit:
@@ -139,7 +142,7 @@ def candidate_names(loop: Loop, present: Sequence[str]) -> list[str]:
             for name in variants(effect.name, loop)]
 
 
-def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress) -> list[Answer]:
+def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, noise_sd: float) -> list[Answer]:
     """The noise models, first looks, then the full refits; finished answers replace looks.
 
     A noise model takes what a slow disturbance does to y, so that the valve shows: looks start from its valve, too.
@@ -158,15 +161,18 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress) -> l
         for answer in workers.map(look, physical):
             answers[answer.name] = answer
             tell(f"looked at {answer.name}", 0.05 + 0.9 * len(answers) / total)
-        for i, answer in enumerate(_finished(workers, ground, [answers[n] for n in physical])):
+        for i, answer in enumerate(_finished(workers, ground, [answers[n] for n in physical], noise_sd)):
             answers[answer.name] = answer
             tell(f"refitted with {answer.name}", 0.05 + 0.9 * (len(physical) + len(noises) + i + 1) / total)
     return list(answers.values())
 
 
-def _finished(workers: Workers, ground: Ground, looks: Sequence[Answer]) -> Iterator[Answer]:
+def _finished(workers: Workers, ground: Ground, looks: Sequence[Answer], noise_sd: float) -> Iterator[Answer]:
     """Full refits of the looks that deserve one, a few at a time: the best by innovations and the best by the free run
-    first, then those that the best full refit so far does not leave far behind."""
+    first, then those that the best full refit so far does not leave far behind.
+
+    None of those whose squared error is out of reach of white noise of `noise_sd`, as the model filters it.
+    """
     fit = ground.fit
     refits = {a.name: a.refit(ground) for a in looks if not a.failed}
     good = [a for a in looks if a.name in refits]
@@ -183,7 +189,9 @@ def _finished(workers: Workers, ground: Ground, looks: Sequence[Answer]) -> Iter
         queue.insert(1, first)
     best, ahead, finished = -np.inf, "", set()
     # Once an effect is at the noise, one whose free run is far from it only has a noise model to thank.
-    most = _REACH * top.cost if at_noise(refits[top.name]) else np.inf
+    most = _REACH * noise_sd**2 * fit.best.rows * float(1.0 + fit.model.taps @ fit.model.taps)
+    if at_noise(refits[top.name]):
+        most = min(most, _REACH * top.cost)
     queue = [a for a in queue if a.cost <= most]
     while queue and len(finished) < _FINALISTS:
         batch, queue = queue[:_BATCH], queue[_BATCH:]
