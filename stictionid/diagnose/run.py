@@ -68,7 +68,7 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
         settled = bool(study.steps) and study.adequate and not _carried(study) and not _memory(loop, study, seed)
         if settled and not earlier and not asked.everything:
             return replace(study, candidates=() if not added else study.candidates, missing=tuple(added))
-        chosen = _instead(loop, study, earlier, asked) if earlier else None
+        chosen = _instead(loop, study, earlier, settled, asked) if earlier else None
         if chosen is not None and chosen.stays and (settled or _noisy(study)):
             # What was chosen stays: what it could hide does no better.
             kept = tuple(c for c in candidates(chosen.found, chosen.winner) if c.effect not in study.steps[-1].effects)
@@ -160,7 +160,7 @@ def _carried(study: Study) -> bool:
         and last.error.rmse > ADEQUATE * floor
 
 
-def _instead(loop: Loop, study: Study, before: Sequence[Study], asked: _Asked) -> Looked | None:
+def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, asked: _Asked) -> Looked | None:
     """What explains the record better than the steps that `identify` chose; None where the study's own round decides.
 
     The last of the steps stands first, beside the others: a valve that rests at every scan hides what a lag imitates.
@@ -169,8 +169,10 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], asked: _Asked) -
     seed, jobs, tell = asked.seed, asked.jobs, asked.tell
     best: tuple[float, Looked] | None = None
     for earlier in before:
-        looked = on_other_base(look_at(loop, earlier, seed, jobs, tell), seed, jobs, tell)
-        looked = beside_lag(looked, seed, jobs, tell)
+        looked = look_at(loop, earlier, seed, jobs, tell)
+        # Where the whole catalogue names the very step, and its steps leave noise, no other base is asked.
+        if not (settled and _confirms(looked, study)):
+            looked = beside_lag(on_other_base(looked, seed, jobs, tell), seed, jobs, tell)
         ahead = _ahead(looked, study)
         if best is None or ahead >= best[0]:
             best = ahead, looked
@@ -199,6 +201,16 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], asked: _Asked) -
     return looked if looked.winner.refit.gain_over(own.winner.refit) > 0.0 else own
 
 
+def _confirms(looked: Looked, study: Study) -> bool:
+    """Whether what a round names is a step that the study has already, and physics: a noise model imitates anything."""
+    winner = looked.winner
+    return winner is not None and not winner.noise and _has(study, winner)
+
+
+def _has(study: Study, winner: Tried) -> bool:
+    return parse(winner.name)[0].name in study.steps[-1].effects
+
+
 def _may_lead_further(looked: Looked, study: Study) -> bool:
     """Whether a round's winner is physics that leaves less in the free run than steps that end in a noise model."""
     winner = looked.winner
@@ -218,7 +230,7 @@ def _between(loop: Loop, found: Study, other: Study) -> float:
 def _ahead(looked: Looked, study: Study) -> float:
     """BIC by which a round's winner does better than the study's last model, noise and all, on the same samples."""
     winner = looked.winner
-    if winner is None or winner.refit is None or parse(winner.name)[0].name in study.steps[-1].effects:
+    if winner is None or winner.refit is None or _has(study, winner):
         return -np.inf
     return winner.refit.gain_over(quick(*rebuild_model(looked.run.loop, study.steps[-1].model)))
 
