@@ -17,6 +17,7 @@ from stictionid.grown import grown_valves
 from stictionid.identify import Options, identify
 from stictionid.intervals import effective_rows
 from stictionid.lagbank import LagBank
+from stictionid.methods import structure
 from stictionid.methods.run import bic_gain
 from stictionid.model import Model
 from stictionid.oscillation import find_range
@@ -97,6 +98,24 @@ def test_the_basin_of_a_valve_that_rests_is_found(seed: int, colour: float, adde
     assert study.estimate is not None
     assert pytest.approx(setting.S, rel=0.005) == study.estimate.S
     assert pytest.approx(setting.J, rel=0.03) == study.estimate.J
+
+
+def test_a_valve_that_rests_is_not_searched_to_the_end_where_a_sliding_one_is_far_better(monkeypatch) -> None:
+    """Coloured noise keeps every error above the irreducible one: that alone is no reason to grow records for a law
+    that leaves several times as much."""
+    _, loop, (kind, _), _ = loop_of(1, None, 0.02, 0.8, 800)
+    assert kind == "scan"
+    grown: list[str] = []
+
+    def counted(model: Model, *given) -> np.ndarray:
+        grown.append(model.spec.law)
+        return basins_of(model, *given)
+
+    basins_of = structure.grown
+    monkeypatch.setattr(structure, "grown", counted)
+    study = identify(loop)
+    assert [step.added for step in study.steps[1:]] == ["coloured-noise"]
+    assert "he" not in grown
 
 
 @pytest.mark.parametrize("unit", [1.0, 100.0])
