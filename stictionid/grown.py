@@ -15,6 +15,9 @@ Source: METHODS.md section 4, traps 1 and 3.
 
 from __future__ import annotations
 
+import hashlib
+from typing import Any
+
 import numpy as np
 
 from .kernels import LANES
@@ -40,6 +43,9 @@ _LEAST_S = 0.1
 # Distance between points that are kept: of the scan, and of what was polished. Share of the range.
 _APART, _NEAR = 0.03, 0.004
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
+# Answers that are remembered, a few hundred numbers each: those of a few rounds over the catalogue.
+_REMEMBERED = 128
+_known: dict[str, tuple[FloatArray, Any]] = {}
 # Numbers of paths that are evaluated together: the arrays stay in the cache.
 _BLOCK = 1 << 17
 # First standard deviations of the polish: on parts up to this share of the record, and on longer ones.
@@ -81,20 +87,61 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator) -> 
     small = thinned(whole, thinning(whole))
     middle = neutral_point(small)
     own = [2 if c == model.forces[at] else c - (model.head - small.head if c >= model.head else 0) for c in columns]
+    points = _once(small, own, middle, rng)
+    found = middle[None].repeat(len(points), axis=0)
+    found[:, own] = points
+    found = as_valves(small, found)[0] if _along_ridge(small, own) else found
+    return found if len(model.pieces) == 1 else lifted(model, at, found)
+
+
+def _along_ridge(model: Model, own: list[int]) -> bool:
+    """Whether valves are searched along the natural numbers of an effect that has them."""
+    along = ridge_of(model)
+    return along is not None and along[1].start in own
+
+
+def _once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """The points of `_grown`, from memory where the same was asked before: a further lag, or another process, asks no
+    other valves. The generator ends where the search would have left it, so that nothing depends on what is known."""
+    key = _question(model, own, rng)
+    if key not in _known:
+        points = _grown(model, own, middle, rng)
+        _known[key] = points, rng.bit_generator.state
+        while len(_known) > _REMEMBERED:
+            _known.pop(next(iter(_known)), None)
+    points, rng.bit_generator.state = _known[key]
+    return points
+
+
+def _question(model: Model, own: list[int], rng: np.random.Generator) -> str:
+    """A fingerprint of all that decides what `_grown` finds."""
+    context, spec = model.context, model.spec
+    stems = [name for name, effect in zip(model.names, model.effects, strict=True) if effect.friction or effect.run]
+    names = [*model.named(np.zeros(model.space.size))]
+    asked = [(names[c], model.space.parameters[c]) for c in own]
+    told = repr((spec.law, spec.between, spec.friction_free, model.parts, model.step_s, model.period_s, model.s_max,
+                 model.skip, context.record, context.centre, stems, asked, rng.bit_generator.state,
+                 spec.process if _along_ridge(model, own) else "any"))
+    data = [context.command, context.process_value, model.good()]
+    if model.follows_y and context.guide is not None:
+        data.append(context.guide)
+    found = hashlib.blake2b(told.encode())
+    for part in data:
+        found.update(np.ascontiguousarray(part).tobytes())
+    return found.hexdigest()
+
+
+def _grown(small: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """The best points (k, columns) of the whole record, from one part of it to the next."""
     points = np.empty((0, len(own)))
     # A record may begin at rest: a part has its share of what happens, too.
     happened = np.cumsum(_quick(small) ** 2)
-    # Valves of an effect that has natural numbers are searched along these.
-    along = ridge_of(small)
-    ridge = along is not None and along[1].start in own
+    ridge = _along_ridge(small, own)
     for share, kept in _DRIFTING if any(effect.profile for effect in small.effects) else _parts(small):
         rows = max(int(share * small.loop.samples), small.skip + int(_PERIODS * small.period_s / small.step_s),
                    int(np.searchsorted(happened, share * happened[-1])) + 1)
         points = _polished(_beginning(small, rows), small, own, middle, points, share, kept, ridge, rng)
-    found = middle[None].repeat(len(points), axis=0)
-    found[:, own] = points
-    found = as_valves(small, found)[0] if ridge else found
-    return found if len(model.pieces) == 1 else lifted(model, at, found)
+    return points
 
 
 def _parts(model: Model) -> list[tuple[float, int]]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from loops_with_effects import VISIBLE, loop_of, shown
 
+from stictionid import grown
 from stictionid.diagnose import diagnose
 from stictionid.diagnose.run import before_chosen
 from stictionid.diagnose.steps import opened
@@ -82,6 +83,27 @@ def test_a_valve_that_overshoots_is_followed_along_its_ridge() -> None:
     again, possible = as_valves(model, as_natural(model, cube))
     assert possible.all()
     assert np.allclose(again, cube, atol=1e-9)
+
+
+def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    _, loop, _, _ = loop_of(328, "re-sticking", 0.01, 0.0, 400)
+    span = {"s_max": 8.0, "period_s": 60.0}
+    first, second = np.random.default_rng(3), np.random.default_rng(3)
+    found = grown_valves(Model(loop, Spec(effects=("re-sticking",)), **span), [0, 1, 2, 5], first)
+    after = Model(loop, Spec(effects=("re-sticking", "extra-lag"), process="integrator"), **span)
+    at = after.rows_of("re-sticking").start
+
+    def searched(*_: object) -> None:
+        raise AssertionError("searched again")
+
+    monkeypatch.setattr(grown, "_grown", searched)
+    again = grown_valves(after, [0, 1, 2, at], second)
+    np.testing.assert_array_equal(again[:, [0, 1, 2, at]], found[:, [0, 1, 2, 5]])
+    assert first.random() == second.random()
+    moved = replace(loop, output=loop.output + 1e-3 * (np.arange(loop.samples) == 200))
+    with pytest.raises(AssertionError, match="again"):
+        grown_valves(Model(moved, Spec(effects=("re-sticking",)), **span), [0, 1, 2, 5], np.random.default_rng(3))
 
 
 @pytest.mark.parametrize(("seed", "colour", "added"), [
