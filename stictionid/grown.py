@@ -52,7 +52,7 @@ _BLOCK = 1 << 17
 _WIDE, _FINE, _SHORT = 0.02, 0.01, 0.3
 
 
-def _open(model: Model) -> LagBank:
+def open_bank(model: Model) -> LagBank:
     """What the record of a model of one segment asks of valves whatever the process does."""
     longest = int(np.clip(_LONGEST * model.period_s / model.step_s, 1, 60))
     ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
@@ -61,7 +61,7 @@ def _open(model: Model) -> LagBank:
                    parts=model.parts)
 
 
-def _costs(model: Model, part: LagBank, values: FloatArray) -> FloatArray:
+def open_costs(model: Model, part: LagBank, values: FloatArray) -> FloatArray:
     """Sum of squared errors (P,) of values (d, P)."""
     out = np.empty(values.shape[1])
     lanes = max(_BLOCK // (model.loop.samples * model.parts) // LANES, 1) * LANES
@@ -155,26 +155,27 @@ def _parts(model: Model) -> list[tuple[float, int]]:
 def _polished(part: Model, model: Model, own: list[int], middle: FloatArray, points: FloatArray, share: float,
               kept: int, ridge: bool, rng: np.random.Generator) -> FloatArray:
     """The best distinct points (kept, columns) of one part of the record, out of those of the part before."""
-    bank = _open(part)
+    bank = open_bank(part)
 
     def cost(cube: FloatArray) -> FloatArray:
         whole = middle[None].repeat(len(cube), axis=0)
         whole[:, own] = cube
         whole, possible = as_valves(model, whole) if ridge else (whole, np.ones(len(whole), bool))
         values = model.values(whole)
-        return np.where(possible & (values[0] >= _LEAST_S * model.s_max), _costs(part, bank, values), np.inf)
+        costs = open_costs(part, bank, values)
+        return np.where(possible & (values[0] >= _LEAST_S * model.s_max), costs, np.inf)
 
     if len(points):
         found = refine(cost, points, rng, spread=_WIDE if share <= _SHORT else _FINE, rounds=_ROUNDS,
                        population=_POPULATION, settle=_SETTLED)
-        return found.points[_distinct(found.points, kept, _NEAR)]
+        return found.points[distinct(found.points, kept, _NEAR)]
     count = _SCAN * (len(own) - 2)
-    points = (rng.random(len(own)) + np.outer(np.arange(count), _even(len(own)))) % 1.0
+    points = (rng.random(len(own)) + np.outer(np.arange(count), even(len(own)))) % 1.0
     points = points[np.argsort(cost(points), kind="stable")[:count // 4]]
-    return points[_distinct(points, kept, _APART)]
+    return points[distinct(points, kept, _APART)]
 
 
-def _even(dimensions: int) -> FloatArray:
+def even(dimensions: int) -> FloatArray:
     """Steps (d,) of an even sequence: powers of the root of x^(d+1) = x + 1 (Roberts 2018)."""
     root = 2.0
     for _ in range(60):
@@ -182,7 +183,8 @@ def _even(dimensions: int) -> FloatArray:
     return root ** -np.arange(1.0, dimensions + 1)
 
 
-def _distinct(points: FloatArray, count: int, apart: float) -> list[int]:
+def distinct(points: FloatArray, count: int, apart: float) -> list[int]:
+    """The first points (k, d), at most `count`, that lie apart by this share of the range."""
     kept: list[int] = []
     for i, point in enumerate(points):
         if all(np.abs(point - points[j]).max() > apart for j in kept):

@@ -27,6 +27,7 @@ from .ridge import followed, ridge_of
 from .search import Found, refine, swarm
 from .spec import BASE, Evaluated, Spec
 from .starts import along_ridge, basins, with_other_start, with_process
+from .windows import windowed_valves
 
 _ROAM, _SCOUTS = 2, 500
 _SETTLED = 1e-4
@@ -53,6 +54,8 @@ _THRESHOLD_J = np.array([0.95, 1.0, 1.06])
 _FOLLOWED = 3
 # Steps along the ridge of dead time and break-away in a full refit.
 _RIDGE_TURNS = 3
+# The effect of a valve that rests between the scans of a held command.
+RESTING = "re-sticking"
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
 LARGEST_ORDER = 8
 # Rounds of noise model and refit; the second rarely matters.
@@ -119,14 +122,14 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
                 fixed=model.spec.fixed, guides=model.spec.guides)
     base = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
     # Swarms on the one-step error, and a search that asks for no process: where one is misled the other is not.
-    plain = _undisturbed(base, model, values)
+    plain = undisturbed(base, model, values)
     far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, _valve_of(base, ()), rng)[:_GROWN]])
     fresh = base.values(with_process(base, far))[:len(BASE)].T
     friction = tuple(x.name for x in model.effects if x.friction is not None)
     if friction:
         # A valve that rests has other basins than one that slides.
         own = bound(model.loop, replace(spec, effects=friction), s_max=model.s_max, period_s=model.period_s)
-        plain = _undisturbed(own, model, values)
+        plain = undisturbed(own, model, values)
         found = with_process(own, grown_valves(plain, _valve_of(plain, friction), rng)[:_GROWN])
         fresh = np.concatenate([own.values(found)[:len(BASE)].T, fresh])
     return np.concatenate([values[None, :len(BASE)], fresh])
@@ -138,7 +141,7 @@ def _valve_of(model: Model, names: Sequence[str]) -> list[int]:
     return [0, 1, model.forces[longest_piece(model)], *(i for r in rows for i in range(r.start, r.stop))]
 
 
-def _undisturbed(model: Model, before: Model, values: FloatArray) -> Model:
+def undisturbed(model: Model, before: Model, values: FloatArray) -> Model:
     """A model without its linear effects, on the record less what those of `before`, values (d,), put into y.
 
     A search that asks for no process knows no disturbances either: a sine that is known already would mislead it.
@@ -298,8 +301,9 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
     """Starts (k, d) whose valve goes with the effect, each with its process.
 
     For effects on friction from a search that grows with the record, because their basins are narrow and far from the
-    base's; for others from swarms over the valve on the one-step error, which stays local in time: one swarm for each
-    guess of the effect, because the right S and J lie elsewhere for each.
+    base's, and beside a valve that rests from windows, too; for others from swarms over the valve on the one-step
+    error, which stays local in time: one swarm for each guess of the effect, because the right S and J lie elsewhere
+    for each.
     """
     rows, at = model.rows_of(name), longest_piece(model)
     if parse(name)[0].friction is not None:
@@ -331,9 +335,17 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
 
 
 def _grown_with(model: Model, name: str, fit: Fitted, rng: np.random.Generator) -> FloatArray:
-    """Starts (k, d) for an effect on friction from a search that grows with the record, each with its process."""
-    plain = _undisturbed(model, fit.model, fit.values)
-    found = plain.values(grown_valves(plain, _valve_of(plain, (name,)), rng))
+    """Starts (k, d) for an effect on friction from a search that grows with the record, each with its process.
+
+    Beside a valve that rests from windows of the record, too.
+    """
+    plain = undisturbed(model, fit.model, fit.values)
+    cube = grown_valves(plain, _valve_of(plain, (name,)), rng)
+    if RESTING in plain.spec.effects and name != RESTING and plain.spec.held and ridge_of(model) is None:
+        rows = plain.rows_of(name)
+        more = windowed_valves(plain, [0, 1, *range(rows.start, rows.stop)], plain.rows_of(RESTING), rng)
+        cube = np.concatenate([more, cube])
+    found = plain.values(cube)
     named = [{**fit.best.values, **plain.named(column)} for column in found.T]
     return with_process(model, model.cube(np.stack([model.vector(n) for n in named], axis=1)))
 

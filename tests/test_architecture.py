@@ -28,7 +28,7 @@ FLOORS = [
     {"arx", "moves", "simulate", "historian", "gates", "steptest"},
     {"ridge"},
     {"starts", "profiles", "grown", "absorbed"},
-    {"plateaus", "smooth"},
+    {"plateaus", "smooth", "windows"},
     {"intervals"},
     {"fit", "position"},
     {"refit", "whitened", "unheld"},

@@ -19,12 +19,13 @@ from ..methods.run import Run
 from ..methods.structure import LAG, may_move, other_process
 from ..model import Model
 from ..moves import descended
-from ..refit import AUTOREGRESSIVE, RANDOM_WALK, Refit, at_noise, has_noise, quick
+from ..refit import AUTOREGRESSIVE, RANDOM_WALK, RESTING, Refit, at_noise, has_noise, quick
 from ..restarts import bound
 from ..results import Study
 from ..spec import INTEGRATOR, Spec
 from ..unheld import as_moving, moved
-from .judge import winner_of
+from .judge import holds, winner_of
+from .resting import resting_valve
 from .steps import Progress, finished_step, opened, with_steps
 from .tries import NAMED, Round, Tried, try_all
 
@@ -141,6 +142,29 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
                        "METHODS.md section 4, traps 4 and 5; CRITICISM.md section 6")
         return replace(changed, notes=(said,))
     return looked
+
+
+def beside_rest(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
+    """The same round beside a valve that rests at every scan, where that explains the record far better.
+
+    An inertial valve under a held command needs that to be near its basin at all, whatever else is missing.
+    """
+    fit = looked.found.fit
+    if looked.settled or looked.white or has_noise(fit.model.spec):
+        return looked
+    tell("trying a valve that rests between scans", 0.5)
+    base = resting_valve(looked.run, fit, min(_beside_noise(fit), looked.best.bic(looked.best.good)) - _JOINT)
+    if base is None:
+        return looked
+    found = try_all(looked.run.loop, base, seed, jobs, tell)
+    changed = Looked(looked.study, looked.run, replace(found, better=False), winner_of(found))
+    alone = found.reference.gain_over(looked.best) >= _JOINT and holds(found.held, looked.found.held)
+    if not (alone or changed.settled) or changed.best.gain_over(looked.best) < _JOINT:
+        return looked
+    after = polished(found.fit.model, found.fit.values, looked.run.rng)
+    study = with_steps(looked.study, looked.run, (
+        *looked.study.steps, finished_step(looked.run, after, RESTING, ())), after)
+    return replace(changed, study=study)
 
 
 def _other_process(run: Run, fit: Fitted) -> Fitted | None:

@@ -15,12 +15,12 @@ from ..addition import polished
 from ..effects import parse
 from ..loop import Finding, Loop
 from ..methods.run import ADEQUATE
-from ..refit import quick
+from ..refit import RESTING, quick
 from ..rerun import rebuild_model
 from ..results import Candidate, Study
 from ..segments import described
 from .judge import candidates
-from .rounds import LAG, Looked, beside_lag, look_at, on_other_base
+from .rounds import LAG, Looked, beside_lag, beside_rest, look_at, on_other_base
 from .steps import Progress, add, finished_step, judged_anew, opened, with_steps
 from .tries import NAMED, Tried
 
@@ -29,7 +29,7 @@ MOST_ADDITIONS = 4
 # can give.
 _CHANCE = 0.01
 # Beside noise models: what `identify` may add by itself, without a look at the rivals (methods/auto.py).
-_CHOSEN = frozenset({LAG, "re-sticking"})
+_CHOSEN = frozenset({LAG, RESTING})
 # Additions before which a round is made beside a lag, too: each costs as much as the round itself.
 _JOINTLY = 2
 
@@ -77,13 +77,15 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
             return chosen.followed
         if chosen is None or chosen.stays:
             chosen = on_other_base(look_at(loop, study, seed, jobs, tell), seed, jobs, tell)
+            if not added:
+                chosen = beside_rest(chosen, seed, jobs, tell)
             # (A valve that does not stick has no effect for a lag to hide.)
             if len(added) < _JOINTLY and study.verdict.stiction != "no stiction":
                 chosen = beside_lag(chosen, seed, jobs, tell)
         found, winner = chosen.found, chosen.winner
         if chosen.study is not study or found.better or chosen.notes:
-            study, lag = _put_right(loop, study, chosen, seed)
-            added += lag
+            study, first = _put_right(loop, study, chosen, seed)
+            added += first
         p_value = None
         if bootstrap and winner is not None:
             from .bootstrap import p_of
@@ -104,10 +106,11 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
 
 
 def _put_right(loop: Loop, study: Study, chosen: Looked, seed: int) -> tuple[Study, list[str]]:
-    """The study that a round was made on, its last step put right, and the lag where the round added one."""
+    """The study that a round was made on, its last step put right, and the lag or the rest where it added one."""
     before, after = ({step.added for step in s.steps} for s in (study, chosen.study))
     gone = [step.added for step in study.steps if step.added and step.added not in after]
-    return judged_anew(loop, _replaced(chosen, gone), seed), [LAG] if LAG in after - before else []
+    first = [name for name in (LAG, RESTING) if name in after - before]
+    return judged_anew(loop, _replaced(chosen, gone), seed), first
 
 
 def _one_more(loop: Loop, study: Study, winner: Tried, asked: _Asked) -> Study:

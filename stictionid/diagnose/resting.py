@@ -1,0 +1,74 @@
+"""The base with a valve that rests at every scan, where a round leaves more than noise: an inertial stem under a held
+command does, and neither it nor what else is missing explains the record alone.
+
+Source: METHODS.md sections 2, 4 (trap 1) and 5; CRITICISM.md section 6 (two effects at once).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..fit import Fitted
+from ..loop import FloatArray
+from ..methods.run import Run
+from ..methods.structure import SOFT
+from ..model import Model
+from ..moves import descended
+from ..refit import RESTING, quick, undisturbed
+from ..spec import FIRST_ORDER, INTEGRATOR, Spec
+from ..starts import with_process
+from ..windows import windowed_valves
+
+# Effects on friction that are tried together with the rest: beside one of these a valve that only rests fits nowhere.
+_BESIDE = ((), ("asymmetric-stiction",), ("stiction-drift",))
+
+
+def resting_valve(run: Run, fit: Fitted, goal: float) -> Fitted | None:
+    """The base with a valve that rests, where that, or an effect on friction more, brings the BIC below a goal.
+
+    The valve is found whatever the process does, and then the process that goes with it. None where the base has such
+    a valve, or a command that moves between samples.
+    """
+    spec = fit.model.spec
+    if fit.model.law.sliding_state is None or not spec.held or spec.fixed or RESTING in spec.effects:
+        return None
+    found: list[tuple[float, Model, FloatArray]] = []
+    for more in _BESIDE:
+        if not set(more) & set(spec.effects):
+            found += _with_processes(run, fit, more)
+        if min((f[0] for f in found), default=np.inf) < goal:
+            break
+    else:
+        return None
+    _, model, values = min(found, key=lambda f: f[0])
+    bare = run.model(replace(model.spec, effects=(*spec.effects, RESTING)))
+    values = bare.vector(model.named(values))
+    evaluated = bare.evaluate(values)
+    return Fitted(bare, values, evaluated.sse, 1, 1, evaluated, None, {}, values[None, :2])
+
+
+def _with_processes(run: Run, fit: Fitted, more: tuple[str, ...]) -> list[tuple[float, Model, FloatArray]]:
+    """BIC, model and values (d,) of a valve that rests, with some effects on friction more, for each process."""
+    names = (*fit.model.spec.effects, RESTING, *more)
+    plain = undisturbed(run.model(_spec(fit.model.spec, fit.model.spec.process, names)), fit.model, fit.values)
+    own = [0, 1, *(i for name in more for i in range(plain.rows_of(name).start, plain.rows_of(name).stop))]
+    valves = plain.values(windowed_valves(plain, own, plain.rows_of(RESTING), run.rng,
+                                          rival=(fit.model, fit.values)))
+    if not valves.size:
+        return []
+    known, out = fit.model.named(fit.values), []
+    for process in (FIRST_ORDER, INTEGRATOR):
+        model = run.model(_spec(fit.model.spec, process, names))
+        starts = np.stack([model.vector({**known, **plain.named(column)}) for column in valves.T], axis=1)
+        near = descended(model, with_process(model, model.cube(starts)))
+        values = model.values(near.points[:1])[:, 0]
+        completed = quick(model, values)
+        out.append((completed.bic(completed.good), model, values))
+    return out
+
+
+def _spec(before: Spec, process: str, names: tuple[str, ...]) -> Spec:
+    whole = process == INTEGRATOR
+    return replace(before, process=process, effects=names, increments=whole, taps=SOFT if whole else (), guides=())

@@ -1,0 +1,137 @@
+"""Basins of a valve that rests at every scan: many short windows of the record, which grow until they are the whole.
+
+Such a valve slips several times a stroke, each slip waits for the one before, and where one comes at another scan so do
+all that follow: on a whole record the right S, J and size of an effect lie in a hole far narrower than that of a valve
+that slides, and a part of the record from its beginning (see grown.py) is as narrow after a few cycles. A window of one
+cycle whose start is not known forgives errors of a tenth; a dozen of them all over the record leave few valves that
+fit all. What else happens in the record (a step, a ramp, a wave) bends few windows or none.
+
+Each window asks for no process (lagbank.py) and takes the best of a ladder of starts; their errors add up as standard
+deviations, so that one spoilt window does not decide. Measured on nine Karnopp valves of integrators and tanks with one
+hidden effect, where parts that grow from the beginning found none: six found, in 1 s each.
+Source: METHODS.md section 4, traps 1 and 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .effects.contract import Record
+from .grown import distinct, even, open_bank, open_costs
+from .lagbank import LagBank
+from .loop import FloatArray
+from .model import Model
+from .moves import lifted, longest_piece, neutral_point, search_model, thinned, thinning
+from .search import refine
+
+# Starts tried in every window, as shares of the break-away force.
+_FORCES = np.linspace(-0.97, 0.97, 15)
+# Windows of the scan, those that a first look takes, its points (for each number beyond one), the share of them that
+# goes on, and the points that the scan and the last polish leave.
+_WINDOWS, _FIRST, _SCAN, _GO_ON, _LEFT = 12, 3, 8000, 10, (48, 4)
+# Lengths of the windows in periods, and up to which of them the polish is wide.
+_PERIODS, _SHORT = (1.0, 1.6, 2.5, 4.0, 7.0, 12.0), 2.5
+_WIDE, _FINE = 0.02, 0.008
+# Distance between points that are kept: of the scan, and of what was polished. Share of the range.
+_APART, _NEAR = 0.02, 0.004
+_ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
+# Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
+_LEAST_S = 0.1
+
+
+def windowed_valves(model: Model, columns: list[int], still: slice, rng: np.random.Generator, *,
+                    rival: tuple[Model, FloatArray] | None = None) -> FloatArray:
+    """Points (k, d) of the unit cube, best first, whose `columns` (S, J and effects) and start were searched.
+
+    The process of all is in the middle of its range, the columns `still` at their upper end (a valve that rests at
+    every scan). Of several segments the longest is searched. None are left (0, d) where the valve of a `rival`, a model
+    and its values (d,), fits the shortest windows as well.
+    """
+    at = longest_piece(model)
+    whole = search_model(model.pieces[at])
+    small = thinned(whole, thinning(whole))
+    shift = model.head - small.head
+    own = [c - (shift if c >= model.head else 0) for c in columns]
+    middle = neutral_point(small)
+    middle[still.start - shift:still.stop - shift] = 1.0
+
+    def values_of(points: FloatArray) -> FloatArray:
+        cube = middle[None].repeat(len(points), axis=0)
+        cube[:, own] = points
+        return small.values(cube)
+
+    def costs_on(windows: _Windows, first: int | None = None) -> Callable[[FloatArray], FloatArray]:
+        def cost(points: FloatArray) -> FloatArray:
+            values = values_of(points)
+            return np.where(values[0] < _LEAST_S * small.s_max, np.inf, windows.costs(values, first).sum(axis=0))
+
+        return cost
+
+    windows = _Windows(small, _PERIODS[0], _WINDOWS)
+    count = _SCAN * (len(own) - 1)
+    points = (rng.random(len(own)) + np.outer(np.arange(count), even(len(own)))) % 1.0
+    points = points[np.argsort(costs_on(windows, _FIRST)(points), kind="stable")[:count // _GO_ON]]
+    points = points[np.argsort(costs_on(windows)(points), kind="stable")]
+    points = points[distinct(points, _LEFT[0], _APART)]
+    for periods, kept in zip(_PERIODS, np.geomspace(_LEFT[0] / 2, _LEFT[1], len(_PERIODS)).astype(int), strict=True):
+        windows = _Windows(small, periods)
+        found = refine(costs_on(windows), points, rng, spread=_WIDE if periods <= _SHORT else _FINE, rounds=_ROUNDS,
+                       population=_POPULATION, settle=_SETTLED)
+        points = found.points[distinct(found.points, kept, _NEAR)]
+        if rival is not None and periods == _PERIODS[0]:
+            other = thinned(search_model(rival[0].pieces[at]), thinning(whole))
+            known = other.vector(rival[0].pieces[at].named(rival[0].of(at, rival[1][:, None])[:, 0]))
+            if _Windows(other, periods).costs(known[:, None], None).sum() <= found.costs[0]:
+                return np.empty((0, model.space.size))
+        if len(windows.parts) == 1:
+            break
+    out = middle[None].repeat(len(points), axis=0)
+    out[:, own] = points
+    # The start that goes with each on the whole record.
+    out = small.cube(_started(small, small.values(out)))
+    return out if len(model.pieces) == 1 else lifted(model, at, out)
+
+
+def _started(model: Model, values: FloatArray) -> FloatArray:
+    """Values (d, P) with the start that goes best with each valve."""
+    values = values.copy()
+    values[2] = _FORCES[_by_start(model, open_bank(model), values).argmin(axis=1)]
+    return values
+
+
+def _by_start(model: Model, bank: LagBank, values: FloatArray) -> FloatArray:
+    """Sums of squared errors (P, starts) of values (d, P) with every start of the ladder."""
+    trial = values[:, :, None].repeat(_FORCES.size, axis=2)
+    trial[2] = _FORCES
+    return open_costs(model, bank, trial.reshape(len(values), -1)).reshape(values.shape[1], -1)
+
+
+class _Windows:
+    """Windows of so many periods, spread evenly over the record: `count` of them, or as many as cover it."""
+
+    def __init__(self, model: Model, periods: float, count: int | None = None) -> None:
+        n = model.loop.samples
+        rows = min(model.skip + int(periods * model.period_s / model.step_s), n)
+        count = max(min(count or n, n // rows), 1)
+        parts = [_window(model, int(a), rows) for a in np.linspace(0, n - rows, count)]
+        self.parts = [(part, open_bank(part)) for part in parts]
+
+    def costs(self, values: FloatArray, first: int | None) -> FloatArray:
+        """Errors (windows, P) of values (d, P), each with its best start, of the `first` windows or all."""
+        spread = self.parts if first is None else self.parts[::max(len(self.parts) // first, 1)][:first]
+        return np.stack([np.sqrt(_by_start(*part, values).min(axis=1)) for part in spread])
+
+
+def _window(model: Model, start: int, rows: int) -> Model:
+    """The same model on some rows of its record."""
+    loop, parts = model.loop, model.context.command.size // model.loop.samples
+    clock, own = loop.clock_s, model.context.record
+    record = Record(float(clock[start]) + (own.start_s if own else 0.0),
+                    own.length_s if own else float(clock[-1]) + loop.step_s,
+                    own.centre if own else float(np.nanmean(loop.process_value)))
+    residual = model.context.residual
+    return Model(loop.cut(start, start + rows), model.spec, s_max=model.s_max, period_s=model.period_s,
+                 command=model.context.command[start * parts:(start + rows) * parts],
+                 residual=None if residual is None else residual[start:start + rows], record=record)
