@@ -153,7 +153,7 @@ def beside_rest(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
     if looked.settled or looked.white or has_noise(fit.model.spec):
         return looked
     tell("trying a valve that rests between scans", 0.5)
-    base = resting_valve(looked.run, fit, min(_beside_noise(fit), looked.best.bic(looked.best.good)) - _JOINT)
+    base = resting_valve(looked.run, fit, _beside_noise(fit))
     if base is None:
         return looked
     found = try_all(looked.run.loop, base, seed, jobs, tell)
