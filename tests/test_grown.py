@@ -26,7 +26,9 @@ from stictionid.process import Dynamics, free_run
 from stictionid.refit import scout, settled
 from stictionid.results import ErrorSummary, Restarts, Step
 from stictionid.ridge import as_natural, as_valves
+from stictionid.simulate import Controller, Plant, Setting, simulate
 from stictionid.spec import Spec
+from stictionid.windows import windowed_valves
 
 # The valve of this loop overshoots, and its process is of second order.
 HIDDEN = (300, "slip-overshoot", 0.01, 0.0, 1500)
@@ -224,3 +226,35 @@ def test_a_valve_that_stops_elsewhere_at_a_kick_is_no_disturbance() -> None:
     steps = [c for c in after.candidates if c.effect == "step-disturbance"]
     assert max(c.delta_bic or 0.0 for c in steps) > 50.0
     assert after.missing == ()
+
+
+def _of_rest(law: str) -> tuple[Model, list[int], slice]:
+    """A model that rests, on an integrator with asymmetric stiction at 1 % noise, and the columns of its valve."""
+    setting = Setting(Plant(1.0, 0.3, 1.0, integrating=True), Controller(0.1, 5.0, scan_s=1.0), S=5.0, J=3.0, law=law,
+                      duration_s=900.0, setpoint_moves=((0.0, 3.0), (300.0, -4.0), (600.0, 4.0)), noise_sd=0.6,
+                      effects=(("asymmetric-stiction", {"jump_up": 4.0, "jump_down": 2.0}),))
+    loop = replace(simulate(setting, seed=2).loop, position=None)
+    found = find_range(loop)
+    model = Model(loop, Spec(process="integrator", effects=("re-sticking", "asymmetric-stiction")),
+                  s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
+    own = model.rows_of("asymmetric-stiction")
+    return model, [0, 1, *range(own.start, own.stop)], model.rows_of("re-sticking")
+
+
+def test_windows_find_a_valve_that_rests_whatever_the_process_does() -> None:
+    """From a record that grows no seed found it: each slip waits for the one before."""
+    model, columns, still = _of_rest("karnopp")
+    best = model.named(model.values(windowed_valves(model, columns, still, np.random.default_rng(0))[:1])[:, 0])
+    assert best["S"] == pytest.approx(5.0, rel=0.03)
+    assert best["J"] == pytest.approx(3.0, rel=0.06)
+    assert best["asymmetric-stiction:jump_difference"] == pytest.approx(2.0, rel=0.15)
+
+
+def test_windows_leave_nothing_where_the_valve_so_far_fits_them_as_well() -> None:
+    model, columns, still = _of_rest("chen")
+    slides = replace(model.spec, effects=("asymmetric-stiction",))
+    right = Model(model.loop, slides, s_max=model.s_max, period_s=model.period_s)
+    values = right.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 0.3,
+                           "dead_time_s": 1.0, "asymmetric-stiction:jump_difference": 2.0})
+    rival = (right, values)
+    assert not windowed_valves(model, columns, still, np.random.default_rng(0), rival=rival).size
