@@ -64,8 +64,7 @@ def _try_autoregression(run: Run, steps: list[Step], fits: list[Fitted], local: 
     if last is None or last.rmse > _FREE_RUN * fits[-1].best.rmse:
         return False
     if last.order:
-        made[-1] = _noisy(run, made[-1].model.spec, last)
-        some[-1] = run.step(made[-1], some[-1].added)
+        _settle(run, some, made, last)
     one_step, now = fits[-1].sse / max(fits[-1].best.rows, 1), made[-1].sse / max(made[-1].best.rows, 1)
     rows, more = made[-1].best.rows, len(made[-1].values) - len(fits[-1].values) + last.order
     if not rows * float(np.log(one_step / now)) - more * float(np.log(rows)) > STEP_BIC:
@@ -93,8 +92,7 @@ def _try_walk(run: Run, steps: list[Step], fits: list[Fitted], local: Whitened) 
     if last is None or slowest(last) > _WALK_ROOT:
         return
     if last.innovation_sd < (1.0 - _WALK_DROP) * local.innovation_sd:
-        made[-1] = _noisy(run, made[-1].model.spec, last)
-        some[-1] = run.step(made[-1], some[-1].added)
+        _settle(run, some, made, last)
         _take(steps, fits, some, made, last)
 
 
@@ -105,6 +103,15 @@ def _refitted(run: Run, spec: Spec, noise: Whitened, name: str) -> tuple[list[St
     if LAG not in spec.effects:
         try_step(run, some, made, LAG)
     return some, made
+
+
+def _settle(run: Run, some: list[Step], made: list[Fitted], last: Whitened) -> None:
+    """The last fit searched anew with the noise that it asks for itself; the first, searched from nothing already, only
+    where that is another one."""
+    if len(made) == 1 and last.model is made[0].model:
+        return
+    made[-1] = _noisy(run, made[-1].model.spec, last)
+    some[-1] = run.step(made[-1], some[-1].added)
 
 
 def _valve(fits: list[Fitted]) -> tuple[str, ...]:
