@@ -12,9 +12,10 @@ import numpy as np
 
 from .fit import Fitted
 from .intervals import effective_rows
-from .loop import FloatArray
+from .loop import FloatArray, Loop
 from .model import Model
 from .moves import descended, search_model, with_start
+from .oscillation import noise_of
 from .restarts import bound
 from .scan import ran_with_samples
 from .search import Found
@@ -22,11 +23,20 @@ from .spec import Spec
 
 # Parts of a sampling interval when the command moves between samples.
 SUBSTEPS = 8
+# Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
+_ROUGH = 2e-3
 # A short descent: its turns, and when it has settled.
 QUICK_TURNS, QUICK_SETTLE = 8, 1e-3
 # Twice the log-likelihood that a moving command must gain on a held one where everything else was found. Measured on
 # 126 loops: 5 to 3300 lost where the controller scans; where it does not, 12 to 540 gained in four, 1 lost in a fifth.
 _AFTER_ALL = 6.0
+
+
+def may_move(loop: Loop) -> bool:
+    """Whether the command may have moved between samples, and is smooth enough to be rebuilt there: a noisy one has no
+    corners to find."""
+    u = loop.output[loop.used]
+    return noise_of(u) < _ROUGH * float(np.ptp(u)) and not ran_with_samples(loop)
 
 
 def as_moving(spec: Spec) -> Spec:
@@ -36,11 +46,12 @@ def as_moving(spec: Spec) -> Spec:
 
 def moved_after_all(fit: Fitted, scan_s: float) -> tuple[Model, FloatArray] | None:
     """The model with a command that moves between samples, and its values (d,), where that does clearly better from
-    where all that was added to a held one ended; None where it does not, beside scans of `scan_s` in the samples, and
-    where the controller ran with the samples.
+    where all that was added to a held one ended; None where it does not, where the controller ran with the samples, and
+    beside scans of `scan_s` in the samples that make the command rough.
     """
     before = fit.model
-    if before.spec.between != "hold" or before.loop.step_s > scan_s or ran_with_samples(before.loop):
+    if before.spec.between != "hold" or ran_with_samples(before.loop) \
+            or (before.loop.step_s > scan_s and not may_move(before.loop)):
         return None
     model = _moving(before, as_moving(before.spec))
     found = moved(before, fit.values, model.spec)

@@ -16,14 +16,14 @@ from ..errors import CannotTell
 from ..fit import Fitted, polish_smooth
 from ..loop import Finding, Loop
 from ..methods.run import Run
-from ..methods.structure import LAG, may_move, other_process
+from ..methods.structure import LAG, other_process
 from ..model import Model
 from ..moves import descended
 from ..refit import AUTOREGRESSIVE, RANDOM_WALK, RESTING, Refit, at_noise, has_noise, quick
 from ..restarts import bound
 from ..results import Study
 from ..spec import INTEGRATOR, Spec
-from ..unheld import as_moving, moved
+from ..unheld import as_moving, may_move, moved
 from .judge import holds, winner_of
 from .resting import resting_valve
 from .steps import Progress, finished_step, opened, with_steps
@@ -184,7 +184,7 @@ def _other_process(run: Run, fit: Fitted) -> Fitted | None:
 def _moving_command(run: Run, fit: Fitted) -> Fitted | None:
     """The base with a command that moves between samples instead of a held one."""
     spec = fit.model.spec
-    if spec.between != "hold" or run.loop.step_s > run.options.scan_s or not may_move(run):
+    if spec.between != "hold" or not may_move(run.loop):
         return None
     moving = as_moving(spec)
     found = moved(fit.model, fit.values, moving)

@@ -16,10 +16,10 @@ from ..results import Step
 from ..search import Found
 from ..spec import FIRST_ORDER, INTEGRATOR, Spec
 from ..starts import process_grid
-from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, moved
+from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, may_move, moved
 from .only_noise import own_noise
 from .run import Run, bic_gain
-from .structure import LAG, QUICK_KEPT, SOFT, Known, first_look, may_move, structure
+from .structure import LAG, QUICK_KEPT, SOFT, Known, first_look, structure
 
 # A step of its own must lower the held-out error by this share and BIC by this much (CRITICISM.md section 7). A second
 # lag is a question of the process: not settled, it bends S through the dead time (8 % met), so it needs less.
@@ -156,7 +156,7 @@ def try_load(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     full = replace(bare, effects=(*bare.effects, name))
     after = run.fit(full, start.points[:QUICK_KEPT])
     step = run.step(after, name)
-    if run.options.between == "auto" and may_move(run) and not run.adequate(step)[0]:
+    if run.options.between == "auto" and may_move(run.loop) and not run.adequate(step)[0]:
         moving = as_moving(full)
         near = moved(after.model, after.values, moving)
         start = _with_load(run, as_moving(bare), before, name)

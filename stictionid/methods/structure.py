@@ -20,19 +20,17 @@ from ..noise import autocovariance
 from ..oscillation import noise_of
 from ..plateaus import plateaus
 from ..regression import whiten
-from ..scan import DECIMATED, parts_of, pi_law, ran_between, ran_with_samples
+from ..scan import DECIMATED, parts_of, pi_law, ran_between
 from ..search import Found
 from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 from ..starts import along_ridge, grown, with_process
-from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, moved
+from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, may_move, moved
 from ..whitened import whitened
 from .run import ADEQUATE, INTEGRATOR_GAIN, LONG_LAG, Run, increment_error
 
 LAG = "extra-lag"
 # First look at a step: how many starts go on after the first turns of descent, and how many these are.
 QUICK_KEPT, _GLANCE = 4, 2
-# Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
-_ROUGH = 2e-3
 # Softened differences (1 - q^-1) / (1 - 0.8 q^-1), cut after 14 samples: white for the errors of slips that an
 # integrator adds up together with white noise on y. Plain differences double the noise and leave the slips. Measured
 # on continuous itptd, S = 5, J = 3, noise 0.5 to 1 % of the swing of y: S within 0.8 and J within 1.1 %, against 4.3
@@ -112,7 +110,7 @@ def choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray], t
         return best.spec, (best.point[None], np.array([best.cost])), (_said_scans(run, best.spec.substeps),)
     # Most plants hold their command: at the noise, a moving one is only looked at.
     moving = as_moving(spec)
-    smooth = run.options.between == "auto" and may_move(run)
+    smooth = run.options.between == "auto" and may_move(run.loop)
     best = structure(run, spec, rival=moving if smooth else None)
     notes: tuple[Finding, ...] = ()
     if run.options.between == "auto":
@@ -335,13 +333,6 @@ def _with_lag(run: Run, tried: Tried, error: Callable[[Evaluated], float]) -> fl
         return error(tried.evaluated)
     coarse, quick = first_look(run, run.model(tried.spec), tried.evaluated.values, LAG)
     return min(error(tried.evaluated), error(coarse.evaluate(coarse.values(quick.points[:1])[:, 0])))
-
-
-def may_move(run: Run) -> bool:
-    """Whether the command may have moved between samples, and is smooth enough to be rebuilt there: a noisy one has no
-    corners to find."""
-    u = run.loop.output[run.loop.used]
-    return noise_of(u) < _ROUGH * float(np.ptp(u)) and not ran_with_samples(run.loop)
 
 
 def _first(run: Run, spec: Spec, known: FloatArray | None = None, starts: FloatArray | None = None,
