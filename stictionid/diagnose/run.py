@@ -215,10 +215,13 @@ def _has(study: Study, winner: Tried) -> bool:
 
 
 def _may_lead_further(looked: Looked, study: Study) -> bool:
-    """Whether a round's winner is physics that leaves less in the free run than steps that end in a noise model."""
+    """Whether a round's winner is physics that leaves less in the free run than steps that end in a noise model.
+
+    Not where it is one of these steps: what may come after it instead of the others was looked at from there.
+    """
     winner = looked.winner
     return _noisy(study) and winner is not None and not winner.noise and winner.refit is not None \
-        and winner.refit.evaluated.rmse < study.steps[-1].error.rmse
+        and not _has(study, winner) and winner.refit.evaluated.rmse < study.steps[-1].error.rmse
 
 
 def _between(loop: Loop, found: Study, other: Study) -> float:
