@@ -65,10 +65,10 @@ class Looked:
     def white(self) -> bool:
         """Whether what the base leaves is noise as it is: nothing gains what another base would have to.
 
-        Changes of y, in which an integrator is searched, hide what is slow, so their noise says nothing.
+        In changes of y and in levels: both are tried where an integrator is completed.
         """
         best = max((t.delta_bic for t in self.found.tried), default=np.inf)
-        return self.winner is None and best < _JOINT and not self.found.fit.model.spec.increments
+        return self.winner is None and best < _JOINT
 
 
 def look_at(loop: Loop, study: Study, seed: int, jobs: int, tell: Progress) -> Looked:
