@@ -7,8 +7,8 @@ cycle whose start is not known forgives errors of a tenth; a dozen of them all o
 fit all. What else happens in the record (a step, a ramp, a wave) bends few windows or none.
 
 Each window asks for no process (lagbank.py) and takes the best of a ladder of starts; their errors add up as standard
-deviations, so that one spoilt window does not decide. Measured on eight Karnopp valves of integrators and tanks with one
-hidden effect, where parts that grow from the beginning found none: six found, in 1 s each.
+deviations, so that one spoilt window does not decide. Measured on eight Karnopp valves of integrators and tanks with
+one hidden effect, where parts that grow from the beginning found none: six found, in 1 s each.
 Source: METHODS.md section 4, traps 1 and 3.
 """
 

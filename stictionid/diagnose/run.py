@@ -183,7 +183,7 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
             break
     assert best is not None
     ahead, looked = best
-    if ahead < NAMED and _may_lead_further(looked, study):
+    if ahead < NAMED and _may_lead_further(looked, before, study):
         # One effect against several steps: what the round names is followed to its end before it is judged.
         winner = looked.winner
         assert winner is not None
@@ -214,14 +214,17 @@ def _has(study: Study, winner: Tried) -> bool:
     return parse(winner.name)[0].name in study.steps[-1].effects
 
 
-def _may_lead_further(looked: Looked, study: Study) -> bool:
+def _may_lead_further(looked: Looked, before: Sequence[Study], study: Study) -> bool:
     """Whether a round's winner is physics that leaves less in the free run than steps that end in a noise model.
 
-    Not where it is one of these steps: what may come after it instead of the others was looked at from there.
+    Not where it is the step that came next: what may come after it instead of the others was looked at from there.
     """
     winner = looked.winner
-    return _noisy(study) and winner is not None and not winner.noise and winner.refit is not None \
-        and not _has(study, winner) and winner.refit.evaluated.rmse < study.steps[-1].error.rmse
+    if not _noisy(study) or winner is None or winner.noise or winner.refit is None:
+        return False
+    after = {*looked.study.steps[-1].effects, parse(winner.name)[0].name}
+    return all(after != set(part.steps[-1].effects) for part in before) \
+        and winner.refit.evaluated.rmse < study.steps[-1].error.rmse
 
 
 def _between(loop: Loop, found: Study, other: Study) -> float:
