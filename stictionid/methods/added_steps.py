@@ -10,15 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..effects import parse
 from ..fit import Fitted
 from ..moves import descended, search_model, with_start
+from ..refit import RESTING, own_taps
 from ..results import Step
 from ..search import Found
 from ..spec import FIRST_ORDER, INTEGRATOR, Spec
 from ..starts import process_grid
 from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, may_move, moved
 from .only_noise import own_noise
-from .run import Run, bic_gain
+from .run import Run, bic_gain, level_holdout
 from .structure import LAG, QUICK_KEPT, SOFT, Known, first_look, structure
 
 # A step of its own must lower the held-out error by this share and BIC by this much (CRITICISM.md section 7). A second
@@ -59,7 +61,7 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     if spec.between != "hold":
         # Under a command that moves between samples the valve slides on most of the way: no basin of its own.
         count = len(steps)
-        try_step(run, steps, fits, "re-sticking", _STEP_DROP, STEP_BIC, _RESTING_TAKEN)
+        try_step(run, steps, fits, RESTING, _STEP_DROP, STEP_BIC, _RESTING_TAKEN)
         if len(steps) > count or run.options.between != "auto":
             return
         # A valve that rests under a held command looks as if the command moved, to a search that knows no rest.
@@ -73,16 +75,16 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     if not _explained(run, steps[-1], _RESTING_TRIED, resting.evaluated.rmse):
         return
     found = run.fit(resting.spec, before=(resting.point[None], np.array([resting.cost])))
-    spec = replace(resting.spec, law=run.law, effects=(*spec.effects, "re-sticking"))
+    spec = replace(resting.spec, law=run.law, effects=(*spec.effects, RESTING))
     model = run.model(spec)
-    at = model.rows_of("re-sticking")
-    guess = model.effects[model.names.index("re-sticking")].guess
+    at = model.rows_of(RESTING)
+    guess = model.effects[model.names.index(RESTING)].guess
     assert guess is not None
     speeds = guess(model.context)
     starts = np.array([model.vector(found.best.values)]).repeat(len(speeds), axis=0)
     starts[:, at] = speeds
     made = [run.fit(spec, model.cube(starts.T))]
-    some = [run.step(made[0], "re-sticking")]
+    some = [run.step(made[0], RESTING)]
     if LAG not in spec.effects and not run.options.fixed and not _alone(run, some[0], made[0]):
         # A further lag of the process, not yet in the model, may be what is left.
         try_step(run, some, made, LAG)
@@ -90,14 +92,38 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     was, now = steps[-1].error.rmse_holdout, step.error.rmse_holdout
     if was is None or now is None or now > (1.0 - _STEP_DROP) * was or not _alone(run, step, after):
         return
-    # Criteria of levels and of differences can't be compared; a change of structure must lower the error clearly.
-    if spec.whitening().tolist() == before.model.spec.whitening().tolist():
-        better = bic_gain(before, after) > STEP_BIC
-    else:
-        better = now < (1.0 - 3.0 * _STEP_DROP) * was
-    if better:
+    if _clearly_better(before, after):
         steps.extend(some)
         fits.extend(made)
+
+
+def leave_lag_alone(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
+    """The lag as the only step where a valve that rests, or noise, had only led to it: with it they explain no more.
+
+    Both imitate a second lag well enough to be taken for it, and to end in the basin that the base had missed.
+    """
+    full = fits[-1]
+    spec = full.model.spec
+    ways = [step.added for step in steps[1:] if step.added and step.added != LAG]
+    if run.options.fixed or not ways or len(ways) > len(steps) - 2 \
+            or not all(name == RESTING or parse(name)[0].noise is not None for name in ways):
+        return
+    plain = run.model(replace(spec, effects=(*fits[0].model.spec.effects, LAG), taps=own_taps(spec)))
+    after = run.fit(plain.spec, plain.cube(plain.vector(full.model.named(full.values))[:, None]))
+    step = run.step(after, LAG)
+    if run.adequate(step)[0] and not _clearly_better(after, full):
+        steps[1:], fits[1:] = [step], [after]
+
+
+def _clearly_better(before: Fitted, after: Fitted) -> bool:
+    """Whether a fit of another structure does clearly better, by BIC where both are fitted in the same form.
+
+    Criteria of levels and of differences can't be compared: there the held-out error must fall clearly.
+    """
+    if after.model.spec.whitening().tolist() == before.model.spec.whitening().tolist():
+        return bic_gain(before, after) > STEP_BIC
+    was, now = level_holdout(before), level_holdout(after)
+    return was is not None and now is not None and now < (1.0 - 3.0 * _STEP_DROP) * was
 
 
 def _alone(run: Run, step: Step, fit: Fitted) -> bool:

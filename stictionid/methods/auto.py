@@ -21,10 +21,11 @@ from ..fit import Fitted, reaching
 from ..gates import SAMPLES_PER_PERIOD
 from ..intervals import outline, region
 from ..loop import Finding
+from ..refit import RESTING
 from ..spec import FIRST_ORDER, Spec
 from ..unheld import SUBSTEPS, moved_after_all
 from ..whitened import whitened
-from .added_steps import try_load, try_resting, try_step, try_stop
+from .added_steps import leave_lag_alone, try_load, try_resting, try_step, try_stop
 from .contract import Method, Outcome
 from .noise_steps import ask_noise, try_noise
 from .run import Run, parameters
@@ -71,7 +72,7 @@ def _searched(run: Run) -> Outcome:
     steps, fits = [replace(first, findings=(*notes, *first.findings))], [fit]
     if _nothing(run, fit) and _samples_a_turn(run) < SAMPLES_PER_PERIOD:
         raise _explains_nothing(run)  # nor could a valve that rests be seen
-    if not o.base_only and "re-sticking" not in spec.effects:
+    if not o.base_only and RESTING not in spec.effects:
         run.tell("trying a valve that rests between scans", 0.6)
         try_resting(run, steps, fits)
     if not o.base_only and _nothing(run, fits[-1]):
@@ -90,6 +91,7 @@ def _searched(run: Run) -> Outcome:
     if not noises and not o.base_only and not o.fixed and not run.adequate(steps[-1])[0]:
         run.tell("trying coloured noise and a random walk", 0.75)
         try_noise(run, steps, fits)
+    leave_lag_alone(run, steps, fits)
     found = fits[-1]
     if not o.base_only and not o.fixed and LAG not in found.model.spec.effects:
         fits[-1] = _whatever_the_order(run, fits[-1])

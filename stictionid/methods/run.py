@@ -14,9 +14,11 @@ from ..effects import parse
 from ..errors import CannotTell
 from ..fit import Fitted, finish, search
 from ..gates import swing_of, time_scale_s
+from ..grown import grown_valves
 from ..intervals import effective_rows
 from ..loop import Finding, FloatArray, Loop
 from ..model import Model, skipped
+from ..moves import longest_piece
 from ..noise import irreducible
 from ..regression import bic
 from ..restarts import bound
@@ -55,6 +57,7 @@ class Run:
         # several stages ask for the same ones.
         self.looks: dict[str, Any] = {}
         self._basins: dict[tuple[Any, ...], FloatArray] = {}
+        self._valves: dict[tuple[Any, ...], FloatArray] = {}
         self._floors: dict[tuple[bytes, int], float | None] = {}
         self._models: dict[str, Model] = {}
 
@@ -77,6 +80,14 @@ class Run:
         if key not in self._basins:
             self._basins[key] = basins(self.model(replace(spec, between="hold", substeps=1)), self.rng)
         return self._basins[key]
+
+    def open_valves(self, spec: Spec) -> FloatArray:
+        """Points (k, d) of the spec's valve under a held command that were looked for whatever the process does."""
+        key = (spec.law, spec.effects)
+        if key not in self._valves:
+            model = self.model(spec)
+            self._valves[key] = grown_valves(model, [0, 1, model.forces[longest_piece(model)]], self.rng)
+        return self._valves[key]
 
     def used_y(self) -> FloatArray:
         """The process values that count (m,); of several segments, each without its own mean."""

@@ -506,21 +506,43 @@ def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tup
     base, settled = search_model(before), _is_noise(run, before.evaluate(before.vector(values)))
     fresh = base.values(base.cube(np.empty((base.space.size, 0))) if settled else
                         with_process(base, run.basins(before.spec)))
-    starts = np.zeros((model.space.size, 1 + fresh.shape[1]))
-    starts[:, 0], starts[:len(fresh), 1:] = model.vector(values), fresh
-    starts = starts.repeat(len(guesses), axis=1)
-    starts[at] = np.tile(guesses.T, starts.shape[1] // len(guesses))
+    same = np.repeat(model.vector(values)[:, None], len(guesses), axis=1)
+    same[at] = guesses.T
+    starts = np.concatenate([same, _with_guesses(model, at, guesses, fresh)], axis=1)
     near = descended(model, with_start(model, model.cube(starts)), turns=_GLANCE, settle=QUICK_SETTLE).points
     if model.effects[model.names.index(effect)].dynamics is not None:
-        same = model.cube(starts[:, :len(guesses)])
-        near = np.concatenate([behind_valve(model, same, at, turns=QUICK_TURNS, settle=QUICK_SETTLE).points[:1], near])
+        behind = behind_valve(model, model.cube(same), at, turns=QUICK_TURNS, settle=QUICK_SETTLE)
+        near = np.concatenate([behind.points[:1], near])
     found = descended(model, near[:QUICK_KEPT], turns=QUICK_TURNS - _GLANCE, settle=QUICK_SETTLE)
     if effect != LAG or not model.spec.held or settled:
         return model, found
+    if before.spec.process == FIRST_ORDER and not _is_noise(run, model.evaluate(model.values(found.points[:1])[:, 0])):
+        # Nor may any basin of one lag be near: valves that were looked for whatever the process does.
+        valves = base.values(with_process(base, run.open_valves(before.spec)))
+        starts = with_start(model, model.cube(_with_guesses(model, at, guesses, valves)))
+        more = descended(model, descended(model, starts, turns=_GLANCE, settle=QUICK_SETTLE).points[:QUICK_KEPT],
+                         turns=QUICK_TURNS - _GLANCE, settle=QUICK_SETTLE)
+        found = _best_of(found, more)
     # A missing lag makes the dead time too long and, through it, S too small, by several samples: a step away each.
     steps = plateaus(model, found.points[0])
     if steps is None or not steps.costs.min() < found.costs[0] * (1.0 - _STEP_AWAY):
         return model, found
     more = descended(model, steps.points[[steps.costs.argmin()]], turns=QUICK_TURNS - _GLANCE, settle=QUICK_SETTLE)
-    points, costs = np.concatenate([more.points, found.points]), np.concatenate([more.costs, found.costs])
-    return model, Found(points[:QUICK_KEPT], costs[:QUICK_KEPT], found.evaluations + more.evaluations)
+    return model, _best_of(found, more)
+
+
+def _with_guesses(model: Model, at: slice, guesses: FloatArray, values: FloatArray) -> FloatArray:
+    """Values (d, P*k) of a model with an effect more, from those (fewer, P) without it and guesses (k, numbers)."""
+    starts = np.zeros((model.space.size, values.shape[1]))
+    starts[:len(values)] = values
+    starts = starts.repeat(len(guesses), axis=1)
+    starts[at] = np.tile(guesses.T, values.shape[1])
+    return starts
+
+
+def _best_of(one: Found, other: Found) -> Found:
+    """The best points of two searches."""
+    costs = np.concatenate([one.costs, other.costs])
+    best = np.argsort(costs, kind="stable")[:QUICK_KEPT]
+    return Found(np.concatenate([one.points, other.points])[best], costs[best], one.evaluations + other.evaluations)
+
