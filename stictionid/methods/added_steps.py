@@ -97,31 +97,46 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
         fits.extend(made)
 
 
-def leave_lag_alone(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
-    """The lag as the only step where a valve that rests, or noise, had only led to it: with it they explain no more.
+def leave_out(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
+    """The base, or it with a lag, alone where other steps had only led to it: with it they explain no more.
 
-    Both imitate a second lag well enough to be taken for it, and to end in the basin that the base had missed.
+    A valve that rests, a lag and noise each imitate what a base in a wrong basin leaves, and end in the basin that it
+    had missed; the first two imitate each other.
     """
     full = fits[-1]
-    spec = full.model.spec
-    ways = [step.added for step in steps[1:] if step.added and step.added != LAG]
-    if run.options.fixed or not ways or len(ways) > len(steps) - 2 \
-            or not all(name == RESTING or parse(name)[0].noise is not None for name in ways):
+    spec, base = full.model.spec, fits[0].model.spec
+    chosen = [step.added for step in steps[1:]]
+    if run.options.fixed or not chosen \
+            or not all(name in (LAG, RESTING) or (name and parse(name)[0].noise is not None) for name in chosen):
         return
-    plain = run.model(replace(spec, effects=(*fits[0].model.spec.effects, LAG), taps=own_taps(spec)))
-    after = run.fit(plain.spec, plain.cube(plain.vector(full.model.named(full.values))[:, None]))
-    step = run.step(after, LAG)
-    if run.adequate(step)[0] and not _clearly_better(after, full):
-        steps[1:], fits[1:] = [step], [after]
+    for kept in ((), (LAG,)):
+        if len(kept) == len(chosen) or not set(kept) <= set(chosen):
+            continue
+        model = run.model(replace(spec, effects=(*base.effects, *kept), taps=own_taps(spec)))
+        coarse = search_model(model)
+        start = coarse.cube(coarse.vector(full.model.named(full.values))[:, None])
+        near = descended(coarse, start, turns=QUICK_TURNS, settle=QUICK_SETTLE)
+        error = coarse.evaluate(coarse.values(near.points[:1])[:, 0]).rmse
+        if not _explained(run, steps[-1], _RESTING_TAKEN, error):
+            continue
+        after = run.fit(model.spec, near.points[:1])
+        step = run.step_again(steps[0], after) if not kept else run.step(after, LAG)
+        least = _LAG_BIC if LAG in chosen and not kept else STEP_BIC
+        if run.adequate(step)[0] and not _clearly_better(after, full, least):
+            if kept:
+                steps[1:], fits[1:] = [step], [after]
+            else:
+                steps[:], fits[:] = [step], [after]
+            return
 
 
-def _clearly_better(before: Fitted, after: Fitted) -> bool:
-    """Whether a fit of another structure does clearly better, by BIC where both are fitted in the same form.
+def _clearly_better(before: Fitted, after: Fitted, least_bic: float = STEP_BIC) -> bool:
+    """Whether a fit of another structure does clearly better, by so much BIC where both are fitted in the same form.
 
     Criteria of levels and of differences can't be compared: there the held-out error must fall clearly.
     """
     if after.model.spec.whitening().tolist() == before.model.spec.whitening().tolist():
-        return bic_gain(before, after) > STEP_BIC
+        return bic_gain(before, after) > least_bic
     was, now = level_holdout(before), level_holdout(after)
     return was is not None and now is not None and now < (1.0 - 3.0 * _STEP_DROP) * was
 

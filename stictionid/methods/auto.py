@@ -25,7 +25,7 @@ from ..refit import RESTING
 from ..spec import FIRST_ORDER, Spec
 from ..unheld import SUBSTEPS, moved_after_all
 from ..whitened import whitened
-from .added_steps import leave_lag_alone, try_load, try_resting, try_step, try_stop
+from .added_steps import leave_out, try_load, try_resting, try_step, try_stop
 from .contract import Method, Outcome
 from .noise_steps import ask_noise, try_noise
 from .run import Run, parameters
@@ -91,7 +91,7 @@ def _searched(run: Run) -> Outcome:
     if not noises and not o.base_only and not o.fixed and not run.adequate(steps[-1])[0]:
         run.tell("trying coloured noise and a random walk", 0.75)
         try_noise(run, steps, fits)
-    leave_lag_alone(run, steps, fits)
+    leave_out(run, steps, fits)
     found = fits[-1]
     if not o.base_only and not o.fixed and LAG not in found.model.spec.effects:
         fits[-1] = _whatever_the_order(run, fits[-1])
@@ -99,10 +99,7 @@ def _searched(run: Run) -> Outcome:
         fits[-1] = reaching(fits[-1], run.rng)
     if fits[-1].sse < found.sse:
         # Another step of S does better than the search did.
-        codes = {f.code for f in steps[-1].findings}
-        again = run.step(fits[-1], steps[-1].added)
-        steps[-1] = replace(again, variant=steps[-1].variant, findings=(
-            *steps[-1].findings, *(f for f in again.findings if f.code not in codes)))
+        steps[-1] = run.step_again(steps[-1], fits[-1])
     steps[-1] = replace(steps[-1], parameters=parameters(fits[-1]))
     adequate, why = run.adequate(steps[-1])
     return Outcome(tuple(steps), tuple(fits), adequate, why)

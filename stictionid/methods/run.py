@@ -167,6 +167,12 @@ class Run:
         return Step(effect and effect.name, tuple(x.name for x in fit.model.effects), parameters(fit), error,
                     Restarts(fit.runs, fit.agree), tuple(findings), fit.model.describe(fit.values), variant=variant)
 
+    def step_again(self, before: Step, fit: Fitted) -> Step:
+        """A step with a better fit of its model; what was said of it stays."""
+        again, codes = self.step(fit, before.added), {f.code for f in before.findings}
+        return replace(again, variant=before.variant, findings=(
+            *before.findings, *(f for f in again.findings if f.code not in codes)))
+
     def adequate(self, step: Step) -> tuple[bool, str]:
         """Whether the step's free-run error is the irreducible noise, and the sentence that says so."""
         floor, error = step.error.noise_sd, step.error.rmse
