@@ -24,7 +24,7 @@ from .noise import autoregression, filtered
 from .resonance import NUMBERS, resonance
 from .restarts import bound
 from .ridge import followed, ridge_of
-from .search import Found, refine, swarm
+from .search import refine, swarm, together
 from .spec import BASE, Evaluated, Spec
 from .starts import along_ridge, basins, with_other_start, with_process
 from .windows import windowed_valves
@@ -214,7 +214,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
     near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam.points[:_ROAM]])), turns=_GLANCE,
                      settle=_GLANCED)
     if effect.friction is not None and spec.held:
-        near = _together(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
+        near = together(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
                                       rounds=_LOOK, population=14, settle=_SETTLED))
     found = Scouted(coarse, model, near.points, float(near.costs[0]), neutral,
                     name if effect.kind in "FT" else "")
@@ -229,16 +229,9 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
                                                       _across(coarse, points[0], name, 3),
                                                       with_other_start(coarse, points[0], 2)]), rng,
                         spread=spreads(coarse, 0.5), rounds=_LOOK, population=14, settle=_SETTLED)
-        both = _together(polish, beside)
+        both = together(polish, beside)
         points, cost = both.points, float(both.costs[0])
     return replace(found, points=points, cost=cost)
-
-
-def _together(one: Found, other: Found) -> Found:
-    """What two searches found, best first."""
-    costs = np.concatenate([one.costs, other.costs])
-    order = np.argsort(costs, kind="stable")
-    return Found(np.concatenate([one.points, other.points])[order], costs[order])
 
 
 def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
@@ -362,7 +355,7 @@ def _ridges(model: Model, name: str, fit: Fitted, starts: FloatArray, rng: np.ra
         helps = asked or found.costs[0] < _PROMISES * fit.sse
         if not helps or at_noise(quick(model, model.values(found.points[:1])[:, 0])):
             break
-        found = _together(found, followed(model, _grown_with(model, name, fit, rng), rng))
+        found = together(found, followed(model, _grown_with(model, name, fit, rng), rng))
     return found.points
 
 

@@ -36,6 +36,13 @@ class Found:
     evaluations: int = 0
 
 
+def together(one: Found, other: Found) -> Found:
+    """What two searches found, best first."""
+    costs = np.concatenate([one.costs, other.costs])
+    order = np.argsort(costs, kind="stable")
+    return Found(np.concatenate([one.points, other.points])[order], costs[order], one.evaluations + other.evaluations)
+
+
 def stratified(rng: np.random.Generator, count: int, dimensions: int) -> FloatArray:
     """Latin hypercube in the unit cube, shape (count, dimensions)."""
     cells = np.stack([rng.permutation(count) for _ in range(dimensions)], axis=1)

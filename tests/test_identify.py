@@ -194,6 +194,13 @@ def test_a_valve_that_rests_between_scans_is_found_on_a_noisy_integrator() -> No
     assert pytest.approx(3.0, rel=0.02) == study.estimate.J
 
 
+def test_noise_that_was_asked_for_stays_though_the_base_needs_none() -> None:
+    loop = simulate(replace(with_stiction(preset("foptd"), 5.0, 3.0), noise_sd=0.05)).loop
+    assert identify(loop).adequate
+    asked = identify(loop, options=Options(effects=("coloured-noise",)))
+    assert [step.added for step in asked.steps] == [None, "coloured-noise"]
+
+
 def test_a_load_that_steps_under_an_integrator_is_a_step_of_its_own_where_the_base_explains_nothing() -> None:
     """The output answers the load, so that no level holds and no valve is seen; it was an abstention."""
     setting = Setting(Plant(1.0, 0.3, 1.0, integrating=True), Controller(0.1, 5.0, scan_s=1.0), S=5.0, J=3.5,

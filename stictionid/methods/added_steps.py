@@ -101,7 +101,7 @@ def leave_out(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     """The base, or it with a lag, alone where other steps had only led to it: with it they explain no more.
 
     A valve that rests, a lag and noise each imitate what a base in a wrong basin leaves, and end in the basin that it
-    had missed; the first two imitate each other.
+    had missed; the first two imitate each other. Not for effects that were asked for.
     """
     full = fits[-1]
     spec, base = full.model.spec, fits[0].model.spec
@@ -123,10 +123,7 @@ def leave_out(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
         step = run.step_again(steps[0], after) if not kept else run.step(after, LAG)
         least = _LAG_BIC if LAG in chosen and not kept else STEP_BIC
         if run.adequate(step)[0] and not _clearly_better(after, full, least):
-            if kept:
-                steps[1:], fits[1:] = [step], [after]
-            else:
-                steps[:], fits[:] = [step], [after]
+            steps[len(kept):], fits[len(kept):] = [step], [after]
             return
 
 

@@ -91,7 +91,8 @@ def _searched(run: Run) -> Outcome:
     if not noises and not o.base_only and not o.fixed and not run.adequate(steps[-1])[0]:
         run.tell("trying coloured noise and a random walk", 0.75)
         try_noise(run, steps, fits)
-    leave_out(run, steps, fits)
+    if not noises:
+        leave_out(run, steps, fits)
     found = fits[-1]
     if not o.base_only and not o.fixed and LAG not in found.model.spec.effects:
         fits[-1] = _whatever_the_order(run, fits[-1])

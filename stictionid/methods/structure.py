@@ -21,7 +21,7 @@ from ..oscillation import noise_of
 from ..plateaus import plateaus
 from ..regression import whiten
 from ..scan import DECIMATED, parts_of, pi_law, ran_between
-from ..search import Found
+from ..search import Found, together
 from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 from ..starts import along_ridge, grown, with_process
 from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, may_move, moved
@@ -522,13 +522,13 @@ def _look(run: Run, before: Model, values: dict[str, float], effect: str) -> tup
         starts = with_start(model, model.cube(_with_guesses(model, at, guesses, valves)))
         more = descended(model, descended(model, starts, turns=_GLANCE, settle=QUICK_SETTLE).points[:QUICK_KEPT],
                          turns=QUICK_TURNS - _GLANCE, settle=QUICK_SETTLE)
-        found = _best_of(found, more)
+        found = together(found, more)
     # A missing lag makes the dead time too long and, through it, S too small, by several samples: a step away each.
     steps = plateaus(model, found.points[0])
     if steps is None or not steps.costs.min() < found.costs[0] * (1.0 - _STEP_AWAY):
         return model, found
     more = descended(model, steps.points[[steps.costs.argmin()]], turns=QUICK_TURNS - _GLANCE, settle=QUICK_SETTLE)
-    return model, _best_of(found, more)
+    return model, together(found, more)
 
 
 def _with_guesses(model: Model, at: slice, guesses: FloatArray, values: FloatArray) -> FloatArray:
@@ -538,11 +538,3 @@ def _with_guesses(model: Model, at: slice, guesses: FloatArray, values: FloatArr
     starts = starts.repeat(len(guesses), axis=1)
     starts[at] = np.tile(guesses.T, values.shape[1])
     return starts
-
-
-def _best_of(one: Found, other: Found) -> Found:
-    """The best points of two searches."""
-    costs = np.concatenate([one.costs, other.costs])
-    best = np.argsort(costs, kind="stable")[:QUICK_KEPT]
-    return Found(np.concatenate([one.points, other.points])[best], costs[best], one.evaluations + other.evaluations)
-
