@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from .folds import best_of_fold
+from .folds import mean_of_fold
 from .intervals import CLOUD, cloud, intervals_of, widened
 from .loop import BoolArray, FloatArray
 from .model import Model
@@ -303,7 +303,7 @@ def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
 
 
 def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
-    """Error on contiguous blocks that were masked while a fold chose its point from the cloud and its linear part.
+    """Error on contiguous blocks that were masked while a fold weighed the points of the cloud with their linear parts.
 
     `cube` (k, d) has the best point of all rows first.
 
@@ -320,9 +320,7 @@ def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
         columns = columns[:, len(model.pieces):]  # a constant has no differences
     total, rows = 0.0, 0
     # The first fold can't know where the valve started, either: it has every candidate from the start of the full fit.
-    started = cube.copy()
-    started[:, list(model.forces)] = cube[0, list(model.forces)]
-    first = model.own_columns(*model.responses(model.values(started)))[:own.shape[0]]
+    first = model.own_columns(*model.responses(_started(model, best, values)))[:own.shape[0]]
     folds = fold_rows(model, values[:, 0], [max(p.skip, p.taps.size) for p in model.pieces])
     for fold, (test, near) in enumerate(folds):
         test &= model.weight > 0
@@ -330,10 +328,24 @@ def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
         if test.sum() < 3 or train.sum() < 5 * (own.shape[0] + columns.shape[1] + 1):
             return None
         mine = own if fold else first
-        p, sizes, tail = best_of_fold(mine, columns, goal, train, model.spec.fixed.get("gain"))
-        error = goal[test] - (mine[:, test, p].T @ sizes + columns[test] @ tail)
+        error = (goal - mean_of_fold(mine, columns, goal, train, model.spec.fixed.get("gain")))[test]
         total, rows = total + float(np.sum(error**2)), rows + int(test.sum())
     return float(np.sqrt(total / rows)) if np.isfinite(total) else None
+
+
+def _started(model: Model, best: Evaluated, values: FloatArray) -> FloatArray:
+    """Values (d, k) with the start of the first: as much of the output's way is left until the valve first breaks away.
+
+    The force at the start is a share of the break-away force: as it stands it would let the first slip of a slightly
+    other valve come a sample early or late, which no other row tells.
+    """
+    out = values.copy()
+    fs = values[0] + values[1]
+    for row, z in zip(model.forces, model.split(best.position), strict=True):
+        moves = np.diff(z)
+        way = float(np.sign(moves[np.flatnonzero(moves)[:1]].sum())) or 1.0
+        out[row] = np.clip(way * (1.0 - (1.0 - way * values[row, 0]) * fs[0] / np.maximum(fs, 1e-12)), -1.0, 1.0)
+    return out
 
 
 def fold_rows(model: Model, values: FloatArray, firsts: Sequence[int]) -> list[tuple[BoolArray, BoolArray]]:

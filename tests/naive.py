@@ -152,6 +152,18 @@ def least_squares(own, shared, target, weight):
     return float(np.sum((target[keep] - design @ solution) ** 2)), solution[:len(own)]
 
 
+def fold_mean(own, shared, target, train):
+    """Every candidate's prediction of all rows, weighed by the likelihood of the training rows; own is (k, n, P)."""
+    told, weights = [], []
+    for p in range(own.shape[2]):
+        design = np.column_stack([*own[:, :, p], shared])
+        solution, *_ = np.linalg.lstsq(design[train], target[train], rcond=None)
+        cost = np.sum((target[train] - design[train] @ solution) ** 2)
+        told.append(design @ solution)
+        weights.append(cost ** (-0.5 * train.sum()))
+    return np.average(told, axis=0, weights=np.array(weights) / max(weights))
+
+
 def filtered(columns, taps):
     """1 + taps[0] q^-1 + … applied row by row."""
     out = np.array(columns, dtype=float)

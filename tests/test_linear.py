@@ -9,7 +9,7 @@ import naive
 import numpy as np
 import pytest
 
-from stictionid import between, descent, kernels, noise, process, products, regression, search
+from stictionid import between, descent, folds, kernels, noise, process, products, regression, search
 from stictionid.arx import Arx
 from stictionid.laws import get
 from stictionid.laws.contract import neutral_friction
@@ -91,6 +91,22 @@ def test_costs_are_those_of_plain_least_squares(own: int) -> None:
         cost, size = naive.least_squares([base[o:o + rows, p] for o in offsets], columns, target, weight)
         assert costs[p] == pytest.approx(cost, rel=1e-9)
         np.testing.assert_allclose(sizes[:, p], size, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("own", [1, 3])
+def test_a_fold_weighs_its_candidates_by_their_likelihood(own: int) -> None:
+    rng = np.random.default_rng(own)
+    rows = 80
+    true = rng.standard_normal((own, rows, 1))
+    candidates = true + 0.05 * rng.standard_normal((own, rows, 9)) * np.linspace(0.0, 1.0, 9)
+    shared = np.column_stack([np.ones(rows), rng.standard_normal(rows)])
+    target = true[:, :, 0].sum(axis=0) + shared @ [2.0, -1.0] + 0.3 * rng.standard_normal(rows)
+    train = (np.arange(rows) < 20) | (np.arange(rows) > 40)
+    told = folds.mean_of_fold(candidates, shared, target, train, None)
+    # Candidates below a thousandth of the best one's likelihood are left out.
+    np.testing.assert_allclose(told, naive.fold_mean(candidates, shared, target, train), atol=2e-4)
+    p, sizes, tail = folds.best_of_fold(candidates, shared, target, train, None)
+    assert np.abs(told - candidates[:, :, p].T @ sizes - shared @ tail).max() > 5e-3, "one alone answers otherwise"
 
 
 @pytest.mark.parametrize("columns", [0, 1, 2, 5])
