@@ -32,7 +32,7 @@ def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitt
     after = finish(model, point, model.costs(point), rng)
     for _ in range(_FOLLOWED if model.follows_y else 0):
         model = bound(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
-                      residual=np.nan_to_num(after.best.residual))
+                      residual=after.best.left)
         point = model.cube(after.values[:, None])
         again = finish(model, point, model.costs(point), rng)
         # What counts is the model that follows its own y: following the y of the fit before, it may predict y from y.
@@ -60,4 +60,4 @@ def carrier(done: Refit, name: str, before: Model) -> Model:
     else:
         spec = replace(before.spec, effects=effects, taps=own_taps(before.spec))
     return bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
-                 residual=np.nan_to_num(done.evaluated.residual))
+                 residual=done.evaluated.left)

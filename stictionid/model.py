@@ -315,15 +315,19 @@ class Model:
             whiten_stack(base, n, self.taps)
         return base, tuple(i * n for i in range(count))
 
-    def disturbance(self, values: FloatArray, own: FloatArray) -> FloatArray:
-        """What the linear effects add to y (n,), for values (d,) and the coefficients of all own columns."""
+    def disturbance(self, values: FloatArray, own: FloatArray, *, loads: bool = True) -> FloatArray:
+        """What the linear effects add to y (n,), for values (d,) and the coefficients of all own columns.
+
+        Without `loads` only what they add behind the process.
+        """
         base, offsets = self.responses(values[:, None], filtered=False)
         columns, at = self.own_columns(base, offsets)[:, :, 0], 1
         total = np.zeros(self.loop.samples)
         for effect, rows, option in zip(self.effects, self.effect_rows, self._options, strict=True):
             if effect.columns:
                 count = len(effect.columns(values[rows, None], self._context(option)))
-                total += own[at:at + count] @ columns[at:at + count]
+                if loads or option != "load":
+                    total += own[at:at + count] @ columns[at:at + count]
                 at += count
         return total
 
@@ -407,20 +411,36 @@ class Model:
         return np.einsum("np,np->p", r := self._fixed_gain_residuals(base, offsets), r)
 
     def evaluate(self, values: FloatArray) -> Evaluated:
-        """One candidate in full, physical values (d,); an effect that follows y follows the model's own."""
+        """One candidate in full, physical values (d,); an effect that follows y follows the model's own.
+
+        A disturbance at the output is in the process, or behind it (a sensor that shifts), where it changes no gain:
+        what explains y better is taken.
+        """
         if not self.follows_y:
             return self._evaluate(values)
+        found = self._following(values, behind=False)
+        if not any(e.columns and o != "load" for e, o in zip(self.effects, self._options, strict=True)):
+            return found
+        return min(found, self._following(values, behind=True), key=lambda e: e.sse)
+
+    def _following(self, values: FloatArray, behind: bool) -> Evaluated:
+        """One candidate whose effects follow the model's own y, less what disturbs the output where that is `behind`
+        the process."""
         # Where it starts nothing is known of y: a guess that knows the record could be handed on as its own prediction.
         guide = np.full(self.loop.samples, self.context.centre)
         found = self.guided(guide)._evaluate(values)
         for _ in range(_FOLLOWED):
             # Half a step at a time: a strong effect would swing past its own y and back.
-            step = 0.5 * (found.model - guide)
+            step = 0.5 * (self._felt(found, values, behind) - guide)
             guide = guide + step
             found = self.guided(guide)._evaluate(values)
             if np.sqrt(np.mean(step**2)) < _STILL * max(found.rmse, 1e-300):
                 break
-        return found
+        return replace(found, followed=self._felt(found, values, behind)) if behind else found
+
+    def _felt(self, found: Evaluated, values: FloatArray, behind: bool) -> FloatArray:
+        """The y (n,) of a candidate that its effects follow: without what is added `behind` the process."""
+        return found.model - self.disturbance(values, found.own, loads=False) if behind else found.model
 
     def guided(self, guide: FloatArray) -> Model:
         """The same model with effects that follow a given y (n,)."""

@@ -99,9 +99,9 @@ class Refit:
         spec = self.spec
         if spec == self.model.spec:
             # An effect that follows y follows the model's own, whatever the search followed.
-            return self.model.guided(self.evaluated.model) if self.model.follows_y else self.model
+            return self.model.guided(self.evaluated.guide) if self.model.follows_y else self.model
         return bound(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
-                     residual=np.nan_to_num(self.evaluated.residual))
+                     residual=self.evaluated.left)
 
     def bic(self, good: BoolArray) -> float:
         """BIC of the innovations on common samples (n,)."""
@@ -190,7 +190,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
     before = fit.model
     spec = replace(before.spec, effects=(*before.spec.effects, name))
     model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
-                  residual=np.nan_to_num(fit.best.residual))
+                  residual=fit.best.left)
     coarse = search_model(model)
     effect, option = parse(name)
     guesses = effect.guess(model._context(option)) if effect.guess else np.zeros((1, 0))
@@ -239,7 +239,7 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
     coarse, model = look.coarse, look.model
     if model.follows_y:
         # The first look followed the y of the model without the effect, which may be far off.
-        own = model.evaluate(look.values).model
+        own = model.evaluate(look.values).guide
         coarse, model = coarse.guided(own), model.guided(own)
     found = refine(coarse.costs, look.points[:6], rng, spread=spreads(coarse, 0.5), rounds=20, population=14,
                    settle=_SETTLED)
@@ -280,14 +280,14 @@ def _following(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
         return model, values
     best = model.evaluate(values)
     for _ in range(_FOLLOWED):
-        own = model.guided(best.model)
+        own = model.guided(best.guide)
         point, _ = polish_smooth(own, own.cube(values[:, None])[0])
         trial = own.values(point[None])[:, 0]
         now = own.evaluate(trial)
         if not now.sse < best.sse:
             break
         model, values, best = own, trial, now
-    return model.guided(best.model), values
+    return model.guided(best.guide), values
 
 
 def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng: np.random.Generator) -> FloatArray:
@@ -433,7 +433,7 @@ def _has_levels(model: Model, noise: str) -> bool:
 
 def _in_levels(model: Model, evaluated: Evaluated) -> Model:
     return bound(model.loop, replace(model.spec, increments=False, taps=()), s_max=model.s_max,
-                 period_s=model.period_s, residual=np.nan_to_num(evaluated.residual))
+                 period_s=model.period_s, residual=evaluated.left)
 
 
 def better(found: Refit, other: Refit) -> Refit:
@@ -468,7 +468,7 @@ def _completed(model: Model, values: FloatArray, pool: FloatArray | None, rng: n
     for _ in range(_COMPLETIONS):
         taps = tuple(_joined(own, ar)[1:].tolist())
         white = bound(model.loop, replace(model.spec, taps=taps, increments=increments), s_max=model.s_max,
-                      period_s=model.period_s, residual=np.nan_to_num(evaluated.residual))
+                      period_s=model.period_s, residual=evaluated.left)
         starts = [values]
         if pool is not None and best is None:
             starts += [white.vector({**model.named(values), **dict(zip(BASE, base, strict=True))}) for base in pool[1:]]

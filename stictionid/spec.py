@@ -79,6 +79,18 @@ class Evaluated:
     rows: int
     sse: float
     counted: FloatArray
+    # What effects that follow y followed (n,), where there are any.
+    followed: FloatArray | None = None
+
+    @property
+    def guide(self) -> FloatArray:
+        """The y (n,) that a later model is to follow."""
+        return self.model if self.followed is None else self.followed
+
+    @property
+    def left(self) -> FloatArray:
+        """What this model leaves for a later one (n,): y less the y that it is to follow, 0 where nothing is known."""
+        return np.nan_to_num(self.residual if self.followed is None else self.residual + self.model - self.followed)
 
     @property
     def rmse(self) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from loops_with_effects import MOVES, NOISE, small
 
 from stictionid.diagnose import add, diagnose
 from stictionid.effects import catalogue, get, parse
@@ -18,9 +19,10 @@ from stictionid.identify import Options, identify
 from stictionid.laws.contract import neutral_friction
 from stictionid.loop import Loop
 from stictionid.model import Model
+from stictionid.moves import descended
 from stictionid.parameters import Parameter, Space
 from stictionid.results import study_from_json, to_json
-from stictionid.simulate import preset, simulate, with_stiction
+from stictionid.simulate import OPERATING_POINT, preset, simulate, with_stiction
 from stictionid.spec import Spec
 
 EFFECTS = list(catalogue().values())
@@ -189,3 +191,32 @@ def test_a_model_moves_values_to_the_cube_and_back_on_every_scale() -> None:
     model = Model(loop, Spec(effects=("re-sticking", "slew-limit", "extra-lag")), s_max=6.0, period_s=50.0)
     cube = np.random.default_rng(0).random((20, model.space.size))
     np.testing.assert_allclose(model.cube(model.values(cube)), cube, atol=1e-9)
+
+
+@pytest.mark.parametrize("behind", [True, False])
+def test_a_gain_follows_what_the_process_makes_whether_a_shift_is_in_it_or_behind_it(behind: bool) -> None:
+    at_s, size = 500.0, 1.5
+    if behind:
+        # A sensor that shifts, to a controller whose setpoint shifts with it: the process sees neither.
+        setting, loop = small("gain-nonlinearity", setpoint_moves=(*MOVES, (at_s, -size)))
+        shift = np.where(loop.time_s >= at_s, size, 0.0)
+        loop = replace(loop, setpoint=loop.setpoint + shift, process_value=loop.process_value + shift)
+    else:
+        setting, loop = small("gain-nonlinearity", effects=(
+            ("gain-nonlinearity", {"curvature": 0.08}),
+            ("step-disturbance", {"time_s": at_s, "size": size, "at": "output"})))
+    model = Model(loop, Spec(between="hold", effects=("gain-nonlinearity", "step-disturbance@output")),
+                  s_max=float(np.ptp(loop.output)), period_s=30.0)
+    # The first output has not moved the valve yet.
+    force = (loop.output[0] - OPERATING_POINT) / (0.5 * (setting.S + setting.J))
+    start = model.vector({"S": setting.S, "J": setting.J, "initial_residual_force": force,
+                          "time_constant_s": setting.plant.time_constant_s, "dead_time_s": setting.plant.dead_time_s,
+                          "gain-nonlinearity:curvature": 0.08, "step-disturbance@output:time_s": at_s})
+    for _ in range(2):
+        near = model.guided(model.evaluate(start).guide)
+        start = near.values(descended(near, near.cube(start[:, None])).points[:1])[:, 0]
+    found = model.evaluate(start)
+    assert found.rmse <= 1.05 * NOISE
+    # Without the step, or with it on the wrong side of the process, the guide would be another y.
+    away = found.guide - found.model
+    assert np.ptp(away) == pytest.approx(size if behind else 0.0, abs=0.1)

@@ -74,7 +74,7 @@ def _size(name: str, best: Refit) -> str | None:
     model = best.white_model()
     spec = replace(model.spec, effects=(*model.spec.effects, name))
     wide = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s,
-                 residual=np.nan_to_num(best.evaluated.residual))
+                 residual=best.evaluated.left)
     values = wide.vector(best.evaluated.values)
     directions = _directions(model, best)
     good = model.weight > 0

@@ -209,7 +209,7 @@ def _alone(run: Run, before: Model, top: Tried) -> Refit:
     """The refit of an effect found beside a further lag, polished without the lag."""
     assert top.refit is not None
     model = bound(run.loop, replace(before.spec, effects=(*before.spec.effects, top.name)), s_max=before.s_max,
-                  period_s=before.period_s, residual=np.nan_to_num(top.refit.evaluated.residual))
+                  period_s=before.period_s, residual=top.refit.evaluated.left)
     named = top.refit.model.named(top.refit.values)
     # Either lag may have taken what the process does.
     other = named.get(f"{LAG}:second_time_constant_s", 0.0)

@@ -176,7 +176,7 @@ def without(after: Fitted, names: Sequence[str]) -> tuple[Model, FloatArray]:
     before = after.model
     spec = replace(before.spec, effects=tuple(n for n in before.spec.effects if n not in names))
     model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
-                  residual=np.nan_to_num(after.best.residual))
+                  residual=after.best.left)
     return model, model.vector(before.named(after.values))
 
 

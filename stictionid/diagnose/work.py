@@ -84,7 +84,7 @@ def finish(ground: Ground, seen: Answer) -> Answer:
     assert seen.spec is not None and seen.points is not None
     spec = replace(before.spec, effects=(*before.spec.effects, seen.name))
     model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
-                  residual=np.nan_to_num(ground.fit.best.residual))
+                  residual=ground.fit.best.left)
     model, values, cost = settled(Scouted(search_model(model), model, seen.points, seen.cost, seen.cost, seen.name
                                            if parse(seen.name)[0].kind in "FT" else ""), rng)
     if not np.isfinite(cost):
@@ -107,7 +107,7 @@ def _packed(name: str, done: Refit, *, points: FloatArray | None = None, cost: f
     if not np.isfinite(done.innovation_sd):
         return Answer(name, failed="its refit did not converge")
     return Answer(name, done.model.spec, done.values, done.taps, done.own, done.increments, done.noise_numbers,
-                  np.nan_to_num(done.evaluated.residual), points, cost, held)
+                  done.evaluated.left, points, cost, held)
 
 
 def base_values(answer: Answer) -> FloatArray:

@@ -4,6 +4,9 @@ The position's distance from its mean is stretched by 1 + curvature (y - mean SP
 model's own, at the time when the move arrives (one dead time after the valve made it). An error in the mean only
 changes gain and time constant. Over a short travel it can't be told from a curved valve characteristic.
 
+A disturbance at the output is part of that y where it is in the process, and is not where it comes behind it, as a
+sensor's shift does: a fit takes what explains the record better, a simulation the first.
+
 A valve that hardly leaves one side of its mean shows no curvature, so there the gain stays as it is: a search follows
 the y that was measured, and a resting valve's distance times that y would predict y by itself.
 
