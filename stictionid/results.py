@@ -270,6 +270,13 @@ class Study:
     severity: Severity | None = None
     schema: str = SCHEMA
 
+    @property
+    def interval_caution(self) -> str:
+        """What to know of the intervals of a model that misses something, as a sentence; empty for an adequate one."""
+        if self.adequate is not False or self.estimate is None or self.estimate.S_interval is None:
+            return ""
+        return "The intervals hold only as far as this model does; what it misses may move S and J out of them."
+
 
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 

@@ -37,8 +37,13 @@ def test_ci_runs_the_readmes_commands() -> None:
 
 def ranked(text: str) -> list[str]:
     """Lines of an output; of effects that are not named only the names, in their order: a refit that explains little
-    may end in another basin on another processor."""
+    may end in another basin on another processor. Of the intervals of a model that misses something only that there
+    are some: their ends lie where points that differ by next to nothing were met. Nor how many searches it took until
+    two agreed."""
     lines = text.splitlines()
+    if any(line.startswith("adequate: no") for line in lines):
+        lines = [re.sub(r"2 of \d\|$", "2 agree|", line) for line in lines]
+        lines = [re.sub(r"\| +\S+ to \S+ +\|", "| an interval |", line) for line in lines]
     at = [i for i, line in enumerate(lines) if re.match(r"\|[a-z@-]+ +\| +no \|", line)]
     for i, line in zip(at, sorted(lines[i].split("|")[1].strip() for i in at), strict=True):
         lines[i] = line

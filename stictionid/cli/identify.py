@@ -139,6 +139,8 @@ def show(study: Any, quiet: bool) -> None:
     if study.laws:
         console.print(_law_table(study))
     console.print(f"adequate: {'yes' if study.adequate else 'no'}, {study.adequate_reason}")
+    if study.interval_caution:
+        console.print(study.interval_caution)
     for finding in study.steps[-1].findings:
         say(f"{finding.severity}: {finding.statement}", quiet=quiet)
 

@@ -111,6 +111,7 @@ def _size(study: Study) -> Section | None:
     percent = e.unit == "%"
     text = [f"Intervals hold {wording.number(100 * e.interval_level, 2)} % of the probability"
             + ("; the severity band is judged by the interval of S." if percent else ".")]
+    text += [study.interval_caution] if study.interval_caution else []
     for label, value in (("f_s = (S+J)/2, static friction", (e.S + e.J) / 2),
                          ("f_d = (S-J)/2, kinetic friction", (e.S - e.J) / 2)):
         rows.append((label, wording.number(value), wording.NOTHING, wording.name(e.unit), ""))
