@@ -181,11 +181,11 @@ class Scouted:
         return self.coarse.values(self.points[:1])[:, 0]
 
 
-def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) -> Scouted:
+def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *, far: bool = True) -> Scouted:
     """The model with effect `name` added, searched far enough to see whether it is worth a full refit.
 
-    Starts are the neutral effect in the model so far, guesses of the effect in all basins of the pool, swarms over
-    valve and effect on the one-step error, and a swarm over everything.
+    Starts are the neutral effect in the model so far, guesses of the effect in all basins of the pool, and unless `far`
+    is False swarms over valve and effect on the one-step error, and a swarm over everything.
     """
     before = fit.model
     spec = replace(before.spec, effects=(*before.spec.effects, name))
@@ -208,12 +208,14 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator) ->
     each = costs[1:].reshape(len(pool), len(guesses))
     best = 1 + np.arange(len(pool)) * len(guesses) + each.argmin(axis=1)
     warm = cube[np.append(best, 0)]
-    fresh = _valve_basins(coarse, name, guesses, fit, rng) if effect.kind in "FT" and guesses.size \
-        else np.empty((0, model.space.size))
-    roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM, scouts=_SCOUTS)
-    near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam.points[:_ROAM]])), turns=_GLANCE,
-                     settle=_GLANCED)
-    if effect.friction is not None and spec.held:
+    fresh = roam = np.empty((0, model.space.size))
+    if far:
+        if effect.kind in "FT" and guesses.size:
+            fresh = _valve_basins(coarse, name, guesses, fit, rng)
+        roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM,
+                     scouts=_SCOUTS).points[:_ROAM]
+    near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam])), turns=_GLANCE, settle=_GLANCED)
+    if len(fresh) and effect.friction is not None and spec.held:
         near = together(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
                                       rounds=_LOOK, population=14, settle=_SETTLED))
     found = Scouted(coarse, model, near.points, float(near.costs[0]), neutral,

@@ -214,10 +214,10 @@ def test_a_refit_that_breaks_down_is_reported_and_the_others_go_on(monkeypatch: 
     loop, study = hidden("step-disturbance", time_s=500.0, size=1.2)
     real = work.scout
 
-    def breaking(fit, name, pool, rng):
+    def breaking(fit, name, pool, rng, **how):
         if name == "slew-limit":
             raise np.linalg.LinAlgError("SVD did not converge")
-        return real(fit, name, pool, rng)
+        return real(fit, name, pool, rng, **how)
 
     monkeypatch.setattr(work, "scout", breaking)
     after = diagnose(loop, study)

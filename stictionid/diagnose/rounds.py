@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..addition import polished
+from ..effects import parse
 from ..errors import CannotTell
 from ..fit import Fitted, polish_smooth
 from ..loop import Finding, Loop
@@ -24,6 +25,7 @@ from ..restarts import bound
 from ..results import Study
 from ..spec import INTEGRATOR, Spec
 from ..unheld import as_moving, may_move, moved
+from .explained import noise_alone
 from .judge import holds, winner_of
 from .resting import resting_valve
 from .steps import Progress, finished_step, opened, with_steps
@@ -63,12 +65,14 @@ class Looked:
 
     @property
     def white(self) -> bool:
-        """Whether what the base leaves is noise as it is: nothing gains what another base would have to.
+        """Whether what the base leaves is noise: nothing gains what another base would have to, or a noise of short
+        memory explains it all.
 
         In changes of y and in levels: both are tried where an integrator is completed.
         """
-        best = max((t.delta_bic for t in self.found.tried), default=np.inf)
-        return self.winner is None and best < _JOINT
+        if self.winner is not None:
+            return parse(self.winner.name)[0].noise == AUTOREGRESSIVE and noise_alone(self.best)
+        return max((t.delta_bic for t in self.found.tried), default=np.inf) < _JOINT
 
 
 def look_at(loop: Loop, study: Study, seed: int, jobs: int, tell: Progress) -> Looked:

@@ -6,7 +6,7 @@ refit's S, J, start and process are handed back to it. Source: CRITICISM.md sect
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,10 +16,11 @@ from ..fit import Fitted, polish_smooth
 from ..heldout import Held, held_out
 from ..loop import FloatArray, Loop
 from ..moves import search_model, spreads, with_start
-from ..refit import Refit, at_noise, at_thresholds, better, block_gains, complete, quick, starting_pool
+from ..refit import AUTOREGRESSIVE, Refit, at_noise, at_thresholds, better, block_gains, complete, quick, starting_pool
 from ..restarts import bound
 from ..search import refine
 from ..spec import BASE
+from .explained import noise_alone
 from .steps import Progress, variants
 from .work import Answer, Ground, Workers, base_values, finish, look, noise
 
@@ -146,6 +147,8 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
     """The noise models, first looks, then the full refits; finished answers replace looks.
 
     A noise model takes what a slow disturbance does to y, so that the valve shows: looks start from its valve, too.
+    Where it leaves nothing but noise, the valve is found: looks go no further, and only those that do better than the
+    noise are refitted in full, and the best of them.
     """
     physical = [n for n in names if parse(n)[0].noise is None]
     noises = [n for n in names if parse(n)[0].noise is not None]
@@ -156,22 +159,34 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
             answers[answer.name] = answer
             tell(f"fitted {answer.name}", 0.05 + 0.9 * len(answers) / total)
     told = [base_values(a) for a in answers.values() if not a.failed]
-    ground = replace(ground, pool=np.concatenate([ground.pool, *(values[None] for values in told)]))
+    alone = _noise_alone(ground, answers.values())
+    ground = replace(ground, pool=np.concatenate([ground.pool, *(values[None] for values in told)]),
+                     near=alone is not None)
     with Workers(ground, jobs) as workers:
         for answer in workers.map(look, physical):
             answers[answer.name] = answer
             tell(f"looked at {answer.name}", 0.05 + 0.9 * len(answers) / total)
-        for i, answer in enumerate(_finished(workers, ground, [answers[n] for n in physical], noise_sd)):
+        for i, answer in enumerate(_finished(workers, ground, [answers[n] for n in physical], noise_sd, alone)):
             answers[answer.name] = answer
             tell(f"refitted with {answer.name}", 0.05 + 0.9 * (len(physical) + len(noises) + i + 1) / total)
     return list(answers.values())
 
 
-def _finished(workers: Workers, ground: Ground, looks: Sequence[Answer], noise_sd: float) -> Iterator[Answer]:
+def _noise_alone(ground: Ground, answers: Iterable[Answer]) -> Refit | None:
+    """The model with an autoregression, where that leaves nothing but noise; None elsewhere."""
+    for a in answers:
+        if not a.failed and parse(a.name)[0].noise == AUTOREGRESSIVE and noise_alone(done := a.refit(ground)):
+            return done
+    return None
+
+
+def _finished(workers: Workers, ground: Ground, looks: Sequence[Answer], noise_sd: float,
+              alone: Refit | None) -> Iterator[Answer]:
     """Full refits of the looks that deserve one, a few at a time: the best by innovations and the best by the free run
     first, then those that the best full refit so far does not leave far behind.
 
-    None of those whose squared error is out of reach of white noise of `noise_sd`, as the model filters it.
+    None of those whose squared error is out of reach of white noise of `noise_sd`, as the model filters it; nor, but
+    for the best, of those that do no better than a noise which is `alone` in what the model leaves.
     """
     fit = ground.fit
     refits = {a.name: a.refit(ground) for a in looks if not a.failed}
@@ -184,6 +199,8 @@ def _finished(workers: Workers, ground: Ground, looks: Sequence[Answer], noise_s
     first, top = min(good, key=lambda a: a.cost), queue[0]
     # A look that gains nothing, neither in the free run nor beside the noise model of the base, shows nothing to refit.
     queue = [a for a in queue if a is top or a.gain > NAMED or refits[a.name].gain_over(base) > 0.0]
+    if alone is not None:
+        queue = good = [a for a in queue if a is top or refits[a.name].gain_over(alone) > 0.0]
     if first in queue[2:]:
         queue.remove(first)
         queue.insert(1, first)

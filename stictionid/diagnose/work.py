@@ -29,11 +29,15 @@ from ..spec import BASE, Spec
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """What all tasks of one round share: the model so far, starting values (k, 5) of its base, and the seed."""
+    """What all tasks of one round share: the model so far, starting values (k, 5) of its base, and the seed.
+
+    `near` says that looks need no basins beyond those: noise alone explains what the model so far leaves.
+    """
 
     fit: Fitted
     pool: FloatArray
     seed: int
+    near: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +72,7 @@ def look(ground: Ground, name: str) -> Answer:
     """A first look at one physical effect."""
     rng = _rng(ground, name, 1)
     try:
-        found = scout(ground.fit, name, ground.pool, rng)
+        found = scout(ground.fit, name, ground.pool, rng, far=not ground.near)
     except ModelError as error:
         return Answer(name, failed=error.message)
     if not np.isfinite(found.cost):
