@@ -25,6 +25,12 @@ def autocovariance(signal: FloatArray, good: BoolArray, lags: int, starts: Start
                      for lag in range(lags + 1)])
 
 
+def chi_square_z(value: float, freedom: float) -> float:
+    """Wilson and Hilferty's normal value of a χ² with so many degrees of freedom."""
+    a = 2.0 / (9.0 * freedom)
+    return float(((max(value, 0.0) / freedom) ** (1.0 / 3.0) - (1.0 - a)) / np.sqrt(a))
+
+
 def filtered(residual: FloatArray, counted: BoolArray, polynomial: FloatArray) -> tuple[FloatArray, BoolArray]:
     """A residual (n,) passed through a polynomial in the lag, and where all the samples behind a value count.
 

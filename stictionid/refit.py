@@ -15,6 +15,7 @@ import numpy as np
 
 from .arx import Arx
 from .effects import parse
+from .explained import noise_alone
 from .fit import Fitted, polish_smooth
 from .grown import grown_valves
 from .loop import BoolArray, FloatArray
@@ -102,6 +103,15 @@ class Refit:
             return self.model.guided(self.evaluated.guide) if self.model.follows_y else self.model
         return bound(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
                      residual=self.evaluated.left)
+
+    @property
+    def noise_alone(self) -> bool:
+        """Whether the noise model leaves nothing but noise, and is no disturbance itself.
+
+        Not known where the model is fitted in changes of y, which hide whatever is slow.
+        """
+        return not self.increments and not self.own and noise_alone(
+            self.model, self.taps, self.evaluated.position, self.innovation, self.good)
 
     def bic(self, good: BoolArray) -> float:
         """BIC of the innovations on common samples (n,)."""

@@ -27,7 +27,7 @@ FLOORS = [
     {"rerun"},
     {"arx", "moves", "simulate", "historian", "gates", "steptest"},
     {"ridge"},
-    {"starts", "profiles", "grown", "absorbed"},
+    {"starts", "profiles", "grown", "absorbed", "explained"},
     {"plateaus", "smooth", "windows"},
     {"intervals"},
     {"fit", "position"},

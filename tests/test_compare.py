@@ -15,10 +15,10 @@ import pytest
 from stictionid.compare import compare
 from stictionid.compare.cells import split
 from stictionid.compare.ground import correlation_of, prepare
-from stictionid.compare.linear import chi_square_z
 from stictionid.errors import DataError
 from stictionid.identify import Options, identify
 from stictionid.loop import Loop
+from stictionid.noise import chi_square_z
 from stictionid.report.compare_page import write_comparison
 from stictionid.report.compare_pictures import comparison_pictures
 from stictionid.simulate import Controller, Plant, Setting, simulate

@@ -13,7 +13,7 @@ from statistics import NormalDist
 import numpy as np
 
 from ..loop import Finding, FloatArray
-from ..noise import autocovariance
+from ..noise import autocovariance, chi_square_z
 from .ground import Ground
 
 # Level of each joint test, and the two-sided 99 % point of one lag. Unit: 1, standard deviations.
@@ -37,12 +37,6 @@ class Spectra:
     cross: FloatArray
     bound: float
     bands: tuple[tuple[float, float, float, float], ...]
-
-
-def chi_square_z(value: float, freedom: float) -> float:
-    """Wilson and Hilferty's normal value of a χ² with so many degrees of freedom."""
-    a = 2.0 / (9.0 * freedom)
-    return float(((max(value, 0.0) / freedom) ** (1.0 / 3.0) - (1.0 - a)) / np.sqrt(a))
 
 
 def whiteness(ground: Ground) -> tuple[FloatArray, Finding | None]:

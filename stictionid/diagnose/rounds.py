@@ -25,7 +25,6 @@ from ..restarts import bound
 from ..results import Study
 from ..spec import INTEGRATOR, Spec
 from ..unheld import as_moving, may_move, moved
-from .explained import noise_alone
 from .judge import holds, winner_of
 from .resting import resting_valve
 from .steps import Progress, finished_step, opened, with_steps
@@ -71,7 +70,7 @@ class Looked:
         In changes of y and in levels: both are tried where an integrator is completed.
         """
         if self.winner is not None:
-            return parse(self.winner.name)[0].noise == AUTOREGRESSIVE and noise_alone(self.best)
+            return parse(self.winner.name)[0].noise == AUTOREGRESSIVE and self.best.noise_alone
         return max((t.delta_bic for t in self.found.tried), default=np.inf) < _JOINT
 
 

@@ -20,7 +20,6 @@ from ..refit import AUTOREGRESSIVE, Refit, at_noise, at_thresholds, better, bloc
 from ..restarts import bound
 from ..search import refine
 from ..spec import BASE
-from .explained import noise_alone
 from .steps import Progress, variants
 from .work import Answer, Ground, Workers, base_values, finish, look, noise
 
@@ -175,7 +174,7 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
 def _noise_alone(ground: Ground, answers: Iterable[Answer]) -> Refit | None:
     """The model with an autoregression, where that leaves nothing but noise; None elsewhere."""
     for a in answers:
-        if not a.failed and parse(a.name)[0].noise == AUTOREGRESSIVE and noise_alone(done := a.refit(ground)):
+        if not a.failed and parse(a.name)[0].noise == AUTOREGRESSIVE and (done := a.refit(ground)).noise_alone:
             return done
     return None
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..effects import parse
 from ..fit import Fitted
 from ..moves import descended, search_model, with_start
-from ..refit import RESTING, own_taps
+from ..refit import RESTING, own_taps, quick
 from ..results import Step
 from ..search import Found
 from ..spec import FIRST_ORDER, INTEGRATOR, Spec
@@ -56,7 +56,7 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     spec = before.model.spec
     if before.model.law.sliding_state is None or run.adequate(steps[-1])[0]:
         return
-    if before.best.rmse < _ROUNDING * float(np.std(run.used_y())):
+    if before.best.rmse < _ROUNDING * float(np.std(run.used_y())) or quick(before.model, before.values).noise_alone:
         return
     if spec.between != "hold":
         # Under a command that moves between samples the valve slides on most of the way: no basin of its own.
