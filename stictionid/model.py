@@ -416,12 +416,16 @@ class Model:
         A disturbance at the output is in the process, or behind it (a sensor that shifts), where it changes no gain:
         what explains y better is taken.
         """
+        return min(self.readings(values), key=lambda e: e.sse)
+
+    def readings(self, values: FloatArray) -> list[Evaluated]:
+        """One candidate with its disturbances at the output in the process, and behind it where that may differ."""
         if not self.follows_y:
-            return self._evaluate(values)
-        found = self._following(values, behind=False)
-        if not any(e.columns and o != "load" for e, o in zip(self.effects, self._options, strict=True)):
-            return found
-        return min(found, self._following(values, behind=True), key=lambda e: e.sse)
+            return [self._evaluate(values)]
+        found = [self._following(values, behind=False)]
+        if any(e.columns and o != "load" for e, o in zip(self.effects, self._options, strict=True)):
+            found.append(self._following(values, behind=True))
+        return found
 
     def _following(self, values: FloatArray, behind: bool) -> Evaluated:
         """One candidate whose effects follow the model's own y, less what disturbs the output where that is `behind`

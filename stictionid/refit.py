@@ -290,15 +290,20 @@ def _following(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
     """A model and its values (d,), polished on the y that it makes itself where an effect follows y."""
     if not model.follows_y:
         return model, values
-    best = model.evaluate(values)
-    for _ in range(_FOLLOWED):
-        own = model.guided(best.guide)
-        point, _ = polish_smooth(own, own.cube(values[:, None])[0])
-        trial = own.values(point[None])[:, 0]
-        now = own.evaluate(trial)
-        if not now.sse < best.sse:
-            break
-        model, values, best = own, trial, now
+    ends = []
+    # Either reading of a disturbance at the output has an optimum of its own.
+    for best in model.readings(values):
+        at = values
+        for _ in range(_FOLLOWED):
+            own = model.guided(best.guide)
+            point, _ = polish_smooth(own, own.cube(at[:, None])[0])
+            trial = own.values(point[None])[:, 0]
+            now = own.evaluate(trial)
+            if not now.sse < best.sse:
+                break
+            at, best = trial, now
+        ends.append((best, at))
+    best, values = min(ends, key=lambda end: end[0].sse)
     return model.guided(best.guide), values
 
 

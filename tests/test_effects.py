@@ -220,3 +220,15 @@ def test_a_gain_follows_what_the_process_makes_whether_a_shift_is_in_it_or_behin
     # Without the step, or with it on the wrong side of the process, the guide would be another y.
     away = found.guide - found.model
     assert np.ptp(away) == pytest.approx(size if behind else 0.0, abs=0.1)
+
+
+def test_a_step_is_looked_for_where_what_is_left_jumps_and_not_where_it_still_dies_away() -> None:
+    n, at = 400, 137
+    left = 50.0 * np.exp(-np.arange(n) / 6.0) + np.random.default_rng(0).normal(0.0, 0.1, n)
+    left[at:] += 3.0
+    known = replace(context(), process_value=np.zeros(n), residual=left)
+    times = get("step-disturbance").guess(known)[:, 0]
+    assert np.abs(times - at * known.step_s).min() < 1e-9
+    # Without anything known the times are spread over the record.
+    plain = get("step-disturbance").guess(replace(known, residual=None))[:, 0]
+    assert set(plain) < set(times) and plain.min() < 0.05 * known.length_s < 0.95 * known.length_s < plain.max()

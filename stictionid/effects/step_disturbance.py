@@ -19,6 +19,9 @@ from .contract import Context, Disturbance, Effect, Place, Values
 _TIME = Parameter("time_s", "s", 0.0, 1e9, 0.0, "when the step happens")
 _SIZE = Parameter("size", "unit of y", -1e9, 1e9, 0.0, "size of the step (in % of travel at the load)")
 _TIMES = 24
+# The largest jumps of what the model so far leaves are tried as well: where changes of y are fitted (integrators), a
+# step shows in the one sample at which it happens.
+_JUMPS = 4
 
 
 def _limits(context: Context) -> tuple[Parameter, ...]:
@@ -32,7 +35,13 @@ def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
 
 
 def _guess(context: Context) -> FloatArray:
-    return np.linspace(0.04, 0.96, _TIMES)[:, None] * context.length_s
+    times = np.linspace(0.04, 0.96, _TIMES) * context.length_s
+    if context.residual is not None:
+        jumps = np.abs(np.diff(context.residual))
+        # One that stands out of its neighbours: what is left of an unknown start changes in all samples.
+        alone = jumps[1:-1] - 0.5 * (jumps[:-2] + jumps[2:])
+        times = np.append(times, context.time_s[2 + np.argsort(-alone)[:_JUMPS]])
+    return times[:, None]
 
 
 def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
