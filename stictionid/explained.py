@@ -35,9 +35,9 @@ def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation
                 good: BoolArray) -> bool:
     """Whether what an autoregression (p,) of the errors leaves, its `innovation` (n,), is noise, of short memory.
 
-    `position` (n,) is the valve's, `good` (n,) says where innovations count. False where there is no autoregression.
+    `position` (n,) is the valve's, `good` (n,) says where innovations count. Without taps the errors are asked.
     """
-    if not taps.size or np.abs(np.roots(np.concatenate([[1.0], taps]))).max() > _SHORT:
+    if np.abs(np.roots(np.concatenate([[1.0], taps]))).max(initial=0.0) > _SHORT:
         return False
     e, rows = np.where(good, innovation, 0.0), int(good.sum())
     if rows < 10 * (_POSITIONS + 2 * _MOVES + _STRETCHES) or not e.any():

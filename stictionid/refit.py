@@ -106,7 +106,7 @@ class Refit:
 
     @property
     def noise_alone(self) -> bool:
-        """Whether the noise model leaves nothing but noise, and is no disturbance itself.
+        """Whether model and noise model leave nothing but noise, and the latter is no disturbance itself.
 
         Not known where the model is fitted in changes of y, which hide whatever is slow.
         """

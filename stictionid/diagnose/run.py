@@ -15,7 +15,7 @@ from ..addition import polished
 from ..effects import parse
 from ..loop import Finding, Loop
 from ..methods.run import ADEQUATE
-from ..refit import RESTING, quick
+from ..refit import RESTING, Refit, quick
 from ..rerun import rebuild_model
 from ..results import Candidate, Study
 from ..segments import described
@@ -170,11 +170,13 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
     `stays` where the study is adequate and nothing does better; `followed` where the answer had to be walked to.
     """
     seed, jobs, tell = asked.seed, asked.jobs, asked.tell
+    alone = settled and _last(loop, study).noise_alone
     best: tuple[float, Looked] | None = None
     for earlier in before:
         looked = look_at(loop, earlier, seed, jobs, tell)
-        # Where the whole catalogue names the very step, and its steps leave noise, no other base is asked.
-        if not (settled and _confirms(looked, study)):
+        # Where the whole catalogue names the very step, and its steps leave noise, no other base is asked; nor where
+        # they leave noise that no test tells from chance.
+        if not (settled and (alone or _confirms(looked, study))):
             looked = beside_lag(on_other_base(looked, seed, jobs, tell), seed, jobs, tell)
         ahead = _ahead(looked, study)
         if best is None or ahead >= best[0]:
@@ -183,7 +185,7 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
             break
     assert best is not None
     ahead, looked = best
-    if ahead < NAMED and _may_lead_further(looked, before, study):
+    if ahead < NAMED and _may_lead_further(looked, before, study) and not (alone and _confirms(looked, study)):
         # One effect against several steps: what the round names is followed to its end before it is judged.
         winner = looked.winner
         assert winner is not None
@@ -229,11 +231,13 @@ def _may_lead_further(looked: Looked, before: Sequence[Study], study: Study) -> 
 
 def _between(loop: Loop, found: Study, other: Study) -> float:
     """BIC by which one study's last model does better than another's, noise and all, on the same samples."""
-    refits = []
-    for study in (found, other):
-        piece, _ = described(loop, study.steps[-1].model)
-        refits.append(quick(*rebuild_model(piece, study.steps[-1].model)))
-    return refits[0].gain_over(refits[1])
+    return _last(loop, found).gain_over(_last(loop, other))
+
+
+def _last(loop: Loop, study: Study) -> Refit:
+    """A study's last model, noise and all."""
+    piece, _ = described(loop, study.steps[-1].model)
+    return quick(*rebuild_model(piece, study.steps[-1].model))
 
 
 def _ahead(looked: Looked, study: Study) -> float:

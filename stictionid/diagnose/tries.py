@@ -174,7 +174,9 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
 def _noise_alone(ground: Ground, answers: Iterable[Answer]) -> Refit | None:
     """The model with an autoregression, where that leaves nothing but noise; None elsewhere."""
     for a in answers:
-        if not a.failed and parse(a.name)[0].noise == AUTOREGRESSIVE and (done := a.refit(ground)).noise_alone:
+        if a.failed or a.taps is None or not a.taps.size or parse(a.name)[0].noise != AUTOREGRESSIVE:
+            continue
+        if (done := a.refit(ground)).noise_alone:
             return done
     return None
 
