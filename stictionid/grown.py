@@ -29,8 +29,9 @@ from .process import Dynamics, free_run
 from .ridge import as_valves, ridge_of
 from .search import refine
 
-# Lags in periods; the last one is that of the high pass, too. Delays tried, up to this share of a period.
-_LAGS, _DELAYS, _LONGEST = (0.015, 0.06, 0.2, 0.7), 6, 0.4
+# Lags in periods; the longest one is that of the high pass, too. Delays tried, up to this share of a period.
+_SLOW = 0.7
+_LAGS, _DELAYS, _LONGEST = (_SLOW, 0.2, 0.06, 0.015), 6, 0.4
 # Points of the first scan (for each number that is searched beyond two), periods of the shortest part, by how much
 # every part is longer than the one before, and how many points the first and the last leave. Measured on 24 scanned
 # loops whose valve overshoots: 19 end within 1.35 times the noise with a growth of 1.4, 17 with 1.7, 13 with 2.
@@ -52,13 +53,16 @@ _BLOCK = 1 << 17
 _WIDE, _FINE, _SHORT = 0.02, 0.01, 0.3
 
 
-def open_bank(model: Model) -> LagBank:
-    """What the record of a model of one segment asks of valves whatever the process does."""
+def open_bank(model: Model, direction: float = 0.0) -> LagBank:
+    """What the record of a model of one segment asks of valves whatever the process does.
+
+    `direction` is the sign of the process's gain, 0 where that is unknown.
+    """
     longest = int(np.clip(_LONGEST * model.period_s / model.step_s, 1, 60))
     ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
     return LagBank(_quick(model), model.good() & ~model.starting(), [share * model.period_s for share in _LAGS],
-                   _LAGS[-1] * model.period_s, ladder[ladder <= model.skip].tolist(), step_s=model.step_s,
-                   parts=model.parts)
+                   _SLOW * model.period_s, ladder[ladder <= model.skip].tolist(), step_s=model.step_s,
+                   parts=model.parts, direction=direction)
 
 
 def open_costs(model: Model, part: LagBank, values: FloatArray) -> FloatArray:
@@ -73,7 +77,7 @@ def open_costs(model: Model, part: LagBank, values: FloatArray) -> FloatArray:
 def _quick(model: Model) -> FloatArray:
     """What of y (n,) is not slower than the cycles."""
     y = model.context.process_value - model.context.process_value[0]
-    alone = np.array([_LAGS[-1] * model.period_s])
+    alone = np.array([_SLOW * model.period_s])
     return y - free_run(y[:, None], Dynamics(alone, 0.0 * alone, 0.0 * alone, False), step_s=model.step_s)[:, 0]
 
 

@@ -26,12 +26,15 @@ _LAGS, _SUMS = 4, 18
 class LagBank:
     """What y (n,) asks of valve paths on the rows (n,) that `count`; lags and the decay in seconds, delays in samples.
 
-    There are four lags. No row up to the longest delay may count, and delays ascend.
+    There are four lags, the shortest last. No row up to the longest delay may count, and delays ascend. Where the sign
+    of the process's gain is known (`direction` 1 or -1, 0 where not) its first answer must have it: in a closed loop y
+    also follows from u by the controller's inverse, which answers the other way and asks for no friction.
     """
 
     def __init__(self, y: FloatArray, count: BoolArray, lags_s: Sequence[float], decay_s: float,
-                 delays: Sequence[int], *, step_s: float, parts: int) -> None:
+                 delays: Sequence[int], *, step_s: float, parts: int, direction: float = 0.0) -> None:
         n = y.size
+        self._direction = direction
         decay = np.exp(-np.arange(n) * step_s / decay_s)
         self.shared = Shared.prepare(y, np.stack([np.ones(n), decay], axis=1), count)
         self.delays = np.asarray(delays, np.int64)
@@ -58,7 +61,12 @@ class LagBank:
         squares, cross = np.empty((_LAGS, _LAGS, many, lanes)), np.empty((_LAGS, q + 1, many, lanes))
         shown = (self._adjoint @ position).reshape(_LAGS, many, lanes)
         _normals(sums, self._mix, shown, self._first, position[0], squares, cross)
-        cost, _ = self.shared.solved(squares.reshape(_LAGS, _LAGS, -1), cross.reshape(_LAGS, q + 1, -1))
+        squares = squares.reshape(_LAGS, _LAGS, -1)
+        cost, sizes = self.shared.solved(squares, cross.reshape(_LAGS, q + 1, -1))
+        if self._direction:
+            # The shortest lag is left out where it answers the wrong way: the last pivot says what that costs.
+            wrong = self._direction * sizes[-1] < 0.0
+            cost[wrong] += sizes[-1, wrong] ** 2 * squares[-1, -1, wrong]
         return cost.reshape(many, lanes).min(axis=0)
 
 

@@ -105,6 +105,12 @@ def ran_with_samples(loop: Loop) -> bool:
     return with_them is not None and _exact(with_them, pi_law(loop, MOST_PARTS))
 
 
+def answers(loop: Loop) -> float:
+    """The sign of the process's gain, 1 or -1, as a controller that works has its own; 0 where r, y and u show none."""
+    law = pi_law(loop, 1)
+    return 0.0 if law is None else float(np.sign(law.gain))
+
+
 def ran_between(loop: Loop, parts: int) -> bool:
     """Whether u is a PI law's that ran `parts` times a sample: one that ran with the samples explains u exactly."""
     between, with_them = pi_law(loop, parts), pi_law(loop, 1)

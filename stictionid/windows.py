@@ -24,6 +24,7 @@ from .lagbank import LagBank
 from .loop import FloatArray
 from .model import Model
 from .moves import lifted, longest_piece, neutral_point, search_model, thinned, thinning
+from .scan import answers
 from .search import refine
 
 # Starts tried in every window, as shares of the break-away force.
@@ -31,11 +32,13 @@ _FORCES = np.linspace(-0.97, 0.97, 15)
 # Windows of the scan, those that a first look takes, its points (for each number beyond one), the share of them that
 # goes on, and the points that the scan and the last polish leave.
 _WINDOWS, _FIRST, _SCAN, _GO_ON, _LEFT = 12, 3, 8000, 10, (48, 4)
-# Lengths of the windows in periods, and up to which of them the polish is wide.
-_PERIODS, _SHORT = (1.0, 1.6, 2.5, 4.0, 7.0, 12.0), 2.5
+# Lengths of the windows in periods, and up to which of them the polish is wide. Measured on 12 Karnopp valves with one
+# hidden effect, integrators and tanks, two seeds each: from 1.6 on 16 of 24 found, from 1 on 14, in 1.3 times the time.
+_PERIODS, _SHORT = (1.6, 2.5, 4.0, 7.0, 12.0), 2.5
 _WIDE, _FINE = 0.02, 0.008
-# Distance between points that are kept: of the scan, and of what was polished. Share of the range.
-_APART, _NEAR = 0.02, 0.004
+# Distance between points that are kept on windows of one period: a basin is narrower the longer they are, and closer
+# together all may lie in one that only short windows like. Share of the range.
+_APART = 0.02
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
 # Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
 _LEAST_S = 0.1
@@ -69,21 +72,22 @@ def windowed_valves(model: Model, columns: list[int], still: slice, rng: np.rand
 
         return cost
 
-    windows = _Windows(small, _PERIODS[0], _WINDOWS)
+    direction = answers(model.loop)
+    windows = _Windows(small, _PERIODS[0], _WINDOWS, direction)
     count = _SCAN * (len(own) - 1)
     points = (rng.random(len(own)) + np.outer(np.arange(count), even(len(own)))) % 1.0
     points = points[np.argsort(costs_on(windows, _FIRST)(points), kind="stable")[:count // _GO_ON]]
     points = points[np.argsort(costs_on(windows)(points), kind="stable")]
     points = points[distinct(points, _LEFT[0], _APART)]
     for periods, kept in zip(_PERIODS, np.geomspace(_LEFT[0] / 2, _LEFT[1], len(_PERIODS)).astype(int), strict=True):
-        windows = _Windows(small, periods)
+        windows = _Windows(small, periods, direction=direction)
         found = refine(costs_on(windows), points, rng, spread=_WIDE if periods <= _SHORT else _FINE, rounds=_ROUNDS,
                        population=_POPULATION, settle=_SETTLED)
-        points = found.points[distinct(found.points, kept, _NEAR)]
+        points = found.points[distinct(found.points, kept, _APART / periods)]
         if rival is not None and periods == _PERIODS[0]:
             other = thinned(search_model(rival[0].pieces[at]), thinning(whole))
             known = other.vector(rival[0].pieces[at].named(rival[0].of(at, rival[1][:, None])[:, 0]))
-            if _Windows(other, periods).costs(known[:, None], None).sum() <= found.costs[0]:
+            if _Windows(other, periods, direction=direction).costs(known[:, None], None).sum() <= found.costs[0]:
                 return np.empty((0, model.space.size))
         if len(windows.parts) == 1:
             break
@@ -111,12 +115,12 @@ def _by_start(model: Model, bank: LagBank, values: FloatArray) -> FloatArray:
 class _Windows:
     """Windows of so many periods, spread evenly over the record: `count` of them, or as many as cover it."""
 
-    def __init__(self, model: Model, periods: float, count: int | None = None) -> None:
+    def __init__(self, model: Model, periods: float, count: int | None = None, direction: float = 0.0) -> None:
         n = model.loop.samples
         rows = min(model.skip + int(periods * model.period_s / model.step_s), n)
         count = max(min(count or n, n // rows), 1)
         parts = [_window(model, int(a), rows) for a in np.linspace(0, n - rows, count)]
-        self.parts = [(part, open_bank(part)) for part in parts]
+        self.parts = [(part, open_bank(part, direction)) for part in parts]
 
     def costs(self, values: FloatArray, first: int | None) -> FloatArray:
         """Errors (windows, P) of values (d, P), each with its best start, of the `first` windows or all."""

@@ -34,6 +34,8 @@ from .tries import NAMED, Round, Tried, try_all
 _JOINT = 50.0
 # Another structure gets a round of its own where its base, noise model included, is at most so much less likely in BIC.
 _AS_LIKELY = 100.0
+# Share of the free-run error up to which another base leaves what chance does not (judge.py says the same of effects).
+_HALF = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,12 +164,23 @@ def beside_rest(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
     found = try_all(looked.run.loop, base, seed, jobs, tell)
     changed = Looked(looked.study, looked.run, replace(found, better=False), winner_of(found))
     alone = found.reference.gain_over(looked.best) >= _JOINT and holds(found.held, looked.found.held)
-    if not (alone or changed.settled) or changed.best.gain_over(looked.best) < _JOINT:
+    if not (alone or changed.settled or _same_noise(changed, looked)) or changed.best.gain_over(looked.best) < _JOINT:
         return looked
     after = polished(found.fit.model, found.fit.values, looked.run.rng)
     study = with_steps(looked.study, looked.run, (
         *looked.study.steps, finished_step(looked.run, after, RESTING, ())), after)
     return replace(changed, study=study)
+
+
+def _same_noise(changed: Looked, looked: Looked) -> bool:
+    """Whether noise is all that is missing on either base, and the other base needs far less of it: half the free run.
+
+    A noise model carries a wrong valve nearly as well as a right one, whose own free run without it may be no better.
+    """
+    if changed.winner is None or not changed.winner.noise or (looked.winner is not None and not looked.winner.noise):
+        return False
+    before = looked.found.held if looked.winner is None else looked.winner.held
+    return changed.best.evaluated.rmse <= _HALF * looked.best.evaluated.rmse and holds(changed.winner.held, before)
 
 
 def _other_process(run: Run, fit: Fitted) -> Fitted | None:
