@@ -70,7 +70,8 @@ class Model:
         if command is None:
             command = self._commanded()
         self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
-                               dict(loop.extras), residual, None if residual is None else y - residual, record)
+                               dict(loop.extras), residual, None if residual is None else y - residual, record,
+                               spec.held)
         self._profile = self._drift_profile()
         self._range()
         self.skip = skipped(loop.samples, loop.step_s, period_s)

@@ -17,7 +17,7 @@ from .arx import Arx
 from .effects import parse
 from .explained import noise_alone
 from .fit import Fitted, polish_smooth
-from .grown import grown_valves
+from .grown import grown_beside, grown_valves
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import descended, longest_piece, search_model, spreads, with_start
@@ -355,9 +355,17 @@ def _grown_with(model: Model, name: str, fit: Fitted, rng: np.random.Generator) 
         rows = plain.rows_of(name)
         more = windowed_valves(plain, [0, 1, *range(rows.start, rows.stop)], plain.rows_of(RESTING), rng)
         cube = np.concatenate([more, cube])
-    found = plain.values(cube)
-    named = [{**fit.best.values, **plain.named(column)} for column in found.T]
-    return with_process(model, model.cube(np.stack([model.vector(n) for n in named], axis=1)))
+    found = with_process(model, _as_in(model, plain, cube, fit))
+    if model.spec.held:
+        return found
+    beside = grown_beside(plain, _valve_of(plain, (name,)), plain.vector(fit.best.values), rng)
+    return np.concatenate([_as_in(model, plain, beside, fit), found])
+
+
+def _as_in(model: Model, plain: Model, points: FloatArray, fit: Fitted) -> FloatArray:
+    """Points (k, d) of a model without its linear effects as points of the model, those effects as in a fit."""
+    named = [{**fit.best.values, **plain.named(column)} for column in plain.values(points).T]
+    return model.cube(np.stack([model.vector(n) for n in named], axis=1))
 
 
 def _ridges(model: Model, name: str, fit: Fitted, starts: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -57,7 +57,8 @@ class Context:
     """What an effect may look at: the record and its grid. Rows are fine steps, samples are every `substeps` rows.
 
     `guide` (n,) is the process value as the model has it: an effect that depends on y must not see the measured one,
-    or it would predict y from itself. `record` is there where this is one segment of a record with gaps.
+    or it would predict y from itself. `record` is there where this is one segment of a record with gaps. `held` says
+    that the command stands still from one of its values to the next.
     """
 
     command: FloatArray
@@ -71,6 +72,7 @@ class Context:
     residual: FloatArray | None = None
     guide: FloatArray | None = None
     record: Record | None = None
+    held: bool = True
 
     @property
     def part_s(self) -> float:

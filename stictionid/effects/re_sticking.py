@@ -26,7 +26,10 @@ def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held:
 
 
 def _speeds(context: Context) -> FloatArray:
-    return np.abs(np.diff(context.command)) / context.command_step_s
+    """How fast the command moves (m,). Where it is not held, a setpoint kicks it within one of its steps, however short
+    that is: this is no speed, and a hundred times as large it would leave the true one a sliver of the range."""
+    speeds = np.abs(np.diff(context.command)) / context.command_step_s
+    return speeds if context.held else np.minimum(speeds[1:], speeds[:-1])
 
 
 def _limits(context: Context) -> tuple[Parameter, ...]:
