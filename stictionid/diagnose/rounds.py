@@ -36,6 +36,8 @@ _JOINT = 50.0
 _AS_LIKELY = 100.0
 # Share of the free-run error up to which another base leaves what chance does not (judge.py says the same of effects).
 _HALF = 0.5
+# So does one that leaves less than this share of its free-run error: noise may imitate what a wrong structure leaves.
+_CLOSER = 0.75
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,10 +84,11 @@ def look_at(loop: Loop, study: Study, seed: int, jobs: int, tell: Progress) -> L
     return Looked(study, run, found, winner_of(found))
 
 
-def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
+def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress, *, moving: bool = False) -> Looked:
     """The same round beside a further lag, where that names an effect which explains the record better.
 
-    A process of second order hides a valve effect, and that effect the lag: neither helps alone.
+    A process of second order hides a valve effect, and that effect the lag: neither helps alone. `moving`: see
+    `try_all`.
     """
     run, found, winner = looked.run, looked.found, looked.winner
     lag = next((t.refit for t in found.tried if t.name == LAG and t.refit is not None), None)
@@ -97,7 +100,7 @@ def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
     values = model.vector(lag.model.named(lag.values))
     best = model.evaluate(values)
     fit = Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
-    deeper = try_all(run.loop, fit, seed, jobs, tell)
+    deeper = try_all(run.loop, fit, seed, jobs, tell, moving=moving)
     top, rival = winner_of(deeper), looked.best
     # What won without the lag, too, needs none to be named.
     if top is None or top.noise or top.refit is None or (winner is not None and top.name == winner.name):
@@ -128,14 +131,18 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
     if looked.settled or looked.white or has_noise(found.fit.model.spec):
         return looked
     likely = _beside_noise(found.fit) + _AS_LIKELY
-    for base in (_other_process, _moving_command):
+    for base in (_other_process, _moving_command, _moving_other):
         tell("trying another structure of the base", 0.5)
         fit = base(looked.run, found.fit)
-        if fit is None or _beside_noise(fit) > likely:
+        if fit is None or (_beside_noise(fit) > likely and fit.best.rmse > _CLOSER * found.fit.best.rmse):
             continue
         # What wins must be at the noise, and leave less than the best so far.
-        other = try_all(looked.run.loop, fit, seed, jobs, tell, looked.best.innovation_sd)
+        moving = not fit.model.spec.held
+        other = try_all(looked.run.loop, fit, seed, jobs, tell, looked.best.innovation_sd, moving=moving)
         changed = replace(looked, found=replace(other, better=False), winner=winner_of(other))
+        if moving and not changed.settled:
+            # How the command moved is seen beside a lag only where there is one.
+            changed = beside_lag(changed, seed, jobs, tell, moving=True)
         if changed.winner is None or not changed.settled or changed.best.gain_over(looked.best) < _JOINT:
             continue
         was, now = (_structure(f.model.spec) for f in (found.fit, other.fit))
@@ -208,6 +215,14 @@ def _moving_command(run: Run, fit: Fitted) -> Fitted | None:
         return run.fit(moving, before=(found.points[:1], found.costs[:1]))
     except CannotTell:
         return None
+
+
+def _moving_other(run: Run, fit: Fitted) -> Fitted | None:
+    """The base with both: another process, under a command that moves between samples instead of a held one."""
+    if not fit.model.spec.held or not may_move(run.loop):
+        return None
+    other = _other_process(run, fit)
+    return None if other is None else _moving_command(run, other)
 
 
 def _structure(spec: Spec) -> str:

@@ -68,10 +68,12 @@ class Round:
     better: bool
 
 
-def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress, noise_sd: float = np.inf) -> Round:
+def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress, noise_sd: float = np.inf, *,
+            moving: bool = False) -> Round:
     """Every effect of the catalogue that the model does not have, on one loop's stretch.
 
-    Only effects that may bring the free run to a noise of `noise_sd` (unit of y) are refitted in full.
+    Only effects that may bring the free run to a noise of `noise_sd` (unit of y) are refitted in full. A command that
+    is `moving` stays so: beside a missing effect a held one may do better.
     """
     rng = np.random.default_rng(seed)
     names = candidate_names(loop, fit.model.spec.effects)
@@ -79,7 +81,7 @@ def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress, noise
     pool = starting_pool(fit.model, fit.values, rng)
     first = fit.sse
     fit = better_base(fit, [*pool[1:]], rng)
-    held = held_command(fit, rng)
+    held = None if moving else held_command(fit, rng)
     if held is not None:
         fit, pool = held, starting_pool(held.model, held.values, rng)
     answers: list[Answer] = []
