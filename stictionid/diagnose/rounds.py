@@ -36,8 +36,6 @@ _JOINT = 50.0
 _AS_LIKELY = 100.0
 # Share of the free-run error up to which another base leaves what chance does not (judge.py says the same of effects).
 _HALF = 0.5
-# So does one that leaves less than this share of its free-run error: noise may imitate what a wrong structure leaves.
-_CLOSER = 0.75
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,10 +129,10 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
     if looked.settled or looked.white or has_noise(found.fit.model.spec):
         return looked
     likely = _beside_noise(found.fit) + _AS_LIKELY
-    for base in (_other_process, _moving_command, _moving_other):
+    for base in (_other_process, _moving_command):
         tell("trying another structure of the base", 0.5)
         fit = base(looked.run, found.fit)
-        if fit is None or (_beside_noise(fit) > likely and fit.best.rmse > _CLOSER * found.fit.best.rmse):
+        if fit is None or _beside_noise(fit) > likely:
             continue
         # What wins must be at the noise, and leave less than the best so far.
         moving = not fit.model.spec.held
@@ -215,14 +213,6 @@ def _moving_command(run: Run, fit: Fitted) -> Fitted | None:
         return run.fit(moving, before=(found.points[:1], found.costs[:1]))
     except CannotTell:
         return None
-
-
-def _moving_other(run: Run, fit: Fitted) -> Fitted | None:
-    """The base with both: another process, under a command that moves between samples instead of a held one."""
-    if not fit.model.spec.held or not may_move(run.loop):
-        return None
-    other = _other_process(run, fit)
-    return None if other is None else _moving_command(run, other)
 
 
 def _structure(spec: Spec) -> str:
