@@ -174,10 +174,11 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
     best: tuple[float, Looked] | None = None
     for earlier in before:
         looked = look_at(loop, earlier, seed, jobs, tell)
-        # Where the whole catalogue names the very step, and its steps leave noise, no other base is asked; nor where
-        # they leave noise that no test tells from chance.
-        if not (settled and (alone or _confirms(looked, study))):
-            looked = beside_lag(on_other_base(looked, seed, jobs, tell), seed, jobs, tell)
+        # Where the whole catalogue names the very step, and its steps leave noise as it is, no other base is asked; nor
+        # where they leave noise that no test tells from chance.
+        if not (settled and (alone or (_confirms(looked, study) and not _noisy(study)))):
+            looked = beside_rest(on_other_base(looked, seed, jobs, tell), seed, jobs, tell)
+            looked = beside_lag(looked, seed, jobs, tell)
         ahead = _ahead(looked, study)
         if best is None or ahead >= best[0]:
             best = ahead, looked
@@ -241,11 +242,15 @@ def _last(loop: Loop, study: Study) -> Refit:
 
 
 def _ahead(looked: Looked, study: Study) -> float:
-    """BIC by which a round's winner does better than the study's last model, noise and all, on the same samples."""
+    """BIC by which a round's winner does better than the study's last model, noise and all, on the same samples.
+
+    A valve that rests is news, too, whatever won beside it.
+    """
     winner = looked.winner
-    if winner is None or winner.refit is None or _has(study, winner):
+    rests = RESTING in looked.study.steps[-1].effects and RESTING not in study.steps[-1].effects
+    if not rests and (winner is None or winner.refit is None or _has(study, winner)):
         return -np.inf
-    return winner.refit.gain_over(quick(*rebuild_model(looked.run.loop, study.steps[-1].model)))
+    return looked.best.gain_over(quick(*rebuild_model(looked.run.loop, study.steps[-1].model)))
 
 
 def _replaced(chosen: Looked, gone: Sequence[str]) -> Study:
