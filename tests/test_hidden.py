@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from loops_with_effects import NOISE, PHYSICAL, SMALL, small
 
-from stictionid.diagnose import diagnose
+from stictionid.diagnose import add, diagnose
+from stictionid.diagnose.rounds import look_at
+from stictionid.diagnose.run import _Asked, _Fork, _other_way, _rivals
 from stictionid.effects import catalogue, get
 from stictionid.identify import Options, identify
 from stictionid.simulate import Controller, Plant, simulate
@@ -89,3 +91,27 @@ def test_a_travel_limit_short_of_most_of_the_command_is_found() -> None:
     assert numbers["S"].value == pytest.approx(2.9, rel=0.02) and numbers["J"].value == pytest.approx(1.6, rel=0.05)
     assert numbers["upper"].value == pytest.approx(49.2, abs=0.05)
     assert not numbers["lower"].identifiable and numbers["lower"].interval is None
+
+
+def test_a_walk_that_ends_with_more_than_noise_is_begun_again_from_another_effect() -> None:
+    setting, loop = small("step-disturbance", "asymmetric-stiction")
+    study = identify(loop, options=HELD)
+    looked = look_at(loop, study, 0, 1, lambda text, share: None)
+    named = {t.name: t for t in looked.found.tried if t.refit is not None}
+    noise = named["coloured-noise"]
+    # As if the round had named a noise model, which imitates both: nothing beside that shows either.
+    ended = add(loop, study, noise.name, known=noise.refit)
+    asked = _Asked(everything=False, apply=True, seed=0, jobs=1, bootstrap=0, tell=lambda text, share: None)
+    fork = _Fork(study, (), replace(looked, winner=named["asymmetric-stiction"]))
+    after = _other_way(loop, ended, fork, asked)
+    assert set(after.missing) == {"step-disturbance", "asymmetric-stiction"} and after.adequate
+    assert after.estimate is not None and pytest.approx(setting.S, abs=0.1) == after.estimate.S
+    # From there on nothing is begun again, nor where it was asked for no other ways.
+    assert _other_way(loop, ended, fork, replace(asked, detours=False)) is ended
+    # A noise model won, so what follows must do better than every noise model, and leave less in the free run.
+    won = replace(looked, winner=noise)
+    least = max(t.delta_bic for t in looked.found.tried if t.noise)
+    assert _rivals(won, won)
+    for rival in _rivals(won, won):
+        assert rival.delta_bic > least and rival.refit is not None
+        assert rival.refit.evaluated.rmse < 0.95 * looked.found.reference.evaluated.rmse

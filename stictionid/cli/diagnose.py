@@ -107,7 +107,7 @@ def add(
     console = out_console()
     console.print(_ladder(after))
     for f in after.steps[-1].findings:
-        if f.code in ("superfluous", "pruned"):
+        if f.code in ("superfluous", "pruned", "entering-elsewhere"):
             console.print(f"{f.severity}: {safe(f.statement)}")
 
 

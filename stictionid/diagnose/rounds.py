@@ -7,6 +7,7 @@ and 5.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,7 +44,8 @@ class Looked:
     """One round over the catalogue: on which study, and what won; `stays` where the study is best left as it was.
 
     `notes` say what was changed in the base before the round: such a base replaces the study's last model. `followed`
-    is the study that adding the winner, and all that is named after it, ended in, where that was walked already.
+    is the study that adding the winner, and all that is named after it, ended in, where that was walked already;
+    `others` are rounds on other bases that did not settle it.
     """
 
     study: Study
@@ -53,6 +55,7 @@ class Looked:
     stays: bool = False
     notes: tuple[Finding, ...] = ()
     followed: Study | None = None
+    others: tuple[Looked, ...] = ()
 
     @property
     def best(self) -> Refit:
@@ -76,9 +79,10 @@ class Looked:
         return max((t.delta_bic for t in self.found.tried), default=np.inf) < _JOINT
 
 
-def look_at(loop: Loop, study: Study, seed: int, jobs: int, tell: Progress) -> Looked:
+def look_at(loop: Loop, study: Study, seed: int, jobs: int, tell: Progress, noise_sd: float = np.inf) -> Looked:
+    """A round on a study's last model; `noise_sd` (unit of y) is what an effect must come near to get a full refit."""
     run, fit = opened(loop, study, seed)
-    found = try_all(run.loop, fit, seed, jobs, tell)
+    found = try_all(run.loop, fit, seed, jobs, tell, noise_sd)
     return Looked(study, run, found, winner_of(found))
 
 
@@ -129,6 +133,7 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
     if looked.settled or looked.white or has_noise(found.fit.model.spec):
         return looked
     likely = _beside_noise(found.fit) + _AS_LIKELY
+    others: tuple[Looked, ...] = ()
     for base in (_other_process, _moving_command):
         tell("trying another structure of the base", 0.5)
         fit = base(looked.run, found.fit)
@@ -142,16 +147,20 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
             # How the command moved is seen beside a lag only where there is one.
             changed = beside_lag(changed, seed, jobs, tell, moving=True)
         if changed.winner is None or not changed.settled or changed.best.gain_over(looked.best) < _JOINT:
+            others += (changed,)
             continue
-        was, now = (_structure(f.model.spec) for f in (found.fit, other.fit))
-        said = Finding("other-structure", "warning",
-                       f"the base is taken as {now} and no more as {was}: with {changed.winner.name} that explains the "
-                       f"record better, the free-run error falls from {found.fit.best.rmse:.4g} to "
-                       f"{changed.best.evaluated.rmse:.4g}",
-                       {"before": was, "structure": now, "effects": [changed.winner.name]}, (),
-                       "METHODS.md section 4, traps 4 and 5; CRITICISM.md section 6")
-        return replace(changed, notes=(said,))
-    return looked
+        return replace(changed, notes=(other_structure(found.fit, other.fit, (changed.winner.name,), changed.best),))
+    return replace(looked, others=others)
+
+
+def other_structure(before: Fitted, after: Fitted, names: Sequence[str], end: Refit) -> Finding:
+    """What is said where a base of another structure takes the place of one, for what effects leave beside it."""
+    was, now = (_structure(f.model.spec) for f in (before, after))
+    return Finding("other-structure", "warning",
+                   f"the base is taken as {now} and no more as {was}: with {' and '.join(names)} that explains the "
+                   f"record better, the free-run error falls from {before.best.rmse:.4g} to {end.evaluated.rmse:.4g}",
+                   {"before": was, "structure": now, "effects": [*names]}, (),
+                   "METHODS.md section 4, traps 4 and 5; CRITICISM.md section 6")
 
 
 def beside_rest(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:

@@ -15,12 +15,12 @@ from ..addition import polished
 from ..effects import parse
 from ..loop import Finding, Loop
 from ..methods.run import ADEQUATE
-from ..refit import RESTING, Refit, quick
+from ..refit import RESTING, Refit, at_noise, quick
 from ..rerun import rebuild_model
 from ..results import Candidate, Study
 from ..segments import described
 from .judge import candidates
-from .rounds import LAG, Looked, beside_lag, beside_rest, look_at, on_other_base
+from .rounds import LAG, Looked, beside_lag, beside_rest, look_at, on_other_base, other_structure
 from .steps import Progress, add, finished_step, judged_anew, opened, with_steps
 from .tries import NAMED, Tried
 
@@ -32,6 +32,11 @@ _CHANCE = 0.01
 _CHOSEN = frozenset({LAG, RESTING})
 # Additions before which a round is made beside a lag, too: each costs as much as the round itself.
 _JOINTLY = 2
+# Candidates of the first round that are asked what comes after them, where the walk from its winner ends with more than
+# noise, or after more additions than the second number; each leaves at most the third share of the free-run error.
+_OTHER_WAYS, _PAIR, _LEFT = 2, 2, 0.9
+# BIC by which two effects must be ahead of that end where they don't bring the free run to the noise themselves.
+_FAR = 50.0
 
 
 def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool = False, seed: int = 0, jobs: int = 1,
@@ -57,22 +62,37 @@ class _Asked:
     jobs: int
     bootstrap: int
     tell: Progress
+    # Whether other ways may be tried where the walk does not end in noise.
+    detours: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _Fork:
+    """Where a walk chose its first effect: the study that the round was made on, what was added to it before, and the
+    round itself."""
+
+    study: Study
+    added: tuple[str, ...]
+    looked: Looked
 
 
 def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candidate, ...], asked: _Asked) -> Study:
     """The walk from a study to which effects were `added` already; `ranking` is that of the last of them."""
     added = list(added)
+    fork: _Fork | None = None
     apply, seed, jobs, bootstrap, tell = asked.apply, asked.seed, asked.jobs, asked.bootstrap, asked.tell
     while True:
         earlier = () if added else before_chosen(study)
         settled = bool(study.steps) and study.adequate and not _carried(study) and not _memory(loop, study, seed)
         if settled and not earlier and not asked.everything:
-            return replace(study, candidates=() if not added else study.candidates, missing=tuple(added))
+            study = replace(study, candidates=() if not added else study.candidates, missing=tuple(added))
+            return _other_way(loop, study, fork, asked) if fork else study
         chosen = _instead(loop, study, earlier, settled, asked) if earlier else None
         if chosen is not None and chosen.stays and (settled or _noisy(study)):
             # What was chosen stays: what it could hide does no better.
             kept = tuple(c for c in candidates(chosen.found, chosen.winner) if c.effect not in study.steps[-1].effects)
-            return replace(study, candidates=kept, missing=())
+            study = replace(study, candidates=kept, missing=())
+            return _other_way(loop, study, _Fork(chosen.study, (), chosen), asked) if apply else study
         if chosen is not None and chosen.followed is not None and apply and not bootstrap:
             return chosen.followed
         if chosen is None or chosen.stays:
@@ -98,11 +118,65 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
         study = replace(study, candidates=candidates(found, winner, p_value),
                         missing=(parse(winner.name)[0].name,) if winner else ())
         if not apply or winner is None or len(added) >= MOST_ADDITIONS:
+            if not apply:
+                return study
             # The last ranking that named something stays, with its equivalents.
-            return replace(study, missing=tuple(added), candidates=ranking or study.candidates) if apply else study
+            study = replace(study, missing=tuple(added), candidates=ranking or study.candidates)
+            fork = fork or _Fork(study, tuple(added), chosen)
+            return _other_way(loop, study, fork, asked)
+        fork = fork or _Fork(study, tuple(added), chosen)
         ranking = study.candidates
         study = _one_more(loop, study, winner, asked)
         added.append(parse(winner.name)[0].name)
+
+
+def _other_way(loop: Loop, study: Study, fork: _Fork, asked: _Asked) -> Study:
+    """The study that a walk ended in, or one from another effect of its first round, or of the same round on another
+    base, where that ends in noise.
+
+    Of two missing effects the one that helps most by itself may be neither: a sine at a harmonic of the true one, a
+    noise model that imitates both. Each is what it is only beside the other.
+    """
+    if not asked.detours or asked.bootstrap:
+        return study
+    last = _last(loop, study)
+    if (last.noise_alone or at_noise(last)) and len(study.missing) <= _PAIR:
+        return study
+    seed, jobs, tell = asked.seed, asked.jobs, asked.tell
+    ways = [(looked, t) for looked in (fork.looked, *fork.looked.others) for t in _rivals(looked, fork.looked)]
+    for looked, t in ways[:_OTHER_WAYS]:
+        began, own = fork.study, looked is fork.looked
+        if not own:
+            assert t.refit is not None
+            said = other_structure(fork.looked.found.fit, looked.found.fit, (t.name,), t.refit)
+            began, _ = _put_right(loop, began, replace(looked, winner=t, notes=(said,)), seed)
+        began = add(loop, began, t.name, seed=seed, known=t.refit, progress=tell)
+        after = look_at(loop, began, seed, jobs, tell, last.innovation_sd)
+        after = on_other_base(after, seed, jobs, tell) if own else after
+        winner = after.winner
+        # Two effects against what one, or a noise model, left: they must be far better.
+        if winner is None or winner.noise or after.best.gain_over(last) < (NAMED if after.settled else _FAR):
+            continue
+        if after.found.better or after.notes:
+            began, _ = _put_right(loop, began, after, seed)
+        began = replace(began, candidates=candidates(after.found, winner))
+        names = [*fork.added, *(parse(n.name)[0].name for n in (t, winner))]
+        ended = _walked(loop, _one_more(loop, began, winner, asked), names, began.candidates,
+                        replace(asked, detours=False))
+        if _between(loop, ended, study) >= NAMED:
+            return ended
+    return study
+
+
+def _rivals(looked: Looked, first: Looked) -> list[Tried]:
+    """Physical candidates of a round that may be one of two, best first: each leaves clearly less in the free run, and
+    more than a noise model where one won."""
+    found, won = looked.found, looked.winner if looked is first else None
+    noises = [t.delta_bic for t in found.tried if t.noise and t.refit is not None]
+    least = NAMED + (max(noises, default=0.0) if won is None or won.noise else 0.0)
+    rivals = [t for t in found.tried if t is not won and not t.noise and t.full and t.refit is not None
+              and t.refit.evaluated.rmse <= _LEFT * found.reference.evaluated.rmse and t.delta_bic >= least]
+    return sorted(rivals, key=lambda t: t.refit.evaluated.rmse if t.refit else np.inf)
 
 
 def _put_right(loop: Loop, study: Study, chosen: Looked, seed: int) -> tuple[Study, list[str]]:

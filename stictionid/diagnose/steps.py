@@ -17,7 +17,7 @@ from ..methods.contract import intervals_withheld, without_intervals
 from ..methods.options import Options, check_tag
 from ..methods.run import CONDITIONAL, Run, process_numbers
 from ..model import Model
-from ..moves import search_model, spreads, with_start
+from ..moves import descended, search_model, spreads, with_start
 from ..oscillation import find_range
 from ..refit import Refit, at_noise, complete, has_noise, starting_pool
 from ..rerun import rebuild_model
@@ -32,6 +32,8 @@ from ..verdict import judge
 Progress = Callable[[str, float], None]
 # An earlier effect is superfluous when the model without it loses less than this in BIC (CRITICISM.md section 7).
 SUPERFLUOUS = 2.0
+# Twice the log-likelihood that a disturbance must gain by entering elsewhere (CRITICISM.md section 7, step 7: "named").
+_ELSEWHERE = 10.0
 
 
 def variants(effect: str, loop: Loop) -> tuple[str, ...]:
@@ -84,7 +86,7 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     tell("polishing", 0.6)
     after = polished(carrier(done, name, fit.model), done.values, run.rng)
     after = _as_it_moved(run, after)
-    findings: list[Finding] = []
+    after, findings = _entering_elsewhere(after, name, run.rng)
     tell("looking for effects that are superfluous now", 0.85)
     spare = superfluous(after, name, run.rng)
     if spare and prune:
@@ -119,6 +121,38 @@ def _as_it_moved(run: Run, fit: Fitted) -> Fitted:
         return fit
     after = polished(*moved, run.rng)
     return after if after.sse < fit.sse else fit
+
+
+def _entering_elsewhere(fit: Fitted, newest: str, rng: np.random.Generator) -> tuple[Fitted, list[Finding]]:
+    """The fit with earlier disturbances at the output or the load, wherever they explain more beside the newest effect.
+
+    Where one enters was judged while the other was missing.
+    """
+    findings = []
+    for name in fit.model.spec.effects:
+        effect, at = parse(name)
+        for other in effect.variants:
+            if name == newest or other == at:
+                continue
+            before, there = fit.model, f"{effect.name}@{other}"
+            model = bound(before.loop, replace(before.spec, effects=tuple(
+                there if n == name else n for n in before.spec.effects)), s_max=before.s_max, period_s=before.period_s,
+                residual=fit.best.left)
+            named = {k.replace(f"{name}:", f"{there}:"): v for k, v in before.named(fit.values).items()}
+            near = descended(model, model.cube(model.vector(named)[:, None]))
+            if fit.best.rows * np.log(fit.sse / max(float(near.costs[0]), 1e-300)) < _ELSEWHERE:
+                continue
+            after = polished(model, model.values(near.points[:1])[:, 0], rng)
+            if fit.best.rows * np.log(fit.sse / max(after.sse, 1e-300)) < _ELSEWHERE:
+                continue
+            findings.append(Finding(
+                "entering-elsewhere", "info",
+                f"{effect.name} enters at the {other} and no more at the {at}: beside {newest} that explains more, the "
+                f"error falls from {fit.best.rmse:.4g} to {after.best.rmse:.4g}",
+                {"effect": effect.name, "before": at, "variant": other}, (effect.name,), "CRITICISM.md section 6"))
+            fit = after
+            break
+    return fit, findings
 
 
 def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -> Study:
