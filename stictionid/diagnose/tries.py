@@ -21,7 +21,7 @@ from ..restarts import bound
 from ..search import refine
 from ..spec import BASE
 from .steps import Progress, variants
-from .work import Answer, Ground, Workers, base_values, finish, look, noise
+from .work import Answer, Ground, Workers, base_values, finish, look, noise, without_it
 
 # Full refits: at most so many, so many at a time whatever the jobs, of looks whose BIC is within so much (or this share
 # of the best gain) of the best full refit so far.
@@ -89,7 +89,7 @@ def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress, noise
         ground = Ground(fit, np.concatenate([fit.values[None, :len(BASE)], pool[1:]]), seed)
         answers = _round(ground, names, jobs, tell, noise_sd)
         told = sorted((a for a in answers if not a.failed), key=lambda a: a.cost)[:_HANDED]
-        now = better_base(fit, [base_values(a) for a in told], rng)
+        now = better_base(fit, [without_it(a, ground) for a in told], rng)
         if now is fit:
             break
         gained = _likelihood(fit, fit.sse, now.sse)
@@ -230,13 +230,14 @@ def _finished(workers: Workers, ground: Ground, looks: Sequence[Answer], noise_s
 
 
 def better_base(fit: Fitted, starts: Sequence[FloatArray], rng: np.random.Generator) -> Fitted:
-    """The base polished from other values (5,); the same object unless twice the log-likelihood gains enough."""
+    """The model polished from other values, (d,) or (5,) of the base alone; the same object unless twice the
+    log-likelihood gains enough."""
     model = fit.model
     coarse = search_model(model)
     vectors = [fit.values]
     for base in starts:
         vector = fit.values.copy()
-        vector[:len(BASE)] = base
+        vector[:base.size] = base
         vectors.append(vector)
     cube = coarse.cube(np.array(vectors).T)
     cube = cube[np.argsort(coarse.costs(cube), kind="stable")[:4]]

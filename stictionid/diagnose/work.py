@@ -120,6 +120,12 @@ def base_values(answer: Answer) -> FloatArray:
     return answer.values[:len(BASE)]
 
 
+def without_it(answer: Answer, ground: Ground) -> FloatArray:
+    """What a refit made of the model so far, values (d,): an effect that is in it may have been in a wrong basin."""
+    assert answer.values is not None
+    return ground.fit.model.vector(answer.refit(ground).model.named(answer.values))
+
+
 def _rng(ground: Ground, name: str, stage: int) -> np.random.Generator:
     return np.random.default_rng([ground.seed, stage, zlib.crc32(name.encode())])
 
