@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from stictionid.diagnose import add, bootstrap, diagnose, work
-from stictionid.diagnose.judge import equivalents, holds
+from stictionid.diagnose.judge import equivalents, holds, steadiest
 from stictionid.diagnose.steps import opened
 from stictionid.diagnose.tells import settling
-from stictionid.diagnose.tries import held_command
+from stictionid.diagnose.tries import Tried, held_command
 from stictionid.effects import catalogue
 from stictionid.effects import get as get_effect
 from stictionid.effects.contract import Context
@@ -154,6 +154,13 @@ def test_noise_alone_is_told_from_what_valve_process_or_a_disturbance_leave() ->
     # A noise that remembers for long may be a disturbance.
     assert noise_alone(model, np.zeros(0), position, white[0], good)
     assert not noise_alone(model, np.array([-0.97]), position, white[0], good)
+
+
+def test_a_walk_that_does_no_better_than_an_autoregression_is_not_named() -> None:
+    walk, steady = (Tried(name, None, 621.0, np.zeros(5), True) for name in ("random-walk-disturbance", "coloured-noise"))
+    for behind, named in ((0.1, "coloured-noise"), (5.0, "random-walk-disturbance")):
+        assert steadiest([walk, replace(steady, delta_bic=621.0 - behind)]).name == named
+    assert steadiest([steady, replace(walk, delta_bic=620.0)]).name == "coloured-noise"
 
 
 def test_what_a_noise_of_short_memory_explains_is_hunted_no_further(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,10 +12,11 @@ from ..between import kicks
 from ..effect_numbers import noise_values, rows_for, values_of
 from ..effects import parse
 from ..heldout import Held
-from ..refit import AUTOREGRESSIVE, Refit, at_noise
+from ..refit import AUTOREGRESSIVE, RANDOM_WALK, Refit, at_noise
 from ..results import Candidate
 from ..spec import INTEGRATOR
 from .detect import detectable
+from .steps import SUPERFLUOUS
 from .tells import settling
 from .tries import NAMED, Round, Tried
 
@@ -102,7 +103,19 @@ def winner_of(found: Round) -> Tried | None:
     # Noise that helps less than a valve that stopped elsewhere only carries what that left.
     kicked = max((t.delta_bic for t in found.tried if not t.noise and clearly_better(t, found) and _may_be_a_kick(t)),
                  default=-np.inf)
-    return noises[0] if noises and noises[0].delta_bic > kicked else None
+    return steadiest(noises) if noises and noises[0].delta_bic > kicked else None
+
+
+def steadiest(noises: list[Tried]) -> Tried:
+    """The best noise model, and of a walk and an autoregression that do alike the latter: it claims less.
+
+    In the changes of y that an integrator is fitted to, both may be the same model.
+    """
+    best = noises[0]
+    if parse(best.name)[0].noise != RANDOM_WALK:
+        return best
+    return next((t for t in noises if parse(t.name)[0].noise == AUTOREGRESSIVE
+                 and best.delta_bic - t.delta_bic < SUPERFLUOUS), best)
 
 
 def _halves(t: Tried, found: Round) -> bool:
