@@ -157,7 +157,8 @@ def test_noise_alone_is_told_from_what_valve_process_or_a_disturbance_leave() ->
 
 
 def test_a_walk_that_does_no_better_than_an_autoregression_is_not_named() -> None:
-    walk, steady = (Tried(name, None, 621.0, np.zeros(5), True) for name in ("random-walk-disturbance", "coloured-noise"))
+    walk = Tried("random-walk-disturbance", None, 621.0, np.zeros(5), True)
+    steady = replace(walk, name="coloured-noise")
     for behind, named in ((0.1, "coloured-noise"), (5.0, "random-walk-disturbance")):
         assert steadiest([walk, replace(steady, delta_bic=621.0 - behind)]).name == named
     assert steadiest([steady, replace(walk, delta_bic=620.0)]).name == "coloured-noise"
