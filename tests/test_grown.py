@@ -222,6 +222,8 @@ def test_what_identify_chose_stands_step_by_step_but_never_beside_a_noise_model(
     assert kept(base, rests, lag) == [2, 1]
     assert kept(base, rests) == [1]
     assert kept(base, noisy, late) == [1]
+    both = replace(noisy, effects=("re-sticking", "coloured-noise"))
+    assert kept(base, rests, both, replace(late, effects=(*both.effects, "extra-lag"))) == [2, 1]
     assert kept(base) == kept(base, asked) == []
 
 

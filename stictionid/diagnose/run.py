@@ -197,7 +197,7 @@ def _one_more(loop: Loop, study: Study, winner: Tried, asked: _Asked) -> Study:
 
 
 def before_chosen(study: Study) -> tuple[Study, ...]:
-    """The study as it was before the last step that `identify` added by itself, and before all of them.
+    """The study as it was before the last step that `identify` added by itself, the first noise, and all of them.
 
     Empty where it added none, or the user did. An autoregression can imitate anything one step ahead, and a valve that
     rests, or a lag, much: what was chosen before any rival was tried has to stand against the whole catalogue first.
@@ -205,7 +205,8 @@ def before_chosen(study: Study) -> tuple[Study, ...]:
     names = [step.added for step in study.steps[1:]]
     if not names or not all(n and (n in _CHOSEN or parse(n)[0].noise is not None) for n in names):
         return ()
-    parts = [replace(study, steps=study.steps[:k]) for k in sorted({len(names), 1}, reverse=True)]
+    noises = [k for k, name in enumerate(names, 1) if parse(name)[0].noise is not None]
+    parts = [replace(study, steps=study.steps[:k]) for k in sorted({len(names), *noises[:1], 1}, reverse=True)]
     # Beside a noise model everything is small.
     return tuple(part for part in parts if not _noisy(part))
 

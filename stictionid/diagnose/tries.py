@@ -85,8 +85,10 @@ def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress, noise
     if held is not None:
         fit, pool = held, starting_pool(held.model, held.values, rng)
     answers: list[Answer] = []
+    # Values that the base has left, because alone it does better elsewhere, may be those that go with what is missing.
+    left = pool[1:] if fit.sse == first else pool
     for _ in range(1 + _AGAIN):
-        ground = Ground(fit, np.concatenate([fit.values[None, :len(BASE)], pool[1:]]), seed)
+        ground = Ground(fit, np.concatenate([fit.values[None, :len(BASE)], left]), seed)
         answers = _round(ground, names, jobs, tell, noise_sd)
         told = sorted((a for a in answers if not a.failed), key=lambda a: a.cost)[:_HANDED]
         now = better_base(fit, [without_it(a, ground) for a in told], rng)
