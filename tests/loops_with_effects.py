@@ -17,7 +17,7 @@ from stictionid.fit import one_run
 from stictionid.gates import swing_of, time_scale_s
 from stictionid.loop import Loop
 from stictionid.model import Model
-from stictionid.moves import descended
+from stictionid.moves import descended, first_force
 from stictionid.oscillation import find_range
 from stictionid.simulate import OPERATING_POINT, Controller, Plant, Setting, simulate
 from stictionid.spec import FIRST_ORDER, INTEGRATOR, Spec
@@ -56,6 +56,9 @@ PHYSICAL = {"re-sticking", "slip-overshoot"}
 VISIBLE = 0.4
 # Lags, as multiples of the true one, from which the model without an effect is fitted: a lag can stand for another.
 _LAGS = np.array([1.0, 2.0, 8.0])
+# Initial residual forces, as shares of f_s, that are tried with each: no descent crosses from one first slip to the
+# next.
+_FORCES = np.linspace(-0.98, 0.98, 197)
 # A loop that swings more than this many times as far with its effect has run away: nobody would look for stiction.
 _RUNAWAY = 3.0
 
@@ -151,11 +154,13 @@ def shown(setting: Setting, loop: Loop, name: str, sd: float) -> float:
         return model, model.vector(values)
 
     full, at = model_of(loop, [*rest, (name, mine)])
+    # (Where a stop holds the valve at once it started elsewhere: the record tells.)
+    at = full.values(first_force(full, full.cube(at[:, None]), _FORCES)[0])[:, 0]
     without, there = model_of(replace(loop, process_value=full.evaluate(at).model), rest)
     there[:2] = at[:2]
     starts = there[:, None].repeat(len(_LAGS), axis=1)
     starts[3] *= _LAGS
-    best = float(descended(without, without.cube(starts)).costs[0])
+    best = float(descended(without, first_force(without, without.cube(starts), _FORCES)[0]).costs[0])
     if best > VISIBLE**2 * sd**2 * without.shared.rows:
         best = min(best, one_run(without, np.random.default_rng(0))[1])
     return float(np.sqrt(best / without.shared.rows)) / sd
