@@ -42,10 +42,10 @@ def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray 
         return np.interp(np.arange(n * substeps) / substeps, np.arange(n), command)
     jumps = kicks(command, setpoint)
     if not jumps.any():
-        return _smooth(command, substeps)
+        return _smooth(command, substeps, jumps)
     # A kick at sample k came between the one before and this one. What the output was just before it is where the
     # valve turned, and is met one step of the grid early rather than not at all.
-    fine = _smooth(command - np.cumsum(jumps), substeps) + np.repeat(np.cumsum(jumps), substeps)
+    fine = _smooth(command - np.cumsum(jumps), substeps, jumps) + np.repeat(np.cumsum(jumps), substeps)
     at = np.flatnonzero(jumps)
     fine[at * substeps - 1] = command[at] - jumps[at]
     return fine
@@ -74,8 +74,13 @@ def kicks(command: FloatArray, setpoint: FloatArray | None) -> FloatArray:
     return moves * float(said[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
-def _smooth(command: FloatArray, substeps: int) -> FloatArray:
-    """A command without kicks on the finer grid: parabolas, and corners where their flanks meet."""
+def _smooth(command: FloatArray, substeps: int, jumps: FloatArray) -> FloatArray:
+    """A command whose kicks, `jumps` (n,), were taken out on the finer grid: parabolas, and corners where their flanks
+    meet.
+
+    The corner of a kick came with it, before its sample: one put just behind would show a valve that slides the old,
+    slower pace once more, at which it may stick again.
+    """
     n = command.size
     curve = np.zeros(n)
     curve[1:-1] = command[2:] - 2.0 * command[1:-1] + command[:-2]
@@ -88,7 +93,7 @@ def _smooth(command: FloatArray, substeps: int) -> FloatArray:
     k = np.arange(2, n - 3)
     beside = np.maximum(np.abs(curve[k - 1]), np.abs(curve[k + 2]))
     inside = np.abs(curve[k]) + np.abs(curve[k + 1])
-    corner = inside > 2.0 * _CONCENTRATED * beside + 1e-12
+    corner = (inside > 2.0 * _CONCENTRATED * beside + 1e-12) & (jumps[k] == 0.0)
     k = k[corner]
     from_left = (command[k] + np.outer(s, command[k] - command[k - 1])
                  + np.outer(s * (s + 1.0), 0.5 * curve[k - 1])).T
