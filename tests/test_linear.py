@@ -322,6 +322,19 @@ def test_a_setpoint_move_kicks_the_rebuilt_command_and_is_no_corner() -> None:
     assert (between.rebuild(command[::10], 10, "corner", ramp[::10]) == plain).all()
 
 
+def test_behind_a_kick_the_rebuilt_command_does_not_go_its_old_pace() -> None:
+    """A valve that slides in the kick would stick again at that pace: the corner came with the kick, at its sample."""
+    t = np.arange(0.0, 60.0, 0.1)
+    after = np.maximum(t - 20.0, 0.0)
+    setpoint = np.where(after > 0.0, 46.4, 50.0)
+    setpoint[200] = 46.4
+    # The pace is 0.06 % / s before the kick and 0.2 to 0.3 behind it, where it soon grows no more.
+    bend = 0.02 * np.clip(after, 0.0, 1.0) ** 2 + 0.04 * np.maximum(after - 1.0, 0.0)
+    command = 50.0 - 0.06 * t - 0.2 * after - bend + 0.5 * (setpoint - 50.0)
+    fine = between.rebuild(command[::10], 10, "corner", setpoint[::10])
+    np.testing.assert_allclose(np.diff(fine[200:220]), np.diff(command[200:220]), atol=0.003)
+
+
 def test_interval_means_place_the_break_away_inside_the_part() -> None:
     command = 50.0 + 0.3 * np.arange(40.0)
     table = neutral_friction([2.0], [1.0])
