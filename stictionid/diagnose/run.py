@@ -319,11 +319,13 @@ def _last(loop: Loop, study: Study) -> Refit:
 def _ahead(looked: Looked, study: Study) -> float:
     """BIC by which a round's winner does better than the study's last model, noise and all, on the same samples.
 
-    A valve that rests is news, too, whatever won beside it.
+    A valve that rests is news, too, whatever won beside it; so is a step that the study has already where in another
+    basin it leaves noise as it is, and the study's did not.
     """
     winner = looked.winner
     rests = RESTING in looked.study.steps[-1].effects and RESTING not in study.steps[-1].effects
-    if not rests and (winner is None or winner.refit is None or _has(study, winner)):
+    other_basin = looked.settled and _noisy(study)
+    if not rests and (winner is None or winner.refit is None or (_has(study, winner) and not other_basin)):
         return -np.inf
     return looked.best.gain_over(quick(*rebuild_model(looked.run.loop, study.steps[-1].model)))
 
