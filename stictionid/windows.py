@@ -49,8 +49,8 @@ def windowed_valves(model: Model, columns: list[int], still: slice, rng: np.rand
     """Points (k, d) of the unit cube, best first, whose `columns` (S, J and effects) and start were searched.
 
     The process of all is in the middle of its range, the columns `still` at their upper end (a valve that rests at
-    every scan). Of several segments the longest is searched. None are left (0, d) where the valve of a `rival`, a model
-    and its values (d,), fits the shortest windows as well.
+    every scan). Of several segments the longest is searched. None are left (0, d) where a valve of a `rival`, a model
+    and its values (d,) or (d, k), fits the shortest windows as well.
     """
     at = longest_piece(model)
     whole = search_model(model.pieces[at])
@@ -86,8 +86,10 @@ def windowed_valves(model: Model, columns: list[int], still: slice, rng: np.rand
         points = found.points[distinct(found.points, kept, _APART / periods)]
         if rival is not None and periods == _PERIODS[0]:
             other = thinned(search_model(rival[0].pieces[at]), thinning(whole))
-            known = other.vector(rival[0].pieces[at].named(rival[0].of(at, rival[1][:, None])[:, 0]))
-            if _Windows(other, periods, direction=direction).costs(known[:, None], None).sum() <= found.costs[0]:
+            own_of = rival[0].of(at, rival[1].reshape(len(rival[1]), -1)).T
+            known = np.stack([other.vector(rival[0].pieces[at].named(column)) for column in own_of], axis=1)
+            beaten = _Windows(other, periods, direction=direction).costs(known, None).sum(axis=0).min()
+            if beaten <= found.costs[0]:
                 return np.empty((0, model.space.size))
         if len(windows.parts) == 1:
             break

@@ -25,11 +25,11 @@ from ..windows import windowed_valves
 _BESIDE = ((), ("asymmetric-stiction",), ("stiction-drift",))
 
 
-def resting_valve(run: Run, fit: Fitted, goal: float) -> Fitted | None:
+def resting_valve(run: Run, fit: Fitted, goal: float, carried: tuple[float, float] | None = None) -> Fitted | None:
     """The base with a valve that rests, where that, or an effect on friction more, brings the BIC below a goal.
 
     The valve is found whatever the process does, and then the process that goes with it. None where the base has such
-    a valve, or a command that moves between samples.
+    a valve, or a command that moves between samples; or where S and J in % that a noise model has `carried` do as well.
     """
     spec = fit.model.spec
     if fit.model.law.sliding_state is None or not spec.held or spec.fixed or RESTING in spec.effects:
@@ -37,7 +37,9 @@ def resting_valve(run: Run, fit: Fitted, goal: float) -> Fitted | None:
     found: list[tuple[float, Model, FloatArray]] = []
     for more in _BESIDE:
         if not set(more) & set(spec.effects):
-            found += _with_processes(run, fit, more)
+            found += _with_processes(run, fit, more, carried)
+        if carried and not found:
+            return None
         if min((f[0] for f in found), default=np.inf) < goal:
             break
     else:
@@ -49,13 +51,16 @@ def resting_valve(run: Run, fit: Fitted, goal: float) -> Fitted | None:
     return Fitted(bare, values, evaluated.sse, 1, 1, evaluated, None, {}, values[None, :2])
 
 
-def _with_processes(run: Run, fit: Fitted, more: tuple[str, ...]) -> list[tuple[float, Model, FloatArray]]:
+def _with_processes(run: Run, fit: Fitted, more: tuple[str, ...],
+                    carried: tuple[float, float] | None) -> list[tuple[float, Model, FloatArray]]:
     """BIC, model and values (d,) of a valve that rests, with some effects on friction more, for each process."""
     names = (*fit.model.spec.effects, RESTING, *more)
     plain = undisturbed(run.model(_spec(fit.model.spec, fit.model.spec.process, names)), fit.model, fit.values)
     own = [0, 1, *(i for name in more for i in range(plain.rows_of(name).start, plain.rows_of(name).stop))]
+    rivals = fit.values[:, None].repeat(2, axis=1)
+    rivals[:2, 1] = rivals[:2, 0] if carried is None else carried
     valves = plain.values(windowed_valves(plain, own, plain.rows_of(RESTING), run.rng,
-                                          rival=(fit.model, fit.values)))
+                                          rival=(fit.model, rivals)))
     if not valves.size:
         return []
     known, out = fit.model.named(fit.values), []

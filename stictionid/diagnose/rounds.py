@@ -163,16 +163,18 @@ def other_structure(before: Fitted, after: Fitted, names: Sequence[str], end: Re
                    "METHODS.md section 4, traps 4 and 5; CRITICISM.md section 6")
 
 
-def beside_rest(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
+def beside_rest(looked: Looked, seed: int, jobs: int, tell: Progress,
+                carried: tuple[float, float] | None = None) -> Looked:
     """The same round beside a valve that rests at every scan, where that explains the record far better.
 
-    An inertial valve under a held command needs that to be near its basin at all, whatever else is missing.
+    An inertial valve under a held command needs that to be near its basin at all, whatever else is missing. Not where
+    a noise model has `carried` a valve, its S and J in %, that goes with the record as well as one that rests.
     """
     fit = looked.found.fit
     if looked.settled or looked.white or has_noise(fit.model.spec):
         return looked
     tell("trying a valve that rests between scans", 0.5)
-    base = resting_valve(looked.run, fit, _beside_noise(fit))
+    base = resting_valve(looked.run, fit, _beside_noise(fit), carried)
     if base is None:
         return looked
     found = try_all(looked.run.loop, base, seed, jobs, tell)

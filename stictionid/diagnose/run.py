@@ -246,13 +246,15 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
     """
     seed, jobs, tell = asked.seed, asked.jobs, asked.tell
     alone = settled and _last(loop, study).noise_alone
+    v = study.steps[-1].model["values"]
+    carried = (v["S"], v["J"]) if _noisy(study) else None
     best: tuple[float, Looked] | None = None
     for earlier in before:
         looked = look_at(loop, earlier, seed, jobs, tell)
         # Where the whole catalogue names the very step, and its steps leave noise as it is, no other base is asked; nor
         # where they leave noise that no test tells from chance.
         if not (settled and (alone or (_confirms(looked, study) and not _noisy(study)))):
-            looked = beside_rest(on_other_base(looked, seed, jobs, tell), seed, jobs, tell)
+            looked = beside_rest(on_other_base(looked, seed, jobs, tell), seed, jobs, tell, carried)
             looked = beside_lag(looked, seed, jobs, tell)
         ahead = _ahead(looked, study)
         if best is None or ahead >= best[0]:
