@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import naive
 import numpy as np
@@ -13,9 +14,11 @@ import pytest
 from stictionid.arx import Arx
 from stictionid.errors import UsageError
 from stictionid.fit import search
+from stictionid.gates import SAMPLES_PER_PERIOD
 from stictionid.historian import read_loop
 from stictionid.identify import Options, identify
 from stictionid.loop import Loop
+from stictionid.methods import auto
 from stictionid.model import Model
 from stictionid.oscillation import find_range
 from stictionid.rerun import rerun
@@ -181,6 +184,15 @@ def test_what_the_record_cannot_tell_is_an_abstention_with_its_reason(loop: Loop
     assert study.estimate is None and study.verdict.stiction == "undecided"
     assert study.verdict.evidence["code"] == code and study.verdict.reason
     assert study_from_json(to_json(study)) == study
+
+
+@pytest.mark.parametrize(("amplitude", "period", "noise", "slow"), [
+    (1.0, 80.0, 0.05, True), (0.3, 3.3, 0.02, False), (1.0, 3.3, 0.1, False), (1.0, 2.2, 0.0, False)])
+def test_turns_of_noise_are_no_oscillation_too_fast_for_the_samples(amplitude, period, noise, slow) -> None:
+    rng, t = np.random.default_rng(5), np.arange(2000)
+    y = 2.0 * np.sin(t / 300.0) * (period < 10) + amplitude * np.sin(2.0 * np.pi * t / period)
+    per = auto._samples_a_turn(SimpleNamespace(used_y=lambda: y + noise * rng.standard_normal(t.size)))
+    assert per == pytest.approx(period, rel=0.3) and (per > SAMPLES_PER_PERIOD) == slow
 
 
 def test_a_valve_that_rests_between_scans_is_found_on_a_noisy_integrator() -> None:

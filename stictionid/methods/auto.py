@@ -21,6 +21,7 @@ from ..fit import Fitted, reaching
 from ..gates import SAMPLES_PER_PERIOD
 from ..intervals import outline, region
 from ..loop import Finding
+from ..oscillation import count_reversals
 from ..refit import RESTING
 from ..spec import FIRST_ORDER, Spec
 from ..unheld import SUBSTEPS, moved_after_all
@@ -34,6 +35,9 @@ from .structure import LAG, check_scans, choose, first_look
 # A free-run error beyond this share of the scatter of y explains nothing, unless an integrator leaves less than the
 # other share of the variance of the changes: 3 to 17 % with a hidden effect. Unit: 1.
 _NOTHING, _CHANGES = 0.995, 0.5
+# Share of the scatter of y by which PV must go back for it to have turned beside fast noise. Unit: 1. Frequencies that
+# hold an oscillation of 2.5 to 7 samples, and those above, in cycles a sample.
+_TURN, _FAST, _FASTER = 0.5, (0.15, 0.4), (0.4, 0.5)
 
 
 def _run(run: Run) -> Outcome:
@@ -123,11 +127,15 @@ def _nothing(run: Run, fit: Fitted) -> bool:
 
 
 def _samples_a_turn(run: Run) -> float:
-    """Samples in which PV turns twice, on average."""
-    moves = np.sign(np.diff(run.used_y()))
-    moves = moves[moves != 0]
-    turns = int((moves[1:] != moves[:-1]).sum())
-    return 2.0 * run.used_y().size / max(turns, 1)
+    """Samples in which PV turns twice, on average; turns of noise that is as fast as samples are do not count.
+
+    The changes of such noise have most power at the fastest frequency a record knows, those of an oscillation below.
+    """
+    y = run.used_y()
+    power = np.abs(np.fft.rfft(np.diff(y)))**2
+    fast, faster = (power[int(a * y.size):int(b * y.size)] for a, b in (_FAST, _FASTER))
+    oscillates = bool(fast.size and faster.size and np.mean(fast) > np.mean(faster))
+    return 2.0 * y.size / max(count_reversals(y, 0.0 if oscillates else _TURN * float(np.std(y))), 1)
 
 
 def _explains_changes(fit: Fitted) -> bool:
