@@ -16,7 +16,7 @@ import numpy as np
 
 from .loop import BoolArray, FloatArray
 from .model import Model
-from .noise import autocovariance, chi_square_z
+from .noise import autocovariance, chi_square_z, ljung_box
 
 # Level of each of six tests, 1 % for all together, and the one-sided normal value that it stands for.
 _LEVEL = 0.01 / 6.0
@@ -54,13 +54,11 @@ def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation
 
 
 def _correlated(model: Model, order: int, e: FloatArray, good: BoolArray) -> float:
-    """Ljung and Box's joint test of the autocorrelations over one period, as a normal value."""
+    """Joint test of the autocorrelations over one period, as a normal value."""
     rows = int(good.sum())
     lags = int(np.clip(model.period_s / model.step_s, _FEWEST, min(_MOST, rows // 10)))
     c = autocovariance(e, good, lags, model.loop.starts)
-    rho = c[1:] / c[0]
-    q = rows * (rows + 2.0) * float(np.sum(rho**2 / (rows - np.arange(1, lags + 1))))
-    return chi_square_z(q, max(lags - order, 1))
+    return ljung_box(c[1:] / c[0], rows, order)[1]
 
 
 def _positions(model: Model, taps: FloatArray, position: FloatArray) -> list[FloatArray]:

@@ -31,6 +31,15 @@ def chi_square_z(value: float, freedom: float) -> float:
     return float(((max(value, 0.0) / freedom) ** (1.0 / 3.0) - (1.0 - a)) / np.sqrt(a))
 
 
+def ljung_box(rho: FloatArray, rows: int, fitted: int) -> tuple[float, float]:
+    """Joint test of autocorrelations (k,) at lags 1…k of so many rows: Q and its normal value; `fitted` taps made them.
+
+    Source: Ljung and Box 1978.
+    """
+    q = rows * (rows + 2.0) * float(np.sum(rho**2 / (rows - np.arange(1, rho.size + 1))))
+    return q, chi_square_z(q, max(rho.size - fitted, 1))
+
+
 def filtered(residual: FloatArray, counted: BoolArray, polynomial: FloatArray) -> tuple[FloatArray, BoolArray]:
     """A residual (n,) passed through a polynomial in the lag, and where all the samples behind a value count.
 

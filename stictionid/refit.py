@@ -227,7 +227,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam])), turns=_GLANCE, settle=_GLANCED)
     if len(fresh) and effect.friction is not None and spec.held:
         near = together(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
-                                      rounds=_LOOK, population=14, settle=_SETTLED))
+                                     rounds=_LOOK, population=14, settle=_SETTLED))
     found = Scouted(coarse, model, near.points, float(near.costs[0]), neutral,
                     name if effect.kind in "FT" else "")
     if not found.gain > _PROMISING:

@@ -13,7 +13,7 @@ from statistics import NormalDist
 import numpy as np
 
 from ..loop import Finding, FloatArray
-from ..noise import autocovariance, chi_square_z
+from ..noise import autocovariance, chi_square_z, ljung_box
 from .ground import Ground
 
 # Level of each joint test, and the two-sided 99 % point of one lag. Unit: 1, standard deviations.
@@ -48,8 +48,7 @@ def whiteness(ground: Ground) -> tuple[FloatArray, Finding | None]:
     if r[0] <= 0.0 or n < 5 * _FEWEST_LAGS:
         return np.zeros(lags), None
     rho = r[1:] / r[0]
-    q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    z = chi_square_z(q, max(lags - len(ground.model.spec.taps), 1))
+    q, z = ljung_box(rho, n, len(ground.model.spec.taps))
     gain = 1.0 - float(np.sqrt(np.mean(ground.innovation[ground.innovation != 0.0] ** 2) / r[0])) \
         if ground.taps.size and not ground.model.taps.size else _remaining(rho)
     if z < NormalDist().inv_cdf(1.0 - LEVEL) or gain < _MATTERS:
