@@ -109,10 +109,13 @@ class Context:
 
 @kernel
 def _later(signal, repeat, late, out):
-    """Fill out (n*repeat, P) with a signal (n,) as it is `late` (P,) samples after every part; at its end it stays."""
+    """Fill out (n*repeat, P) with a signal (n,) as it is `late` (P,) samples after the middle of every part.
+
+    A held command makes of y what y is over the part, not what it was when the part began. At its end it stays.
+    """
     last = signal.size - 1
     for k in range(out.shape[0]):
-        now = k / repeat
+        now = (k + 0.5) / repeat
         for p in range(late.size):
             at = min(max(now + late[p], 0.0), float(last))
             i = min(int(at), max(last - 1, 0))
