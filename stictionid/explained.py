@@ -31,13 +31,16 @@ _FEWEST, _MOST, _POSITIONS, _MOVES, _STRETCHES = 20, 200, 12, 8, 10
 _DEPENDENT = 1e-8
 
 
-def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation: FloatArray,
-                good: BoolArray) -> bool:
+def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation: FloatArray, good: BoolArray, *,
+                walk: bool = False) -> bool:
     """Whether what an autoregression (p,) of the errors leaves, its `innovation` (n,), is noise, of short memory.
 
-    `position` (n,) is the valve's, `good` (n,) says where innovations count. Without taps the errors are asked.
+    `position` (n,) is the valve's, `good` (n,) says where innovations count. Without taps the errors are asked. Of a
+    `walk`, which remembers for ever, the innovations alone are asked: a step is far out in them, a ramp their mean.
     """
-    if np.abs(np.roots(np.concatenate([[1.0], taps]))).max(initial=0.0) > _SHORT:
+    if not walk and np.abs(np.roots(np.concatenate([[1.0], taps]))).max(initial=0.0) > _SHORT:
+        return False
+    if walk and abs(_mean(innovation[good])) > NormalDist().inv_cdf(1.0 - 0.5 * _LEVEL):
         return False
     e, rows = np.where(good, innovation, 0.0), int(good.sum())
     if rows < 10 * (_POSITIONS + 2 * _MOVES + _STRETCHES) or not e.any():
@@ -73,6 +76,11 @@ def _curved(model: Model, position: FloatArray) -> list[FloatArray]:
     y = np.nan_to_num(model.loop.process_value - np.nanmean(model.loop.process_value))
     before, level, t = _later(position - position.mean(), 1), _later(y, 1), np.linspace(-1.0, 1.0, y.size)
     return [before**2, before * level, level**2, t, t**2, t**3, before * t]
+
+
+def _mean(e: FloatArray) -> float:
+    """The mean of innovations as a normal value."""
+    return float(e.mean() / max(float(e.std()), 1e-300) * np.sqrt(e.size))
 
 
 def _line(e: FloatArray) -> bool:

@@ -113,6 +113,12 @@ class Refit:
         return not self.increments and not self.own and noise_alone(
             self.model, self.taps, self.evaluated.position, self.innovation, self.good)
 
+    @property
+    def walk_alone(self) -> bool:
+        """Whether model and random walk leave nothing but noise in the changes of y."""
+        return self.increments and not self.own and noise_alone(
+            self.model, self.taps, self.evaluated.position, self.innovation, self.good, walk=True)
+
     def bic(self, good: BoolArray) -> float:
         """BIC of the innovations on common samples (n,)."""
         rows = float(good.sum())

@@ -70,12 +70,13 @@ class Looked:
     @property
     def white(self) -> bool:
         """Whether what the base leaves is noise: nothing gains what another base would have to, or a noise of short
-        memory explains it all.
+        memory, or a walk, explains it all.
 
         In changes of y and in levels: both are tried where an integrator is completed.
         """
         if self.winner is not None:
-            return parse(self.winner.name)[0].noise == AUTOREGRESSIVE and self.best.noise_alone
+            kind = parse(self.winner.name)[0].noise
+            return (kind == AUTOREGRESSIVE and self.best.noise_alone) or (kind == RANDOM_WALK and self.best.walk_alone)
         return max((t.delta_bic for t in self.found.tried), default=np.inf) < _JOINT
 
 

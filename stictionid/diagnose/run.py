@@ -140,7 +140,7 @@ def _other_way(loop: Loop, study: Study, fork: _Fork, asked: _Asked) -> Study:
     if not asked.detours or asked.bootstrap:
         return study
     last = _last(loop, study)
-    if (last.noise_alone or at_noise(last)) and len(study.missing) <= _PAIR:
+    if (last.noise_alone or last.walk_alone or at_noise(last)) and len(study.missing) <= _PAIR:
         return study
     seed, jobs, tell = asked.seed, asked.jobs, asked.tell
     ways = [(looked, t) for looked in (fork.looked, *fork.looked.others) for t in _rivals(looked, fork.looked)]
