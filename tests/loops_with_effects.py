@@ -14,7 +14,7 @@ import numpy as np
 
 from stictionid.effects import catalogue, get
 from stictionid.fit import one_run
-from stictionid.gates import swing_of, time_scale_s
+from stictionid.gates import FEWEST_REVERSALS, swing_of, time_scale_s
 from stictionid.loop import Loop
 from stictionid.model import Model
 from stictionid.moves import descended, first_force
@@ -106,9 +106,27 @@ def loop_of(seed: int, effect: str | None, noise: float, colour: float, samples:
         effects.append(("coloured-noise", {"root": colour, "innovation_sd": sd * float(np.sqrt(1.0 - colour**2))}))
     coloured = any(name == "coloured-noise" for name, _ in effects)
     setting = replace(setting, effects=tuple(effects), noise_sd=0.0 if coloured else sd)
+    loop = simulate(setting, seed=seed).loop
+    if names_of(effect) and turns(loop.position) < FEWEST_REVERSALS:
+        # With what is hidden, or under large setpoint changes, the loop settles: a valve that hardly turns shows no
+        # friction, and to abstain would be right.
+        setting = replace(setting, setpoint_moves=_further(setting.setpoint_moves, length))
+        loop = simulate(setting, seed=seed).loop
     # What is asked is what y shows: a plant that records the position knows whether its valve sticks.
-    loop = replace(simulate(setting, seed=seed).loop, position=None)
-    return setting, loop, (kind, bed.kind), sd
+    return setting, replace(loop, position=None), (kind, bed.kind), sd
+
+
+def turns(position: np.ndarray) -> int:
+    """How often a valve turns, from its positions (n,)."""
+    directions = np.sign(np.diff(position))
+    directions = directions[directions != 0.0]
+    return int((directions[1:] != directions[:-1]).sum())
+
+
+def _further(moves: Sequence[tuple[float, float]], length: float) -> tuple[tuple[float, float], ...]:
+    """Setpoint moves with as many again and two more: evenly over the record, to and fro, as large as the largest."""
+    count, size = len(moves) + 4, max(abs(move) for _, move in moves[1:] or moves)
+    return (moves[0], *((length * i / count, size * (-1.0) ** i) for i in range(1, count)))
 
 
 def shown(setting: Setting, loop: Loop, name: str, sd: float) -> float:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from loops_with_effects import loop_of
 
 from stictionid.errors import UsageError
 from stictionid.identify import Options, identify
@@ -15,6 +16,7 @@ from stictionid.rerun import rebuild_model, rerun
 from stictionid.results import study_from_json, to_json
 from stictionid.scan import MOST_PARTS, parts_of, pi_law, ran_between, ran_with_samples, scanned
 from stictionid.simulate import Controller, Plant, Setting, simulate
+from stictionid.unheld import surely_moves
 
 SETTING = Setting(Plant(1.5, 12.0, 8.0), Controller(0.45, 12.0, scan_s=1.0), 3.0, 1.5, duration_s=2000.0,
                   setpoint_moves=((0.0, 3.0),))
@@ -125,3 +127,25 @@ def test_a_controller_ran_with_the_samples_only_where_its_law_is_exact_there():
         least, most = (middle, most) if pi_law(rough(middle), 1) else (least, middle)
     assert pi_law(rough(least), 1) is not None and pi_law(rough(least), MOST_PARTS) is None
     assert not ran_with_samples(rough(least))
+
+
+def test_a_command_without_the_noise_of_y_moved_between_its_samples_and_any_other_may_have_been_held() -> None:
+    free = Setting(Plant(1.5, 10.0, 2.0, 4.0), Controller(0.5, 10.0), duration_s=600.0, noise_sd=0.05,
+                   setpoint_moves=((0.0, 3.0), (200.0, -4.0), (400.0, 5.0)), fine_step_s=0.1)
+    loop = simulate(free, seed=3).loop
+    assert surely_moves(loop)
+    assert not surely_moves(simulate(replace(free, noise_sd=0.0), seed=3).loop)
+    scanning = replace(free, controller=replace(free.controller, scan_s=1.0))
+    scanned_loop = simulate(scanning, seed=3).loop
+    assert not surely_moves(scanned_loop)
+    # An export that keeps the corners of straight lines has taken the noise away, and one that rounds has its own.
+    knots = np.arange(0, loop.samples, 5)
+    lines = np.interp(np.arange(loop.samples), knots, scanned_loop.output[knots])
+    assert not surely_moves(replace(scanned_loop, output=lines))
+    assert not surely_moves(replace(loop, output=np.round(loop.output, 1)))
+
+
+def test_a_missing_effect_does_not_make_a_moving_command_a_held_one() -> None:
+    _, loop, (kind, bed), _ = loop_of(718, "valve-characteristic", 0.01, 0.0, 1500)
+    assert (kind, bed) == ("moving", "second order")
+    assert identify(loop, options=Options(base_only=True)).steps[0].model["between"] == "corner"

@@ -20,6 +20,7 @@ from ..refit import AUTOREGRESSIVE, Refit, at_noise, at_thresholds, better, bloc
 from ..restarts import bound
 from ..search import refine
 from ..spec import BASE
+from ..unheld import surely_moves
 from .steps import Progress, variants
 from .work import Answer, Ground, Workers, base_values, finish, look, noise, without_it
 
@@ -127,7 +128,7 @@ def held_command(fit: Fitted, rng: np.random.Generator) -> Fitted | None:
     A scanned command taken for a continuous one leaves errors after every slip, which look like a missing effect.
     """
     spec = fit.model.spec
-    if spec.between != "corner":
+    if spec.between != "corner" or surely_moves(fit.model.loop):
         return None
     model = bound(fit.model.loop, replace(spec, between="hold", substeps=1), s_max=fit.model.s_max,
                   period_s=fit.model.period_s, residual=fit.model.context.residual)

@@ -18,7 +18,7 @@ from ..results import Step
 from ..search import Found
 from ..spec import FIRST_ORDER, INTEGRATOR, Spec
 from ..starts import process_grid
-from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, may_move, moved, moved_after_all
+from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, may_move, moved, moved_after_all, surely_moves
 from .only_noise import own_noise
 from .run import Run, bic_gain, level_holdout
 from .structure import LAG, QUICK_KEPT, SOFT, Known, first_look, structure
@@ -58,6 +58,8 @@ def try_resting(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
         return
     if before.best.rmse < _ROUNDING * float(np.std(run.used_y())) or quick(before.model, before.values).noise_alone:
         return
+    if spec.between != "hold" and run.options.between == "auto" and surely_moves(run.loop):
+        return  # there are no scans to rest between: one effect like others, to be held against them (diagnose)
     if spec.between != "hold":
         # Under a command that moves between samples the valve slides on most of the way: no basin of its own.
         count = len(steps)
@@ -190,14 +192,15 @@ def try_load(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     if spec.process != INTEGRATOR or run.options.fixed or any(name in spec.effects for name in _LOADS):
         return
     bare = replace(spec, increments=True, taps=SOFT)
-    if run.options.between == "auto":
+    sure = surely_moves(run.loop)
+    if run.options.between == "auto" and not sure:
         bare = replace(bare, between="hold", substeps=1)
     name, start = min(((name, _with_load(run, bare, before, name)) for name in _LOADS), key=lambda x: x[1].costs[0])
     full = replace(bare, effects=(*bare.effects, name))
     after = run.fit(full, start.points[:QUICK_KEPT])
     step = run.step(after, name)
     # (Softened differences are soon at the noise: how the command moved is seen beyond that.)
-    if run.options.between == "auto" and may_move(run.loop) \
+    if run.options.between == "auto" and not sure and may_move(run.loop) \
             and (not run.adequate(step)[0] or moved_after_all(after, run.options.scan_s) is not None):
         moving = as_moving(full)
         near = moved(after.model, after.values, moving)

@@ -24,7 +24,7 @@ from ..scan import DECIMATED, parts_of, pi_law, ran_between
 from ..search import Found, together
 from ..spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 from ..starts import along_ridge, grown, with_process
-from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, may_move, moved
+from ..unheld import QUICK_SETTLE, QUICK_TURNS, as_moving, may_move, moved, surely_moves
 from ..whitened import whitened
 from .run import ADEQUATE, INTEGRATOR_GAIN, LONG_LAG, Run, increment_error
 
@@ -108,12 +108,13 @@ def choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray], t
     if run.options.between == DECIMATED:
         best = _scanned(run, replace(spec, substeps=_scans(run)))
         return best.spec, (best.point[None], np.array([best.cost])), (_said_scans(run, best.spec.substeps),)
-    # Most plants hold their command: at the noise, a moving one is only looked at.
-    moving = as_moving(spec)
-    smooth = run.options.between == "auto" and may_move(run.loop)
-    best = structure(run, spec, rival=moving if smooth else None)
+    # Most plants hold their command: at the noise, a moving one is only looked at, unless it moves beyond doubt.
+    moving, auto = as_moving(spec), run.options.between == "auto"
+    sure = auto and surely_moves(run.loop)
+    smooth = auto and not sure and may_move(run.loop)
+    best = structure(run, moving if sure else spec, rival=moving if smooth else None)
     notes: tuple[Finding, ...] = ()
-    if run.options.between == "auto":
+    if auto:
         corner = None
         if best.rival is not None:
             run.tell("rebuilding the command between samples", 0.3)
