@@ -88,16 +88,19 @@ def _quick(model: Model) -> FloatArray:
     return y - free_run(y[:, None], Dynamics(alone, 0.0 * alone, 0.0 * alone, False), step_s=model.step_s)[:, 0]
 
 
-def grown_valves(model: Model, columns: list[int], rng: np.random.Generator) -> FloatArray:
+def grown_valves(model: Model, columns: list[int], rng: np.random.Generator, still: slice | None = None) -> FloatArray:
     """Points (k, d) of the unit cube, best first, whose `columns` (valve, start and effect) were searched.
 
-    The process of all is in the middle of its range. Of several segments the longest is searched.
+    The process of all is in the middle of its range, the columns `still` at their upper end. Of several segments the
+    longest is searched.
     """
     at = longest_piece(model)
     whole = search_model(model.pieces[at])
     small = thinned(whole, thinning(whole))
-    middle = neutral_point(small)
-    own = [2 if c == model.forces[at] else c - (model.head - small.head if c >= model.head else 0) for c in columns]
+    middle, shift = neutral_point(small), model.head - small.head
+    if still is not None:
+        middle[still.start - shift:still.stop - shift] = 1.0
+    own = [2 if c == model.forces[at] else c - (shift if c >= model.head else 0) for c in columns]
     points = _once(small, own, middle, rng)
     found = middle[None].repeat(len(points), axis=0)
     found[:, own] = points
@@ -144,7 +147,7 @@ def _along_ridge(model: Model, own: list[int]) -> bool:
 def _once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
     """The points of `_grown`, from memory where the same was asked before: a further lag, or another process, asks no
     other valves. The generator ends where the search would have left it, so that nothing depends on what is known."""
-    key = _question(model, own, rng)
+    key = _question(model, own, middle, rng)
     if key not in _known:
         points = _grown(model, own, middle, rng)
         _known[key] = points, rng.bit_generator.state
@@ -154,14 +157,15 @@ def _once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Gener
     return points
 
 
-def _question(model: Model, own: list[int], rng: np.random.Generator) -> str:
+def _question(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> str:
     """A fingerprint of all that decides what `_grown` finds."""
     context, spec = model.context, model.spec
     stems = [name for name, effect in zip(model.names, model.effects, strict=True) if effect.friction or effect.run]
+    fixed = [middle[model.rows_of(name)].tolist() for name in stems]
     names = [*model.named(np.zeros(model.space.size))]
     asked = [(names[c], model.space.parameters[c]) for c in own]
     told = repr((spec.law, spec.between, spec.friction_free, model.parts, model.step_s, model.period_s, model.s_max,
-                 model.skip, context.record, context.centre, stems, asked, rng.bit_generator.state,
+                 model.skip, context.record, context.centre, stems, fixed, asked, rng.bit_generator.state,
                  spec.process if _along_ridge(model, own) else "any"))
     data = [context.command, context.process_value, model.good()]
     if model.follows_y and context.guide is not None:

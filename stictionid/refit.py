@@ -15,6 +15,7 @@ import numpy as np
 
 from .arx import Arx
 from .effects import parse
+from .effects.contract import Place
 from .explained import noise_alone
 from .fit import Fitted, polish_smooth
 from .grown import grown_beside, grown_valves
@@ -28,7 +29,7 @@ from .ridge import followed, ridge_of
 from .search import refine, swarm, together
 from .spec import BASE, Evaluated, Spec
 from .starts import along_ridge, basins, with_other_start, with_process
-from .windows import windowed_valves
+from .windows import resting_valves
 
 _ROAM, _SCOUTS = 2, 500
 _SETTLED = 1e-4
@@ -317,12 +318,13 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
     """Starts (k, d) whose valve goes with the effect, each with its process.
 
     For effects on friction from a search that grows with the record, because their basins are narrow and far from the
-    base's, and beside a valve that rests from windows, too; for others from swarms over the valve on the one-step
-    error, which stays local in time: one swarm for each guess of the effect, because the right S and J lie elsewhere
-    for each.
+    base's, and beside a valve that rests from windows, too, as for effects on the stem; for others from swarms over the
+    valve on the one-step error, which stays local in time: one swarm for each guess of the effect, because the right S
+    and J lie elsewhere for each.
     """
     rows, at = model.rows_of(name), longest_piece(model)
-    if parse(name)[0].friction is not None:
+    effect = parse(name)[0]
+    if effect.friction is not None or (effect.place is Place.STEM and RESTING in model.spec.effects):
         found = _grown_with(model, name, fit, rng)
         return found if ridge_of(model) is None or not model.spec.held else _ridges(model, name, fit, found, rng)
     period = model.period_s / model.step_s
@@ -351,16 +353,15 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
 
 
 def _grown_with(model: Model, name: str, fit: Fitted, rng: np.random.Generator) -> FloatArray:
-    """Starts (k, d) for an effect on friction from a search that grows with the record, each with its process.
+    """Starts (k, d) for an effect on friction or the stem from a search that grows with the record, each with its
+    process.
 
-    Beside a valve that rests from windows of the record, too.
+    Beside a valve that rests from searches for such a valve, too.
     """
     plain = undisturbed(model, fit.model, fit.values)
     cube = grown_valves(plain, _valve_of(plain, (name,)), rng)
     if RESTING in plain.spec.effects and name != RESTING and plain.spec.held and ridge_of(model) is None:
-        rows = plain.rows_of(name)
-        more = windowed_valves(plain, [0, 1, *range(rows.start, rows.stop)], plain.rows_of(RESTING), rng)
-        cube = np.concatenate([more, cube])
+        cube = np.concatenate([resting_valves(plain, (name,), plain.rows_of(RESTING), rng), cube])
     found = with_process(model, _as_in(model, plain, cube, fit))
     if model.spec.held:
         return found

@@ -14,12 +14,13 @@ Source: METHODS.md section 4, traps 1 and 3.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .effects.contract import Record
-from .grown import distinct, even, open_bank, open_costs
+from .effects import parse
+from .effects.contract import Place, Record
+from .grown import distinct, even, grown_valves, open_bank, open_costs
 from .lagbank import LagBank
 from .loop import FloatArray
 from .model import Model
@@ -40,8 +41,23 @@ _WIDE, _FINE = 0.02, 0.008
 # together all may lie in one that only short windows like. Share of the range.
 _APART = 0.02
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
+# Searches from the beginning: one in three ends where a polish finds the valve.
+_GROWTHS = 3
 # Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
 _LEAST_S = 0.1
+
+
+def resting_valves(model: Model, names: Sequence[str], still: slice, rng: np.random.Generator, *,
+                   rival: tuple[Model, FloatArray] | None = None) -> FloatArray:
+    """Points (k, d) of the unit cube whose S, J, start and effects `names` were searched beside a rest at every scan
+    (the columns `still` at their upper end): from windows, or where the stem lags behind its friction from parts
+    that grow from the beginning: how far it lags at the start of a window nobody knows, and those cost a fifth.
+    """
+    own = [0, 1, *(i for name in names for i in range(model.rows_of(name).start, model.rows_of(name).stop))]
+    if not any(parse(name)[0].place is Place.STEM for name in names):
+        return windowed_valves(model, own, still, rng, rival=rival)
+    own.insert(2, model.forces[longest_piece(model)])
+    return np.concatenate([grown_valves(model, own, rng, still) for _ in range(_GROWTHS)])
 
 
 def windowed_valves(model: Model, columns: list[int], still: slice, rng: np.random.Generator, *,

@@ -12,6 +12,7 @@ from stictionid import grown
 from stictionid.diagnose import diagnose
 from stictionid.diagnose.run import before_chosen
 from stictionid.diagnose.steps import opened
+from stictionid.effects import get
 from stictionid.fit import Fitted
 from stictionid.gates import swing_of, time_scale_s
 from stictionid.grown import grown_valves
@@ -28,7 +29,7 @@ from stictionid.results import ErrorSummary, Restarts, Step
 from stictionid.ridge import as_natural, as_valves
 from stictionid.simulate import Controller, Plant, Setting, simulate
 from stictionid.spec import Spec
-from stictionid.windows import windowed_valves
+from stictionid.windows import resting_valves, windowed_valves
 
 # The valve of this loop overshoots, and its process is of second order.
 HIDDEN = (300, "slip-overshoot", 0.01, 0.0, 1500)
@@ -267,3 +268,29 @@ def test_windows_leave_nothing_where_the_valve_so_far_fits_them_as_well() -> Non
                            "dead_time_s": 1.0, "asymmetric-stiction:jump_difference": 2.0})
     rival = (right, values)
     assert not windowed_valves(model, columns, still, np.random.default_rng(0), rival=rival).size
+
+
+@pytest.mark.parametrize("seed", [707, 719])
+def test_a_stroke_so_slow_that_the_loop_swings_ever_wider_is_in_the_range(seed: int) -> None:
+    """Such a stem moves less than half the swing of the command in a period, far slower than any slip."""
+    setting, loop, _, _ = loop_of(seed, "slew-limit", 0.01, 0.0, 1500)
+    found, rate = find_range(loop), dict(setting.effects)["slew-limit"]["rate"]
+    model = Model(loop, Spec(effects=("slew-limit",)), s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
+    assert rate < 0.5 * model.s_max / model.period_s
+    limits, guess = model.space.parameters[model.rows_of("slew-limit").start], get("slew-limit").guess
+    assert guess is not None
+    assert 2.0 * limits.low < rate < limits.high
+    assert np.abs(np.log(guess(model.context) / rate)).min() < np.log(3.0)
+
+
+def test_a_valve_that_rests_is_found_beside_a_slow_stem() -> None:
+    """S, J and rate trade against each other for as long as no process goes with them: a polish of all settles them."""
+    setting, loop, _, _ = loop_of(401, "slew-limit", 0.01, 0.0, 1500)
+    found = find_range(loop)
+    model = Model(loop, Spec(effects=("re-sticking", "slew-limit")), s_max=swing_of(loop, found),
+                  period_s=time_scale_s(loop, found))
+    points = resting_valves(model, ("slew-limit",), model.rows_of("re-sticking"), np.random.default_rng(0))
+    valves = model.values(points)
+    rates = valves[model.rows_of("slew-limit").start] / dict(setting.effects)["slew-limit"]["rate"]
+    apart = np.stack([valves[0] / setting.S, valves[1] / setting.J, rates]) - 1.0
+    assert np.abs(apart).max(axis=0).min() < 0.25

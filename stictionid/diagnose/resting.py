@@ -19,10 +19,13 @@ from ..moves import descended
 from ..refit import RESTING, quick, undisturbed
 from ..spec import FIRST_ORDER, INTEGRATOR, Spec
 from ..starts import with_process
-from ..windows import windowed_valves
+from ..windows import resting_valves
 
-# Effects on friction that are tried together with the rest: beside one of these a valve that only rests fits nowhere.
-_BESIDE = ((), ("asymmetric-stiction",), ("stiction-drift",))
+# Effects on how the valve moves that are tried together with the rest: beside one of these a valve that only rests
+# fits nowhere.
+_BESIDE = ((), ("asymmetric-stiction",), ("stiction-drift",), ("slew-limit",))
+# BIC below the goal from which no other effect is tried beside the rest: what is only just below may be chance.
+_CLEARLY = 50.0
 
 
 def resting_valve(run: Run, fit: Fitted, goal: float, carried: tuple[float, float] | None = None) -> Fitted | None:
@@ -40,11 +43,11 @@ def resting_valve(run: Run, fit: Fitted, goal: float, carried: tuple[float, floa
             found += _with_processes(run, fit, more, carried)
         if carried and not found:
             return None
-        if min((f[0] for f in found), default=np.inf) < goal:
+        if min((f[0] for f in found), default=np.inf) < goal - _CLEARLY:
             break
-    else:
+    best, model, values = min(found, key=lambda f: f[0], default=(np.inf, None, None))
+    if best >= goal or model is None or values is None:
         return None
-    _, model, values = min(found, key=lambda f: f[0])
     bare = run.model(replace(model.spec, effects=(*spec.effects, RESTING)))
     values = bare.vector(model.named(values))
     evaluated = bare.evaluate(values)
@@ -56,11 +59,9 @@ def _with_processes(run: Run, fit: Fitted, more: tuple[str, ...],
     """BIC, model and values (d,) of a valve that rests, with some effects on friction more, for each process."""
     names = (*fit.model.spec.effects, RESTING, *more)
     plain = undisturbed(run.model(_spec(fit.model.spec, fit.model.spec.process, names)), fit.model, fit.values)
-    own = [0, 1, *(i for name in more for i in range(plain.rows_of(name).start, plain.rows_of(name).stop))]
     rivals = fit.values[:, None].repeat(2, axis=1)
     rivals[:2, 1] = rivals[:2, 0] if carried is None else carried
-    valves = plain.values(windowed_valves(plain, own, plain.rows_of(RESTING), run.rng,
-                                          rival=(fit.model, rivals)))
+    valves = plain.values(resting_valves(plain, more, plain.rows_of(RESTING), run.rng, rival=(fit.model, rivals)))
     if not valves.size:
         return []
     known, out = fit.model.named(fit.values), []

@@ -181,7 +181,7 @@ def beside_rest(looked: Looked, seed: int, jobs: int, tell: Progress,
     found = try_all(looked.run.loop, base, seed, jobs, tell)
     changed = Looked(looked.study, looked.run, replace(found, better=False), winner_of(found))
     alone = found.reference.gain_over(looked.best) >= _JOINT and holds(found.held, looked.found.held)
-    if not (alone or changed.settled or _same_noise(changed, looked)) or changed.best.gain_over(looked.best) < _JOINT:
+    if not (alone or changed.settled or _far_less(changed, looked)) or changed.best.gain_over(looked.best) < _JOINT:
         return looked
     after = polished(found.fit.model, found.fit.values, looked.run.rng)
     study = with_steps(looked.study, looked.run, (
@@ -189,12 +189,13 @@ def beside_rest(looked: Looked, seed: int, jobs: int, tell: Progress,
     return replace(changed, study=study)
 
 
-def _same_noise(changed: Looked, looked: Looked) -> bool:
-    """Whether noise is all that is missing on either base, and the other base needs far less of it: half the free run.
+def _far_less(changed: Looked, looked: Looked) -> bool:
+    """Whether noise is all that one base finds missing, and the other needs far less of it: half the free run.
 
     A noise model carries a wrong valve nearly as well as a right one, whose own free run without it may be no better.
+    Nor need physics that the other base finds missing reach the noise at once: the next round sees what is left.
     """
-    if changed.winner is None or not changed.winner.noise or (looked.winner is not None and not looked.winner.noise):
+    if changed.winner is None or (looked.winner is not None and not looked.winner.noise):
         return False
     before = looked.found.held if looked.winner is None else looked.winner.held
     return changed.best.evaluated.rmse <= _HALF * looked.best.evaluated.rmse and holds(changed.winner.held, before)

@@ -16,6 +16,9 @@ from ..loop import FloatArray
 from ..parameters import Parameter
 from .contract import Context, Effect, Place
 
+# Slowest rate, in swings of the command a period; guesses from the first number of swings a period to the second a
+# sample.
+_SLOWEST, _GUESSED, _GUESSES = 0.1, (0.5, 0.6), 5
 _RATE = Parameter("rate", "% / s", 1e-3, 1e3, 1e3, "fastest stroke", log=True)
 
 
@@ -36,13 +39,16 @@ def _start(signal: FloatArray, theta: FloatArray) -> FloatArray:
 
 
 def _limits(context: Context) -> tuple[Parameter, ...]:
-    # Faster than the whole swing within a quarter of a sample shows nowhere; slower than it in a period is no valve.
+    # Faster than the whole swing of the command within a quarter of a sample shows nowhere. A valve that can't keep up
+    # makes the loop swing ever wider: one was met that strokes less than a quarter of that in half a period.
     high = 8.0 * context.s_max / context.step_s
-    return (replace(_RATE, low=max(0.5 * context.s_max / context.period_s, 1e-6), high=high, neutral=high),)
+    return (replace(_RATE, low=max(_SLOWEST * context.s_max / context.period_s, 1e-6), high=high, neutral=high),)
 
 
 def _guess(context: Context) -> FloatArray:
-    return context.s_max / context.step_s * np.array([[0.05], [0.2], [0.6]])
+    # From a stroke that takes the period to one within two samples: which it is depends on how fast the samples are.
+    slow, fast = _GUESSED[0] / context.period_s, _GUESSED[1] / context.step_s
+    return context.s_max * np.geomspace(min(slow, fast), fast, _GUESSES)[:, None]
 
 
 EFFECT = Effect(
