@@ -15,10 +15,11 @@ import numpy as np
 
 from .arx import Arx
 from .effects import parse
-from .effects.contract import Place
+from .effects.contract import Effect, Place
 from .explained import noise_alone
 from .fit import Fitted, polish_smooth
 from .grown import grown_beside, grown_valves
+from .herd import herded
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import descended, longest_piece, search_model, spreads, with_start
@@ -29,7 +30,7 @@ from .ridge import followed, ridge_of
 from .search import refine, swarm, together
 from .spec import BASE, Evaluated, Spec
 from .starts import along_ridge, basins, with_other_start, with_process
-from .windows import resting_valves
+from .windows import resting_valves, windowed_valves
 
 _ROAM, _SCOUTS = 2, 500
 _SETTLED = 1e-4
@@ -54,6 +55,10 @@ _THRESHOLD_REACH, _THRESHOLDS = (0.02, 0.003), 241
 _THRESHOLD_J = np.array([0.95, 1.0, 1.06])
 # Polishes on the model's own y, for effects that follow it.
 _FOLLOWED = 3
+# Points of a herd that get the interval of S that all slips allow.
+_HERDED = 2
+# Share of the range of its speed from which a valve that re-sticks rests at every scan.
+_RESTS = 0.9
 # Steps along the ridge of dead time and break-away in a full refit.
 _RIDGE_TURNS = 3
 # The effect of a valve that rests between the scans of a held command.
@@ -253,6 +258,44 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     return replace(found, points=points, cost=cost)
 
 
+def beside_others(fit: Fitted, name: str, look: FloatArray, rng: np.random.Generator) -> Scouted | None:
+    """A look at effect `name` whose size is searched together with S, J and those of the effects on the valve that the
+    model has already; points (k, d) of a first `look` take part. None without such effects, or under a command that
+    moves between samples.
+
+    Of two effects on a valve each is far from its size, and S and J from theirs, where the other is missing: no search
+    that holds the first meets the second.
+    """
+    before = fit.model
+    model = bound(before.loop, replace(before.spec, effects=(*before.spec.effects, name)), s_max=before.s_max,
+                  period_s=before.period_s, residual=fit.best.left)
+    plain = undisturbed(model, before, fit.values)
+    others = [n for n, effect in zip(plain.names, plain.effects, strict=True) if n != name and _on_valve(effect)]
+    effect, option = parse(name)
+    still = slice(model.head, model.head)
+    if RESTING in others and before.cube(fit.values[:, None])[0, before.rows_of(RESTING)][0] > _RESTS:
+        others.remove(RESTING)
+        still = plain.rows_of(RESTING)
+    if not others or not plain.spec.held or not _on_valve(effect):
+        return None
+    rows = [0, 1, *(i for n in (*others, name) for i in range(plain.rows_of(n).start, plain.rows_of(n).stop))]
+    far = with_process(model, _as_in(model, plain, windowed_valves(plain, rows, still, rng, several=True), fit))
+    guesses = effect.guess(model._context(option)) if effect.guess else np.zeros((1, 0))
+    near = model.vector(fit.best.values)[:, None].repeat(len(guesses), axis=1)
+    near[model.rows_of(name)] = guesses.T
+    starts = np.concatenate([far, look, with_start(model, model.cube(near))])
+    herd = herded(model, descended(model, starts, turns=_GLANCE).points, rng).points
+    ends = sorted((at_thresholds(model, point, rng) for point in herd[:_HERDED]), key=lambda end: end[1])
+    points = np.concatenate([np.stack([point for point, _ in ends]), herd[_HERDED:]])
+    neutral = float(model.costs(model.cube(model.vector(fit.best.values)[:, None]))[0])
+    return Scouted(model, model, points, ends[0][1], neutral, name)
+
+
+def _on_valve(effect: Effect) -> bool:
+    """Whether an effect acts on the valve: on its friction, its stem or its trim."""
+    return effect.place.value <= Place.TRIM.value
+
+
 def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
     """The scouted model at its best: values (d,) and cost."""
     coarse, model = look.coarse, look.model
@@ -332,6 +375,7 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
     arx = Arx(model.pieces[at], 2, tuple(int(d) for d in ladder))
     valve = [0, 1, model.forces[at]]
     middle = model.values(np.full((1, model.space.size), 0.5))
+    middle[model.head:, 0] = model.vector(fit.best.values)[model.head:]
     starts: list[tuple[float, FloatArray]] = []
     for guess in guesses[:_GUESSES]:
         base = middle.copy()

@@ -41,6 +41,9 @@ _WIDE, _FINE = 0.02, 0.008
 # together all may lie in one that only short windows like. Share of the range.
 _APART = 0.02
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
+# Where effects are searched together: points of the scan whatever their number, those that go on and that it leaves,
+# and rounds and first standard deviation of their polish, which has to go a long way. No scan is dense in six numbers.
+_FEW, _TAKEN, _CHOSEN, _LONG, _FAR = 12000, 1500, 16, 20, 0.08
 # Searches from the beginning: one in three ends where a polish finds the valve.
 _GROWTHS = 3
 # Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
@@ -61,12 +64,13 @@ def resting_valves(model: Model, names: Sequence[str], still: slice, rng: np.ran
 
 
 def windowed_valves(model: Model, columns: list[int], still: slice, rng: np.random.Generator, *,
-                    rival: tuple[Model, FloatArray] | None = None) -> FloatArray:
+                    rival: tuple[Model, FloatArray] | None = None, several: bool = False) -> FloatArray:
     """Points (k, d) of the unit cube, best first, whose `columns` (S, J and effects) and start were searched.
 
     The process of all is in the middle of its range, the columns `still` at their upper end (a valve that rests at
     every scan). Of several segments the longest is searched. None are left (0, d) where a valve of a `rival`, a model
-    and its values (d,) or (d, k), fits the shortest windows as well.
+    and its values (d,) or (d, k), fits the shortest windows as well. `several` effects ask for a scan that is less
+    dense, and a polish that goes further.
     """
     at = longest_piece(model)
     whole = search_model(model.pieces[at])
@@ -91,14 +95,16 @@ def windowed_valves(model: Model, columns: list[int], still: slice, rng: np.rand
     direction = answers(model.loop)
     windows = _Windows(small, _PERIODS[0], _WINDOWS, direction)
     count = _SCAN * (len(own) - 1)
+    count, taken, left = (_FEW, _TAKEN, _CHOSEN) if several else (count, count // _GO_ON, _LEFT[0])
     points = (rng.random(len(own)) + np.outer(np.arange(count), even(len(own)))) % 1.0
-    points = points[np.argsort(costs_on(windows, _FIRST)(points), kind="stable")[:count // _GO_ON]]
+    points = points[np.argsort(costs_on(windows, _FIRST)(points), kind="stable")[:taken]]
     points = points[np.argsort(costs_on(windows)(points), kind="stable")]
-    points = points[distinct(points, _LEFT[0], _APART)]
-    for periods, kept in zip(_PERIODS, np.geomspace(_LEFT[0] / 2, _LEFT[1], len(_PERIODS)).astype(int), strict=True):
-        windows = _Windows(small, periods, direction=direction)
-        found = refine(costs_on(windows), points, rng, spread=_WIDE if periods <= _SHORT else _FINE, rounds=_ROUNDS,
-                       population=_POPULATION, settle=_SETTLED)
+    points = points[distinct(points, left, _APART)]
+    for periods, kept in zip(_PERIODS, np.geomspace(left / 2, _LEFT[1], len(_PERIODS)).astype(int), strict=True):
+        far = several and periods == _PERIODS[0]
+        windows = windows if far else _Windows(small, periods, direction=direction)
+        found = refine(costs_on(windows), points, rng, spread=_FAR if far else _WIDE if periods <= _SHORT else _FINE,
+                       rounds=_LONG if far else _ROUNDS, population=_POPULATION, settle=_SETTLED)
         points = found.points[distinct(found.points, kept, _APART / periods)]
         if rival is not None and periods == _PERIODS[0]:
             other = thinned(search_model(rival[0].pieces[at]), thinning(whole))

@@ -28,7 +28,7 @@ FLOORS = [
     {"arx", "moves", "simulate", "historian", "gates", "steptest"},
     {"ridge"},
     {"starts", "profiles", "grown", "absorbed", "explained"},
-    {"plateaus", "smooth", "windows"},
+    {"plateaus", "smooth", "windows", "herd"},
     {"intervals"},
     {"fit", "position"},
     {"refit", "whitened", "unheld"},

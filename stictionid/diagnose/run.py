@@ -85,7 +85,7 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
         earlier = () if added else before_chosen(study)
         settled = bool(study.steps) and study.adequate and not _carried(study) and not _memory(loop, study, seed)
         if settled and not earlier and not asked.everything:
-            study = replace(study, candidates=() if not added else study.candidates, missing=tuple(added))
+            study = replace(study, candidates=() if not added else study.candidates, missing=_kept(added, study))
             return _other_way(loop, study, fork, asked) if fork else study
         chosen = _instead(loop, study, earlier, settled, asked) if earlier else None
         if chosen is not None and chosen.stays and (settled or _noisy(study)):
@@ -114,14 +114,14 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
             if p_value > max(_CHANCE, 1.0 / (bootstrap + 1)) + 1e-12:
                 # As many records without it would have shown as much: nothing is named.
                 study = replace(study, candidates=candidates(found, None, p_value), missing=())
-                return replace(study, missing=tuple(added)) if apply else study
+                return replace(study, missing=_kept(added, study)) if apply else study
         study = replace(study, candidates=candidates(found, winner, p_value),
                         missing=(parse(winner.name)[0].name,) if winner else ())
         if not apply or winner is None or len(added) >= MOST_ADDITIONS:
             if not apply:
                 return study
             # The last ranking that named something stays, with its equivalents.
-            study = replace(study, missing=tuple(added), candidates=ranking or study.candidates)
+            study = replace(study, missing=_kept(added, study), candidates=ranking or study.candidates)
             fork = fork or _Fork(study, tuple(added), chosen)
             return _other_way(loop, study, fork, asked)
         fork = fork or _Fork(study, tuple(added), chosen)
@@ -194,6 +194,12 @@ def _one_more(loop: Loop, study: Study, winner: Tried, asked: _Asked) -> Study:
     """
     after = add(loop, study, winner.name, seed=asked.seed, prune=True, known=winner.refit, progress=asked.tell)
     return replace(judged_anew(loop, after, asked.seed), candidates=study.candidates)
+
+
+def _kept(added: Sequence[str], study: Study) -> tuple[str, ...]:
+    """What was added to a study and is in it still: what a later effect made superfluous is not missing."""
+    have = {parse(name)[0].name for name in study.steps[-1].effects}
+    return tuple(name for name in added if name in have)
 
 
 def before_chosen(study: Study) -> tuple[Study, ...]:

@@ -16,13 +16,24 @@ from ..fit import Fitted, polish_smooth
 from ..heldout import Held, held_out
 from ..loop import FloatArray, Loop
 from ..moves import search_model, spreads, with_start
-from ..refit import AUTOREGRESSIVE, Refit, at_noise, at_thresholds, better, block_gains, complete, quick, starting_pool
+from ..refit import (
+    AUTOREGRESSIVE,
+    Refit,
+    at_noise,
+    at_thresholds,
+    better,
+    block_gains,
+    complete,
+    has_noise,
+    quick,
+    starting_pool,
+)
 from ..restarts import bound
 from ..search import refine
 from ..spec import BASE
 from ..unheld import surely_moves
 from .steps import Progress, variants
-from .work import Answer, Ground, Workers, base_values, finish, look, noise, without_it
+from .work import Answer, Ground, Workers, base_values, finish, look, look_beside, noise, without_it
 
 # Full refits: at most so many, so many at a time whatever the jobs, of looks whose BIC is within so much (or this share
 # of the best gain) of the best full refit so far.
@@ -170,6 +181,12 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
         for answer in workers.map(look, physical):
             answers[answer.name] = answer
             tell(f"looked at {answer.name}", 0.05 + 0.9 * len(answers) / total)
+        there = [quick(ground.fit.model, ground.fit.values),
+                 *(answers[n].refit(ground) for n in physical if not answers[n].failed)]
+        if alone is None and not has_noise(ground.fit.model.spec) and not any(map(at_noise, there)):
+            # Nothing explains the record: two effects on a valve hide each other.
+            for answer in workers.map(look_beside, [answers[n] for n in physical]):
+                answers[answer.name] = answer
         for i, answer in enumerate(_finished(workers, ground, [answers[n] for n in physical], noise_sd, alone)):
             answers[answer.name] = answer
             tell(f"refitted with {answer.name}", 0.05 + 0.9 * (len(physical) + len(noises) + i + 1) / total)

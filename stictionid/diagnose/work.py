@@ -22,7 +22,7 @@ from ..fit import Fitted
 from ..heldout import Held, held_out
 from ..loop import FloatArray
 from ..moves import search_model
-from ..refit import Refit, Scouted, complete, quick, restored, scout, settled
+from ..refit import Refit, Scouted, beside_others, complete, quick, restored, scout, settled
 from ..restarts import bound
 from ..spec import BASE, Spec
 
@@ -77,8 +77,20 @@ def look(ground: Ground, name: str) -> Answer:
         return Answer(name, failed=error.message)
     if not np.isfinite(found.cost):
         return Answer(name, failed="its refit found no model whose valve moves")
+    return _looked(found, name)
+
+
+def _looked(found: Scouted, name: str) -> Answer:
     return replace(_packed(name, quick(found.model, found.values), points=found.points[:8], cost=found.cost),
                    gain=found.gain)
+
+
+def look_beside(ground: Ground, seen: Answer) -> Answer:
+    """A second look at an effect on the valve, together with those that the model has; the first where it is better."""
+    if seen.failed or seen.points is None:
+        return seen
+    found = beside_others(ground.fit, seen.name, seen.points, _rng(ground, seen.name, 4))
+    return seen if found is None or not found.cost < seen.cost else _looked(found, seen.name)
 
 
 def finish(ground: Ground, seen: Answer) -> Answer:

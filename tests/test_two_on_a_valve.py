@@ -1,0 +1,82 @@
+"""Two effects on one valve: each hides the other, so that the second is searched together with the first."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stictionid.fit import Fitted
+from stictionid.gates import swing_of, time_scale_s
+from stictionid.herd import herded
+from stictionid.loop import FloatArray, Loop
+from stictionid.model import Model
+from stictionid.moves import descended, with_start
+from stictionid.oscillation import find_range
+from stictionid.refit import beside_others, scout
+from stictionid.simulate import Controller, Plant, Setting, simulate
+from stictionid.spec import Spec
+
+NOISE, S, J, DIFFERENCE, GROWTH = 0.03, 3.0, 1.2, -0.7, 0.6
+PAIR = ("asymmetric-stiction", "stiction-drift")
+
+
+def _loop(scan_s: float = 1.0) -> Loop:
+    setting = Setting(Plant(3.0, 5.0, 5.0), Controller(0.1, 5.0, scan_s=scan_s), S=S, J=J, duration_s=1000.0,
+                      setpoint_moves=((0.0, 3.0), (270.0, -3.0), (500.0, 4.0), (750.0, -4.0)), noise_sd=NOISE,
+                      effects=((PAIR[0], {"jump_up": J + DIFFERENCE / 2, "jump_down": J - DIFFERENCE / 2}),
+                               (PAIR[1], {"stickband_growth": GROWTH, "jump_growth": 0.1})))
+    return simulate(setting, seed=3).loop
+
+
+def _model(loop: Loop, effects: tuple[str, ...], between: str = "hold") -> Model:
+    found = find_range(loop)
+    return Model(loop, Spec(effects=effects, between=between, substeps=1 if between == "hold" else 8),
+                 s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
+
+
+def _first(model: Model) -> Fitted:
+    """What a fit of the first effect alone ends with: S and J of the middle of the record."""
+    start = model.vector({"S": S + 0.4, "J": 0.8, "initial_residual_force": 0.0, "time_constant_s": 6.0,
+                          "dead_time_s": 5.5, "asymmetric-stiction:jump_difference": -0.4,
+                          "re-sticking:restick_speed": 1e4})
+    near = descended(model, with_start(model, model.cube(start[:, None])))
+    values = model.values(near.points[:1])[:, 0]
+    best = model.evaluate(values)
+    return Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+
+
+def test_the_second_effect_is_searched_together_with_the_first() -> None:
+    fit = _first(_model(_loop(), PAIR[:1]))
+    rng = np.random.default_rng(0)
+    alone = scout(fit, PAIR[1], fit.values[None, :5], rng)
+    found = beside_others(fit, PAIR[1], alone.points, rng)
+    assert found is not None
+    rmse = [float(np.sqrt(look.cost / fit.model.shared.rows)) for look in (alone, found)]
+    assert rmse[0] > 1.5 * NOISE > 1.2 * rmse[1]
+    named = found.model.named(found.values)
+    assert named["S"] == pytest.approx(S, rel=0.02)
+    assert named["J"] == pytest.approx(J, rel=0.06)
+    assert named["asymmetric-stiction:jump_difference"] == pytest.approx(DIFFERENCE, rel=0.15)
+    assert named["stiction-drift:stickband_growth"] == pytest.approx(GROWTH, rel=0.15)
+
+
+@pytest.mark.parametrize(("have", "name", "between"), [
+    ((), PAIR[1], "hold"), (PAIR[:1], "extra-lag", "hold"), (("extra-lag",), PAIR[1], "hold"),
+    (("re-sticking",), PAIR[1], "hold"), (PAIR[:1], PAIR[1], "corner")])
+def test_one_effect_on_a_valve_needs_no_search_of_two(have: tuple[str, ...], name: str, between: str) -> None:
+    fit = _first(_model(_loop(0.0 if between == "corner" else 1.0), have, between))
+    assert beside_others(fit, name, np.empty((0, 0)), np.random.default_rng(0)) is None
+
+
+def test_a_herd_crosses_slips_that_a_descent_stops_at() -> None:
+    model = _model(_loop(), PAIR)
+    start = model.vector({"S": 1.03 * S, "J": 0.93 * J, "initial_residual_force": 0.0, "time_constant_s": 5.0,
+                          "dead_time_s": 5.0, "asymmetric-stiction:jump_difference": 0.8 * DIFFERENCE,
+                          "stiction-drift:stickband_growth": 0.8 * GROWTH})
+    point: FloatArray = with_start(model, model.cube(start[:, None]))
+    stopped = descended(model, point)
+    herd = herded(model, point, np.random.default_rng(0))
+    assert np.all(np.diff(herd.costs) >= 0.0)
+    assert herd.costs[0] == pytest.approx(float(model.costs(herd.points[:1])[0]))
+    rmse = [float(np.sqrt(found.costs[0] / model.shared.rows)) for found in (stopped, herd)]
+    assert rmse[1] < 1.2 * NOISE < 0.6 * rmse[0]
