@@ -28,7 +28,7 @@ from .resonance import NUMBERS, resonance
 from .restarts import bound
 from .ridge import followed, ridge_of
 from .search import refine, swarm, together
-from .spec import BASE, Evaluated, Spec
+from .spec import BASE, INTEGRATOR, Evaluated, Spec
 from .starts import along_ridge, basins, with_other_start, with_process
 from .windows import resting_valves, windowed_valves
 
@@ -400,12 +400,16 @@ def _grown_with(model: Model, name: str, fit: Fitted, rng: np.random.Generator) 
     """Starts (k, d) for an effect on friction or the stem from a search that grows with the record, each with its
     process.
 
-    Beside a valve that rests from searches for such a valve, too.
+    Beside a valve that rests from searches for such a valve, too. So is friction that changes with time in an
+    integrator from windows: parts that grow from the beginning found it in none of 5 scanned loops, windows in 3 of 3.
     """
     plain = undisturbed(model, fit.model, fit.values)
     cube = grown_valves(plain, _valve_of(plain, (name,)), rng)
     if RESTING in plain.spec.effects and name != RESTING and plain.spec.held and ridge_of(model) is None:
         cube = np.concatenate([resting_valves(plain, (name,), plain.rows_of(RESTING), rng), cube])
+    elif parse(name)[0].profile is not None and plain.spec.process == INTEGRATOR and plain.spec.held:
+        rows = plain.rows_of(name)
+        cube = np.concatenate([windowed_valves(plain, [0, 1, *range(rows.start, rows.stop)], None, rng), cube])
     found = with_process(model, _as_in(model, plain, cube, fit))
     if model.spec.held:
         return found

@@ -63,14 +63,14 @@ def resting_valves(model: Model, names: Sequence[str], still: slice, rng: np.ran
     return np.concatenate([grown_valves(model, own, rng, still) for _ in range(_GROWTHS)])
 
 
-def windowed_valves(model: Model, columns: list[int], still: slice, rng: np.random.Generator, *,
+def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: np.random.Generator, *,
                     rival: tuple[Model, FloatArray] | None = None, several: bool = False) -> FloatArray:
     """Points (k, d) of the unit cube, best first, whose `columns` (S, J and effects) and start were searched.
 
     The process of all is in the middle of its range, the columns `still` at their upper end (a valve that rests at
-    every scan). Of several segments the longest is searched. None are left (0, d) where a valve of a `rival`, a model
-    and its values (d,) or (d, k), fits the shortest windows as well. `several` effects ask for a scan that is less
-    dense, and a polish that goes further.
+    every scan; None for one that slides). Of several segments the longest is searched. None are left (0, d) where a
+    valve of a `rival`, a model and its values (d,) or (d, k), fits the shortest windows as well. `several` effects ask
+    for a scan that is less dense, and a polish that goes further.
     """
     at = longest_piece(model)
     whole = search_model(model.pieces[at])
@@ -78,7 +78,8 @@ def windowed_valves(model: Model, columns: list[int], still: slice, rng: np.rand
     shift = model.head - small.head
     own = [c - (shift if c >= model.head else 0) for c in columns]
     middle = neutral_point(small)
-    middle[still.start - shift:still.stop - shift] = 1.0
+    if still is not None:
+        middle[still.start - shift:still.stop - shift] = 1.0
 
     def values_of(points: FloatArray) -> FloatArray:
         cube = middle[None].repeat(len(points), axis=0)

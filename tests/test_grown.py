@@ -294,3 +294,18 @@ def test_a_valve_that_rests_is_found_beside_a_slow_stem() -> None:
     rates = valves[model.rows_of("slew-limit").start] / dict(setting.effects)["slew-limit"]["rate"]
     apart = np.stack([valves[0] / setting.S, valves[1] / setting.J, rates]) - 1.0
     assert np.abs(apart).max(axis=0).min() < 0.25
+
+
+def test_windows_find_a_stickband_that_grows_in_an_integrator() -> None:
+    """Parts that grow from the beginning end at valves that follow their command, a third of the true stickband."""
+    setting, loop, (kind, bed), sd = loop_of(716, "stiction-drift", 0.01, 0.0, 1500)
+    assert (kind, bed) == ("scan", "integrator")
+    found = find_range(loop)
+    model = Model(loop, Spec(process="integrator"), s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
+    values = model.vector({"S": 0.5 * setting.S, "J": 0.5 * setting.J, "initial_residual_force": 0.0,
+                           "time_constant_s": 0.3, "dead_time_s": 1.0})
+    best = model.evaluate(values)
+    fit = Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+    look = scout(fit, "stiction-drift", values[None, :5], np.random.default_rng(0))
+    assert look.values[0] == pytest.approx(setting.S, rel=0.03)
+    assert look.cost < (2.0 * sd) ** 2 * loop.samples
