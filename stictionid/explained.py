@@ -1,9 +1,10 @@
-"""Whether an autoregression explains all that a model leaves, so that nothing is left for another base or an effect.
+"""Whether a noise model explains all that a model leaves, so that nothing is left for another base or an effect.
 
 An autoregression imitates a slow disturbance by a root near 1, and what valve and process do it leaves where it
-happens: in innovations that follow past positions, are larger after moves or in some stretches, or have heavy tails. A
-noise of short memory whose innovations pass joint tests for all that asks for no hunting. Wrong where an effect moves y
-by less than the tests see: some 2 per cent of the innovations' variance in 1500 samples, less than names an effect.
+happens: in innovations that follow past positions, or past values of a further tag, are larger after moves or in some
+stretches, or have heavy tails. A noise of short memory whose innovations pass joint tests for all that asks for no
+hunting. Wrong where an effect moves y by less than the tests see: some 2 per cent of the innovations' variance in 1500
+samples, less than names an effect.
 
 Source: CRITICISM.md section 7, steps 1 and 2; Ljung and Box 1978; Fisher 1929 (a line); Engle 1982 (squares).
 """
@@ -14,11 +15,13 @@ from statistics import NormalDist
 
 import numpy as np
 
+from .effects import parse
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .noise import autocovariance, chi_square_z, ljung_box
 
-# Level of each of six tests, 1 % for all together, and the one-sided normal value that it stands for.
+# Level of each of six tests, 1 % for all together (a further tag has one more), and the one-sided normal value that it
+# stands for.
 _LEVEL = 0.01 / 6.0
 _LIMIT = NormalDist().inv_cdf(1.0 - _LEVEL)
 # A noise with a root beyond this remembers so long that it may be a disturbance: a step, a ramp or a sine needs one
@@ -42,6 +45,15 @@ def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation
         return False
     if walk and abs(_mean(innovation[good])) > NormalDist().inv_cdf(1.0 - 0.5 * _LEVEL):
         return False
+    return only_noise(model, np.concatenate([[1.0], taps]), taps.size, position, innovation, good)
+
+
+def only_noise(model: Model, polynomial: FloatArray, order: int, position: FloatArray, innovation: FloatArray,
+               good: BoolArray) -> bool:
+    """Whether an `innovation` (n,) passes all the tests, however long the memory of the noise model that left it.
+
+    `polynomial` in the lag made innovations of errors, differences included; `order` of its numbers were fitted.
+    """
     e, rows = np.where(good, innovation, 0.0), int(good.sum())
     if rows < 10 * (_POSITIONS + 2 * _MOVES + _STRETCHES) or not e.any():
         return False
@@ -51,8 +63,9 @@ def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation
     curved = [*_curved(model, position), *before, *(np.abs(m) for m in before)]
     stretch = np.minimum(np.arange(e.size) * _STRETCHES // e.size, _STRETCHES - 1)
     loud = [*(np.abs(m) for m in before), *((stretch == s).astype(np.float64) for s in range(1, _STRETCHES))]
-    found = (_correlated(model, taps.size, e, good), _followed(e, good, _positions(model, taps, position)),
-             _followed(e, good, curved), _followed(e**2, good, loud), _heavy(e[good]))
+    found = (_correlated(model, order, e, good), _followed(e, good, _positions(model, polynomial, position)),
+             _followed(e, good, curved), _followed(e**2, good, loud), _heavy(e[good]),
+             *_tags(model, polynomial, e, good))
     return max(found) < _LIMIT and not _line(e)
 
 
@@ -64,9 +77,17 @@ def _correlated(model: Model, order: int, e: FloatArray, good: BoolArray) -> flo
     return ljung_box(c[1:] / c[0], rows, order)[1]
 
 
-def _positions(model: Model, taps: FloatArray, position: FloatArray) -> list[FloatArray]:
+def _tags(model: Model, polynomial: FloatArray, e: FloatArray, good: BoolArray) -> list[float]:
+    """The test of past positions for every further tag that moves, and is not in the model."""
+    loop = model.loop
+    known = {option for name in model.names for effect, option in (parse(name),) if "extra" in effect.needs}
+    tags = (loop.extras[tag] for tag in loop.moving_extras if tag not in known)
+    return [_followed(e, good, _positions(model, polynomial, np.where(np.isfinite(x), x, np.nanmean(x)))) for x in tags]
+
+
+def _positions(model: Model, polynomial: FloatArray, position: FloatArray) -> list[FloatArray]:
     """Past positions over one period, passed through the filter that made the errors innovations."""
-    white = np.convolve(position - position.mean(), np.concatenate([[1.0], taps]))[:position.size]
+    white = np.convolve(position - position.mean(), polynomial)[:position.size]
     longest = max(int(np.clip(model.period_s / model.step_s, 2, 60)), 2)
     return [_later(white, k) for k in np.unique(np.round(np.linspace(1, longest, _POSITIONS)).astype(int)).tolist()]
 

@@ -16,7 +16,7 @@ import numpy as np
 from .arx import Arx
 from .effects import parse
 from .effects.contract import Effect, Place
-from .explained import noise_alone
+from .explained import noise_alone, only_noise
 from .fit import Fitted, polish_smooth
 from .grown import grown_beside, grown_valves
 from .herd import herded
@@ -123,7 +123,20 @@ class Refit:
     def walk_alone(self) -> bool:
         """Whether model and random walk leave nothing but noise in the changes of y."""
         return self.increments and not self.own and noise_alone(
-            self.model, self.taps, self.evaluated.position, self.innovation, self.good, walk=True)
+            self.model, self._polynomial()[1:], self.evaluated.position, self.innovation, self.good, walk=True)
+
+    @property
+    def white(self) -> bool:
+        """Whether the innovations pass every test for chance, whatever the noise model that left them.
+
+        A noise model may hide what is slow in a root near 1, or in changes of y, but not what valve and process do.
+        """
+        return only_noise(self.model, self._polynomial(), self.taps.size, self.evaluated.position, self.innovation,
+                          self.good)
+
+    def _polynomial(self) -> FloatArray:
+        """What the errors are passed through to be innovations."""
+        return _whitening(self.own, self.taps, self.increments)
 
     def bic(self, good: BoolArray) -> float:
         """BIC of the innovations on common samples (n,)."""
@@ -586,6 +599,12 @@ def _joined(own: tuple[float, ...], ar: FloatArray) -> FloatArray:
     return np.convolve(np.concatenate([[1.0], own]), np.concatenate([[1.0], ar]))
 
 
+def _whitening(own: tuple[float, ...], ar: FloatArray, increments: bool) -> FloatArray:
+    """The polynomial in the lag that makes innovations of errors, the leading 1 included."""
+    polynomial = _joined(own, ar)
+    return np.convolve(polynomial, [1.0, -1.0]) if increments else polynomial
+
+
 def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own: tuple[float, ...], noise: str,
           rng: np.random.Generator | None) -> tuple[FloatArray, int]:
     """Taps of the noise model beside the model's own prewhitening, and how many fitted numbers they stand for.
@@ -606,9 +625,7 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
 
 def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArray, increments: bool,
            own: tuple[float, ...], numbers: int) -> Refit:
-    polynomial = _joined(own, ar)
-    if increments:
-        polynomial = np.convolve(polynomial, [1.0, -1.0])
+    polynomial = _whitening(own, ar, increments)
     innovation, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
     good &= ~model.starting(polynomial.size)
     count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + numbers

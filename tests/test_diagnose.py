@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from stictionid.diagnose import add, bootstrap, diagnose, work
-from stictionid.diagnose.judge import equivalents, holds, steadiest
+from stictionid.diagnose.judge import equivalents, holds, steadiest, winner_of
+from stictionid.diagnose.rounds import look_at
+from stictionid.diagnose.run import without_noise
 from stictionid.diagnose.steps import opened
 from stictionid.diagnose.tells import settling
 from stictionid.diagnose.tries import Tried, held_command
@@ -21,7 +23,7 @@ from stictionid.effects import catalogue
 from stictionid.effects import get as get_effect
 from stictionid.effects.contract import Context
 from stictionid.errors import DataError, UsageError
-from stictionid.explained import noise_alone
+from stictionid.explained import noise_alone, only_noise
 from stictionid.heldout import Held
 from stictionid.identify import Options, identify
 from stictionid.loop import Loop
@@ -160,6 +162,51 @@ def test_noise_alone_is_told_from_what_valve_process_or_a_disturbance_leave() ->
     walked = [np.mean([noise_alone(model, -np.ones(1), position, e + left, good, walk=True) for e in white[:40]])
               for left in (0.0, step, ramp, size * lagged)]
     assert walked[0] >= 0.95 and max(walked[1:]) <= 0.1
+
+
+def test_a_further_tag_is_seen_in_innovations_unless_it_is_in_the_model() -> None:
+    loop = simulate(setting(duration_s=1500.0), seed=5).loop
+    rng = np.random.default_rng(9)
+    tag = np.cumsum(rng.normal(size=loop.samples) * (rng.random(loop.samples) < 0.02))
+    loop = replace(loop, extras={"feed": tag})
+    known, unknown = (Model(loop, Spec(effects=names), s_max=10.0, period_s=60.0)
+                      for names in (("measured-disturbance:feed",), ()))
+    good = np.arange(loop.samples) > 60
+    # Noise that walks: errors in differences, and of the tag its moves.
+    walk, moves = np.array([1.0, -1.0]), np.diff(tag, prepend=tag[0])
+    size = np.sqrt(np.expm1((50.0 + np.log(loop.samples)) / loop.samples)) / moves.std()
+    seen = {known: 0, unknown: 0}
+    for e in rng.normal(size=(25, loop.samples)):
+        assert loop.position is not None
+        seen[known] += only_noise(known, walk, 0, loop.position, e, good)
+        seen[unknown] += only_noise(unknown, walk, 0, loop.position, e + 2.0 * size * np.roll(moves, 2), good)
+    assert seen[known] >= 23 and seen[unknown] <= 2
+
+
+def test_what_a_random_walk_left_over_is_named_though_the_level_runs_away() -> None:
+    """A free run beside a walk has no error that could grow, and a second noise model only takes the first's place."""
+    loop = simulate(setting(effects=(("random-walk-disturbance", {"innovation_sd": 0.1}), (
+        "measured-disturbance", {"gain": 1.5, "lag_s": 2.0, "dead_time_s": 2.0}))), seed=22).loop
+    study = add(loop, identify(loop, options=HELD), "random-walk-disturbance")
+    found = look_at(loop, study, 0, 1, lambda text, share: None).found
+    winner = winner_of(found)
+    assert winner is not None and winner.name == "measured-disturbance:D1"
+    assert not any(t.noise for t in found.tried)
+    lucky = replace(found.reference.evaluated, residual=0.01 * found.reference.evaluated.residual)
+    assert winner_of(replace(found, reference=replace(found.reference, evaluated=lucky))) is winner
+
+
+def test_a_noise_model_gives_way_to_the_physics_that_it_imitated() -> None:
+    loop, study = hidden("step-disturbance", time_s=500.0, size=1.2)
+    noisy = add(loop, study, "coloured-noise")
+    both = add(loop, noisy, "step-disturbance@output")
+    after = without_noise(loop, both, "step-disturbance", 0)
+    assert set(both.steps[-1].effects) == {"coloured-noise", "step-disturbance"}
+    assert after.steps[-1].effects == ("step-disturbance",) and after.steps[-1].added == "step-disturbance"
+    assert after.steps[-1].error.rmse <= 1.05 * 0.06
+    assert any(f.code == "gave-way" for f in after.steps[-1].findings)
+    # It stays where nothing falls by half without it.
+    assert without_noise(loop, noisy, "coloured-noise", 0).steps[-1].effects == ("coloured-noise",)
 
 
 def test_a_walk_that_does_no_better_than_an_autoregression_is_not_named() -> None:

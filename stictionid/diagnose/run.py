@@ -35,6 +35,8 @@ _JOINTLY = 2
 # Candidates of the first round that are asked what comes after them, where the walk from its winner ends with more than
 # noise, or after more additions than the second number; each leaves at most the third share of the free-run error.
 _OTHER_WAYS, _PAIR, _LEFT = 2, 2, 0.9
+# Share of the free-run error up to which an effect leaves what the noise model before it was taken for.
+_HALF = 0.5
 # BIC by which two effects must be ahead of that end where they don't bring the free run to the noise themselves.
 _FAR = 50.0
 
@@ -78,12 +80,16 @@ class _Fork:
 
 def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candidate, ...], asked: _Asked) -> Study:
     """The walk from a study to which effects were `added` already; `ranking` is that of the last of them."""
-    added = list(added)
+    added, turns = list(added), len(added)
     fork: _Fork | None = None
     apply, seed, jobs, bootstrap, tell = asked.apply, asked.seed, asked.jobs, asked.bootstrap, asked.tell
     while True:
         earlier = () if added else before_chosen(study)
         settled = bool(study.steps) and study.adequate and not _carried(study) and not _memory(loop, study, seed)
+        # What was added may hide what else is missing: its innovations tell, however small the error.
+        more = bool(study.steps) and (bool(added) or _noisy(study)) and not _last(loop, study).white
+        if added and more:
+            settled = False
         if settled and not earlier and not asked.everything:
             study = replace(study, candidates=() if not added else study.candidates, missing=_kept(added, study))
             return _other_way(loop, study, fork, asked) if fork else study
@@ -91,21 +97,24 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
         if chosen is not None and chosen.stays and (settled or _noisy(study)):
             # What was chosen stays: what it could hide does no better.
             kept = tuple(c for c in candidates(chosen.found, chosen.winner) if c.effect not in study.steps[-1].effects)
+            fork = _Fork(chosen.study, (), chosen)
             study = replace(study, candidates=kept, missing=())
-            return _other_way(loop, study, _Fork(chosen.study, (), chosen), asked) if apply else study
-        if chosen is not None and chosen.followed is not None and apply and not bootstrap:
+            chosen = _beside_noise(loop, study, asked) if more and _noisy(study) else None
+            if chosen is None:
+                return _other_way(loop, study, fork, asked) if apply else study
+        elif chosen is not None and chosen.followed is not None and apply and not bootstrap:
             return chosen.followed
         if chosen is None or chosen.stays:
             chosen = on_other_base(look_at(loop, study, seed, jobs, tell), seed, jobs, tell)
             if not added:
                 chosen = beside_rest(chosen, seed, jobs, tell)
-            # (A valve that does not stick has no effect for a lag to hide.)
-            if len(added) < _JOINTLY and study.verdict.stiction != "no stiction":
+            # (A valve that does not stick has no effect for a lag to hide, if noise is all that is left.)
+            if len(added) < _JOINTLY and (study.verdict.stiction != "no stiction" or not chosen.best.white):
                 chosen = beside_lag(chosen, seed, jobs, tell)
         found, winner = chosen.found, chosen.winner
         if chosen.study is not study or found.better or chosen.notes:
             study, first = _put_right(loop, study, chosen, seed)
-            added += first
+            added, turns = added + first, turns + len(first)
         p_value = None
         if bootstrap and winner is not None:
             from .bootstrap import p_of
@@ -117,7 +126,7 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
                 return replace(study, missing=_kept(added, study)) if apply else study
         study = replace(study, candidates=candidates(found, winner, p_value),
                         missing=(parse(winner.name)[0].name,) if winner else ())
-        if not apply or winner is None or len(added) >= MOST_ADDITIONS:
+        if not apply or winner is None or turns >= MOST_ADDITIONS:
             if not apply:
                 return study
             # The last ranking that named something stays, with its equivalents.
@@ -127,7 +136,17 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
         fork = fork or _Fork(study, tuple(added), chosen)
         ranking = study.candidates
         study = _one_more(loop, study, winner, asked)
-        added.append(parse(winner.name)[0].name)
+        turns += 1
+        # What the newest made superfluous is gone, and missing no more.
+        added = [*_kept((*added, parse(winner.name)[0].name), study)]
+
+
+def _beside_noise(loop: Loop, study: Study, asked: _Asked) -> Looked | None:
+    """A round beside the noise model that a study ends in, whose innovations are not noise; None where nothing wins."""
+    looked = look_at(loop, study, asked.seed, asked.jobs, asked.tell)
+    if study.verdict.stiction != "no stiction":
+        looked = beside_lag(looked, asked.seed, asked.jobs, asked.tell)
+    return looked if looked.winner is not None else None
 
 
 def _other_way(loop: Loop, study: Study, fork: _Fork, asked: _Asked) -> Study:
@@ -140,7 +159,8 @@ def _other_way(loop: Loop, study: Study, fork: _Fork, asked: _Asked) -> Study:
     if not asked.detours or asked.bootstrap:
         return study
     last = _last(loop, study)
-    if (last.noise_alone or last.walk_alone or at_noise(last)) and len(study.missing) <= _PAIR:
+    # (What a lag hid is not two effects more.)
+    if (last.noise_alone or last.walk_alone or at_noise(last)) and len(set(study.missing) - {LAG}) <= _PAIR:
         return study
     seed, jobs, tell = asked.seed, asked.jobs, asked.tell
     ways = [(looked, t) for looked in (fork.looked, *fork.looked.others) for t in _rivals(looked, fork.looked)]
@@ -193,6 +213,8 @@ def _one_more(loop: Loop, study: Study, winner: Tried, asked: _Asked) -> Study:
     What an addition makes superfluous goes (CRITICISM.md section 7, step 8); a finding of the step says so.
     """
     after = add(loop, study, winner.name, seed=asked.seed, prune=True, known=winner.refit, progress=asked.tell)
+    if not winner.noise:
+        after = without_noise(loop, after, winner.name, asked.seed)
     return replace(judged_anew(loop, after, asked.seed), candidates=study.candidates)
 
 
@@ -200,6 +222,33 @@ def _kept(added: Sequence[str], study: Study) -> tuple[str, ...]:
     """What was added to a study and is in it still: what a later effect made superfluous is not missing."""
     have = {parse(name)[0].name for name in study.steps[-1].effects}
     return tuple(name for name in added if name in have)
+
+
+def without_noise(loop: Loop, study: Study, name: str, seed: int) -> Study:
+    """The study without the noise model that its last effect, `name`, was found beside, where that leaves but half of
+    the free-run error that the noise model was taken for.
+
+    It had imitated what is physical, and what is still to come; what it is good for now the next round tells.
+    """
+    last = study.steps[-1]
+    plain = next((s for s in reversed(study.steps) if not any(parse(n)[0].noise for n in s.effects)), None)
+    if not _noisy(study) or plain is None:
+        return study
+    noises = tuple(n for n in last.effects if parse(n)[0].noise is not None)
+    named = next(s for s in study.steps if set(noises) & set(s.effects))
+    run, fit = opened(loop, study, seed)
+    before = rebuild_model(run.loop, plain.model)[0].spec
+    spec = replace(fit.model.spec, effects=tuple(n for n in fit.model.spec.effects if n not in noises),
+                   increments=before.increments, taps=before.taps)
+    model = run.model(spec)
+    after = polished(model, model.vector(fit.model.named(fit.values)), run.rng)
+    if after.best.rmse > _HALF * named.error.rmse:
+        return study
+    said = Finding("gave-way", "info",
+                   f"left out again, because {name} explains what it had imitated: {', '.join(noises)}",
+                   {"effects": list(noises), "instead": name}, (parse(name)[0].name,), "CRITICISM.md section 7, step 8")
+    step = finished_step(run, after, last.added, (*last.findings, said))
+    return with_steps(study, run, (*study.steps[:-1], replace(step, variant=last.variant)), after)
 
 
 def before_chosen(study: Study) -> tuple[Study, ...]:

@@ -18,6 +18,7 @@ from ..loop import FloatArray, Loop
 from ..moves import search_model, spreads, with_start
 from ..refit import (
     AUTOREGRESSIVE,
+    LARGEST_ORDER,
     Refit,
     at_noise,
     at_thresholds,
@@ -111,7 +112,8 @@ def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress, noise
         # Where the best effect gains far more than the base did, the base's own optimum decides nothing.
         if told and gained < _MATTERS * _likelihood(fit, fit.sse, told[0].cost):
             break
-    reference = _plain_model(ground, answers, complete(fit.model, fit.values, None, rng, order=0))
+    order = LARGEST_ORDER if has_noise(fit.model.spec) else 0
+    reference = _plain_model(ground, answers, complete(fit.model, fit.values, None, rng, order=order))
     return _judged(fit, reference, held_out(reference), ground, answers, fit.sse < first)
 
 
@@ -151,10 +153,15 @@ def held_command(fit: Fitted, rng: np.random.Generator) -> Fitted | None:
 
 
 def candidate_names(loop: Loop, present: Sequence[str]) -> list[str]:
-    """Names under which effects are tried: variants and tags one by one, without what the model has already."""
+    """Names under which effects are tried: variants and tags one by one, without what the model has already.
+
+    Errors have one noise model: every refit estimates it anew, and a second would only take the first one's place.
+    """
     have = {name.partition("@")[0].partition(":")[0] for name in present}
+    noisy = any(parse(name)[0].noise is not None for name in present)
     return [name for effect in catalogue().values()
-            if effect.name not in have and not ("extra" in effect.needs and not loop.moving_extras)
+            if effect.name not in have and not (noisy and effect.noise is not None)
+            and not ("extra" in effect.needs and not loop.moving_extras)
             for name in variants(effect.name, loop)]
 
 
