@@ -147,7 +147,8 @@ class Effect:
     """One physical effect: what it is called, its numbers, its equation, its source, and its hooks.
 
     `parameters` are all public ones; `searched` names those that join the search (None: all), the others are linear
-    or follow. `fine` asks for parts of a sample even under a held command; `follows_y` that the kernel uses y.
+    or follow. `run_means` takes the place of `run` for a signal that is the mean over each part of a sample, as under a
+    command that moves within them, where the effect asks when in a part something happened. `fine` asks for parts of a sample even under a held command; `follows_y` that the kernel uses y.
     `reach` is how many times further than without it the stickband may reach beyond the swing of the command; `natural`
     are the numbers in which such a valve is searched.
     """
@@ -172,6 +173,7 @@ class Effect:
     friction: Friction | None = None
     profile: Callable[[FloatArray], FloatArray] | None = None
     run: Callable[..., None] | None = None
+    run_means: Callable[..., None] | None = None
     start: Callable[[FloatArray, FloatArray], FloatArray] | None = None
     dynamics: Callable[[Dynamics, FloatArray], Dynamics] | None = None
     columns: Callable[[FloatArray, Context], tuple[FloatArray, ...]] | None = None
@@ -209,5 +211,6 @@ class Effect:
         state = self.start(signal, theta) if self.start else np.zeros((max(self.states, 1), signal.shape[1]))
         out = np.empty_like(signal)
         part_s = context.step_s * context.process_value.size / signal.shape[0]
-        self.run(np.ascontiguousarray(signal), y, theta, part_s, state, out)
+        run = self.run if context.held or self.run_means is None else self.run_means
+        run(np.ascontiguousarray(signal), y, theta, part_s, state, out)
         return out

@@ -2,7 +2,10 @@
 
 Indistinguishable from an extra lag when every stroke is short.
 
-Equation: |du_v/dt| <= rate. Source: rate-limited actuator, METHODS.md section 5.
+Equation: |du_v/dt| <= rate. Under a command that moves between samples a stroke begins at an instant of its own, and
+each part of a sample is given by its mean: taken for the value at the part's end, slips an eighth of a sample early or
+late add up to 21 times the noise in an integrator (measured), against 1.3 times with the instant.
+Source: rate-limited actuator, METHODS.md section 5.
 """
 
 from __future__ import annotations
@@ -34,6 +37,53 @@ def _run(signal, y, theta, part_s, state, out):
             out[k, p] = state[0, p]
 
 
+@kernel
+def _run_means(signal, y, theta, part_s, state, out):
+    rows, lanes = signal.shape
+    # Where the place that the stem is after was when the part began.
+    place = signal[0].copy()
+    for k in range(rows):
+        for p in range(lanes):
+            reach, at = theta[0, p] * part_s, state[0, p]
+            now, start = signal[k, p], place[p]
+            before = signal[max(k - 1, 0), p]
+            after = signal[min(k + 1, rows - 1), p]
+            end = now if now == before else 0.5 * (now + after)
+            left, slips = 1.0, False
+            if k > 1 and before == signal[k - 2, p] and (after - before) * (now - before) > 0.0:
+                # A slip out of rest: the means of its part and of the next ones tell when it came, and what slid on.
+                slides = signal[min(k + 2, rows - 1), p] - after
+                share = min((now - before) / (after - before), 1.0)
+                slides = slides if slides * (now - before) > 0.0 and abs(slides) < 0.5 * abs(after - before) else 0.0
+                end = after - 0.5 * slides
+                slips = True
+                left = min((now - before) / (end - 0.5 * share * slides - before), 1.0)
+                start = end - left * slides
+            if not slips and at == start and abs(end - start) <= reach:
+                out[k, p], state[0, p], place[p] = now, end, end
+                continue
+            mean = 0.0
+            for second in range(2):
+                length = left if second else 1.0 - left
+                if length <= 0.0:
+                    continue
+                goal, speed = (start, (end - start) / length) if second else (before, 0.0)
+                gap = goal - at
+                way = np.sign(gap) if gap != 0.0 else np.sign(speed)
+                closing = way * reach - speed
+                meets = gap / closing if gap * closing > 0.0 else (0.0 if gap == 0.0 else length)
+                meets = min(meets, length)
+                mean += meets * (at + 0.5 * way * reach * meets)
+                at += way * reach * meets
+                rest = length - meets
+                pace = min(max(speed, -reach), reach)
+                mean += rest * (at + 0.5 * pace * rest)
+                at += pace * rest
+                if rest > 0.0 and pace == speed:
+                    at = goal + speed * length
+            out[k, p], state[0, p], place[p] = mean, at, end
+
+
 def _start(signal: FloatArray, theta: FloatArray) -> FloatArray:
     return signal[:1].copy()
 
@@ -55,5 +105,5 @@ EFFECT = Effect(
     name="slew-limit", kind="T", place=Place.STEM,
     summary="the actuator strokes no faster than its air supply allows",
     equation="|du_v/dt| <= rate", source="METHODS.md section 5", parameters=(_RATE,), confused_with=("extra-lag",),
-    fine=True, states=1, limits=_limits, run=_run, start=_start, guess=_guess,
+    fine=True, states=1, limits=_limits, run=_run, run_means=_run_means, start=_start, guess=_guess,
 )
