@@ -374,13 +374,14 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
     """Starts (k, d) whose valve goes with the effect, each with its process.
 
     For effects on friction from a search that grows with the record, because their basins are narrow and far from the
-    base's, and beside a valve that rests from windows, too, as for effects on the stem; for others from swarms over the
-    valve on the one-step error, which stays local in time: one swarm for each guess of the effect, because the right S
-    and J lie elsewhere for each.
+    base's, and beside a valve that rests from windows, too, as for effects on the stem there and under a command that
+    moves between samples; for others from swarms over the valve on the one-step error, which stays local in time: one
+    swarm for each guess of the effect, because the right S and J lie elsewhere for each.
     """
     rows, at = model.rows_of(name), longest_piece(model)
     effect = parse(name)[0]
-    if effect.friction is not None or (effect.place is Place.STEM and RESTING in model.spec.effects):
+    if effect.friction is not None or (effect.place is Place.STEM
+                                          and (RESTING in model.spec.effects or not model.spec.held)):
         found = _grown_with(model, name, fit, rng)
         return found if ridge_of(model) is None or not model.spec.held else _ridges(model, name, fit, found, rng)
     period = model.period_s / model.step_s

@@ -11,6 +11,8 @@ import pytest
 
 from stictionid import between, descent, folds, kernels, noise, process, products, regression, search
 from stictionid.arx import Arx
+from stictionid.effects import get as get_effect
+from stictionid.effects.contract import Context
 from stictionid.laws import get
 from stictionid.laws.contract import neutral_friction
 from stictionid.model import Model, Spec
@@ -349,6 +351,31 @@ def test_interval_means_place_the_break_away_inside_the_part() -> None:
     exact = np.concatenate([[50.0], slow[1:].reshape(-1, 1000)[:38].mean(axis=1)]) if slow.size % 1000 == 1 else None
     if exact is not None:
         np.testing.assert_allclose(means[:exact.size], exact, atol=2e-3)
+
+
+def test_a_stroke_begins_and_meets_its_place_within_a_part_of_a_sample() -> None:
+    """A stem that never catches up keeps what a part is wrong by: taken for steps, that added up in an integrator."""
+    parts, within = 200, 500
+    t = np.arange(parts * within + 1) / within
+    # A place that slips up at 10.3, slides on, turns back to and fro past a stem that is slower, and rests in the end.
+    place = np.where(t < 10.3, 0.0, 3.0 + 0.2 * (t - 10.3))
+    place = np.where(t < 30.0, place, 3.0 + 0.2 * 19.7 - 1.1 * (t - 30.0))
+    place = np.where(t < 40.0, place, place[40 * within] + 1.3 * np.abs((t - 40.0 + 7.6) % 15.2 - 7.6))
+    place = np.where(t < 150.0, place, np.where(t < 170.7, place[150 * within], -8.0))
+    fast = np.concatenate([place[:1], place[1:].reshape(parts, within).mean(axis=1)])
+    rates = np.array([[0.15, 0.4, 0.9, 2.0, 1e9]])
+    context = Context(fast, fast, None, 1.0, 1, 50.0, 5.0, {}, None, None, None, False)
+    effect = get_effect("slew-limit")
+    stem = effect.transformed(np.repeat(fast[:, None], rates.size, axis=1), rates, context)
+    fine = np.repeat(place[:, None], rates.size, axis=1)
+    exact = np.empty_like(fine)
+    effect.run(fine, fine, rates, 1.0 / within, fine[:1].copy(), exact)
+    exact = np.concatenate([exact[:1], exact[1:].reshape(parts, within, -1).mean(axis=1)])
+    np.testing.assert_allclose(stem[:, -1], fast, atol=1e-6)  # as fast as any place: the effect is not there
+    steps = np.empty_like(stem)
+    effect.run(np.repeat(fast[:, None], rates.size, axis=1), stem, rates, 1.0, np.zeros((1, rates.size)), steps)
+    error, before = (np.abs(np.cumsum(x - exact, axis=0))[:, :-1].max(axis=0) for x in (stem, steps))
+    assert (error < 0.01 * before).all()
 
 
 def test_a_start_up_transient_long_gone_does_not_make_a_cost_of_nothing() -> None:

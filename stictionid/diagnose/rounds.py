@@ -33,7 +33,8 @@ from .tries import NAMED, Round, Tried, try_all
 
 # What a lag and another effect must gain in BIC over the best one alone (CRITICISM.md section 7, step 7: "named").
 _JOINT = 50.0
-# Another structure gets a round of its own where its base, noise model included, is at most so much less likely in BIC.
+# Another structure gets a round of its own where its base, noise model included, is at most so much less likely in BIC,
+# or leaves at most the share below of the free-run error.
 _AS_LIKELY = 100.0
 # Share of the free-run error up to which another base leaves what chance does not (judge.py says the same of effects).
 _HALF = 0.5
@@ -138,7 +139,8 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
     for base in (_other_process, _moving_command):
         tell("trying another structure of the base", 0.5)
         fit = base(looked.run, found.fit)
-        if fit is None or _beside_noise(fit) > likely:
+        # (What a noise model carries beside the wrong process may be more than the right one leaves without.)
+        if fit is None or (_beside_noise(fit) > likely and fit.best.rmse > _HALF * found.fit.best.rmse):
             continue
         # What wins must be at the noise, and leave less than the best so far.
         moving = not fit.model.spec.held

@@ -148,9 +148,10 @@ class Effect:
 
     `parameters` are all public ones; `searched` names those that join the search (None: all), the others are linear
     or follow. `run_means` takes the place of `run` for a signal that is the mean over each part of a sample, as under a
-    command that moves within them, where the effect asks when in a part something happened. `fine` asks for parts of a sample even under a held command; `follows_y` that the kernel uses y.
-    `reach` is how many times further than without it the stickband may reach beyond the swing of the command; `natural`
-    are the numbers in which such a valve is searched.
+    command that moves within them, where the effect asks when in a part something happened. `fine` asks for parts of a
+    sample even under a held command; `follows_y` that the kernel uses y. `reach` is how many times further than without
+    it the stickband may reach beyond the swing of the command; `natural` are the numbers in which such a valve is
+    searched.
     """
 
     name: str
