@@ -159,8 +159,12 @@ def _other_way(loop: Loop, study: Study, fork: _Fork, asked: _Asked) -> Study:
     if not asked.detours or asked.bootstrap:
         return study
     last = _last(loop, study)
+    ended = last.noise_alone or last.walk_alone or at_noise(last)
+    # A noise that remembers for long may be a disturbance; beside physics the tests see what another way would need.
+    if _noisy(study) and not all(parse(name)[0].noise for name in study.missing):
+        ended = ended or last.white
     # (What a lag hid is not two effects more.)
-    if (last.noise_alone or last.walk_alone or at_noise(last)) and len(set(study.missing) - {LAG}) <= _PAIR:
+    if ended and len(set(study.missing) - {LAG}) <= _PAIR:
         return study
     seed, jobs, tell = asked.seed, asked.jobs, asked.tell
     ways = [(looked, t) for looked in (fork.looked, *fork.looked.others) for t in _rivals(looked, fork.looked)]
@@ -304,13 +308,19 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
     v = study.steps[-1].model["values"]
     carried = (v["S"], v["J"]) if _noisy(study) else None
     best: tuple[float, Looked] | None = None
+    known: set[str] = set()
     for earlier in before:
         looked = look_at(loop, earlier, seed, jobs, tell)
         # Where the whole catalogue names the very step, and its steps leave noise as it is, no other base is asked; nor
         # where they leave noise that no test tells from chance.
         if not (settled and (alone or (_confirms(looked, study) and not _noisy(study)))):
-            looked = beside_rest(on_other_base(looked, seed, jobs, tell), seed, jobs, tell, carried)
-            looked = beside_lag(looked, seed, jobs, tell)
+            looked = on_other_base(looked, seed, jobs, tell)
+            # What `identify` found itself had its round, with fresh basins of its own, when that step was looked at.
+            if RESTING not in known:
+                looked = beside_rest(looked, seed, jobs, tell, carried)
+            if LAG not in known:
+                looked = beside_lag(looked, seed, jobs, tell)
+        known |= set(earlier.steps[-1].effects)
         ahead = _ahead(looked, study)
         if best is None or ahead >= best[0]:
             best = ahead, looked
