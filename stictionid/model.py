@@ -121,7 +121,8 @@ class Model:
                          and not any(e.run or e.friction for e in self.effects))
         self.step_s = loop.step_s
         fine = any(effect.fine for effect in self.effects)
-        self.parts = max(spec.substeps, _FINE_PARTS) if fine and spec.held else spec.substeps
+        # Each command lasts a whole number of parts, of a thinned record too, whose samples hold several.
+        self.parts = spec.substeps * (-(-_FINE_PARTS // spec.substeps) if fine and spec.held else 1)
         self.taps = spec.whitening()
 
     def _range(self) -> None:

@@ -47,6 +47,8 @@ _WORTH, _TURNS = 0.01, 4
 _ACROSS_STEP = 0.01
 _ACROSS_S = 1.0 + _ACROSS_STEP * np.arange(-16, 17)
 _ACROSS_J, _ACROSS_EFFECT = np.array([0.7, 0.85, 1.0, 1.15, 1.35]), np.array([-0.1, -0.04, -0.015, 0.015, 0.04, 0.1])
+# A scan for another S of a valve that rests: shares of S and of J.
+_BAND_S, _BAND_J = np.exp(0.004 * np.arange(-30, 31)), np.array([0.97, 0.985, 1.0, 1.015, 1.03])
 # Searches along a ridge; the share of the cost of the model so far under which the first must be for another, or J as a
 # share of S in that model (J > S is a kinetic friction below 0).
 _GROWTHS, _PROMISES, _BEYOND = 3, 0.8, 0.9
@@ -321,8 +323,10 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
     points = found.points
     if model.spec.held and look.name and parse(look.name)[0].natural is not None:
         points = followed(coarse, points[:_KEPT], rng).points
+    # A valve that rests was found beside what was still missing, which then bent its S by several slips.
+    others = _stickbands(coarse, points[0]) if model.spec.held and RESTING in model.spec.effects else points[:0]
     for _ in range(_RIDGE_TURNS if model.spec.held else 1):
-        near = with_start(coarse, points[:2])
+        near = np.concatenate([with_start(coarse, points[:2]), others])
         if model.spec.held:
             near = np.concatenate([near, along_ridge(coarse, points[:1])[:4], with_other_start(coarse, points[0], 2)])
             if look.name:
@@ -476,6 +480,26 @@ def _across(model: Model, point: FloatArray, name: str, count: int) -> FloatArra
         if all(abs(S.ravel()[k] - S.ravel()[j]) > 1.5 * _ACROSS_STEP for j in kept):
             kept.append(k)
         if len(kept) == count:
+            break
+    return trial[kept]
+
+
+def _stickbands(model: Model, point: FloatArray) -> FloatArray:
+    """The best few valves (_KEPT, d) with another S beside a point (d,), each with its start, distinct in S.
+
+    The slips of a valve that rests between scans tell J at once, while every S has a start that goes with most of its
+    slips: only the right one goes with all.
+    """
+    values = model.values(point[None])[:, 0]
+    S, J = (g.ravel() for g in np.meshgrid(_BAND_S, _BAND_J, indexing="ij"))
+    grid = values[:, None].repeat(S.size, axis=1)
+    grid[0], grid[1] = values[0] * S, values[1] * J
+    trial = with_start(model, model.cube(grid))
+    kept: list[int] = []
+    for k in np.argsort(model.costs(trial), kind="stable").tolist():
+        if all(abs(S[k] - S[j]) > 1.5 * _ACROSS_STEP for j in kept):
+            kept.append(k)
+        if len(kept) == _KEPT:
             break
     return trial[kept]
 

@@ -22,6 +22,7 @@ from stictionid.lagbank import LagBank
 from stictionid.methods import structure
 from stictionid.methods.run import bic_gain
 from stictionid.model import Model
+from stictionid.moves import thinned
 from stictionid.oscillation import find_range
 from stictionid.process import Dynamics, free_run
 from stictionid.refit import scout, settled
@@ -309,3 +310,14 @@ def test_windows_find_a_stickband_that_grows_in_an_integrator() -> None:
     look = scout(fit, "stiction-drift", values[None, :5], np.random.default_rng(0))
     assert look.values[0] == pytest.approx(setting.S, rel=0.03)
     assert look.cost < (2.0 * sd) ** 2 * loop.samples
+
+
+@pytest.mark.parametrize("every", [1, 2, 3, 5])
+def test_a_stem_moves_in_whole_parts_of_every_command_of_a_thinned_record(every: int) -> None:
+    setting = Setting(Plant(1.2, 20.0, 4.0), Controller(0.7, 12.0, scan_s=1.0), S=4.0, J=2.0, duration_s=200.0,
+                      setpoint_moves=((0.0, 3.0),))
+    model = Model(simulate(setting, seed=1).loop, Spec(effects=("slew-limit",)), s_max=8.0, period_s=60.0)
+    small = thinned(model, every)
+    position = small.positions(small.values(np.full((1, small.space.size), 0.5)))
+    assert len(position) == small.loop.samples * small.parts
+    assert small.parts % every == 0
