@@ -12,11 +12,14 @@ Source: evolution strategies, Beyer and Schwefel 2002; METHODS.md section 4, tra
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .loop import FloatArray
 from .model import Model
 from .moves import behind_valve, spreads
+from .ridge import as_natural, as_valves
 from .search import Found, refine, together
 
 # Points that go on, neighbours drawn about each, those that get a process, and those that get a polish.
@@ -34,24 +37,32 @@ _TURNS, _PATIENCE, _WORTH, _DESCENT, _SETTLED = 30, 6, 0.01, 3, 1e-4
 def herded(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
     """Points (k, d) of the unit cube moved as a herd by the model's cost; the best distinct ones, best first.
 
+    Neighbours are drawn along the numbers that the slips of such a valve show, where it has any (see `ridge`).
+
     Wrong where the right basin is further from all of them than a tenth of the range.
     """
     herd = _distinct(Found(points, model.costs(points), 0))
     spread = spreads(model)
     spread[list(model.forces)] = _FORCE
+
+    def cost(natural: FloatArray) -> FloatArray:
+        valves, possible = as_valves(model, natural)
+        return np.where(possible, model.costs(valves), np.inf)
+
     left, best = _PATIENCE, float(herd.costs[0])
     for _ in range(_TURNS):
-        k, d = herd.points.shape
+        natural = as_natural(model, herd.points)
+        k, d = natural.shape
         reach = np.exp(rng.uniform(np.log(_NEAR), np.log(_FAR), (k, _DRAWN, 1)))
-        drawn = np.clip(herd.points[:, None] + reach * spread * rng.standard_normal((k, _DRAWN, d)), 0.0, 1.0)
+        drawn = np.clip(natural[:, None] + reach * spread * rng.standard_normal((k, _DRAWN, d)), 0.0, 1.0)
         _leap(model, drawn, rng)
-        costs = model.costs(drawn.reshape(-1, d)).reshape(k, _DRAWN)
+        costs = cost(drawn.reshape(-1, d)).reshape(k, _DRAWN)
         own = np.argsort(costs, axis=1, kind="stable")[:, :max(_WITH_PROCESS // k, 1)]
-        near = behind_valve(model, drawn[np.arange(k)[:, None], own].reshape(-1, d), slice(0, 0), turns=_DESCENT,
-                            settle=_WORTH)
-        last = refine(model.costs, near.points[:_POLISHED], rng, spread=spreads(model, 0.3), rounds=40, population=14,
-                      settle=_SETTLED)
-        herd = _distinct(together(herd, last))
+        near = behind_valve(model, as_valves(model, drawn[np.arange(k)[:, None], own].reshape(-1, d))[0], slice(0, 0),
+                            turns=_DESCENT, settle=_WORTH)
+        last = refine(cost, as_natural(model, near.points[:_POLISHED]), rng, spread=spreads(model, 0.3), rounds=40,
+                      population=14, settle=_SETTLED)
+        herd = _distinct(together(herd, replace(last, points=as_valves(model, last.points)[0])))
         left = _PATIENCE if herd.costs[0] < best * (1.0 - _WORTH) else left - 1
         best = min(best, float(herd.costs[0]))
         if not left:

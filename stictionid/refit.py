@@ -287,14 +287,15 @@ def beside_others(fit: Fitted, name: str, look: FloatArray, rng: np.random.Gener
     plain = undisturbed(model, before, fit.values)
     others = [n for n, effect in zip(plain.names, plain.effects, strict=True) if n != name and _on_valve(effect)]
     effect, option = parse(name)
-    still = slice(model.head, model.head)
+    still: slice | None = None
     if RESTING in others and before.cube(fit.values[:, None])[0, before.rows_of(RESTING)][0] > _RESTS:
         others.remove(RESTING)
         still = plain.rows_of(RESTING)
     if not others or not plain.spec.held or not _on_valve(effect):
         return None
     rows = [0, 1, *(i for n in (*others, name) for i in range(plain.rows_of(n).start, plain.rows_of(n).stop))]
-    far = with_process(model, _as_in(model, plain, windowed_valves(plain, rows, still, rng, several=True), fit))
+    far = with_process(model, _as_in(model, plain, windowed_valves(
+        plain, rows, still, rng, known=(plain.vector(fit.best.values), plain.rows_of(name))), fit))
     guesses = effect.guess(model._context(option)) if effect.guess else np.zeros((1, 0))
     near = model.vector(fit.best.values)[:, None].repeat(len(guesses), axis=1)
     near[model.rows_of(name)] = guesses.T

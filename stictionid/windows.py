@@ -22,9 +22,10 @@ from .effects import parse
 from .effects.contract import Place, Record
 from .grown import distinct, even, grown_valves, open_bank, open_costs
 from .lagbank import LagBank
-from .loop import FloatArray
+from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import lifted, longest_piece, neutral_point, search_model, thinned, thinning
+from .ridge import as_natural, as_valves
 from .scan import answers
 from .search import refine
 
@@ -41,9 +42,10 @@ _WIDE, _FINE = 0.02, 0.008
 # together all may lie in one that only short windows like. Share of the range.
 _APART = 0.02
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
-# Where effects are searched together: points of the scan whatever their number, those that go on and that it leaves,
-# and rounds and first standard deviation of their polish, which has to go a long way. No scan is dense in six numbers.
-_FEW, _TAKEN, _CHOSEN, _LONG, _FAR = 12000, 1500, 16, 20, 0.08
+# Where effects are searched together: points of half the scan whatever their number (none is dense in six), those that
+# go on and that it leaves, rounds and first standard deviation of their polish, which has to go a long way; and the
+# standard deviation of the other half about what is known (shares of the range).
+_FEW, _TAKEN, _CHOSEN, _LONG, _FAR, _ABOUT = 6000, 750, 8, 20, 0.08, 0.1
 # Searches from the beginning: one in three ends where a polish finds the valve.
 _GROWTHS = 3
 # Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
@@ -64,13 +66,16 @@ def resting_valves(model: Model, names: Sequence[str], still: slice, rng: np.ran
 
 
 def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: np.random.Generator, *,
-                    rival: tuple[Model, FloatArray] | None = None, several: bool = False) -> FloatArray:
+                    rival: tuple[Model, FloatArray] | None = None,
+                    known: tuple[FloatArray, slice] | None = None) -> FloatArray:
     """Points (k, d) of the unit cube, best first, whose `columns` (S, J and effects) and start were searched.
 
     The process of all is in the middle of its range, the columns `still` at their upper end (a valve that rests at
     every scan; None for one that slides). Of several segments the longest is searched. None are left (0, d) where a
-    valve of a `rival`, a model and its values (d,) or (d, k), fits the shortest windows as well. `several` effects ask
-    for a scan that is less dense, and a polish that goes further.
+    valve of a `rival`, a model and its values (d,) or (d, k), fits the shortest windows as well.
+
+    Where several effects are searched together, values (d,) are `known` but for the rows of one: half of the scan lies
+    about them, and the polish goes further, along the numbers that the slips show (see `ridge`).
     """
     at = longest_piece(model)
     whole = search_model(model.pieces[at])
@@ -81,28 +86,36 @@ def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: 
     if still is not None:
         middle[still.start - shift:still.stop - shift] = 1.0
 
-    def values_of(points: FloatArray) -> FloatArray:
+    def valves(points: FloatArray) -> tuple[FloatArray, BoolArray]:
         cube = middle[None].repeat(len(points), axis=0)
         cube[:, own] = points
-        return small.values(cube)
+        return as_valves(small, cube) if known else (cube, np.ones(len(cube), bool))
 
     def costs_on(windows: _Windows, first: int | None = None) -> Callable[[FloatArray], FloatArray]:
         def cost(points: FloatArray) -> FloatArray:
-            values = values_of(points)
-            return np.where(values[0] < _LEAST_S * small.s_max, np.inf, windows.costs(values, first).sum(axis=0))
+            cube, possible = valves(points)
+            values = small.values(cube)
+            possible &= values[0] >= _LEAST_S * small.s_max
+            return np.where(possible, windows.costs(values, first).sum(axis=0), np.inf)
 
         return cost
 
     direction = answers(model.loop)
     windows = _Windows(small, _PERIODS[0], _WINDOWS, direction)
     count = _SCAN * (len(own) - 1)
-    count, taken, left = (_FEW, _TAKEN, _CHOSEN) if several else (count, count // _GO_ON, _LEFT[0])
+    count, taken, left = (_FEW, _TAKEN, _CHOSEN) if known else (count, count // _GO_ON, _LEFT[0])
     points = (rng.random(len(own)) + np.outer(np.arange(count), even(len(own)))) % 1.0
-    points = points[np.argsort(costs_on(windows, _FIRST)(points), kind="stable")[:taken]]
-    points = points[np.argsort(costs_on(windows)(points), kind="stable")]
-    points = points[distinct(points, left, _APART)]
+    kept = _scanned(costs_on(windows, _FIRST), costs_on(windows), points, taken, left)
+    if known:
+        # Short windows may like a valve that follows its command better than any that is near the right one.
+        there = as_natural(small, small.cube(model.of(at, known[0][:, None])))[0, own]
+        about = np.clip(there + _ABOUT * rng.standard_normal(points.shape), 0.0, 1.0)
+        new = [i for i, c in enumerate(columns) if known[1].start <= c < known[1].stop]
+        about[:, new] = points[:, new]
+        kept = np.concatenate([kept, _scanned(costs_on(windows, _FIRST), costs_on(windows), about, taken, left)])
+    points, left = kept, len(kept)
     for periods, kept in zip(_PERIODS, np.geomspace(left / 2, _LEFT[1], len(_PERIODS)).astype(int), strict=True):
-        far = several and periods == _PERIODS[0]
+        far = known is not None and periods == _PERIODS[0]
         windows = windows if far else _Windows(small, periods, direction=direction)
         found = refine(costs_on(windows), points, rng, spread=_FAR if far else _WIDE if periods <= _SHORT else _FINE,
                        rounds=_LONG if far else _ROUNDS, population=_POPULATION, settle=_SETTLED)
@@ -116,11 +129,18 @@ def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: 
                 return np.empty((0, model.space.size))
         if len(windows.parts) == 1:
             break
-    out = middle[None].repeat(len(points), axis=0)
-    out[:, own] = points
+    out = valves(points)[0]
     # The start that goes with each on the whole record.
     out = small.cube(_started(small, small.values(out)))
     return out if len(model.pieces) == 1 else lifted(model, at, out)
+
+
+def _scanned(first: Callable[[FloatArray], FloatArray], then: Callable[[FloatArray], FloatArray], points: FloatArray,
+             taken: int, left: int) -> FloatArray:
+    """The best distinct points (left, d) of a scan by a second cost, of those `taken` that are best by a first one."""
+    points = points[np.argsort(first(points), kind="stable")[:taken]]
+    points = points[np.argsort(then(points), kind="stable")]
+    return points[distinct(points, left, _APART)]
 
 
 def _started(model: Model, values: FloatArray) -> FloatArray:
