@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..addition import polished
+from ..addition import carrier, polished
 from ..effects import parse
 from ..errors import CannotTell
 from ..fit import Fitted, polish_smooth
@@ -36,6 +36,8 @@ _JOINT = 50.0
 # Another structure gets a round of its own where its base, noise model included, is at most so much less likely in BIC,
 # or leaves at most the share below of the free-run error.
 _AS_LIKELY = 100.0
+# A random walk gets a round of its own where it gains this share of what the best candidate does.
+_WALKS = 0.5
 # Share of the free-run error up to which another base leaves what chance does not (judge.py says the same of effects).
 _HALF = 0.5
 
@@ -76,8 +78,8 @@ class Looked:
         In changes of y and in levels: both are tried where an integrator is completed.
         """
         if self.winner is not None:
-            kind = parse(self.winner.name)[0].noise
-            return (kind == AUTOREGRESSIVE and self.best.noise_alone) or (kind == RANDOM_WALK and self.best.walk_alone)
+            kinds = {parse(name)[0].noise for name in (*self.found.fit.model.spec.effects, self.winner.name)}
+            return (AUTOREGRESSIVE in kinds and self.best.noise_alone) or (RANDOM_WALK in kinds and self.best.walk_alone)
         return max((t.delta_bic for t in self.found.tried), default=np.inf) < _JOINT
 
 
@@ -122,6 +124,31 @@ def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress, *, moving: 
     said = Finding("joint", "info", f"{LAG} and {top.name} explain together what neither explains alone",
                    {"effects": [LAG, top.name]}, (), "CRITICISM.md section 6")
     study = with_steps(looked.study, run, (*looked.study.steps, finished_step(run, after, LAG, (said,))), after)
+    return Looked(study, run, replace(deeper, better=False), top, notes=looked.notes)
+
+
+def beside_walk(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
+    """The same round beside a random walk, where that names an effect and both leave nothing but noise.
+
+    A free run that strays is fitted to where it strays, by every effect in another way; changes of y, in which a walk
+    is noise, show the valve. Not where the walk by itself does far worse than the best so far.
+    """
+    run, found = looked.run, looked.found
+    walk = next((t for t in found.tried if parse(t.name)[0].noise == RANDOM_WALK and t.refit is not None), None)
+    if walk is None or walk.refit is None or looked.settled or looked.white or has_noise(found.fit.model.spec) \
+            or found.reference.own or walk.delta_bic < _WALKS * max(t.delta_bic for t in found.tried):
+        return looked
+    model = carrier(walk.refit, walk.name, found.fit.model)
+    best = model.evaluate(walk.refit.values)
+    fit = Fitted(model, walk.refit.values, best.sse, 1, 1, best, None, {}, walk.refit.values[None, :2])
+    tell("trying the catalogue beside a random walk", 0.5)
+    deeper = try_all(run.loop, fit, seed, jobs, tell)
+    top = winner_of(deeper)
+    if top is None or top.noise or top.refit is None or not top.refit.walk_alone \
+            or top.refit.gain_over(looked.best) < _JOINT:
+        return looked
+    after = polished(deeper.fit.model, deeper.fit.values, run.rng)
+    study = with_steps(looked.study, run, (*looked.study.steps, finished_step(run, after, walk.name, ())), after)
     return Looked(study, run, replace(deeper, better=False), top, notes=looked.notes)
 
 

@@ -20,7 +20,7 @@ from ..rerun import rebuild_model
 from ..results import Candidate, Study
 from ..segments import described
 from .judge import candidates
-from .rounds import LAG, Looked, beside_lag, beside_rest, look_at, on_other_base, other_structure
+from .rounds import LAG, Looked, beside_lag, beside_rest, beside_walk, look_at, on_other_base, other_structure
 from .steps import Progress, add, finished_step, judged_anew, opened, with_steps
 from .tries import NAMED, Tried
 
@@ -105,7 +105,8 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
         elif chosen is not None and chosen.followed is not None and apply and not bootstrap:
             return chosen.followed
         if chosen is None or chosen.stays:
-            chosen = on_other_base(look_at(loop, study, seed, jobs, tell), seed, jobs, tell)
+            chosen = beside_walk(look_at(loop, study, seed, jobs, tell), seed, jobs, tell)
+            chosen = on_other_base(chosen, seed, jobs, tell)
             if not added:
                 chosen = beside_rest(chosen, seed, jobs, tell)
             # (A valve that does not stick has no effect for a lag to hide, if noise is all that is left.)
@@ -204,10 +205,10 @@ def _rivals(looked: Looked, first: Looked) -> list[Tried]:
 
 
 def _put_right(loop: Loop, study: Study, chosen: Looked, seed: int) -> tuple[Study, list[str]]:
-    """The study that a round was made on, its last step put right, and the lag or the rest where it added one."""
-    before, after = ({step.added for step in s.steps} for s in (study, chosen.study))
-    gone = [step.added for step in study.steps if step.added and step.added not in after]
-    first = [name for name in (LAG, RESTING) if name in after - before]
+    """The study that a round was made on, its last step put right, and what it added: a lag, a rest, or a walk."""
+    before, after = ([step.added for step in s.steps if step.added] for s in (study, chosen.study))
+    gone = [name for name in before if name not in after]
+    first = [parse(name)[0].name for name in after if name not in before]
     return judged_anew(loop, _replaced(chosen, gone), seed), first
 
 
@@ -314,7 +315,7 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
         # Where the whole catalogue names the very step, and its steps leave noise as it is, no other base is asked; nor
         # where they leave noise that no test tells from chance.
         if not (settled and (alone or (_confirms(looked, study) and not _noisy(study)))):
-            looked = on_other_base(looked, seed, jobs, tell)
+            looked = on_other_base(beside_walk(looked, seed, jobs, tell), seed, jobs, tell)
             # What `identify` found itself had its round, with fresh basins of its own, when that step was looked at.
             if RESTING not in known:
                 looked = beside_rest(looked, seed, jobs, tell, carried)
