@@ -209,6 +209,18 @@ def test_a_noise_model_gives_way_to_the_physics_that_it_imitated() -> None:
     assert without_noise(loop, noisy, "coloured-noise", 0).steps[-1].effects == ("coloured-noise",)
 
 
+def test_a_valve_effect_beside_a_random_walk_is_found_in_changes_of_y() -> None:
+    """The free run strays nine times as far as the noise: by itself every effect is fitted to that."""
+    effects = (("asymmetric-stiction", {"jump_up": 1.4, "jump_down": 2.8}),
+               ("random-walk-disturbance", {"innovation_sd": 0.08}))
+    loop = replace(simulate(setting(effects=effects), seed=1).loop, position=None)
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert set(after.missing) == {"asymmetric-stiction", "random-walk-disturbance"}
+    # White noise of 0.06 on a walk of 0.08 a sample leaves one-step errors of 0.112.
+    assert after.steps[-1].error.rmse_one_step == pytest.approx(0.112, rel=0.05)
+    assert after.estimate is not None and pytest.approx(4.0, rel=0.02) == after.estimate.S
+
+
 def test_a_walk_that_does_no_better_than_an_autoregression_is_not_named() -> None:
     walk = Tried("random-walk-disturbance", None, 621.0, np.zeros(5), True)
     steady = replace(walk, name="coloured-noise")

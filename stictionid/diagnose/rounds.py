@@ -79,7 +79,8 @@ class Looked:
         """
         if self.winner is not None:
             kinds = {parse(name)[0].noise for name in (*self.found.fit.model.spec.effects, self.winner.name)}
-            return (AUTOREGRESSIVE in kinds and self.best.noise_alone) or (RANDOM_WALK in kinds and self.best.walk_alone)
+            return (AUTOREGRESSIVE in kinds and self.best.noise_alone) or (
+                RANDOM_WALK in kinds and self.best.walk_alone)
         return max((t.delta_bic for t in self.found.tried), default=np.inf) < _JOINT
 
 
@@ -145,7 +146,7 @@ def beside_walk(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
     deeper = try_all(run.loop, fit, seed, jobs, tell)
     top = winner_of(deeper)
     if top is None or top.noise or top.refit is None or not top.refit.walk_alone \
-            or top.refit.gain_over(looked.best) < _JOINT:
+            or top.refit.gain_over(looked.best) < NAMED:
         return looked
     after = polished(deeper.fit.model, deeper.fit.values, run.rng)
     study = with_steps(looked.study, run, (*looked.study.steps, finished_step(run, after, walk.name, ())), after)
@@ -153,7 +154,7 @@ def beside_walk(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
 
 
 def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
-    """The same round on a base of another structure, where that brings a physical effect to the noise.
+    """The same round on a base of another structure, where that brings a physical effect to the noise, or to a walk's.
 
     A missing effect bends the choice of the structure: a ramp or a limited slew rate made first orders integrators, a
     gain that depends on y hid that the command moves between samples.
@@ -176,7 +177,10 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
         if moving and not changed.settled:
             # How the command moved is seen beside a lag only where there is one.
             changed = beside_lag(changed, seed, jobs, tell, moving=True)
-        if changed.winner is None or not changed.settled or changed.best.gain_over(looked.best) < _JOINT:
+        # A walk looks like an integrator, in whose levels the effect beside it is not seen.
+        changed = beside_walk(changed, seed, jobs, tell)
+        ends = changed.settled or changed.best.walk_alone
+        if changed.winner is None or not ends or changed.best.gain_over(looked.best) < _JOINT:
             others += (changed,)
             continue
         return replace(changed, notes=(other_structure(found.fit, other.fit, (changed.winner.name,), changed.best),))

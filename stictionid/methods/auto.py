@@ -36,8 +36,8 @@ from .structure import LAG, check_scans, choose, first_look
 # other share of the variance of the changes: 3 to 17 % with a hidden effect. Unit: 1.
 _NOTHING, _CHANGES = 0.995, 0.5
 # Share of the scatter of y by which PV must go back for it to have turned beside fast noise. Unit: 1. Frequencies that
-# hold an oscillation of 2.5 to 7 samples, and those above, in cycles a sample.
-_TURN, _FAST, _FASTER = 0.5, (0.15, 0.4), (0.4, 0.5)
+# hold an oscillation of 2.5 to 7 samples, those below, and those above, in cycles a sample.
+_TURN, _SLOW, _FAST, _FASTER = 0.5, (0.0, 0.15), (0.15, 0.4), (0.4, 0.5)
 
 
 def _run(run: Run) -> Outcome:
@@ -129,12 +129,13 @@ def _nothing(run: Run, fit: Fitted) -> bool:
 def _samples_a_turn(run: Run) -> float:
     """Samples in which PV turns twice, on average; turns of noise that is as fast as samples are do not count.
 
-    The changes of such noise have most power at the fastest frequency a record knows, those of an oscillation below.
+    The changes of such noise have most power at the fastest frequency a record knows, those of an oscillation below,
+    and those of a slow one, or of a load that strays, further below.
     """
     y = run.used_y()
     power = np.abs(np.fft.rfft(np.diff(y)))**2
-    fast, faster = (power[int(a * y.size):int(b * y.size)] for a, b in (_FAST, _FASTER))
-    oscillates = bool(fast.size and faster.size and np.mean(fast) > np.mean(faster))
+    slow, fast, faster = (power[int(a * y.size):int(b * y.size)] for a, b in (_SLOW, _FAST, _FASTER))
+    oscillates = bool(fast.size and faster.size and np.mean(fast) > max(np.mean(faster), np.mean(slow)))
     return 2.0 * y.size / max(count_reversals(y, 0.0 if oscillates else _TURN * float(np.std(y))), 1)
 
 
