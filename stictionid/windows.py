@@ -123,8 +123,8 @@ def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: 
         if rival is not None and periods == _PERIODS[0]:
             other = thinned(search_model(rival[0].pieces[at]), thinning(whole))
             own_of = rival[0].of(at, rival[1].reshape(len(rival[1]), -1)).T
-            known = np.stack([other.vector(rival[0].pieces[at].named(column)) for column in own_of], axis=1)
-            beaten = _Windows(other, periods, direction=direction).costs(known, None).sum(axis=0).min()
+            theirs = np.stack([other.vector(rival[0].pieces[at].named(column)) for column in own_of], axis=1)
+            beaten = _Windows(other, periods, direction=direction).costs(theirs, None).sum(axis=0).min()
             if beaten <= found.costs[0]:
                 return np.empty((0, model.space.size))
         if len(windows.parts) == 1:
