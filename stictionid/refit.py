@@ -57,8 +57,8 @@ _THRESHOLD_REACH, _THRESHOLDS = (0.02, 0.003), 241
 _THRESHOLD_J = np.array([0.95, 1.0, 1.06])
 # Polishes on the model's own y, for effects that follow it.
 _FOLLOWED = 3
-# Points of a herd that get the interval of S that all slips allow.
-_HERDED = 2
+# Points of a herd that get the interval of S that all slips allow; turns of scans along a ridge.
+_HERDED, _RIDGED = 2, 4
 # Share of the range of its speed from which a valve that re-sticks rests at every scan.
 _RESTS = 0.9
 # Steps along the ridge of dead time and break-away in a full refit.
@@ -300,7 +300,14 @@ def beside_others(fit: Fitted, name: str, look: FloatArray, rng: np.random.Gener
     near = model.vector(fit.best.values)[:, None].repeat(len(guesses), axis=1)
     near[model.rows_of(name)] = guesses.T
     starts = np.concatenate([far, look, with_start(model, model.cube(near))])
-    herd = herded(model, descended(model, starts, turns=_GLANCE).points, rng).points
+    found = herded(model, descended(model, starts, turns=_GLANCE).points, rng)
+    for _ in range(_RIDGED if ridge_of(model) is not None else 0):
+        # A herd spreads along a ridge step by step; a scan along it takes more of the way at once.
+        before, along = found.costs[0], followed(model, found.points[:_KEPT], rng).points[:_KEPT]
+        found = herded(model, np.concatenate([along, found.points]), rng)
+        if found.costs[0] > before * (1.0 - _WORTH):
+            break
+    herd = found.points
     ends = sorted((at_thresholds(model, point, rng) for point in herd[:_HERDED]), key=lambda end: end[1])
     points = np.concatenate([np.stack([point for point, _ in ends]), herd[_HERDED:]])
     neutral = float(model.costs(model.cube(model.vector(fit.best.values)[:, None]))[0])
