@@ -164,8 +164,8 @@ def _other_way(loop: Loop, study: Study, fork: _Fork, asked: _Asked) -> Study:
     # A noise that remembers for long may be a disturbance; beside physics the tests see what another way would need.
     if _noisy(study) and not all(parse(name)[0].noise for name in study.missing):
         ended = ended or last.white
-    # (What a lag hid is not two effects more.)
-    if ended and len(set(study.missing) - {LAG}) <= _PAIR:
+    # (A lag, or a valve that rests, is what `identify` would have added beside the two.)
+    if ended and len(set(study.missing) - _CHOSEN) <= _PAIR:
         return study
     seed, jobs, tell = asked.seed, asked.jobs, asked.tell
     ways = [(looked, t) for looked in (fork.looked, *fork.looked.others) for t in _rivals(looked, fork.looked)]
