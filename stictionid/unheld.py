@@ -34,6 +34,8 @@ _UNSEEN = 0.01
 # Corners make up less than a fifth of a command: the quantile of its third differences that shows what noise it has
 # all the time, and what this is of normal noise. A command that rests at half of the samples shows none either way.
 _MOSTLY, _QUANTILE, _RESTS = 0.8, 1.2816, 0.5
+# Fewer samples have no quantile to speak of.
+_FEWEST = 20
 # A short descent: its turns, and when it has settled.
 QUICK_TURNS, QUICK_SETTLE = 8, 1e-3
 # Twice the log-likelihood that a moving command must gain on a held one where everything else was found. Measured on
@@ -56,10 +58,10 @@ def surely_moves(loop: Loop) -> bool:
     """
     u, y = loop.output[loop.used], loop.process_value[loop.used]
     swings = float(np.ptp(u)), float(np.ptp(y))
-    if not min(swings) > 0.0 or float(np.mean(np.diff(u) == 0.0)) > _RESTS or not may_move(loop):
+    if u.size < _FEWEST or not min(swings) > 0.0 or float(np.mean(np.diff(u) == 0.0)) > _RESTS:
         return False
     noise = float(np.quantile(np.abs(np.diff(u, 3)), _MOSTLY)) / _QUANTILE / np.sqrt(20.0)
-    return noise / swings[0] < _UNSEEN * noise_of(y) / swings[1]
+    return noise / swings[0] < _UNSEEN * noise_of(y) / swings[1] and may_move(loop)
 
 
 def as_moving(spec: Spec) -> Spec:
