@@ -269,6 +269,8 @@ def test_windows_leave_nothing_where_the_valve_so_far_fits_them_as_well() -> Non
                            "dead_time_s": 1.0, "asymmetric-stiction:jump_difference": 2.0})
     rival = (right, values)
     assert not windowed_valves(model, columns, still, np.random.default_rng(0), rival=rival).size
+    wrong = (right, values * np.where(np.arange(values.size) == 0, 0.7, 1.0))
+    assert windowed_valves(model, columns, still, np.random.default_rng(0), rival=wrong).size
 
 
 @pytest.mark.parametrize("seed", [707, 719])
