@@ -312,6 +312,9 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
     known: set[str] = set()
     for earlier in before:
         looked = look_at(loop, earlier, seed, jobs, tell)
+        # (A model in changes of y does not know; the round completed it in levels.)
+        won = looked.winner
+        alone = alone or (settled and looked.white and won is not None and _has(study, won))
         # Where the whole catalogue names the very step, and its steps leave noise as it is, no other base is asked; nor
         # where they leave noise that no test tells from chance.
         if not (settled and (alone or (_confirms(looked, study) and not _noisy(study)))):
