@@ -42,9 +42,9 @@ _WIDE, _FINE = 0.02, 0.008
 # together all may lie in one that only short windows like. Share of the range.
 _APART = 0.02
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
-# Where effects are searched together: points of half the scan whatever their number (none is dense in six), those that
-# go on and that it leaves, rounds and first standard deviation of their polish, which has to go a long way; and the
-# standard deviation of the other half about what is known (shares of the range).
+# Where effects are searched together: points about what is known, and half of those all over the range, whatever their
+# number (none is dense in six), those that go on and that either scan leaves, rounds and first standard deviation of
+# their polish, which has to go a long way; and the standard deviation about what is known (shares of the range).
 _FEW, _TAKEN, _CHOSEN, _LONG, _FAR, _ABOUT = 6000, 750, 8, 20, 0.08, 0.1
 # Searches from the beginning: one in three ends where a polish finds the valve.
 _GROWTHS = 3
@@ -74,8 +74,8 @@ def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: 
     every scan; None for one that slides). Of several segments the longest is searched. None are left (0, d) where a
     valve of a `rival`, a model and its values (d,) or (d, k), fits the shortest windows as well.
 
-    Where several effects are searched together, values (d,) are `known` but for the rows of one: half of the scan lies
-    about them, and the polish goes further, along the numbers that the slips show (see `ridge`).
+    Where several effects are searched together, values (d,) are `known` but for the rows of one: a third of the scan
+    lies about them, and the polish goes further, along the numbers that the slips show (see `ridge`).
     """
     at = longest_piece(model)
     whole = search_model(model.pieces[at])
@@ -104,11 +104,12 @@ def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: 
     windows = _Windows(small, _PERIODS[0], _WINDOWS, direction)
     count = _SCAN * (len(own) - 1)
     count, taken, left = (_FEW, _TAKEN, _CHOSEN) if known else (count, count // _GO_ON, _LEFT[0])
-    points = (rng.random(len(own)) + np.outer(np.arange(count), even(len(own)))) % 1.0
+    points = (rng.random(len(own)) + np.outer(np.arange(2 * count if known else count), even(len(own)))) % 1.0
     kept = _scanned(costs_on(windows, _FIRST), costs_on(windows), points, taken, left)
     if known:
         # Short windows may like a valve that follows its command better than any that is near the right one.
         there = as_natural(small, small.cube(model.of(at, known[0][:, None])))[0, own]
+        points = points[::2]
         about = np.clip(there + _ABOUT * rng.standard_normal(points.shape), 0.0, 1.0)
         new = [i for i, c in enumerate(columns) if known[1].start <= c < known[1].stop]
         about[:, new] = points[:, new]

@@ -68,10 +68,12 @@ def names_of(effect: str | None) -> list[str]:
     return effect.split("+") if effect and effect != "none" else []
 
 
-def loop_of(seed: int, effect: str | None, noise: float, colour: float, samples: int):
+def loop_of(seed: int, effect: str | None, noise: float, colour: float, samples: int,
+            fewest: int = FEWEST_REVERSALS):
     """One simulated loop: its setting, its record, how it was made (kind and bed), and the noise sd in the unit of y.
 
-    `effect` is None, a name, or two joined by "+".
+    `effect` is None, a name, or two joined by "+". Where it leaves the valve turning less than `fewest` times setpoint
+    moves are added.
     """
     rng = np.random.default_rng([seed, 77])
     known = list(catalogue())
@@ -107,7 +109,7 @@ def loop_of(seed: int, effect: str | None, noise: float, colour: float, samples:
     coloured = any(name == "coloured-noise" for name, _ in effects)
     setting = replace(setting, effects=tuple(effects), noise_sd=0.0 if coloured else sd)
     loop = simulate(setting, seed=seed).loop
-    if names_of(effect) and turns(loop.position) < FEWEST_REVERSALS:
+    if names_of(effect) and turns(loop.position) < fewest:
         # With what is hidden, or under large setpoint changes, the loop settles: a valve that hardly turns shows no
         # friction, and to abstain would be right.
         setting = replace(setting, setpoint_moves=_further(setting.setpoint_moves, length))

@@ -187,6 +187,21 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
     return replace(looked, others=others)
 
 
+def on_every_base(looked: Looked, seed: int, jobs: int, tell: Progress, *, rest: bool = True, lag: bool = True,
+                  carried: tuple[float, float] | None = None) -> Looked:
+    """The same round beside a walk, on another structure, beside a `rest` and a `lag`, each where what came before
+    leaves more than noise; beside the lag first where that won. `carried` is told in `beside_rest`.
+    """
+    won = lag and looked.winner is not None and looked.winner.name == LAG
+    if won:
+        looked = beside_lag(looked, seed, jobs, tell)
+    asked = looked
+    looked = on_other_base(beside_walk(looked, seed, jobs, tell), seed, jobs, tell)
+    if rest:
+        looked = beside_rest(looked, seed, jobs, tell, carried)
+    return beside_lag(looked, seed, jobs, tell) if lag and not (won and looked is asked) else looked
+
+
 def other_structure(before: Fitted, after: Fitted, names: Sequence[str], end: Refit) -> Finding:
     """What is said where a base of another structure takes the place of one, for what effects leave beside it."""
     was, now = (_structure(f.model.spec) for f in (before, after))

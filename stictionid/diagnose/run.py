@@ -20,7 +20,7 @@ from ..rerun import rebuild_model
 from ..results import Candidate, Study
 from ..segments import described
 from .judge import candidates
-from .rounds import LAG, Looked, beside_lag, beside_rest, beside_walk, look_at, on_other_base, other_structure
+from .rounds import LAG, Looked, beside_lag, look_at, on_every_base, on_other_base, other_structure
 from .steps import Progress, add, finished_step, judged_anew, opened, with_steps
 from .tries import NAMED, Tried
 
@@ -105,13 +105,10 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
         elif chosen is not None and chosen.followed is not None and apply and not bootstrap:
             return chosen.followed
         if chosen is None or chosen.stays:
-            chosen = beside_walk(look_at(loop, study, seed, jobs, tell), seed, jobs, tell)
-            chosen = on_other_base(chosen, seed, jobs, tell)
-            if not added:
-                chosen = beside_rest(chosen, seed, jobs, tell)
+            chosen = look_at(loop, study, seed, jobs, tell)
             # (A valve that does not stick has no effect for a lag to hide, if noise is all that is left.)
-            if len(added) < _JOINTLY and (study.verdict.stiction != "no stiction" or not chosen.best.white):
-                chosen = beside_lag(chosen, seed, jobs, tell)
+            lag = len(added) < _JOINTLY and (study.verdict.stiction != "no stiction" or not chosen.best.white)
+            chosen = on_every_base(chosen, seed, jobs, tell, rest=not added, lag=lag)
         found, winner = chosen.found, chosen.winner
         if chosen.study is not study or found.better or chosen.notes:
             study, first = _put_right(loop, study, chosen, seed)
@@ -318,12 +315,9 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
         # Where the whole catalogue names the very step, and its steps leave noise as it is, no other base is asked; nor
         # where they leave noise that no test tells from chance.
         if not (settled and (alone or (_confirms(looked, study) and not _noisy(study)))):
-            looked = on_other_base(beside_walk(looked, seed, jobs, tell), seed, jobs, tell)
             # What `identify` found itself had its round, with fresh basins of its own, when that step was looked at.
-            if RESTING not in known:
-                looked = beside_rest(looked, seed, jobs, tell, carried)
-            if LAG not in known:
-                looked = beside_lag(looked, seed, jobs, tell)
+            looked = on_every_base(looked, seed, jobs, tell, rest=RESTING not in known, lag=LAG not in known,
+                                   carried=carried)
         known |= set(earlier.steps[-1].effects)
         ahead = _ahead(looked, study)
         if best is None or ahead >= best[0]:
