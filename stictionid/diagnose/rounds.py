@@ -128,16 +128,17 @@ def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress, *, moving: 
     return Looked(study, run, replace(deeper, better=False), top, notes=looked.notes)
 
 
-def beside_walk(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looked:
+def beside_walk(looked: Looked, seed: int, jobs: int, tell: Progress, rival: Refit | None = None) -> Looked:
     """The same round beside a random walk, where that names an effect and both leave nothing but noise.
 
     A free run that strays is fitted to where it strays, by every effect in another way; changes of y, in which a walk
-    is noise, show the valve. Not where the walk by itself does far worse than the best so far.
+    is noise, show the valve. Not where the walk by itself does far worse than the best so far, or than a `rival`.
     """
     run, found = looked.run, looked.found
     walk = next((t for t in found.tried if parse(t.name)[0].noise == RANDOM_WALK and t.refit is not None), None)
     if walk is None or walk.refit is None or looked.settled or looked.white or has_noise(found.fit.model.spec) \
-            or found.reference.own or walk.delta_bic < _WALKS * max(t.delta_bic for t in found.tried):
+            or found.reference.own or walk.delta_bic < _WALKS * max(t.delta_bic for t in found.tried) \
+            or (rival is not None and walk.refit.gain_over(rival) < -_AS_LIKELY):
         return looked
     model = carrier(walk.refit, walk.name, found.fit.model)
     best = model.evaluate(walk.refit.values)
@@ -178,7 +179,7 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
             # How the command moved is seen beside a lag only where there is one.
             changed = beside_lag(changed, seed, jobs, tell, moving=True)
         # A walk looks like an integrator, in whose levels the effect beside it is not seen.
-        changed = beside_walk(changed, seed, jobs, tell)
+        changed = beside_walk(changed, seed, jobs, tell, looked.best)
         ends = changed.settled or changed.best.walk_alone
         if changed.winner is None or not ends or changed.best.gain_over(looked.best) < _JOINT:
             others += (changed,)

@@ -244,7 +244,9 @@ def without_noise(loop: Loop, study: Study, name: str, seed: int) -> Study:
                    increments=before.increments, taps=before.taps)
     model = run.model(spec)
     after = polished(model, model.vector(fit.model.named(fit.values)), run.rng)
-    if after.best.rmse > _HALF * named.error.rmse:
+    # (Where it leaves white innovations, and the model without it does not leave noise, it is needed.)
+    needed = _last(loop, study).white and not at_noise(quick(model, after.values))
+    if needed or after.best.rmse > _HALF * named.error.rmse:
         return study
     said = Finding("gave-way", "info",
                    f"left out again, because {name} explains what it had imitated: {', '.join(noises)}",
