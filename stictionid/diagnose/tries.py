@@ -188,15 +188,19 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
         for answer in workers.map(look, physical):
             answers[answer.name] = answer
             tell(f"looked at {answer.name}", 0.05 + 0.9 * len(answers) / total)
+        looks = [answers[n] for n in physical]
+        for i, answer in enumerate(_finished(workers, ground, looks, noise_sd, alone)):
+            answers[answer.name] = answer
+            tell(f"refitted with {answer.name}", 0.05 + 0.9 * (len(physical) + len(noises) + i + 1) / total)
         there = [quick(ground.fit.model, ground.fit.values),
                  *(answers[n].refit(ground) for n in physical if not answers[n].failed)]
         if alone is None and not has_noise(ground.fit.model.spec) and not any(map(at_noise, there)):
             # Nothing explains the record: two effects on a valve hide each other.
-            for answer in workers.map(look_beside, [answers[n] for n in physical]):
-                answers[answer.name] = answer
-        for i, answer in enumerate(_finished(workers, ground, [answers[n] for n in physical], noise_sd, alone)):
-            answers[answer.name] = answer
-            tell(f"refitted with {answer.name}", 0.05 + 0.9 * (len(physical) + len(noises) + i + 1) / total)
+            tell("looking for two effects on the valve at once", 0.95)
+            again = [a for a in workers.map(look_beside, looks) if a.cost < answers[a.name].cost]
+            for answer in _finished(workers, ground, again, noise_sd, alone):
+                if not answer.failed and answer.refit(ground).gain_over(answers[answer.name].refit(ground)) > 0.0:
+                    answers[answer.name] = answer
     return list(answers.values())
 
 
