@@ -78,6 +78,12 @@ class Fitted:
     around: tuple[FloatArray, FloatArray] | None = None
 
 
+def as_it_stands(model: Model, values: FloatArray) -> Fitted:
+    """A model at values (d,) that were found elsewhere, ready for refits: no search, hold-out or intervals."""
+    best = model.evaluate(values)
+    return Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+
+
 def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None = None,
            before: tuple[FloatArray, FloatArray] | None = None) -> tuple[FloatArray, FloatArray]:
     """Independent runs until two agree, four at the most: their best points (k, d) and costs (k,), best first.

@@ -18,7 +18,7 @@ from .effects import parse
 from .effects.contract import Effect, Place
 from .explained import noise_alone, only_noise
 from .fit import Fitted, polish_smooth
-from .grown import grown_beside, grown_valves
+from .grown import distinct, grown_beside, grown_valves
 from .herd import herded
 from .loop import BoolArray, FloatArray
 from .model import Model
@@ -483,13 +483,7 @@ def _across(model: Model, point: FloatArray, name: str, count: int) -> FloatArra
     trial = model.cube(grid)
     trial[:, rows] = np.clip(trial[:, rows] + moves[E.ravel()], 0.0, 1.0)
     order = np.argsort(model.costs(trial), kind="stable")
-    kept: list[int] = []
-    for k in order.tolist():
-        if all(abs(S.ravel()[k] - S.ravel()[j]) > 1.5 * _ACROSS_STEP for j in kept):
-            kept.append(k)
-        if len(kept) == count:
-            break
-    return trial[kept]
+    return trial[order[distinct(S.ravel()[order, None], count, 1.5 * _ACROSS_STEP)]]
 
 
 def _stickbands(model: Model, point: FloatArray) -> FloatArray:
@@ -503,13 +497,8 @@ def _stickbands(model: Model, point: FloatArray) -> FloatArray:
     grid = values[:, None].repeat(S.size, axis=1)
     grid[0], grid[1] = values[0] * S, values[1] * J
     trial = with_start(model, model.cube(grid))
-    kept: list[int] = []
-    for k in np.argsort(model.costs(trial), kind="stable").tolist():
-        if all(abs(S[k] - S[j]) > 1.5 * _ACROSS_STEP for j in kept):
-            kept.append(k)
-        if len(kept) == _KEPT:
-            break
-    return trial[kept]
+    order = np.argsort(model.costs(trial), kind="stable")
+    return trial[order[distinct(S[order, None], _KEPT, 1.5 * _ACROSS_STEP)]]
 
 
 def own_taps(spec: Spec) -> tuple[float, ...]:
@@ -697,13 +686,7 @@ def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> 
         grid[0], grid[1] = S.ravel(), J.ravel()
         cube = model.cube(grid)
         order = np.argsort(model.costs(cube), kind="stable")
-        kept: list[int] = []
-        for k in order.tolist():
-            if all(abs(grid[0, k] - grid[0, j]) > 2.5 * reach / _THRESHOLDS * values[0] for j in kept):
-                kept.append(k)
-            if len(kept) == 2:
-                break
-        for k in kept:
+        for k in order[distinct(grid[0, order, None], 2, 2.5 * reach / _THRESHOLDS * values[0])]:
             trial, now = polish_smooth(model, cube[k])
             if now < cost:
                 best, cost = trial, now

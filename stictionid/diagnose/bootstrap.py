@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import parse
-from ..fit import Fitted
+from ..fit import Fitted, as_it_stands
 from ..moves import search_model, spreads, with_start
 from ..refit import Refit, quick
 from ..restarts import bound
@@ -73,7 +73,6 @@ def _replicate(ground: Ground, draw: _Draw) -> Answer:
     polish = refine(coarse.costs, with_start(coarse, coarse.cube(fit.values[:, None])), rng,
                     spread=spreads(coarse, 0.5), rounds=40, population=14, settle=1e-4)
     values = coarse.values(polish.points[:1])[:, 0]
-    best = model.evaluate(values)
-    again = Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+    again = as_it_stands(model, values)
     gain = _gain(Ground(again, values[None, :5], ground.seed + draw.number + 1), draw.name, again)
     return Answer(draw.name, cost=gain)

@@ -27,7 +27,7 @@ ALIKE = 10.0
 _OVER_NOISE = 50.0
 # It need only be better by what names an effect where it takes this share of the free-run error away, which chance does
 # not: a walk imitates a slow ramp one step ahead, and was taken for one that was 38 better (step 7: "probable").
-_HALVED = 0.5
+HALVED = 0.5
 # Blocks in which the one-step error must fall, and the median drop that counts (step 6).
 _BLOCKS_BETTER, _MEDIAN_GAIN = 4, 0.005
 # The free-run error may not get worse by more than this share.
@@ -123,7 +123,7 @@ def steadiest(noises: list[Tried]) -> Tried:
 def _halves(t: Tried, found: Round) -> bool:
     """Whether a candidate takes half of the free-run error away."""
     assert t.refit is not None
-    return t.refit.evaluated.rmse <= _HALVED * found.reference.evaluated.rmse
+    return t.refit.evaluated.rmse <= HALVED * found.reference.evaluated.rmse
 
 
 def _against(t: Tried, found: Round, noise: Tried | None) -> str:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fit import Fitted
+from ..fit import Fitted, as_it_stands
 from ..loop import FloatArray
 from ..methods.run import Run
 from ..methods.structure import SOFT
@@ -49,9 +49,7 @@ def resting_valve(run: Run, fit: Fitted, goal: float, carried: tuple[float, floa
     if best >= goal or model is None or values is None:
         return None
     bare = run.model(replace(model.spec, effects=(*spec.effects, RESTING)))
-    values = bare.vector(model.named(values))
-    evaluated = bare.evaluate(values)
-    return Fitted(bare, values, evaluated.sse, 1, 1, evaluated, None, {}, values[None, :2])
+    return as_it_stands(bare, bare.vector(model.named(values)))
 
 
 def _with_processes(run: Run, fit: Fitted, more: tuple[str, ...],

@@ -15,7 +15,7 @@ import numpy as np
 from ..addition import carrier, polished
 from ..effects import parse
 from ..errors import CannotTell
-from ..fit import Fitted, polish_smooth
+from ..fit import Fitted, as_it_stands, polish_smooth
 from ..loop import Finding, Loop
 from ..methods.run import Run
 from ..methods.structure import LAG, other_process
@@ -26,7 +26,7 @@ from ..restarts import bound
 from ..results import Study
 from ..spec import INTEGRATOR, Spec
 from ..unheld import as_moving, may_move, moved
-from .judge import holds, winner_of
+from .judge import HALVED, holds, winner_of
 from .resting import resting_valve
 from .steps import Progress, finished_step, opened, with_steps
 from .tries import NAMED, Round, Tried, try_all
@@ -38,8 +38,6 @@ _JOINT = 50.0
 _AS_LIKELY = 100.0
 # A random walk gets a round of its own where it gains this share of what the best candidate does.
 _WALKS = 0.5
-# Share of the free-run error up to which another base leaves what chance does not (judge.py says the same of effects).
-_HALF = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +102,7 @@ def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress, *, moving: 
     before = found.fit.model
     model = bound(run.loop, replace(before.spec, effects=(*before.spec.effects, LAG)), s_max=before.s_max,
                   period_s=before.period_s, residual=before.context.residual)
-    values = model.vector(lag.model.named(lag.values))
-    best = model.evaluate(values)
-    fit = Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+    fit = as_it_stands(model, model.vector(lag.model.named(lag.values)))
     deeper = try_all(run.loop, fit, seed, jobs, tell, moving=moving)
     top, rival = winner_of(deeper), looked.best
     # What won without the lag, too, needs none to be named.
@@ -121,11 +117,17 @@ def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress, *, moving: 
         top = replace(top, refit=alone, delta_bic=alone.gain_over(found.reference))
         others = (t for t in found.tried if t.name != top.name)
         return replace(looked, winner=top, found=replace(found, tried=(top, *others)))
-    after = polished(deeper.fit.model, deeper.fit.values, run.rng)
     said = Finding("joint", "info", f"{LAG} and {top.name} explain together what neither explains alone",
                    {"effects": [LAG, top.name]}, (), "CRITICISM.md section 6")
-    study = with_steps(looked.study, run, (*looked.study.steps, finished_step(run, after, LAG, (said,))), after)
+    study = _one_step_on(looked, deeper.fit, LAG, said)
     return Looked(study, run, replace(deeper, better=False), top, notes=looked.notes)
+
+
+def _one_step_on(looked: Looked, fit: Fitted, name: str, *findings: Finding) -> Study:
+    """The study of a round with one step more: the base that a deeper round was made on, polished."""
+    after = polished(fit.model, fit.values, looked.run.rng)
+    step = finished_step(looked.run, after, name, findings)
+    return with_steps(looked.study, looked.run, (*looked.study.steps, step), after)
 
 
 def beside_walk(looked: Looked, seed: int, jobs: int, tell: Progress, rival: Refit | None = None) -> Looked:
@@ -140,17 +142,14 @@ def beside_walk(looked: Looked, seed: int, jobs: int, tell: Progress, rival: Ref
             or found.reference.own or walk.delta_bic < _WALKS * max(t.delta_bic for t in found.tried) \
             or (rival is not None and walk.refit.gain_over(rival) < -_AS_LIKELY):
         return looked
-    model = carrier(walk.refit, walk.name, found.fit.model)
-    best = model.evaluate(walk.refit.values)
-    fit = Fitted(model, walk.refit.values, best.sse, 1, 1, best, None, {}, walk.refit.values[None, :2])
+    fit = as_it_stands(carrier(walk.refit, walk.name, found.fit.model), walk.refit.values)
     tell("trying the catalogue beside a random walk", 0.5)
     deeper = try_all(run.loop, fit, seed, jobs, tell)
     top = winner_of(deeper)
     if top is None or top.noise or top.refit is None or not top.refit.walk_alone \
             or top.refit.gain_over(looked.best) < NAMED:
         return looked
-    after = polished(deeper.fit.model, deeper.fit.values, run.rng)
-    study = with_steps(looked.study, run, (*looked.study.steps, finished_step(run, after, walk.name, ())), after)
+    study = _one_step_on(looked, deeper.fit, walk.name)
     return Looked(study, run, replace(deeper, better=False), top, notes=looked.notes)
 
 
@@ -169,7 +168,7 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
         tell("trying another structure of the base", 0.5)
         fit = base(looked.run, found.fit)
         # (What a noise model carries beside the wrong process may be more than the right one leaves without.)
-        if fit is None or (_beside_noise(fit) > likely and fit.best.rmse > _HALF * found.fit.best.rmse):
+        if fit is None or (_beside_noise(fit) > likely and fit.best.rmse > HALVED * found.fit.best.rmse):
             continue
         # What wins must be at the noise, and leave less than the best so far.
         moving = not fit.model.spec.held
@@ -232,10 +231,7 @@ def beside_rest(looked: Looked, seed: int, jobs: int, tell: Progress,
     alone = found.reference.gain_over(looked.best) >= _JOINT and holds(found.held, looked.found.held)
     if not (alone or changed.settled or _far_less(changed, looked)) or changed.best.gain_over(looked.best) < _JOINT:
         return looked
-    after = polished(found.fit.model, found.fit.values, looked.run.rng)
-    study = with_steps(looked.study, looked.run, (
-        *looked.study.steps, finished_step(looked.run, after, RESTING, ())), after)
-    return replace(changed, study=study)
+    return replace(changed, study=_one_step_on(looked, found.fit, RESTING))
 
 
 def _far_less(changed: Looked, looked: Looked) -> bool:
@@ -247,7 +243,7 @@ def _far_less(changed: Looked, looked: Looked) -> bool:
     if changed.winner is None or (looked.winner is not None and not looked.winner.noise):
         return False
     before = looked.found.held if looked.winner is None else looked.winner.held
-    return changed.best.evaluated.rmse <= _HALF * looked.best.evaluated.rmse and holds(changed.winner.held, before)
+    return changed.best.evaluated.rmse <= HALVED * looked.best.evaluated.rmse and holds(changed.winner.held, before)
 
 
 def _other_process(run: Run, fit: Fitted) -> Fitted | None:

@@ -19,7 +19,7 @@ from ..refit import RESTING, Refit, at_noise, quick
 from ..rerun import rebuild_model
 from ..results import Candidate, Study
 from ..segments import described
-from .judge import candidates
+from .judge import HALVED, candidates
 from .rounds import LAG, Looked, beside_lag, look_at, on_every_base, on_other_base, other_structure
 from .steps import Progress, add, finished_step, judged_anew, opened, with_steps
 from .tries import NAMED, Tried
@@ -35,8 +35,6 @@ _JOINTLY = 2
 # Candidates of the first round that are asked what comes after them, where the walk from its winner ends with more than
 # noise, or after more additions than the second number; each leaves at most the third share of the free-run error.
 _OTHER_WAYS, _PAIR, _LEFT = 2, 2, 0.9
-# Share of the free-run error up to which an effect leaves what the noise model before it was taken for.
-_HALF = 0.5
 # BIC by which two effects must be ahead of that end where they don't bring the free run to the noise themselves.
 _FAR = 50.0
 
@@ -244,9 +242,10 @@ def without_noise(loop: Loop, study: Study, name: str, seed: int) -> Study:
                    increments=before.increments, taps=before.taps)
     model = run.model(spec)
     after = polished(model, model.vector(fit.model.named(fit.values)), run.rng)
+    if after.best.rmse > HALVED * named.error.rmse:
+        return study
     # (Where it leaves white innovations, and the model without it does not leave noise, it is needed.)
-    needed = _last(loop, study).white and not at_noise(quick(model, after.values))
-    if needed or after.best.rmse > _HALF * named.error.rmse:
+    if _last(loop, study).white and not at_noise(quick(model, after.values)):
         return study
     said = Finding("gave-way", "info",
                    f"left out again, because {name} explains what it had imitated: {', '.join(noises)}",

@@ -10,7 +10,7 @@ import numpy as np
 from ..addition import REFITS, carrier, polished, refitted
 from ..effects import parse
 from ..errors import DataError, ModelError, UsageError
-from ..fit import Fitted
+from ..fit import Fitted, as_it_stands
 from ..loop import Finding, FloatArray, Loop
 from ..methods import get as get_method
 from ..methods.contract import intervals_withheld, without_intervals
@@ -56,8 +56,7 @@ def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
     options = Options(law=model.spec.law, seed=seed)
     run = Run(piece, find_range(piece), options, get_method("auto"), rng=np.random.default_rng(seed),
               tell=lambda text, share: None)
-    best = model.evaluate(values)
-    return run, Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+    return run, as_it_stands(model, values)
 
 
 def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = False, known: Refit | None = None,
