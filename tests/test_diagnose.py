@@ -205,6 +205,8 @@ def test_a_noise_model_gives_way_to_the_physics_that_it_imitated() -> None:
     assert after.steps[-1].effects == ("step-disturbance",) and after.steps[-1].added == "step-disturbance"
     assert after.steps[-1].error.rmse <= 1.05 * 0.06
     assert any(f.code == "gave-way" for f in after.steps[-1].findings)
+    # The ladder goes from the base to the step, not by way of what is not there.
+    assert [step.added for step in after.steps] == [None, "step-disturbance"]
     # It stays where nothing falls by half without it.
     assert without_noise(loop, noisy, "coloured-noise", 0).steps[-1].effects == ("coloured-noise",)
 

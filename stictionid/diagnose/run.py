@@ -228,7 +228,8 @@ def without_noise(loop: Loop, study: Study, name: str, seed: int) -> Study:
     """The study without the noise model that its last effect, `name`, was found beside, where that leaves but half of
     the free-run error that the noise model was taken for.
 
-    It had imitated what is physical, and what is still to come; what it is good for now the next round tells.
+    It had imitated what is physical, and what is still to come; what it is good for now the next round tells. A step
+    just before that added nothing else is gone, too: the ladder does not climb by what is not there.
     """
     last = study.steps[-1]
     plain = next((s for s in reversed(study.steps) if not any(parse(n)[0].noise for n in s.effects)), None)
@@ -251,7 +252,10 @@ def without_noise(loop: Loop, study: Study, name: str, seed: int) -> Study:
                    f"left out again, because {name} explains what it had imitated: {', '.join(noises)}",
                    {"effects": list(noises), "instead": name}, (parse(name)[0].name,), "CRITICISM.md section 7, step 8")
     step = finished_step(run, after, last.added, (*last.findings, said))
-    return with_steps(study, run, (*study.steps[:-1], replace(step, variant=last.variant)), after)
+    earlier = study.steps[:-1]
+    if earlier[-1].added in {parse(n)[0].name for n in noises}:
+        earlier = earlier[:-1]
+    return with_steps(study, run, (*earlier, replace(step, variant=last.variant)), after)
 
 
 def before_chosen(study: Study) -> tuple[Study, ...]:
