@@ -7,7 +7,7 @@ and 5.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,7 +46,8 @@ class Looked:
 
     `notes` say what was changed in the base before the round: such a base replaces the study's last model. `followed`
     is the study that adding the winner, and all that is named after it, ended in, where that was walked already;
-    `others` are rounds on other bases that did not settle it.
+    `others` are rounds on other bases that did not settle it. `bases` are bases of another structure that explain the
+    record nearly as well, where they were asked for; `onward` is what adding the winner came to, where that was tried.
     """
 
     study: Study
@@ -57,6 +58,13 @@ class Looked:
     notes: tuple[Finding, ...] = ()
     followed: Study | None = None
     others: tuple[Looked, ...] = ()
+    bases: tuple[Fitted, ...] | None = None
+    onward: Onward | None = None
+
+    @property
+    def next(self) -> Onward | None:
+        """What adding the winner came to, where that was tried, and the round is still the same."""
+        return self.onward if self.onward is not None and self.onward.found is self.found else None
 
     @property
     def best(self) -> Refit:
@@ -80,6 +88,18 @@ class Looked:
             return (AUTOREGRESSIVE in kinds and self.best.noise_alone) or (
                 RANDOM_WALK in kinds and self.best.walk_alone)
         return max((t.delta_bic for t in self.found.tried), default=np.inf) < _JOINT
+
+
+@dataclass(frozen=True, slots=True)
+class Onward:
+    """The study that the winner of a round (`found`) was added to, what the round had added before it, the study with
+    the winner, and the round after."""
+
+    found: Round
+    began: Study
+    first: tuple[str, ...]
+    study: Study
+    looked: Looked
 
 
 def look_at(loop: Loop, study: Study, seed: int, jobs: int, tell: Progress, noise_sd: float = np.inf) -> Looked:
@@ -162,14 +182,8 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
     found = looked.found
     if looked.settled or looked.white or has_noise(found.fit.model.spec):
         return looked
-    likely = _beside_noise(found.fit) + _AS_LIKELY
     others: tuple[Looked, ...] = ()
-    for base in (_other_process, _moving_command):
-        tell("trying another structure of the base", 0.5)
-        fit = base(looked.run, found.fit)
-        # (What a noise model carries beside the wrong process may be more than the right one leaves without.)
-        if fit is None or (_beside_noise(fit) > likely and fit.best.rmse > HALVED * found.fit.best.rmse):
-            continue
+    for fit in _likely_bases(looked, tell) if looked.bases is None else looked.bases:
         # What wins must be at the noise, and leave less than the best so far.
         moving = not fit.model.spec.held
         other = try_all(looked.run.loop, fit, seed, jobs, tell, looked.best.innovation_sd, moving=moving)
@@ -185,6 +199,34 @@ def on_other_base(looked: Looked, seed: int, jobs: int, tell: Progress) -> Looke
             continue
         return replace(changed, notes=(other_structure(found.fit, other.fit, (changed.winner.name,), changed.best),))
     return replace(looked, others=others)
+
+
+def _likely_bases(looked: Looked, tell: Progress) -> Iterator[Fitted]:
+    """Bases of another structure that go with the record nearly as well as that of a round, or leave far less."""
+    fit = looked.found.fit
+    likely = _beside_noise(fit) + _AS_LIKELY
+    for base in (_other_process, _moving_command):
+        tell("trying another structure of the base", 0.5)
+        other = base(looked.run, fit)
+        # (What a noise model carries beside the wrong process may be more than the right one leaves without.)
+        if other is not None and (_beside_noise(other) <= likely or other.best.rmse <= HALVED * fit.best.rmse):
+            yield other
+
+
+def may_go_on(looked: Looked, tell: Progress) -> Looked:
+    """The round, with the bases of another structure that are likely (`bases`, empty where none is) where adding its
+    winner may be worth a try before any other base is asked; as it was elsewhere.
+
+    Physics that is far ahead of every noise model and does not reach the noise is one of two in most loops, and the
+    round beside it names the other. Not where the base may be of another structure: what is added to the wrong one
+    only mends it.
+    """
+    winner, found = looked.winner, looked.found
+    noises = max((t.delta_bic for t in found.tried if t.noise), default=0.0)
+    if winner is None or winner.noise or winner.refit is None or looked.settled or has_noise(found.fit.model.spec) \
+            or winner.delta_bic < noises + _JOINT:
+        return looked
+    return replace(looked, bases=tuple(_likely_bases(looked, tell)))
 
 
 def on_every_base(looked: Looked, seed: int, jobs: int, tell: Progress, *, rest: bool = True, lag: bool = True,

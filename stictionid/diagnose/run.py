@@ -20,7 +20,17 @@ from ..rerun import rebuild_model
 from ..results import Candidate, Study
 from ..segments import described
 from .judge import HALVED, candidates
-from .rounds import LAG, Looked, beside_lag, look_at, on_every_base, on_other_base, other_structure
+from .rounds import (
+    LAG,
+    Looked,
+    Onward,
+    beside_lag,
+    look_at,
+    may_go_on,
+    on_every_base,
+    on_other_base,
+    other_structure,
+)
 from .steps import Progress, add, finished_step, judged_anew, opened, with_steps
 from .tries import NAMED, Tried
 
@@ -76,8 +86,10 @@ class _Fork:
     looked: Looked
 
 
-def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candidate, ...], asked: _Asked) -> Study:
-    """The walk from a study to which effects were `added` already; `ranking` is that of the last of them."""
+def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candidate, ...], asked: _Asked,
+            upcoming: Looked | None = None) -> Study:
+    """The walk from a study to which effects were `added` already; `ranking` is that of the last of them, `upcoming`
+    the round on the study where it was made."""
     added, turns = list(added), len(added)
     fork: _Fork | None = None
     apply, seed, jobs, bootstrap, tell = asked.apply, asked.seed, asked.jobs, asked.bootstrap, asked.tell
@@ -103,14 +115,15 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
         elif chosen is not None and chosen.followed is not None and apply and not bootstrap:
             return chosen.followed
         if chosen is None or chosen.stays:
-            chosen = look_at(loop, study, seed, jobs, tell)
+            chosen = look_at(loop, study, seed, jobs, tell) if upcoming is None else upcoming
+            chosen = _onward(loop, study, chosen, asked)
             # (A valve that does not stick has no effect for a lag to hide, if noise is all that is left.)
             lag = len(added) < _JOINTLY and (study.verdict.stiction != "no stiction" or not chosen.best.white)
-            chosen = on_every_base(chosen, seed, jobs, tell, rest=not added, lag=lag)
-        found, winner = chosen.found, chosen.winner
-        if chosen.study is not study or found.better or chosen.notes:
-            study, first = _put_right(loop, study, chosen, seed)
-            added, turns = added + first, turns + len(first)
+            if not _ends(chosen, added):
+                chosen = on_every_base(chosen, seed, jobs, tell, rest=not added, lag=lag)
+        found, winner, onward = chosen.found, chosen.winner, chosen.next
+        study, first = (onward.began, list(onward.first)) if onward else _put_right(loop, study, chosen, seed)
+        added, turns = added + first, turns + len(first)
         p_value = None
         if bootstrap and winner is not None:
             from .bootstrap import p_of
@@ -131,10 +144,35 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
             return _other_way(loop, study, fork, asked)
         fork = fork or _Fork(study, tuple(added), chosen)
         ranking = study.candidates
-        study = _one_more(loop, study, winner, asked)
+        study = onward.study if onward else _one_more(loop, study, winner, asked)
+        upcoming = onward.looked if onward else None
         turns += 1
         # What the newest made superfluous is gone, and missing no more.
         added = [*_kept((*added, parse(winner.name)[0].name), study)]
+
+
+def _onward(loop: Loop, study: Study, looked: Looked, asked: _Asked) -> Looked:
+    """A round on a study, or on what it was before, with what adding its winner comes to where that may be enough."""
+    if not asked.apply or asked.bootstrap:
+        return looked
+    looked = may_go_on(looked, asked.tell)
+    if looked.bases != () or looked.winner is None:
+        return looked
+    began, first = _put_right(loop, study, looked, asked.seed)
+    began = replace(began, candidates=candidates(looked.found, looked.winner))
+    after = _one_more(loop, began, looked.winner, asked)
+    then = look_at(loop, after, asked.seed, asked.jobs, asked.tell)
+    return replace(looked, onward=Onward(looked.found, began, tuple(first), after, then))
+
+
+def _ends(looked: Looked, added: Sequence[str]) -> bool:
+    """Whether a round's winner, and what the round after it names, leave nothing but noise: another base could do no
+    better. Not where they would be more effects beside those `added` than are believed without a look at the others."""
+    onward = looked.next
+    if onward is None or looked.winner is None or onward.looked.winner is None:
+        return False
+    names = {*added, *onward.first, *(parse(t.name)[0].name for t in (looked.winner, onward.looked.winner))}
+    return onward.looked.settled and onward.looked.best.white and len(names - _CHOSEN) <= _PAIR
 
 
 def _beside_noise(loop: Loop, study: Study, asked: _Asked) -> Looked | None:
@@ -200,7 +238,10 @@ def _rivals(looked: Looked, first: Looked) -> list[Tried]:
 
 
 def _put_right(loop: Loop, study: Study, chosen: Looked, seed: int) -> tuple[Study, list[str]]:
-    """The study that a round was made on, its last step put right, and what it added: a lag, a rest, or a walk."""
+    """The study that a round was made on, its last step put right, and what it added: a lag, a rest, or a walk; as it
+    is where the round found nothing wrong with it."""
+    if chosen.study is study and not chosen.found.better and not chosen.notes:
+        return study, []
     before, after = ([step.added for step in s.steps if step.added] for s in (study, chosen.study))
     gone = [name for name in before if name not in after]
     first = [parse(name)[0].name for name in after if name not in before]
@@ -321,6 +362,9 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
         # where they leave noise that no test tells from chance.
         if not (settled and (alone or (_confirms(looked, study) and not _noisy(study)))):
             # What `identify` found itself had its round, with fresh basins of its own, when that step was looked at.
+            looked = _onward(loop, study, looked, asked)
+            if _ends(looked, ()) and _between(loop, followed := _followed(loop, study, looked, asked), study) >= NAMED:
+                return replace(looked, followed=followed)
             looked = on_every_base(looked, seed, jobs, tell, rest=RESTING not in known, lag=LAG not in known,
                                    carried=carried)
         known |= set(earlier.steps[-1].effects)
@@ -333,12 +377,7 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
     ahead, looked = best
     if ahead < NAMED and _may_lead_further(looked, before, study) and not (alone and _confirms(looked, study)):
         # One effect against several steps: what the round names is followed to its end before it is judged.
-        winner = looked.winner
-        assert winner is not None
-        began, lag = _put_right(loop, study, looked, seed)
-        began = replace(began, candidates=candidates(looked.found, winner))
-        followed = _walked(loop, _one_more(loop, began, winner, asked), [*lag, parse(winner.name)[0].name],
-                           began.candidates, replace(asked, apply=True, bootstrap=0))
+        followed = _followed(loop, study, looked, replace(asked, apply=True, bootstrap=0))
         ahead = _between(loop, followed, study)
         if ahead >= NAMED:
             looked = replace(looked, followed=followed)
@@ -350,6 +389,19 @@ def _instead(loop: Loop, study: Study, before: Sequence[Study], settled: bool, a
     if own.winner is None or own.winner.refit is None or looked.winner is None or looked.winner.refit is None:
         return looked
     return looked if looked.winner.refit.gain_over(own.winner.refit) > 0.0 else own
+
+
+def _followed(loop: Loop, study: Study, looked: Looked, asked: _Asked) -> Study:
+    """What a walk from a round's winner ends in."""
+    winner, onward = looked.winner, looked.next
+    assert winner is not None
+    if onward is None:
+        began, first = _put_right(loop, study, looked, asked.seed)
+        began = replace(began, candidates=candidates(looked.found, winner))
+        after, upcoming = _one_more(loop, began, winner, asked), None
+    else:
+        began, first, after, upcoming = onward.began, list(onward.first), onward.study, onward.looked
+    return _walked(loop, after, [*first, parse(winner.name)[0].name], began.candidates, asked, upcoming)
 
 
 def _confirms(looked: Looked, study: Study) -> bool:
