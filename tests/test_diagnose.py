@@ -378,3 +378,19 @@ def test_the_gain_may_change_by_most_of_itself_within_what_most_of_the_record_re
     (limits,) = get_effect("gain-nonlinearity").parameters_for(context)
     assert limits.high == pytest.approx(0.8 / np.quantile(np.abs(y - 50.0), 0.9))
     assert limits.high > 0.8 / 5.0 and limits.low == -limits.high
+
+
+def test_where_y_strays_as_far_as_it_moves_its_changes_show_the_valve_and_what_is_missing() -> None:
+    """No level is explained beside a stop and a walk: it was an abstention, though every slip stands in the changes."""
+    noise = 0.063
+    loop = simulate(Setting(Plant(2.45, 6.3, 2.2), Controller(0.45, 6.3, scan_s=1.0), S=3.06, J=2.16, duration_s=800.0,
+                            setpoint_moves=((0.0, 0.0), (150.0, 2.0), (350.0, -3.0), (550.0, 2.0)), noise_sd=noise,
+                            effects=(("travel-limit", {"upper": 50.0}),
+                                     ("random-walk-disturbance", {"innovation_sd": noise}))), seed=6).loop
+    study = identify(loop)
+    assert [step.added for step in study.steps] == [None, "random-walk-disturbance"]
+    assert study.steps[0].error.fit_percent < 0.0
+    found = diagnose(loop, study, apply=True)
+    assert found.missing == ("travel-limit",)
+    assert found.estimate is not None and pytest.approx(3.06, rel=0.05) == found.estimate.S
+    assert found.steps[-1].error.rmse_one_step < 1.05 * 1.618 * noise  # what a walk as strong as the noise leaves

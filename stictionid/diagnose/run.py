@@ -98,7 +98,7 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
         settled = bool(study.steps) and study.adequate and not _carried(study) and not _memory(loop, study, seed)
         # What was added may hide what else is missing: its innovations tell, however small the error.
         more = bool(study.steps) and (bool(added) or _noisy(study)) and not _last(loop, study).white
-        if added and more:
+        if more and not earlier:
             settled = False
         if settled and not earlier and not asked.everything:
             study = replace(study, candidates=() if not added else study.candidates, missing=_kept(added, study))
@@ -310,8 +310,14 @@ def before_chosen(study: Study) -> tuple[Study, ...]:
         return ()
     noises = [k for k, name in enumerate(names, 1) if parse(name)[0].noise is not None]
     parts = [replace(study, steps=study.steps[:k]) for k in sorted({len(names), *noises[:1], 1}, reverse=True)]
-    # Beside a noise model everything is small.
-    return tuple(part for part in parts if not _noisy(part))
+    # Beside a noise model everything is small; and where nothing of y is explained nothing can be missing.
+    return tuple(part for part in parts if not _noisy(part) and not _nothing(part))
+
+
+def _nothing(study: Study) -> bool:
+    """Whether a study's last model runs freely no better than a constant, and a walk was taken because of that."""
+    fitted = study.steps[-1].error.fit_percent
+    return fitted is not None and fitted <= 0.0
 
 
 def _memory(loop: Loop, study: Study, seed: int) -> bool:

@@ -28,8 +28,8 @@ from ..unheld import SUBSTEPS, moved_after_all
 from ..whitened import whitened
 from .added_steps import leave_out, try_load, try_resting, try_step, try_stop
 from .contract import Method, Outcome
-from .noise_steps import ask_noise, try_noise
-from .run import Run, parameters
+from .noise_steps import ask_noise, try_noise, try_walk_alone
+from .run import WALK, Run, parameters
 from .structure import LAG, check_scans, choose, first_look
 
 # A free-run error beyond this share of the scatter of y explains nothing, unless an integrator leaves less than the
@@ -84,6 +84,9 @@ def _searched(run: Run) -> Outcome:
         try_load(run, steps, fits)
     if not o.base_only:
         try_stop(run, steps, fits)
+    if not o.base_only and _nothing(run, fits[-1]):
+        run.tell("trying a random walk", 0.68)
+        try_walk_alone(run, steps, fits)
     if _nothing(run, fits[-1]):
         raise _explains_nothing(run)
     if not o.base_only and LAG not in fits[-1].model.spec.effects and not o.fixed:
@@ -123,7 +126,8 @@ def _one_by_one(run: Run, spec: Spec) -> tuple[Fitted, tuple[Finding, ...]]:
 
 
 def _nothing(run: Run, fit: Fitted) -> bool:
-    return fit.best.rmse > _NOTHING * float(np.std(run.used_y())) and not _explains_changes(fit)
+    return fit.best.rmse > _NOTHING * float(np.std(run.used_y())) and not _explains_changes(fit) \
+        and WALK not in fit.model.spec.effects
 
 
 def _samples_a_turn(run: Run) -> float:

@@ -16,10 +16,11 @@ from ..addition import added
 from ..fit import Fitted
 from ..loop import Finding
 from ..moves import descended
-from ..noise import CEILING_LAGS
+from ..noise import CEILING_LAGS, autoregression, filtered
 from ..results import Step
 from ..spec import FIRST_ORDER, Spec
-from ..whitened import Whitened, whitened
+from ..unheld import surely_moves
+from ..whitened import ORDER, Whitened, whitened, with_taps
 from .added_steps import STEP_BIC, try_step
 from .only_noise import SLOWEST_ROOT, even, only_noise, own_noise, slowest
 from .run import WALK, Run
@@ -33,6 +34,9 @@ _WALK_ROOT, _WALK_DROP = 0.5, 0.05
 # Nor does a noise model let the free run go: coloured noise bends a fit that takes it for white, and the right model
 # may run freely a little worse than that one does (1.15 times met at a root of 0.95 in 800 samples), not more.
 _FREE_RUN = 1.3
+# Where no model explains the level, the BIC and the share of the held-out error by which the valve must help to predict
+# changes of y (CRITICISM.md section 7, step 7: "named"; as for every step of its own).
+_DRIVEN, _PREDICTS = 50.0, 0.03
 # Below this share of the scatter of y an error is no noise of a plant.
 _NO_NOISE = 0.002
 
@@ -47,6 +51,34 @@ def try_noise(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     local = whitened(before.model, before.values)
     if local.order and not _try_autoregression(run, steps, fits, local):
         _try_walk(run, steps, fits, local)
+
+
+def try_walk_alone(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
+    """A random walk as a step of its own where no model explains the level: y strays as far as it moves otherwise, and
+    only changes of y can show the valve.
+
+    It must predict them clearly better than their own past does, which is all that a walk without a valve has.
+    """
+    spec = fits[-1].model.spec
+    if run.options.fixed or {NOISE, WALK} & set(spec.effects):
+        return
+    if run.options.between == "auto" and not surely_moves(run.loop):
+        spec = replace(spec, between="hold", substeps=1)
+    counted = np.isfinite(run.loop.process_value) & run.loop.used
+    changes, good = filtered(run.loop.process_value, counted, np.array([1.0, -1.0]))
+    good[list(run.loop.starts)] = False
+    taps = autoregression(changes, good, ORDER, run.loop.starts)
+    past, good = filtered(changes, good, np.concatenate([[1.0], taps]))
+    error = float(np.sqrt(np.mean(past[good]**2)))
+    first = run.fit(replace(spec, process=FIRST_ORDER, effects=(*_valve(fits), WALK), increments=True,
+                            taps=tuple(taps.tolist())))
+    some, made = _refitted(run, first.model.spec, whitened(first.model, first.values), WALK)
+    last = with_taps(made[-1].model, made[-1].values, np.asarray(made[-1].model.spec.taps))
+    rows, more = float(made[-1].best.rows), last.values.size + last.order - taps.size
+    gain = 2.0 * rows * float(np.log(error / max(last.innovation_sd, 1e-300))) - more * float(np.log(rows))
+    held_out = made[-1].rmse_holdout
+    if gain > _DRIVEN and held_out is not None and held_out < (1.0 - _PREDICTS) * error:
+        _take(steps, fits, some, made, last)
 
 
 def ask_noise(run: Run, steps: list[Step], fits: list[Fitted], name: str) -> None:
