@@ -126,7 +126,7 @@ def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress, *, moving: 
     deeper = try_all(run.loop, fit, seed, jobs, tell, moving=moving)
     top, rival = winner_of(deeper), looked.best
     # What won without the lag, too, needs none to be named.
-    if top is None or top.noise or top.refit is None or (winner is not None and top.name == winner.name):
+    if top is None or top.noise or top.refit is None or _same(top, winner):
         return looked
     good = top.refit.good & rival.good
     if top.refit.bic(good) > rival.bic(good) - _JOINT:
@@ -143,6 +143,11 @@ def beside_lag(looked: Looked, seed: int, jobs: int, tell: Progress, *, moving: 
     return Looked(study, run, replace(deeper, better=False), top, notes=looked.notes)
 
 
+def _same(top: Tried, winner: Tried | None) -> bool:
+    """Whether a round beside something names what won without it."""
+    return winner is not None and top.name == winner.name
+
+
 def _one_step_on(looked: Looked, fit: Fitted, name: str, *findings: Finding) -> Study:
     """The study of a round with one step more: the base that a deeper round was made on, polished."""
     after = polished(fit.model, fit.values, looked.run.rng)
@@ -154,7 +159,8 @@ def beside_walk(looked: Looked, seed: int, jobs: int, tell: Progress, rival: Ref
     """The same round beside a random walk, where that names an effect and both leave nothing but noise.
 
     A free run that strays is fitted to where it strays, by every effect in another way; changes of y, in which a walk
-    is noise, show the valve. Not where the walk by itself does far worse than the best so far, or than a `rival`.
+    is noise, show the valve. Not where the walk by itself does far worse than the best so far, or than a `rival`; what
+    won without it must do far better beside it, or it is added first.
     """
     run, found = looked.run, looked.found
     walk = next((t for t in found.tried if parse(t.name)[0].noise == RANDOM_WALK and t.refit is not None), None)
@@ -167,7 +173,7 @@ def beside_walk(looked: Looked, seed: int, jobs: int, tell: Progress, rival: Ref
     deeper = try_all(run.loop, fit, seed, jobs, tell)
     top = winner_of(deeper)
     if top is None or top.noise or top.refit is None or not top.refit.walk_alone \
-            or top.refit.gain_over(looked.best) < NAMED:
+            or top.refit.gain_over(looked.best) < (_JOINT if _same(top, looked.winner) else NAMED):
         return looked
     study = _one_step_on(looked, deeper.fit, walk.name)
     return Looked(study, run, replace(deeper, better=False), top, notes=looked.notes)
