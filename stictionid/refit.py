@@ -19,7 +19,7 @@ from .effects.contract import Effect, Place
 from .explained import noise_alone, only_noise
 from .fit import Fitted, polish_smooth
 from .grown import distinct, grown_beside, grown_valves
-from .herd import herded
+from .herd import ALONE, PATIENCE, herded
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import descended, longest_piece, search_model, spreads, with_start
@@ -27,7 +27,7 @@ from .noise import autoregression, filtered
 from .resonance import NUMBERS, resonance
 from .restarts import bound
 from .ridge import followed, ridge_of
-from .search import refine, swarm, together
+from .search import Found, refine, swarm, together
 from .spec import BASE, INTEGRATOR, Evaluated, Spec
 from .starts import along_ridge, basins, with_other_start, with_process
 from .windows import resting_valves, windowed_valves
@@ -300,18 +300,38 @@ def beside_others(fit: Fitted, name: str, look: FloatArray, rng: np.random.Gener
     near = model.vector(fit.best.values)[:, None].repeat(len(guesses), axis=1)
     near[model.rows_of(name)] = guesses.T
     starts = np.concatenate([far, look, with_start(model, model.cube(near))])
-    found = herded(model, descended(model, starts, turns=_GLANCE).points, rng)
-    for _ in range(_RIDGED if ridge_of(model) is not None else 0):
-        # A herd spreads along a ridge step by step; a scan along it takes more of the way at once.
-        before, along = found.costs[0], followed(model, found.points[:_KEPT], rng).points[:_KEPT]
-        found = herded(model, np.concatenate([along, found.points]), rng)
-        if found.costs[0] > before * (1.0 - _WORTH):
-            break
+    found = _herded_along(model, descended(model, starts, turns=_GLANCE).points, rng)
     herd = found.points
     ends = sorted((at_thresholds(model, point, rng) for point in herd[:_HERDED]), key=lambda end: end[1])
     points = np.concatenate([np.stack([point for point, _ in ends]), herd[_HERDED:]])
     neutral = float(model.costs(model.cube(model.vector(fit.best.values)[:, None]))[0])
     return Scouted(model, model, points, ends[0][1], neutral, name)
+
+
+def together_on_valve(model: Model, values: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Values (d,) of a model with two or more effects on the valve, all searched together from where they are, and for
+    longer where innovations are no noise; as they are under a command that moves between samples.
+
+    Effects that were found one after the other are each as the others were then: slips a sample late, for a dead time
+    a sample short, look like one more effect.
+    """
+    if not model.spec.held or has_noise(model.spec) or sum(map(_on_valve, model.effects)) < 2:
+        return values
+    patience = PATIENCE if quick(model, values).white else ALONE
+    best, _ = at_thresholds(model, _herded_along(model, model.cube(values[:, None]), rng, patience).points[0], rng)
+    return model.values(best[None])[:, 0]
+
+
+def _herded_along(model: Model, points: FloatArray, rng: np.random.Generator, patience: int = PATIENCE) -> Found:
+    """A herd about points (k, d), and where the valve has a ridge scans along it: a herd spreads there step by step, a
+    scan takes more of the way at once."""
+    found = herded(model, points, rng, patience)
+    for _ in range(_RIDGED if ridge_of(model) is not None else 0):
+        before, along = found.costs[0], followed(model, found.points[:_KEPT], rng).points[:_KEPT]
+        found = herded(model, np.concatenate([along, found.points]), rng)
+        if found.costs[0] > before * (1.0 - _WORTH):
+            break
+    return found
 
 
 def _on_valve(effect: Effect) -> bool:

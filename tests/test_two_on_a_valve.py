@@ -12,7 +12,7 @@ from stictionid.loop import FloatArray, Loop
 from stictionid.model import Model
 from stictionid.moves import descended, with_start
 from stictionid.oscillation import find_range
-from stictionid.refit import beside_others, scout
+from stictionid.refit import beside_others, scout, together_on_valve
 from stictionid.simulate import Controller, Plant, Setting, simulate
 from stictionid.spec import Spec
 
@@ -80,3 +80,23 @@ def test_a_herd_crosses_slips_that_a_descent_stops_at() -> None:
     assert herd.costs[0] == pytest.approx(float(model.costs(herd.points[:1])[0]))
     rmse = [float(np.sqrt(found.costs[0] / model.shared.rows)) for found in (stopped, herd)]
     assert rmse[1] < 1.2 * NOISE < 0.6 * rmse[0]
+
+
+def test_a_pair_is_searched_out_of_a_basin_whose_dead_time_is_samples_off() -> None:
+    model = _model(_loop(), PAIR)
+    start = model.vector({"S": 0.88 * S, "J": 1.2 * J, "initial_residual_force": 0.0, "time_constant_s": 5.0,
+                          "dead_time_s": 7.5, "asymmetric-stiction:jump_difference": 1.3 * DIFFERENCE,
+                          "stiction-drift:stickband_growth": 0.8 * GROWTH})
+    near = descended(model, with_start(model, model.cube(start[:, None])))
+    wrong = model.values(near.points[:1])[:, 0]
+    found = together_on_valve(model, wrong, np.random.default_rng(0))
+    assert model.evaluate(wrong).rmse > 10.0 * NOISE > 9.7 * model.evaluate(found).rmse
+    named = model.named(found)
+    assert named["S"] == pytest.approx(S, rel=0.01)
+    assert named["J"] == pytest.approx(J, rel=0.05)
+    assert named["dead_time_s"] == pytest.approx(5.0, abs=0.1)
+
+
+def test_one_effect_on_a_valve_stays_where_it_is() -> None:
+    fit = _first(_model(_loop(), PAIR[:1]))
+    assert together_on_valve(fit.model, fit.values, np.random.default_rng(0)) is fit.values

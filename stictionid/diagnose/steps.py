@@ -19,7 +19,7 @@ from ..methods.run import CONDITIONAL, Run, process_numbers
 from ..model import Model
 from ..moves import descended, search_model, spreads, with_start
 from ..oscillation import find_range
-from ..refit import Refit, at_noise, complete, has_noise, starting_pool
+from ..refit import Refit, at_noise, complete, has_noise, starting_pool, together_on_valve
 from ..rerun import rebuild_model
 from ..restarts import bound
 from ..results import Estimate, Step, Study
@@ -83,7 +83,8 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
         raise ModelError(f"the refit with {effect} did not converge",
                          "try another effect; stictionid diagnose ranks them")
     tell("polishing", 0.6)
-    after = polished(carrier(done, name, fit.model), done.values, run.rng)
+    model = carrier(done, name, fit.model)
+    after = polished(model, together_on_valve(model, done.values, run.rng), run.rng)
     after = _as_it_moved(run, after)
     after, findings = _entering_elsewhere(after, name, run.rng)
     tell("looking for effects that are superfluous now", 0.85)
