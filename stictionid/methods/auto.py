@@ -89,7 +89,8 @@ def _searched(run: Run) -> Outcome:
         try_walk_alone(run, steps, fits)
     if _nothing(run, fits[-1]):
         raise _explains_nothing(run)
-    if not o.base_only and LAG not in fits[-1].model.spec.effects and not o.fixed:
+    # (Beside a walk it was asked for already.)
+    if not o.base_only and not o.fixed and not {LAG, WALK} & set(fits[-1].model.spec.effects):
         run.tell("trying a further lag", 0.7)
         try_step(run, steps, fits, LAG)
     for name in noises:
