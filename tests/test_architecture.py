@@ -25,7 +25,7 @@ FLOORS = [
     {"model", "oscillation", "export", "bench", "hidden", "resonance"},
     {"restarts", "segments"},
     {"rerun"},
-    {"arx", "moves", "simulate", "historian", "gates", "steptest"},
+    {"arx", "moves", "simulate", "historian", "gates", "steptest", "rounding"},
     {"ridge"},
     {"starts", "profiles", "grown", "absorbed", "explained"},
     {"plateaus", "smooth", "windows", "herd"},

@@ -70,7 +70,7 @@ def diagnose(
                                             "; nothing in the catalogue helps enough"))
     for step in after.steps[-1:]:
         for f in step.findings:
-            if f.code in ("better-optimum", "gave-way"):
+            if f.code in ("better-optimum", "gave-way", "rounded-output"):
                 say(f"{f.severity}: {f.statement}", quiet=quiet)
     if after.missing and not apply:
         say(f"next: stictionid add {after.missing[0]} {output or study}", quiet=quiet)
