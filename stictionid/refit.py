@@ -285,13 +285,13 @@ def beside_others(fit: Fitted, name: str, look: FloatArray, rng: np.random.Gener
     model = bound(before.loop, replace(before.spec, effects=(*before.spec.effects, name)), s_max=before.s_max,
                   period_s=before.period_s, residual=fit.best.left)
     plain = undisturbed(model, before, fit.values)
-    others = [n for n, effect in zip(plain.names, plain.effects, strict=True) if n != name and _on_valve(effect)]
+    others = [n for n, effect in zip(plain.names, plain.effects, strict=True) if n != name and on_valve(effect)]
     effect, option = parse(name)
     still: slice | None = None
     if RESTING in others and before.cube(fit.values[:, None])[0, before.rows_of(RESTING)][0] > _RESTS:
         others.remove(RESTING)
         still = plain.rows_of(RESTING)
-    if not others or not plain.spec.held or not _on_valve(effect):
+    if not others or not plain.spec.held or not on_valve(effect):
         return None
     rows = [0, 1, *(i for n in (*others, name) for i in range(plain.rows_of(n).start, plain.rows_of(n).stop))]
     far = with_process(model, _as_in(model, plain, windowed_valves(
@@ -315,7 +315,7 @@ def together_on_valve(model: Model, values: FloatArray, rng: np.random.Generator
     Effects that were found one after the other are each as the others were then: slips a sample late, for a dead time
     a sample short, look like one more effect.
     """
-    if not model.spec.held or has_noise(model.spec) or sum(map(_on_valve, model.effects)) < 2:
+    if not model.spec.held or has_noise(model.spec) or sum(map(on_valve, model.effects)) < 2:
         return values
     patience = PATIENCE if quick(model, values).white else ALONE
     best, _ = at_thresholds(model, _herded_along(model, model.cube(values[:, None]), rng, patience).points[0], rng)
@@ -334,7 +334,7 @@ def _herded_along(model: Model, points: FloatArray, rng: np.random.Generator, pa
     return found
 
 
-def _on_valve(effect: Effect) -> bool:
+def on_valve(effect: Effect) -> bool:
     """Whether an effect acts on the valve: on its friction, its stem or its trim."""
     return effect.place.value <= Place.TRIM.value
 

@@ -26,6 +26,7 @@ from ..refit import (
     block_gains,
     complete,
     has_noise,
+    on_valve,
     quick,
     starting_pool,
 )
@@ -170,7 +171,8 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
 
     A noise model takes what a slow disturbance does to y, so that the valve shows: looks start from its valve, too.
     Where it leaves nothing but noise, the valve is found: looks go no further, and only those that do better than the
-    noise are refitted in full, and the best of them.
+    noise are refitted in full, and the best of them. So it is where a look beyond the valve leaves nothing but white
+    noise: basins of valves are what costs most of a round, and looks at effects on the valve need none but that one.
     """
     physical = [n for n in names if parse(n)[0].noise is None]
     noises = [n for n in names if parse(n)[0].noise is not None]
@@ -184,8 +186,15 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
     alone = _noise_alone(ground, answers.values())
     ground = replace(ground, pool=np.concatenate([ground.pool, *(values[None] for values in told)]),
                      near=alone is not None)
+    beyond = [n for n in physical if not on_valve(parse(n)[0])]
     with Workers(ground, jobs) as workers:
-        for answer in workers.map(look, physical):
+        for answer in workers.map(look, beyond):
+            answers[answer.name] = answer
+            tell(f"looked at {answer.name}", 0.05 + 0.9 * len(answers) / total)
+    if whole := [base_values(answers[n])[None] for n in beyond if _explains_all(ground, answers[n])]:
+        ground = replace(ground, pool=np.concatenate([ground.pool, *whole]), near=True)
+    with Workers(ground, jobs) as workers:
+        for answer in workers.map(look, [n for n in physical if n not in beyond]):
             answers[answer.name] = answer
             tell(f"looked at {answer.name}", 0.05 + 0.9 * len(answers) / total)
         looks = [answers[n] for n in physical]
@@ -201,7 +210,15 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
             for answer in _finished(workers, ground, again, noise_sd, alone):
                 if not answer.failed and answer.refit(ground).gain_over(answers[answer.name].refit(ground)) > 0.0:
                     answers[answer.name] = answer
-    return list(answers.values())
+    return [answers[n] for n in (*noises, *physical)]
+
+
+def _explains_all(ground: Ground, look: Answer) -> bool:
+    """Whether what a look leaves passes every test for chance without any noise model."""
+    if look.failed:
+        return False
+    refit = look.refit(ground)
+    return not refit.taps.size and at_noise(refit) and refit.noise_alone
 
 
 def _noise_alone(ground: Ground, answers: Iterable[Answer]) -> Refit | None:

@@ -31,7 +31,7 @@ from ..spec import BASE, Spec
 class Ground:
     """What all tasks of one round share: the model so far, starting values (k, 5) of its base, and the seed.
 
-    `near` says that looks need no basins beyond those: noise alone explains what the model so far leaves.
+    `near` says that looks need no basins beyond those: noise alone, or a look before, explains what the model leaves.
     """
 
     fit: Fitted
