@@ -19,7 +19,7 @@ from .effects.contract import Effect, Place
 from .explained import noise_alone, only_noise
 from .fit import Fitted, polish_smooth
 from .grown import distinct, grown_beside, grown_valves
-from .herd import ALONE, PATIENCE, herded
+from .herd import ALONE, PATIENCE, beyond_rest, herded
 from .loop import BoolArray, FloatArray
 from .model import Model
 from .moves import descended, longest_piece, search_model, spreads, with_start
@@ -323,9 +323,13 @@ def together_on_valve(model: Model, values: FloatArray, rng: np.random.Generator
 
 
 def _herded_along(model: Model, points: FloatArray, rng: np.random.Generator, patience: int = PATIENCE) -> Found:
-    """A herd about points (k, d), and where the valve has a ridge scans along it: a herd spreads there step by step, a
-    scan takes more of the way at once."""
+    """A herd about points (k, d), and one beyond where a drifting valve rests; where the valve has a ridge scans along
+    it: a herd spreads there step by step, a scan takes more of the way at once."""
     found = herded(model, points, rng, patience)
+    beyond = beyond_rest(model, found.points[0], rng)
+    if len(beyond):
+        near = descended(model, beyond, turns=_GLANCE, settle=_GLANCED).points
+        found = together(found, herded(model, near, rng, patience))
     for _ in range(_RIDGED if ridge_of(model) is not None else 0):
         before, along = found.costs[0], followed(model, found.points[:_KEPT], rng).points[:_KEPT]
         found = herded(model, np.concatenate([along, found.points]), rng)

@@ -7,7 +7,7 @@ import pytest
 
 from stictionid.fit import Fitted
 from stictionid.gates import swing_of, time_scale_s
-from stictionid.herd import herded
+from stictionid.herd import beyond_rest, herded
 from stictionid.loop import FloatArray, Loop
 from stictionid.model import Model
 from stictionid.moves import descended, with_start
@@ -100,3 +100,20 @@ def test_a_pair_is_searched_out_of_a_basin_whose_dead_time_is_samples_off() -> N
 def test_one_effect_on_a_valve_stays_where_it_is() -> None:
     fit = _first(_model(_loop(), PAIR[:1]))
     assert together_on_valve(fit.model, fit.values, np.random.default_rng(0)) is fit.values
+
+
+def test_a_drift_at_the_wall_is_looked_for_beyond_where_the_valve_rests() -> None:
+    model = _model(_loop(), PAIR)
+    named = {"S": 1.15 * S, "J": 0.8 * J, "initial_residual_force": 0.0, "time_constant_s": 5.0, "dead_time_s": 5.5,
+             "asymmetric-stiction:jump_difference": DIFFERENCE, "stiction-drift:stickband_growth": 0.4,
+             "stiction-drift:jump_growth": 0.4}
+    wall: FloatArray = with_start(model, model.cube(model.vector(named)[:, None]))
+    beyond = beyond_rest(model, wall[0], np.random.default_rng(0))
+    values = model.values(beyond)
+    growth = values[model.rows_of(PAIR[1])]
+    assert len(beyond) > 4
+    assert np.all(growth[0] > growth[1])
+    assert model.costs(beyond[:1])[0] < 0.5 * model.costs(wall)[0]
+    assert not len(beyond_rest(model, beyond[0], np.random.default_rng(0)))
+    alone = _model(_loop(), PAIR[:1])
+    assert not len(beyond_rest(alone, np.full(alone.space.size, 0.5), np.random.default_rng(0)))

@@ -23,7 +23,8 @@ _MOST, _GUESSED = 0.9, (0.05, 0.15, 0.3, 0.5)
 
 def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
     table = table.copy()
-    table[LOWER], table[UPPER] = np.minimum(theta[0], theta[1]), np.maximum(theta[0], theta[1])
+    # Stops that have passed each other leave no travel: taken for each other they would be known where neither may be.
+    table[LOWER], table[UPPER] = theta[0], np.maximum(theta[0], theta[1])
     return table
 
 
