@@ -322,9 +322,11 @@ def test_refusals_leave_the_study_as_it_is(tmp_path: Path) -> None:
     # A name that is no effect is refused before the file is looked at, which has changed.
     for arguments, code in ((("add", "extra-lug", "s.json"), 2), (("add", "extra-lag", "s.json"), 3),
                             (("diagnose", "s.json"), 3),
-                            (("diagnose", "newer.json"), 3), (("add", "extra-lag", "gone.json"), 2)):
+                            (("diagnose", "newer.json"), 3), (("add", "extra-lag", "gone.json"), 2),
+                            (("diagnose", "a.csv", "s.json"), 3)):
         refused = run(*arguments)
         assert refused.returncode == code and "Traceback" not in refused.stderr and refused.stdout == ""
+    assert "a.csv: not a study" in refused.stderr and "give the study first" in refused.stderr
     assert (tmp_path / "s.json").read_text() == text
 
 

@@ -18,7 +18,15 @@ def open_study(path: Path) -> Any:
     from ..files import text_of
     from ..results import study_from_json
 
-    return study_from_json(text_of(path, "the study", hint="give a file written by stictionid identify -o"))
+    text = text_of(path, "the study", hint="give a file written by stictionid identify -o")
+    try:
+        return study_from_json(text)
+    except DataError as error:
+        # (The study comes first: a command given its data file there says so.)
+        swapped = not text.lstrip().startswith("{")
+        raise DataError(f"{path}: {error.message}",
+                        "give the study first, a file written by stictionid identify -o, and its data file after it"
+                        if swapped else error.hint) from None
 
 
 def open_data(study: Any, study_path: Path, given: Path | None) -> Any:

@@ -24,6 +24,9 @@ from ._shared import (
 )
 from ._study import DataArgument, StudyArgument, open_data, open_study
 
+# Characters that the ladder has for a name in 80 columns.
+_NAME = 19
+
 
 @app.command()
 def diagnose(
@@ -154,7 +157,13 @@ def _ladder(study: Any) -> Any:
     for step in study.steps:
         values = {p.name: p.value for p in step.parameters if p.effect is None}
         name = f"+ {safe(step.added)}" + (f" @{safe(step.variant)}" if step.variant else "") if step.added else "base"
-        table.add_row(name, number(step.error.rmse),
+        table.add_row(_broken(name), number(step.error.rmse),
                       number(step.error.rmse_holdout), number(step.error.rmse_one_step), number(step.error.noise_sd),
                       number(values.get("S")), number(values.get("J")))
     return table
+
+
+def _broken(name: str) -> str:
+    """A long name in two lines, parted after a hyphen: seven columns leave a name no more room in 80."""
+    head, mark, rest = name.partition("-")
+    return f"{head}{mark}\n  {rest}" if len(name) > _NAME else name
