@@ -218,11 +218,13 @@ class Scouted:
         return self.coarse.values(self.points[:1])[:, 0]
 
 
-def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *, far: bool = True) -> Scouted:
+def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *, far: bool = True,
+          windows: bool = False) -> Scouted:
     """The model with effect `name` added, searched far enough to see whether it is worth a full refit.
 
     Starts are the neutral effect in the model so far, guesses of the effect in all basins of the pool, and unless `far`
-    is False swarms over valve and effect on the one-step error, and a swarm over everything.
+    is False swarms over valve and effect on the one-step error, and a swarm over everything. Friction that changes
+    with time is looked for in `windows` of the record, too, where that is asked for.
     """
     before = fit.model
     spec = replace(before.spec, effects=(*before.spec.effects, name))
@@ -248,7 +250,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     fresh = roam = np.empty((0, model.space.size))
     if far:
         if effect.kind in "FT" and guesses.size:
-            fresh = _valve_basins(coarse, name, guesses, fit, rng)
+            fresh = _valve_basins(coarse, name, guesses, fit, rng, windows)
         roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM,
                      scouts=_SCOUTS).points[:_ROAM]
     near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam])), turns=_GLANCE, settle=_GLANCED)
@@ -338,6 +340,11 @@ def _herded_along(model: Model, points: FloatArray, rng: np.random.Generator, pa
     return found
 
 
+def changes(name: str) -> bool:
+    """Whether an effect is friction that changes along the record."""
+    return parse(name)[0].profile is not None
+
+
 def on_valve(effect: Effect) -> bool:
     """Whether an effect acts on the valve: on its friction, its stem or its trim."""
     return effect.place.value <= Place.TRIM.value
@@ -406,7 +413,8 @@ def _following(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
     return model.guided(best.guide), values
 
 
-def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng: np.random.Generator) -> FloatArray:
+def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng: np.random.Generator,
+                  windows: bool) -> FloatArray:
     """Starts (k, d) whose valve goes with the effect, each with its process.
 
     For effects on friction from a search that grows with the record, because their basins are narrow and far from the
@@ -418,7 +426,7 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
     effect = parse(name)[0]
     if effect.friction is not None or (effect.place is Place.STEM
                                           and (RESTING in model.spec.effects or not model.spec.held)):
-        found = _grown_with(model, name, fit, rng)
+        found = _grown_with(model, name, fit, rng, windows)
         return found if ridge_of(model) is None or not model.spec.held else _ridges(model, name, fit, found, rng)
     period = model.period_s / model.step_s
     ladder = np.unique(np.round(np.geomspace(1, int(np.clip(0.4 * period, 1, 60)) + 1, 6) - 1).astype(int))
@@ -446,18 +454,19 @@ def _valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng
     return with_process(model, np.array([f[1] for f in starts[:3]]))
 
 
-def _grown_with(model: Model, name: str, fit: Fitted, rng: np.random.Generator) -> FloatArray:
+def _grown_with(model: Model, name: str, fit: Fitted, rng: np.random.Generator, windows: bool = False) -> FloatArray:
     """Starts (k, d) for an effect on friction or the stem from a search that grows with the record, each with its
     process.
 
     Beside a valve that rests from searches for such a valve, too. So is friction that changes with time in an
-    integrator from windows: parts that grow from the beginning found it in none of 5 scanned loops, windows in 3 of 3.
+    integrator from windows: parts that grow from the beginning found it in none of 5 scanned loops, windows in 3 of 3;
+    and in all where `windows` are asked for.
     """
     plain = undisturbed(model, fit.model, fit.values)
     cube = grown_valves(plain, _valve_of(plain, (name,)), rng)
     if RESTING in plain.spec.effects and name != RESTING and plain.spec.held and ridge_of(model) is None:
         cube = np.concatenate([resting_valves(plain, (name,), plain.rows_of(RESTING), rng), cube])
-    elif parse(name)[0].profile is not None and plain.spec.process == INTEGRATOR and plain.spec.held:
+    elif changes(name) and plain.spec.held and (windows or plain.spec.process == INTEGRATOR):
         rows = plain.rows_of(name)
         cube = np.concatenate([windowed_valves(plain, [0, 1, *range(rows.start, rows.stop)], None, rng), cube])
     found = with_process(model, _as_in(model, plain, cube, fit))

@@ -19,6 +19,7 @@ from ..moves import search_model, spreads, with_start
 from ..refit import (
     AUTOREGRESSIVE,
     LARGEST_ORDER,
+    RANDOM_WALK,
     Refit,
     at_noise,
     at_thresholds,
@@ -35,7 +36,7 @@ from ..search import refine
 from ..spec import BASE
 from ..unheld import surely_moves
 from .steps import Progress, variants
-from .work import Answer, Ground, Workers, base_values, finish, look, look_beside, noise, without_it
+from .work import Answer, Ground, Workers, base_values, finish, look, look_beside, look_in_windows, noise, without_it
 
 # Full refits: at most so many, so many at a time whatever the jobs, of looks whose BIC is within so much (or this share
 # of the best gain) of the best full refit so far.
@@ -201,15 +202,21 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
         for i, answer in enumerate(_finished(workers, ground, looks, noise_sd, alone)):
             answers[answer.name] = answer
             tell(f"refitted with {answer.name}", 0.05 + 0.9 * (len(physical) + len(noises) + i + 1) / total)
-        there = [quick(ground.fit.model, ground.fit.values),
-                 *(answers[n].refit(ground) for n in physical if not answers[n].failed)]
-        if alone is None and not has_noise(ground.fit.model.spec) and not any(map(at_noise, there)):
+        base = quick(ground.fit.model, ground.fit.values)
+        there = [answers[n].refit(ground) for n in physical if not answers[n].failed]
+        again: list[Answer] = []
+        if any(effect.noise == RANDOM_WALK for effect in ground.fit.model.effects):
+            if _unsettled(base, there):
+                tell("looking for friction that changes along the record", 0.95)
+                again = list(workers.map(look_in_windows, looks))
+        elif alone is None and not has_noise(ground.fit.model.spec) and not any(map(at_noise, [base, *there])):
             # Nothing explains the record: two effects on a valve hide each other.
             tell("looking for two effects on the valve at once", 0.95)
-            again = [a for a in workers.map(look_beside, looks) if a.cost < answers[a.name].cost]
-            for answer in _finished(workers, ground, again, noise_sd, alone):
-                if not answer.failed and answer.refit(ground).gain_over(answers[answer.name].refit(ground)) > 0.0:
-                    answers[answer.name] = answer
+            again = list(workers.map(look_beside, looks))
+        further = [a for a in again if a.cost < answers[a.name].cost]
+        for answer in _finished(workers, ground, further, noise_sd, alone):
+            if not answer.failed and answer.refit(ground).gain_over(answers[answer.name].refit(ground)) > 0.0:
+                answers[answer.name] = answer
     return [answers[n] for n in (*noises, *physical)]
 
 
@@ -219,6 +226,15 @@ def _explains_all(ground: Ground, look: Answer) -> bool:
         return False
     refit = look.refit(ground)
     return not refit.taps.size and at_noise(refit) and refit.noise_alone
+
+
+def _unsettled(base: Refit, there: Sequence[Refit]) -> bool:
+    """Whether the changes of y show that something is missing beside a walk, and no effect leaves nothing but noise.
+
+    A valve that is wrong under a walk may leave what passes every test; then what effects gain has to tell.
+    """
+    helping = [r for r in there if r.gain_over(base) > NAMED]
+    return bool(helping) if base.walk_alone else not any(r.walk_alone for r in helping)
 
 
 def _noise_alone(ground: Ground, answers: Iterable[Answer]) -> Refit | None:

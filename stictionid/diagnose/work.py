@@ -22,7 +22,7 @@ from ..fit import Fitted
 from ..heldout import Held, held_out
 from ..loop import FloatArray
 from ..moves import search_model
-from ..refit import Refit, Scouted, beside_others, complete, quick, restored, scout, settled
+from ..refit import Refit, Scouted, beside_others, changes, complete, quick, restored, scout, settled
 from ..restarts import bound
 from ..spec import BASE, Spec
 
@@ -91,6 +91,17 @@ def look_beside(ground: Ground, seen: Answer) -> Answer:
         return seen
     found = beside_others(ground.fit, seen.name, seen.points, _rng(ground, seen.name, 4))
     return seen if found is None or not found.cost < seen.cost else _looked(found, seen.name)
+
+
+def look_in_windows(ground: Ground, seen: Answer) -> Answer:
+    """A second look at friction that changes with time, from windows of the record; the first where it is better.
+
+    Beside a walk no part that grows from the beginning shows it for long: what y strays by adds up.
+    """
+    if seen.failed or not changes(seen.name):
+        return seen
+    found = scout(ground.fit, seen.name, ground.pool, _rng(ground, seen.name, 5), windows=True)
+    return _looked(found, seen.name) if found.cost < seen.cost else seen
 
 
 def finish(ground: Ground, seen: Answer) -> Answer:
