@@ -6,16 +6,19 @@ And loops with nothing hidden, in which nothing may be invented; and pairs, of w
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from loops_with_effects import NOISE, PHYSICAL, SMALL, small
 
-from stictionid.diagnose import add, diagnose
-from stictionid.diagnose.rounds import look_at
+from stictionid.diagnose import add, diagnose, rounds, run, tries, work
+from stictionid.diagnose.rounds import Looked, look_at
 from stictionid.diagnose.run import _Asked, _Fork, _other_way, _rivals
-from stictionid.effects import catalogue, get
+from stictionid.diagnose.work import Answer, Ground
+from stictionid.effects import catalogue, get, parse
 from stictionid.identify import Options, identify
+from stictionid.refit import on_valve
 from stictionid.simulate import Controller, Plant, simulate
 
 HELD = Options(base_only=True, between="hold")
@@ -63,11 +66,37 @@ def test_nothing_is_invented_where_nothing_is_hidden(kind: str, more: dict) -> N
 
 
 @pytest.mark.parametrize("pair", [("step-disturbance", "extra-lag"), ("stiction-drift", "sinusoidal-disturbance")])
-def test_two_hidden_effects_are_both_found(pair: tuple[str, str]) -> None:
+def test_two_hidden_effects_are_both_found(pair: tuple[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def on_every_base(looked: Looked, *args: Any, **more: Any) -> Looked:
+        asked.append(looked.winner.name if looked.winner is not None else "")
+        return rounds.on_every_base(looked, *args, **more)
+
+    monkeypatch.setattr(run, "on_every_base", on_every_base)
     _, loop = small(*pair)
     after = diagnose(loop, identify(loop, options=HELD), apply=True)
     assert set(after.missing) == set(pair)
     assert after.steps[-1].error.rmse <= _AT_THE_NOISE * NOISE
+    # A step far ahead of every noise model is gone on from at once, and the lag after it ends the walk.
+    assert pair[1] != "extra-lag" or asked == ["extra-lag"]
+
+
+@pytest.mark.parametrize(("name", "near"), [("step-disturbance", True), ("asymmetric-stiction", False)])
+def test_a_look_that_leaves_white_noise_saves_the_others_the_basins_of_the_valve(
+        name: str, near: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: dict[str, bool] = {}
+
+    def look(ground: Ground, name: str) -> Answer:
+        seen[name] = ground.near
+        return work.look(ground, name)
+
+    monkeypatch.setattr(tries, "look", look)
+    _, loop = small(name)
+    looked = look_at(loop, identify(loop, options=HELD), 0, 1, lambda text, share: None)
+    assert looked.winner is not None and parse(looked.winner.name)[0].name == name
+    assert {seen[n] for n in seen if on_valve(parse(n)[0])} == {near}
+    assert not any(seen[n] for n in seen if not on_valve(parse(n)[0]))
 
 
 def test_the_records_of_the_small_loops_are_repeatable() -> None:
