@@ -109,9 +109,9 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
             study = replace(study, candidates=() if not added else study.candidates, missing=_kept(added, study))
             return _other_way(loop, study, fork, asked) if fork else study
         if study.steps and not (settled or asked.everything or bootstrap) and (blur := _rounded(loop, study, seed)):
-            # What rounding makes of a right model no effect explains to the noise, and a missing one does.
+            # What rounding makes of a right model no effect explains to the noise, nor by half; a missing one does.
             upcoming = look_at(loop, study, seed, jobs, tell) if upcoming is None else upcoming
-            if not (upcoming.settled or upcoming.white):
+            if not (upcoming.settled or upcoming.white or _halves(upcoming)):
                 return _left_to_rounding(study, upcoming, added, blur)
         chosen = _instead(loop, study, earlier, settled, asked) if earlier else None
         if chosen is not None and chosen.stays and (settled or _noisy(study)):
@@ -350,12 +350,18 @@ def _rounded(loop: Loop, study: Study, seed: int) -> float:
     return blur if floor is not None and last.error.rmse <= _BLURRED * float(np.hypot(floor, blur)) else 0.0
 
 
+def _halves(looked: Looked) -> bool:
+    """Whether a round's winner is physics that takes half of the free-run error away, which chance does not."""
+    noise = looked.winner is None or looked.winner.noise
+    return not noise and looked.best.evaluated.rmse <= HALVED * looked.found.fit.best.rmse
+
+
 def _left_to_rounding(study: Study, looked: Looked, added: Sequence[str], blur: float) -> Study:
     """The study whose errors may all be the rounding of its output: nothing more is named, and the reason says so."""
     last, step = study.steps[-1], step_of(looked.run.loop.output)
     why = (f"the free-run error {last.error.rmse:.4g} may be no more than rounding: the output is recorded in steps of "
            f"{step:.3g} %, which moves the model's process value by {blur:.3g} beside the noise, and no effect brings "
-           "the error to the noise; export the output with more digits")
+           "the error to the noise, or halves it; export the output with more digits")
     said = Finding("rounded-output", "warning", why, {"moved_by_rounding": blur, "rmse": last.error.rmse})
     last = replace(last, findings=(*(f for f in last.findings if f.code != said.code), said))
     ranked = study.candidates if added else candidates(looked.found, None)
