@@ -117,3 +117,26 @@ def test_a_drift_at_the_wall_is_looked_for_beyond_where_the_valve_rests() -> Non
     assert not len(beyond_rest(model, beyond[0], np.random.default_rng(0)))
     alone = _model(_loop(), PAIR[:1])
     assert not len(beyond_rest(alone, np.full(alone.space.size, 0.5), np.random.default_rng(0)))
+
+
+def test_a_drift_beside_a_random_walk_is_found_in_windows() -> None:
+    """What y strays by adds up along the record, and spoils a few windows only."""
+    walk, noise = "random-walk-disturbance", 0.04
+    loop = simulate(Setting(Plant(0.8, 7.3, 3.2), Controller(1.0, 7.3, scan_s=1.0), S=4.0, J=2.6, duration_s=1000.0,
+                            setpoint_moves=((300.0, 2.0), (650.0, -2.5)), noise_sd=noise,
+                            effects=((PAIR[1], {"stickband_growth": 1.4, "jump_growth": 0.0}),
+                                     (walk, {"innovation_sd": noise}))), seed=4).loop
+    found = find_range(loop)
+    model = Model(loop, Spec(effects=(walk,), increments=True, taps=(0.38, 0.14, 0.05)), s_max=swing_of(loop, found),
+                  period_s=time_scale_s(loop, found))
+    start = {"S": 4.7, "J": 2.0, "initial_residual_force": 0.0, "time_constant_s": 7.3, "dead_time_s": 3.2}
+    values = model.values(descended(model, model.cube(model.vector(start)[:, None])).points[:1])[:, 0]
+    best = model.evaluate(values)
+    fit = Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+    looks = [scout(fit, PAIR[1], values[None, :5], np.random.default_rng(0), windows=windows)
+             for windows in (False, True)]
+    rmse = [float(np.sqrt(look.cost / best.rows)) for look in looks]
+    assert rmse[1] < 1.05 * 1.618 * noise < 0.95 * rmse[0]  # what a walk as strong as the noise leaves
+    named = looks[1].model.named(looks[1].values)
+    assert named["S"] == pytest.approx(4.0, rel=0.03)
+    assert named[f"{PAIR[1]}:stickband_growth"] == pytest.approx(1.4, rel=0.1)
