@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .arx import Arx
-from .effects import parse
+from .effects import noises_in, parse
 from .effects.contract import Effect, Place
 from .explained import noise_alone, only_noise
 from .fit import Fitted, polish_smooth
@@ -541,7 +541,7 @@ def own_taps(spec: Spec) -> tuple[float, ...]:
 
 def has_noise(spec: Spec) -> bool:
     """Whether the model has a noise effect already, whose coefficients are estimated anew with every refit."""
-    return any(parse(name)[0].noise for name in spec.effects)
+    return bool(noises_in(spec.effects))
 
 
 def at_noise(refit: Refit) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..addition import polished
-from ..effects import parse
+from ..effects import noises_in, parse
 from ..loop import Finding, Loop
 from ..methods.run import ADEQUATE
 from ..refit import RANDOM_WALK, RESTING, Refit, at_noise, quick
@@ -99,7 +99,7 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
     apply, seed, jobs, bootstrap, tell = asked.apply, asked.seed, asked.jobs, asked.bootstrap, asked.tell
     while True:
         earlier = () if added else before_chosen(study)
-        settled = bool(study.steps) and study.adequate and not _carried(study) and not _memory(loop, study, seed)
+        settled = bool(study.steps) and bool(study.adequate) and not _carried(study) and not _memory(loop, study, seed)
         # What was added may hide what else is missing: its innovations tell, however small the error.
         # (Beside a walk that was added last they don't: a valve that is wrong under it leaves what passes every test.)
         more = bool(study.steps) and (bool(added) or _noisy(study)) and (_walks(study) or not _last(loop, study).white)
@@ -205,7 +205,7 @@ def _other_way(loop: Loop, study: Study, fork: _Fork, asked: _Asked) -> Study:
     last = _last(loop, study)
     ended = last.noise_alone or last.walk_alone or at_noise(last)
     # A noise that remembers for long may be a disturbance; beside physics the tests see what another way would need.
-    if _noisy(study) and not all(parse(name)[0].noise for name in study.missing):
+    if _noisy(study) and len(noises_in(study.missing)) < len(study.missing):
         ended = ended or last.white
     # (A lag, or a valve that rests, is what `identify` would have added beside the two.)
     if ended and len(set(study.missing) - _CHOSEN) <= _PAIR:
@@ -229,10 +229,10 @@ def _other_way(loop: Loop, study: Study, fork: _Fork, asked: _Asked) -> Study:
             began, _ = _put_right(loop, began, after, seed)
         began = replace(began, candidates=candidates(after.found, winner))
         names = [*fork.added, *(parse(n.name)[0].name for n in (t, winner))]
-        ended = _walked(loop, _one_more(loop, began, winner, asked), names, began.candidates,
+        other = _walked(loop, _one_more(loop, began, winner, asked), names, began.candidates,
                         replace(asked, detours=False))
-        if _between(loop, ended, study) >= NAMED:
-            return ended
+        if _between(loop, other, study) >= NAMED:
+            return other
     return study
 
 
@@ -283,10 +283,10 @@ def without_noise(loop: Loop, study: Study, name: str, seed: int) -> Study:
     just before that added nothing else is gone, too: the ladder does not climb by what is not there.
     """
     last = study.steps[-1]
-    plain = next((s for s in reversed(study.steps) if not any(parse(n)[0].noise for n in s.effects)), None)
+    plain = next((s for s in reversed(study.steps) if not noises_in(s.effects)), None)
     if not _noisy(study) or plain is None:
         return study
-    noises = tuple(n for n in last.effects if parse(n)[0].noise is not None)
+    noises = noises_in(last.effects)
     named = next(s for s in study.steps if set(noises) & set(s.effects))
     run, fit = opened(loop, study, seed)
     before = rebuild_model(run.loop, plain.model)[0].spec
@@ -315,10 +315,10 @@ def before_chosen(study: Study) -> tuple[Study, ...]:
     Empty where it added none, or the user did. An autoregression can imitate anything one step ahead, and a valve that
     rests, or a lag, much: what was chosen before any rival was tried has to stand against the whole catalogue first.
     """
-    names = [step.added for step in study.steps[1:]]
-    if not names or not all(n and (n in _CHOSEN or parse(n)[0].noise is not None) for n in names):
+    names = [step.added or "" for step in study.steps[1:]]
+    if not names or not all(n and (n in _CHOSEN or noises_in((n,))) for n in names):
         return ()
-    noises = [k for k, name in enumerate(names, 1) if parse(name)[0].noise is not None]
+    noises = [k for k, name in enumerate(names, 1) if noises_in((name,))]
     parts = [replace(study, steps=study.steps[:k]) for k in sorted({len(names), *noises[:1], 1}, reverse=True)]
     # Beside a noise model everything is small; and where nothing of y is explained nothing can be missing.
     return tuple(part for part in parts if not _noisy(part) and not _nothing(part))
@@ -370,7 +370,7 @@ def _left_to_rounding(study: Study, looked: Looked, added: Sequence[str], blur: 
 
 
 def _noisy(study: Study) -> bool:
-    return any(parse(n)[0].noise is not None for n in study.steps[-1].effects)
+    return bool(noises_in(study.steps[-1].effects))
 
 
 def _walks(study: Study) -> bool:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects import catalogue, parse
+from ..effects import catalogue, noises_in, parse
 from ..fit import Fitted, polish_smooth
 from ..heldout import Held, held_out
 from ..loop import FloatArray, Loop
@@ -160,7 +160,7 @@ def candidate_names(loop: Loop, present: Sequence[str]) -> list[str]:
     Errors have one noise model: every refit estimates it anew, and a second would only take the first one's place.
     """
     have = {name.partition("@")[0].partition(":")[0] for name in present}
-    noisy = any(parse(name)[0].noise is not None for name in present)
+    noisy = bool(noises_in(present))
     return [name for effect in catalogue().values()
             if effect.name not in have and not (noisy and effect.noise is not None)
             and not ("extra" in effect.needs and not loop.moving_extras)
@@ -175,8 +175,8 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
     noise are refitted in full, and the best of them. So it is where a look beyond the valve leaves nothing but white
     noise: basins of valves are what costs most of a round, and looks at effects on the valve need none but that one.
     """
-    physical = [n for n in names if parse(n)[0].noise is None]
-    noises = [n for n in names if parse(n)[0].noise is not None]
+    noises = noises_in(names)
+    physical = [n for n in names if n not in noises]
     answers: dict[str, Answer] = {}
     total = len(physical) + len(noises) + _FINALISTS
     with Workers(ground, jobs) as workers:

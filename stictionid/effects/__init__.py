@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from ..errors import UsageError
 from ..rooms import room
 from .contract import Effect
@@ -21,6 +23,11 @@ def parse(name: str) -> tuple[Effect, str]:
         raise UsageError(f"effect {effect.name} has no variant '{variant}'",
                          "its variants: " + (", ".join(effect.variants) or "none"))
     return effect, variant if mark else plain.partition(":")[2]
+
+
+def noises_in(names: Iterable[str]) -> tuple[str, ...]:
+    """Those of some effects, as a study names them, that are noise models; UsageError for an unknown one."""
+    return tuple(name for name in names if parse(name)[0].noise is not None)
 
 
 def in_order(names: tuple[str, ...]) -> tuple[tuple[str, Effect, str], ...]:

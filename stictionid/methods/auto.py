@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..addition import added
-from ..effects import parse
+from ..effects import noises_in
 from ..errors import CannotTell
 from ..fit import Fitted, reaching
 from ..gates import SAMPLES_PER_PERIOD
@@ -58,7 +58,7 @@ def _run(run: Run) -> Outcome:
 def _searched(run: Run) -> Outcome:
     """Base model with its process and between-samples choice, then what the data ask for beyond it."""
     o = run.options
-    noises = [name for name in o.effects if parse(name)[0].noise is not None]
+    noises = noises_in(o.effects)
     spec = Spec(law=run.law, effects=tuple(name for name in o.effects if name not in noises), fixed=dict(o.fixed),
                 between="hold" if o.between == "auto" else o.between,
                 substeps=SUBSTEPS if o.between == "corner" else 1)
