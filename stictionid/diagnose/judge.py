@@ -25,7 +25,7 @@ ALIKE = 10.0
 # BIC by which physics must beat a noise model that helps (step 7: "named"): noise in the output of a controller that
 # works all the time moves the valve between samples where no model sees it, and 25 were met by chance then.
 _OVER_NOISE = 50.0
-# Beside a walk, in whose changes of y every slip stands, under a held command: 6 were met by chance in 10 scanned loops
+# Beside a walk, in whose changes of y every slip stands, under a held command: 7 at most were met by chance in 17 loops
 # with a walk and nothing else (step 7: "probable").
 _OVER_WALK = 20.0
 # It need only be better by what names an effect where it takes this share of the free-run error away, which chance does
@@ -102,7 +102,7 @@ def winner_of(found: Round) -> Tried | None:
     for t in found.tried:
         if t.noise or not clearly_better(t, found) or t.delta_bic < least:
             continue
-        if rival is not None and t.delta_bic < rival.delta_bic + (NAMED if _halves(t, found) else _OVER_NOISE):
+        if rival is not None and t.delta_bic < rival.delta_bic + (NAMED if halves(t, found) else _OVER_NOISE):
             continue
         if not _against(t, found, rival):
             return t
@@ -124,7 +124,7 @@ def steadiest(noises: list[Tried]) -> Tried:
                  and best.delta_bic - t.delta_bic < SUPERFLUOUS), best)
 
 
-def _halves(t: Tried, found: Round) -> bool:
+def halves(t: Tried, found: Round) -> bool:
     """Whether a candidate takes half of the free-run error away."""
     assert t.refit is not None
     return t.refit.evaluated.rmse <= HALVED * found.reference.evaluated.rmse

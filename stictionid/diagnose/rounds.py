@@ -26,7 +26,7 @@ from ..restarts import bound
 from ..results import Study
 from ..spec import INTEGRATOR, Spec
 from ..unheld import as_moving, may_move, moved
-from .judge import HALVED, holds, winner_of
+from .judge import HALVED, halves, holds, winner_of
 from .resting import resting_valve
 from .steps import Progress, finished_step, opened, with_steps
 from .tries import NAMED, Round, Tried, try_all
@@ -75,6 +75,11 @@ class Looked:
     def settled(self) -> bool:
         """Whether a physical effect brings the free run to the noise: nothing is left that another base could do."""
         return self.winner is not None and self.winner.refit is not None and at_noise(self.winner.refit)
+
+    @property
+    def halved(self) -> bool:
+        """Whether a physical effect takes half of the free-run error away, which chance does not."""
+        return self.winner is not None and not self.winner.noise and halves(self.winner, self.found)
 
     @property
     def white(self) -> bool:

@@ -20,7 +20,7 @@ from ..rerun import rebuild_model
 from ..results import Candidate, Study
 from ..rounding import moved_by_rounding, step_of
 from ..segments import described
-from .judge import HALVED, candidates
+from .judge import ALIKE, HALVED, candidates, halves
 from .rounds import (
     LAG,
     Looked,
@@ -111,7 +111,7 @@ def _walked(loop: Loop, study: Study, added: Sequence[str], ranking: tuple[Candi
         if study.steps and not (settled or asked.everything or bootstrap) and (blur := _rounded(loop, study, seed)):
             # What rounding makes of a right model no effect explains to the noise, nor by half; a missing one does.
             upcoming = look_at(loop, study, seed, jobs, tell) if upcoming is None else upcoming
-            if not (upcoming.settled or upcoming.white or _halves(upcoming)):
+            if not (upcoming.settled or upcoming.white or upcoming.halved):
                 return _left_to_rounding(study, upcoming, added, blur)
         chosen = _instead(loop, study, earlier, settled, asked) if earlier else None
         if chosen is not None and chosen.stays and (settled or _noisy(study)):
@@ -238,12 +238,13 @@ def _other_way(loop: Loop, study: Study, fork: _Fork, asked: _Asked) -> Study:
 
 def _rivals(looked: Looked, first: Looked) -> list[Tried]:
     """Physical candidates of a round that may be one of two, best first: each leaves clearly less in the free run, and
-    more than a noise model where one won."""
+    is ahead of a noise model where one won; no worse will do where it halves the free run, as no noise model can."""
     found, won = looked.found, looked.winner if looked is first else None
     noises = [t.delta_bic for t in found.tried if t.noise and t.refit is not None]
-    least = NAMED + (max(noises, default=0.0) if won is None or won.noise else 0.0)
+    rival = max(noises, default=0.0) if won is None or won.noise else 0.0
     rivals = [t for t in found.tried if t is not won and not t.noise and t.full and t.refit is not None
-              and t.refit.evaluated.rmse <= _LEFT * found.reference.evaluated.rmse and t.delta_bic >= least]
+              and t.refit.evaluated.rmse <= _LEFT * found.reference.evaluated.rmse
+              and t.delta_bic >= max(NAMED, rival + (-ALIKE if halves(t, found) else NAMED))]
     return sorted(rivals, key=lambda t: t.refit.evaluated.rmse if t.refit else np.inf)
 
 
@@ -348,12 +349,6 @@ def _rounded(loop: Loop, study: Study, seed: int) -> float:
     last = study.steps[-1]
     blur, floor = moved_by_rounding(loop, last.model, seed), last.error.noise_sd
     return blur if floor is not None and last.error.rmse <= _BLURRED * float(np.hypot(floor, blur)) else 0.0
-
-
-def _halves(looked: Looked) -> bool:
-    """Whether a round's winner is physics that takes half of the free-run error away, which chance does not."""
-    noise = looked.winner is None or looked.winner.noise
-    return not noise and looked.best.evaluated.rmse <= HALVED * looked.found.fit.best.rmse
 
 
 def _left_to_rounding(study: Study, looked: Looked, added: Sequence[str], blur: float) -> Study:
