@@ -207,6 +207,10 @@ def test_a_noise_model_gives_way_to_the_physics_that_it_imitated() -> None:
     assert any(f.code == "gave-way" for f in after.steps[-1].findings)
     # The ladder goes from the base to the step, not by way of what is not there.
     assert [step.added for step in after.steps] == [None, "step-disturbance"]
+    # Where only changes of y had been looked at before, because no level was explained, there are levels now.
+    changes = replace(both.steps[0], model={**both.steps[0].model, "increments": True})
+    again = without_noise(loop, replace(both, steps=(changes, *both.steps[1:])), "step-disturbance", 0)
+    assert again.steps[-1].model["increments"] is False
     # It stays where nothing falls by half without it.
     assert without_noise(loop, noisy, "coloured-noise", 0).steps[-1].effects == ("coloured-noise",)
 

@@ -20,6 +20,7 @@ from ..rerun import rebuild_model
 from ..results import Candidate, Study
 from ..rounding import moved_by_rounding, step_of
 from ..segments import described
+from ..spec import INTEGRATOR, Spec
 from .judge import ALIKE, HALVED, candidates, halves
 from .rounds import (
     LAG,
@@ -290,7 +291,8 @@ def without_noise(loop: Loop, study: Study, name: str, seed: int) -> Study:
     noises = noises_in(last.effects)
     named = next(s for s in study.steps if set(noises) & set(s.effects))
     run, fit = opened(loop, study, seed)
-    before = rebuild_model(run.loop, plain.model)[0].spec
+    # (A first order has levels without a noise model; how an integrator was fitted the step without it knows.)
+    before = rebuild_model(run.loop, plain.model)[0].spec if fit.model.spec.process == INTEGRATOR else Spec()
     spec = replace(fit.model.spec, effects=tuple(n for n in fit.model.spec.effects if n not in noises),
                    increments=before.increments, taps=before.taps)
     model = run.model(spec)

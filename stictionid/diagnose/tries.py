@@ -106,7 +106,8 @@ def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress, noise
         ground = Ground(fit, np.concatenate([fit.values[None, :len(BASE)], left]), seed)
         answers = _round(ground, names, jobs, tell, noise_sd)
         told = sorted((a for a in answers if not a.failed), key=lambda a: a.cost)[:_HANDED]
-        now = better_base(fit, [without_it(a, ground) for a in told], rng)
+        plain = (a for a in answers if _came_out_white(a))
+        now = better_base(fit, [without_it(a, ground) for a in (*plain, *told)], rng)
         if now is fit:
             break
         gained = _likelihood(fit, fit.sse, now.sse)
@@ -125,11 +126,15 @@ def _plain_model(ground: Ground, answers: Sequence[Answer], reference: Refit) ->
     The model of an integrator is searched in changes of y and completed in levels, where a search for its noise may
     settle a valve that a descent leaves a slip away; against the worse one every candidate would gain the same.
     """
-    for a in answers:
-        if a.failed or parse(a.name)[0].noise is None or a.taps is None or a.taps.size or a.increments:
-            continue
+    for a in filter(_came_out_white, answers):
         reference = better(reference, a.refit(ground))
     return reference
+
+
+def _came_out_white(answer: Answer) -> bool:
+    """Whether a noise model is none in the end: its search only found the model so far in another basin."""
+    return not answer.failed and bool(noises_in((answer.name,))) and answer.taps is not None \
+        and not answer.taps.size and not answer.increments
 
 
 def _likelihood(fit: Fitted, before: float, after: float) -> float:
