@@ -544,6 +544,11 @@ def has_noise(spec: Spec) -> bool:
     return bool(noises_in(spec.effects))
 
 
+def has_walk(spec: Spec) -> bool:
+    """Whether the model has a random walk: y has no level then, and a free run no error that could grow."""
+    return any(parse(name)[0].noise == RANDOM_WALK for name in spec.effects)
+
+
 def at_noise(refit: Refit) -> bool:
     """Whether the free run of a physical refit is at its innovations: a noise model has next to nothing to do."""
     return not has_noise(refit.model.spec) and refit.evaluated.rmse <= _WHITE * refit.innovation_sd

@@ -13,7 +13,7 @@ from stictionid.diagnose import diagnose
 from stictionid.diagnose.run import before_chosen
 from stictionid.diagnose.steps import opened
 from stictionid.effects import get
-from stictionid.fit import Fitted
+from stictionid.fit import as_it_stands
 from stictionid.gates import swing_of, time_scale_s
 from stictionid.grown import grown_valves
 from stictionid.identify import Options, identify
@@ -163,9 +163,7 @@ def test_the_criterion_does_not_depend_on_the_unit_of_y(unit: float) -> None:
     model = Model(replace(loop, process_value=unit * np.nan_to_num(y)), Spec(), **span)
     fits = []
     for S in (5.0, 4.0):
-        values = model.vector(true | {"S": S})
-        best = model.evaluate(values)
-        fits.append(Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2]))
+        fits.append(as_it_stands(model, model.vector(true | {"S": S})))
     right, wrong = fits
     assert effective_rows(wrong.best.residual, model.weight) < 0.1 * effective_rows(right.best.residual, model.weight)
     assert bic_gain(wrong, right) > 20.0
@@ -307,8 +305,7 @@ def test_windows_find_a_stickband_that_grows_in_an_integrator() -> None:
     model = Model(loop, Spec(process="integrator"), s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
     values = model.vector({"S": 0.5 * setting.S, "J": 0.5 * setting.J, "initial_residual_force": 0.0,
                            "time_constant_s": 0.3, "dead_time_s": 1.0})
-    best = model.evaluate(values)
-    fit = Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+    fit = as_it_stands(model, values)
     look = scout(fit, "stiction-drift", values[None, :5], np.random.default_rng(0))
     assert look.values[0] == pytest.approx(setting.S, rel=0.03)
     assert look.cost < (2.0 * sd) ** 2 * loop.samples

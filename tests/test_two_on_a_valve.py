@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stictionid.fit import Fitted
+from stictionid.fit import Fitted, as_it_stands
 from stictionid.gates import swing_of, time_scale_s
 from stictionid.herd import beyond_rest, herded
 from stictionid.loop import FloatArray, Loop
@@ -41,8 +41,7 @@ def _first(model: Model) -> Fitted:
                           "re-sticking:restick_speed": 1e4})
     near = descended(model, with_start(model, model.cube(start[:, None])))
     values = model.values(near.points[:1])[:, 0]
-    best = model.evaluate(values)
-    return Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+    return as_it_stands(model, values)
 
 
 def test_the_second_effect_is_searched_together_with_the_first() -> None:
@@ -131,11 +130,10 @@ def test_a_drift_beside_a_random_walk_is_found_in_windows() -> None:
                   period_s=time_scale_s(loop, found))
     start = {"S": 4.7, "J": 2.0, "initial_residual_force": 0.0, "time_constant_s": 7.3, "dead_time_s": 3.2}
     values = model.values(descended(model, model.cube(model.vector(start)[:, None])).points[:1])[:, 0]
-    best = model.evaluate(values)
-    fit = Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+    fit = as_it_stands(model, values)
     looks = [scout(fit, PAIR[1], values[None, :5], np.random.default_rng(0), windows=windows)
              for windows in (False, True)]
-    rmse = [float(np.sqrt(look.cost / best.rows)) for look in looks]
+    rmse = [float(np.sqrt(look.cost / fit.best.rows)) for look in looks]
     assert rmse[1] < 1.05 * 1.618 * noise < 0.95 * rmse[0]  # what a walk as strong as the noise leaves
     named = looks[1].model.named(looks[1].values)
     assert named["S"] == pytest.approx(4.0, rel=0.03)

@@ -12,7 +12,7 @@ from ..between import kicks
 from ..effect_numbers import noise_values, rows_for, values_of
 from ..effects import parse
 from ..heldout import Held
-from ..refit import AUTOREGRESSIVE, RANDOM_WALK, Refit, at_noise, has_noise
+from ..refit import AUTOREGRESSIVE, RANDOM_WALK, Refit, at_noise, has_noise, has_walk
 from ..results import Candidate
 from ..spec import INTEGRATOR
 from .detect import detectable
@@ -94,11 +94,11 @@ def winner_of(found: Round) -> Tried | None:
     noises = [t for t in found.tried if t.noise and clearly_better(t, found)]
     rival = max(noises, key=lambda t: t.delta_bic, default=None)
     # A noise model that helps, though not in every block, must be beaten, too.
-    helps = max((t.delta_bic for t in found.tried if t.noise and t.refit is not None), default=0.0)
+    helps = found.noise_gain
     least = max(NAMED, helps + NAMED if helps >= NAMED else 0.0)
     if has_noise(found.fit.model.spec):
         # (Under a held command nothing moves the valve between samples.)
-        least = _OVER_WALK if _wanders(found) and found.fit.model.spec.held else _OVER_NOISE
+        least = _OVER_WALK if has_walk(found.fit.model.spec) and found.fit.model.spec.held else _OVER_NOISE
     for t in found.tried:
         if t.noise or not clearly_better(t, found) or t.delta_bic < least:
             continue
@@ -134,7 +134,7 @@ def _against(t: Tried, found: Round, noise: Tried | None) -> str:
     """Why a candidate that helps is not named all the same, beside the best noise model; empty where nothing speaks
     against it."""
     assert t.refit is not None
-    if not _wanders(found) and t.refit.evaluated.rmse > _NO_WORSE * _free_run(t.refit, found):
+    if not has_walk(found.fit.model.spec) and t.refit.evaluated.rmse > _NO_WORSE * _free_run(t.refit, found):
         return "its free run is worse than that of the model so far"
     if noise is not None and _held_worse(t, noise):
         return f"it predicts held-out blocks worse than {noise.name}"
@@ -147,11 +147,6 @@ def _against(t: Tried, found: Round, noise: Tried | None) -> str:
     if _may_be_a_kick(t):
         return "the setpoint moved then: where a valve stops under an output that this kicks lies between the samples"
     return ""
-
-
-def _wanders(found: Round) -> bool:
-    """Whether the model so far has a random walk: y has no level then, and a free run no error that could grow."""
-    return any(parse(name)[0].noise == RANDOM_WALK for name in found.fit.model.spec.effects)
 
 
 def _free_run(refit: Refit, found: Round) -> float:

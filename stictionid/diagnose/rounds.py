@@ -233,9 +233,8 @@ def may_go_on(looked: Looked, tell: Progress) -> Looked:
     only mends it.
     """
     winner, found = looked.winner, looked.found
-    noises = max((t.delta_bic for t in found.tried if t.noise), default=0.0)
     if winner is None or winner.noise or winner.refit is None or looked.settled or has_noise(found.fit.model.spec) \
-            or winner.delta_bic < noises + _JOINT:
+            or winner.delta_bic < found.noise_gain + _JOINT:
         return looked
     return replace(looked, bases=tuple(_likely_bases(looked, tell)))
 

@@ -241,8 +241,7 @@ def _rivals(looked: Looked, first: Looked) -> list[Tried]:
     """Physical candidates of a round that may be one of two, best first: each leaves clearly less in the free run, and
     is ahead of a noise model where one won; no worse will do where it halves the free run, as no noise model can."""
     found, won = looked.found, looked.winner if looked is first else None
-    noises = [t.delta_bic for t in found.tried if t.noise and t.refit is not None]
-    rival = max(noises, default=0.0) if won is None or won.noise else 0.0
+    rival = found.noise_gain if won is None or won.noise else 0.0
     rivals = [t for t in found.tried if t is not won and not t.noise and t.full and t.refit is not None
               and t.refit.evaluated.rmse <= _LEFT * found.reference.evaluated.rmse
               and t.delta_bic >= max(NAMED, rival + (-ALIKE if halves(t, found) else NAMED))]
@@ -319,10 +318,11 @@ def before_chosen(study: Study) -> tuple[Study, ...]:
     rests, or a lag, much: what was chosen before any rival was tried has to stand against the whole catalogue first.
     """
     names = [step.added or "" for step in study.steps[1:]]
-    if not names or not all(n and (n in _CHOSEN or noises_in((n,))) for n in names):
+    noises = noises_in(names) if all(names) else ()
+    if not names or not all(n in _CHOSEN or n in noises for n in names):
         return ()
-    noises = [k for k, name in enumerate(names, 1) if noises_in((name,))]
-    parts = [replace(study, steps=study.steps[:k]) for k in sorted({len(names), *noises[:1], 1}, reverse=True)]
+    first = [names.index(n) + 1 for n in noises[:1]]
+    parts = [replace(study, steps=study.steps[:k]) for k in sorted({len(names), *first, 1}, reverse=True)]
     # Beside a noise model everything is small; and where nothing of y is explained nothing can be missing.
     return tuple(part for part in parts if not _noisy(part) and not _nothing(part))
 

@@ -19,7 +19,6 @@ from ..moves import search_model, spreads, with_start
 from ..refit import (
     AUTOREGRESSIVE,
     LARGEST_ORDER,
-    RANDOM_WALK,
     Refit,
     at_noise,
     at_thresholds,
@@ -27,6 +26,7 @@ from ..refit import (
     block_gains,
     complete,
     has_noise,
+    has_walk,
     on_valve,
     quick,
     starting_pool,
@@ -82,6 +82,11 @@ class Round:
     tried: tuple[Tried, ...]
     better: bool
 
+    @property
+    def noise_gain(self) -> float:
+        """BIC that the best noise model gains; 0 where none could be refitted."""
+        return max((t.delta_bic for t in self.tried if t.noise and t.refit is not None), default=0.0)
+
 
 def try_all(loop: Loop, fit: Fitted, seed: int, jobs: int, tell: Progress, noise_sd: float = np.inf, *,
             moving: bool = False) -> Round:
@@ -133,7 +138,7 @@ def _plain_model(ground: Ground, answers: Sequence[Answer], reference: Refit) ->
 
 def _came_out_white(answer: Answer) -> bool:
     """Whether a noise model is none in the end: its search only found the model so far in another basin."""
-    return not answer.failed and bool(noises_in((answer.name,))) and answer.taps is not None \
+    return not answer.failed and parse(answer.name)[0].noise is not None and answer.taps is not None \
         and not answer.taps.size and not answer.increments
 
 
@@ -210,7 +215,7 @@ def _round(ground: Ground, names: Sequence[str], jobs: int, tell: Progress, nois
         base = quick(ground.fit.model, ground.fit.values)
         there = [answers[n].refit(ground) for n in physical if not answers[n].failed]
         again: list[Answer] = []
-        if any(effect.noise == RANDOM_WALK for effect in ground.fit.model.effects):
+        if has_walk(ground.fit.model.spec):
             if _unsettled(base, there):
                 tell("looking for friction that changes along the record", 0.95)
                 again = list(workers.map(look_in_windows, looks))
