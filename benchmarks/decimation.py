@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
 
-from stictionid.identify import Options, identify
-from stictionid.loop import Loop
-from stictionid.simulate import Controller, Plant, Setting, simulate
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.record.loop import Loop
+from stictionid.verbs.identify import Options, identify
 
 DURATION_S = 3000.0
 

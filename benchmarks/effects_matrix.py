@@ -30,10 +30,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from loops_with_effects import EQUIVALENT, FIRST, MISSED, VISIBLE, loop_of, names_of, right, runs_away, shown, verdict
 
-from stictionid.diagnose import diagnose
 from stictionid.effects import catalogue, get, parse
 from stictionid.errors import StictionidError
-from stictionid.identify import identify
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import identify
 
 # What is counted and left out: an effect that the record can't show, and one under which the loop runs away.
 INVISIBLE, RUNAWAY = "invisible", "runaway"

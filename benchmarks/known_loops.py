@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from stictionid.historian import read_loop
-from stictionid.identify import identify
-from stictionid.simulate import preset, simulate
+from stictionid.model.closed_loop import preset, simulate
+from stictionid.verbs.identify import identify
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "hidden_effects"
 TANK_S, TANK_J, TANK_LIMITS = 1.678, 1.159, (4.0, 14.0)

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stictionid.loop import FloatArray, Loop
-from stictionid.oscillation import find_range
-from stictionid.simulate import Controller, Plant, Setting, simulate
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.record.loop import Loop
+from stictionid.record.oscillation import find_range
+from stictionid.typing import FloatArray
 
 CAUSES = ("sine", "elsewhere", "tight", "noise", "setpoint")
 FEWEST = 5

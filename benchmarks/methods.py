@@ -23,14 +23,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from stictionid.errors import CannotTell
-from stictionid.gates import check
-from stictionid.identify import Options, identify
+from stictionid.fit.options import searchable
 from stictionid.laws import catalogue as laws
-from stictionid.loop import Loop
 from stictionid.methods import catalogue as methods
-from stictionid.methods.options import searchable
-from stictionid.oscillation import find_range
-from stictionid.simulate import Setting, preset, simulate, with_stiction
+from stictionid.model.closed_loop import Setting, preset, simulate, with_stiction
+from stictionid.record.loop import Loop
+from stictionid.record.oscillation import find_range
+from stictionid.record.preconditions import check
+from stictionid.verbs.identify import Options, identify
 
 NOISE = (0.0, 1.0, 3.0, 5.0)
 # Every law is tried at this noise only, in % of the swing of PV: six fits a record.

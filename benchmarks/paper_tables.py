@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from stictionid.descent import descend
-from stictionid.identify import Options, identify
-from stictionid.loop import Loop
-from stictionid.moves import with_start
-from stictionid.oscillation import find_range
-from stictionid.rerun import rebuild_model
-from stictionid.results import Study
-from stictionid.simulate import Plant, preset, simulate, with_stiction
+from stictionid.fit.moves import with_start
+from stictionid.model.closed_loop import Plant, preset, simulate, with_stiction
+from stictionid.model.restore import rebuild_model
+from stictionid.numerics.gauss_newton import descend
+from stictionid.record.loop import Loop
+from stictionid.record.oscillation import find_range
+from stictionid.record.study import Study
+from stictionid.verbs.identify import Options, identify
 
 # S, J, paper's S_max, e_S %, e_J % (Tables 2 and 3).
 TABLES = {

@@ -39,7 +39,7 @@ def command(*arguments: str) -> tuple[float, float, float]:
 
 def study_of(rows: int, folder: str) -> Path:
     """A study whose data are `rows` samples."""
-    from stictionid.files import sha256_of
+    from stictionid.system.files import sha256_of
 
     process = ("--preset", "foptd", "--S", 4, "--J", 2, "--noise", 0.05, "--seed", 1)
     data, short = Path(folder, f"{rows}.parquet"), Path(folder, "short.parquet")

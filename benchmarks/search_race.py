@@ -78,12 +78,12 @@ def kernel() -> list[str]:
     """Per candidate and 1,000 samples."""
     import naive
 
-    from stictionid.arx import Arx
+    from stictionid.fit.arx_cost import Arx
     from stictionid.laws import catalogue
-    from stictionid.model import Model
-    from stictionid.oscillation import find_range
-    from stictionid.simulate import preset, simulate
-    from stictionid.spec import Spec
+    from stictionid.model.closed_loop import preset, simulate
+    from stictionid.model.model import Model
+    from stictionid.model.spec import Spec
+    from stictionid.record.oscillation import find_range
 
     loop = simulate(preset("foptd")).loop
     found = find_range(loop)
@@ -134,13 +134,13 @@ def search(seeds: int) -> list[str]:
     """S and J of one record per seed, noise and search drawn anew."""
     from scipy.optimize import differential_evolution
 
-    from stictionid.arx import Arx
-    from stictionid.methods.arx import J_OVER_S, S_OVER_S_MAX
-    from stictionid.model import Model
-    from stictionid.oscillation import find_range
-    from stictionid.search import refine, swarm
-    from stictionid.simulate import preset, simulate
-    from stictionid.spec import Spec
+    from stictionid.fit.arx_cost import Arx
+    from stictionid.model.closed_loop import preset, simulate
+    from stictionid.model.model import Model
+    from stictionid.model.response import J_OVER_S, S_OVER_S_MAX
+    from stictionid.model.spec import Spec
+    from stictionid.numerics.population import refine, swarm
+    from stictionid.record.oscillation import find_range
 
     rows: dict[str, list[tuple[float, float, int]]] = {}
     for seed in range(seeds):
@@ -243,9 +243,9 @@ def _standings(rows: dict[str, list[tuple[float, float, int]]], seeds: int) -> l
 
 def length(longest: int, diagnose: bool) -> list[str]:
     """identify over N, the same loop recorded for longer."""
-    from stictionid.diagnose import diagnose as look_for
-    from stictionid.identify import identify
-    from stictionid.simulate import preset, simulate
+    from stictionid.model.closed_loop import preset, simulate
+    from stictionid.verbs.diagnose import diagnose as look_for
+    from stictionid.verbs.identify import identify
 
     print("\nidentify" + (" and diagnose" if diagnose else "") + " over N; CPU s")
     sizes, spent = [], []

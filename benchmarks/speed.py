@@ -42,12 +42,12 @@ def kernels() -> list[str]:
     """Per candidate and per 1000 samples: laws, response, ARX and free-run cost, against the plain twin."""
     import naive
 
-    from stictionid.arx import Arx
+    from stictionid.fit.arx_cost import Arx
     from stictionid.laws import catalogue
-    from stictionid.model import Model
-    from stictionid.oscillation import find_range
-    from stictionid.simulate import preset, simulate
-    from stictionid.spec import Spec
+    from stictionid.model.closed_loop import preset, simulate
+    from stictionid.model.model import Model
+    from stictionid.model.spec import Spec
+    from stictionid.record.oscillation import find_range
 
     loop = simulate(preset("foptd")).loop
     found = find_range(loop)

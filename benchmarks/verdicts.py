@@ -27,10 +27,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from loops import CAUSES, Known, clean, sticky
 
-from stictionid.identify import Options, identify
+from stictionid.fit import context as runs
 from stictionid.methods import auto
-from stictionid.methods import run as runs
-from stictionid.results import Estimate
+from stictionid.record.study import Estimate
+from stictionid.verbs.identify import Options, identify
 
 COLOUR = 0.8
 # Upper ends of the classes of noise, as shares of the swing of y.

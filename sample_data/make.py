@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from stictionid.export import write_loop
-from stictionid.files import write_whole
-from stictionid.results import to_json
-from stictionid.simulate import Setting, preset, simulate, with_stiction
+from stictionid.model.closed_loop import Setting, preset, simulate, with_stiction
+from stictionid.record.study import to_json
+from stictionid.record.write import write_loop
+from stictionid.system.files import write_whole
 
 
 def loops() -> dict[str, tuple[Setting, int]]:

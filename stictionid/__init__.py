@@ -10,35 +10,35 @@ The command line is a client of these functions; names load on first use, so tha
 
 from __future__ import annotations
 
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
 
 if TYPE_CHECKING:
-    from .agreement import compare_records
     from .errors import CannotTell, DataError, ModelError, StictionidError, UsageError
+    from .fit.options import Options
     from .historian import ReadOptions, read_loop
-    from .identify import Options, identify
-    from .loop import Finding, Loop
-    from .oscillation import find_range
-    from .rerun import rerun
-    from .results import Estimate, Range, Study, Verdict, study_from_json, to_json
-    from .simulate import Controller, Plant, Setting, Simulation, preset, simulate
-    from .spec import Curves
+    from .model.closed_loop import Controller, Plant, Setting, Simulation, preset, simulate
+    from .model.restore import rerun
+    from .model.spec import Curves
+    from .record.loop import Finding, Loop
+    from .record.oscillation import find_range
+    from .record.study import Estimate, Range, Study, Verdict, study_from_json, to_json
+    from .verbs.agree import compare_records
+    from .verbs.identify import identify
 
 _HOMES = {
-    "agreement": ("compare_records",),
     "errors": ("CannotTell", "DataError", "ModelError", "StictionidError", "UsageError"),
+    "fit.options": ("Options",),
     "historian": ("ReadOptions", "read_loop"),
-    "identify": ("Options", "identify"),
-    "loop": ("Finding", "Loop"),
-    "rerun": ("rerun",),
-    "spec": ("Curves",),
-    "oscillation": ("find_range",),
-    "results": ("Estimate", "Range", "Study", "Verdict", "study_from_json", "to_json"),
-    "simulate": ("Controller", "Plant", "Setting", "Simulation", "preset", "simulate"),
+    "model.closed_loop": ("Controller", "Plant", "Setting", "Simulation", "preset", "simulate"),
+    "model.restore": ("rerun",),
+    "model.spec": ("Curves",),
+    "record.loop": ("Finding", "Loop"),
+    "record.oscillation": ("find_range",),
+    "record.study": ("Estimate", "Range", "Study", "Verdict", "study_from_json", "to_json"),
+    "verbs.agree": ("compare_records",),
+    "verbs.identify": ("identify",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -58,15 +58,3 @@ def __getattr__(name: str) -> Any:
         globals()[name] = value
         return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-class _Package(ModuleType):
-    """Some functions have the name of their module: `stictionid.identify` is the function, whatever was imported."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name in _HOME_OF and isinstance(value, ModuleType):
-            value = getattr(value, name)  # the import system binds a module once it is complete
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

@@ -10,28 +10,28 @@ import contextlib
 import os
 import sys
 
-from . import signals
+from .system import interrupts
 
 
 def main() -> None:
     """Run the command line; SIGINT ends in exit code 130, SIGTERM in 143, neither with a traceback."""
-    signals.install()
+    interrupts.install()
     try:
         _streams()
         from .cli import main as run
 
         run()
     except (KeyboardInterrupt, Exception):
-        signals.over = True
-        code = signals.ended_by()
+        interrupts.over = True
+        code = interrupts.ended_by()
         if code is None:
             raise
-        if code == signals.INTERRUPTED:
+        if code == interrupts.INTERRUPTED:
             print("stictionid: interrupted", file=sys.stderr)
         sys.exit(code)
     finally:
-        signals.over = True
-        signals.finish()
+        interrupts.over = True
+        interrupts.finish()
         _leave_if_interrupted()
 
 
@@ -41,7 +41,7 @@ def _leave_if_interrupted() -> None:
     Where the exception once passed through code that a library runs as text, the interpreter remembers it as unhandled
     and kills itself by SIGINT on its way out (seen while numba loads), whatever the exit code.
     """
-    code = signals.ended_by()
+    code = interrupts.ended_by()
     if code is None:
         return
     for stream in (sys.stdout, sys.stderr):

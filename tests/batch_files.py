@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stictionid.loop import Loop
-from stictionid.simulate import preset, simulate
+from stictionid.model.closed_loop import preset, simulate
+from stictionid.record.loop import Loop
 
 ROWS = 400
 

@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stictionid.effects import catalogue, get
-from stictionid.fit import one_run
-from stictionid.gates import FEWEST_REVERSALS, swing_of, time_scale_s
-from stictionid.loop import Loop
-from stictionid.model import Model
-from stictionid.moves import descended, first_force
-from stictionid.oscillation import find_range
-from stictionid.simulate import OPERATING_POINT, Controller, Plant, Setting, simulate
-from stictionid.spec import FIRST_ORDER, INTEGRATOR, Spec
+from stictionid.fit.fit import one_run
+from stictionid.fit.moves import descended, first_force
+from stictionid.model.closed_loop import OPERATING_POINT, Controller, Plant, Setting, simulate
+from stictionid.model.model import Model
+from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from stictionid.record.loop import Loop
+from stictionid.record.oscillation import find_range
+from stictionid.record.preconditions import FEWEST_REVERSALS, swing_of, time_scale_s
 
 PLANTS = ((Plant(1.2, 20.0, 4.0), Controller(0.7, 12.0)), (Plant(2.0, 6.0, 3.0), Controller(0.15, 6.0)),
           (Plant(3.0, 5.0, 5.0), Controller(0.1, 5.0)), (Plant(0.8, 12.0, 2.0), Controller(1.2, 8.0)))

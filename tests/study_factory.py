@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stictionid.loop import Finding, Loop
-from stictionid.report.curves import Case
-from stictionid.results import (
+from stictionid.record.loop import Finding, Loop
+from stictionid.record.study import (
     Candidate,
     CostMap,
     CreatedBy,
@@ -28,6 +27,7 @@ from stictionid.results import (
     Study,
     Verdict,
 )
+from stictionid.reports.pictures.curves import Case
 
 MADE_BY = CreatedBy("0.1.0", 7, "3.11.0", "2.4.6", "0.68.1")
 HOSTILE = ('<script>alert("x")</script>\n| a | `b` **c** [d](javascript:e) \u202egnp.exe\u202c \x1b[31mred\x07 '

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stictionid.agreement import Record, agreement, cannot, compare_records, windows
 from stictionid.errors import UsageError
 from stictionid.historian import read_loop
-from stictionid.identify import Options, identify
-from stictionid.loop import Loop, Origin
-from stictionid.report.agreement_page import drift_picture
-from stictionid.report.facts import facts
-from stictionid.results import CreatedBy
+from stictionid.record.loop import Loop, Origin
+from stictionid.record.study import CreatedBy
+from stictionid.reports.facts import facts
+from stictionid.reports.pages.agreement import drift_picture
+from stictionid.verbs.agree import Record, agreement, cannot, compare_records, windows
+from stictionid.verbs.identify import Options, identify
 
 SAMPLE = Path(__file__).parent.parent / "sample_data"
 MADE = CreatedBy("0", 0, "", "", "")

@@ -14,19 +14,20 @@ from pathlib import Path
 import pytest
 from batch_files import records, write_csv, write_wide
 
-from stictionid.batch import store as store_room
-from stictionid.batch.crew import Processes, crew_for
-from stictionid.batch.drive import drive
-from stictionid.batch.plan import plan
-from stictionid.batch.rank import rank_key
-from stictionid.batch.store import Store
-from stictionid.batch.summary import COLUMNS, rows_of, write_summary
+from stictionid.batch.plan.tasks import plan
+from stictionid.batch.summary.rank import rank_key
+from stictionid.batch.summary.rows import COLUMNS, rows_of
+from stictionid.batch.summary.write import write_summary
 from stictionid.batch.task import FAILED, OK, Outcome, Task, Work
-from stictionid.batch.worker import attempt
+from stictionid.batch.work import store as store_room
+from stictionid.batch.work.crew import Processes, crew_for
+from stictionid.batch.work.drive import drive
+from stictionid.batch.work.store import Store
+from stictionid.batch.work.worker import attempt
 from stictionid.errors import DataError, UsageError
+from stictionid.fit.options import Options
 from stictionid.historian import ReadOptions
-from stictionid.methods.options import Options
-from stictionid.spreadsheet import harmless
+from stictionid.system.csv_safety import harmless
 
 SCREEN = Work("screen")
 RESULTS = ("summary.csv", "summary.parquet", "summary.md", "summary.html")
@@ -216,7 +217,7 @@ def test_a_dead_worker_costs_its_loop_one_retry_and_nobody_else_anything(todo, c
 
 
 def test_a_defect_is_a_failed_loop_with_its_traceback(todo, tmp_path, monkeypatch) -> None:
-    from stictionid.batch import worker
+    from stictionid.batch.work import worker
 
     monkeypatch.setattr(worker, "_read", lambda task, sha256: 1 / 0)
     store = run(todo, tmp_path / "out")
@@ -396,7 +397,7 @@ def test_one_worker_fills_an_empty_cache_while_the_others_wait(tmp_path, monkeyp
     """Four threads stand for four processes: the lock is the file's, not the process's."""
     import threading
 
-    from stictionid.batch import warm
+    from stictionid.batch.work import warm
 
     pytest.importorskip("fcntl")
     monkeypatch.setattr(warm, "cache_folder", lambda: tmp_path)
@@ -426,15 +427,15 @@ def test_one_worker_fills_an_empty_cache_while_the_others_wait(tmp_path, monkeyp
 
 
 def test_the_lock_lies_where_numba_keeps_the_kernels() -> None:
-    from stictionid import process
-    from stictionid.batch import warm
+    from stictionid.batch.work import warm
+    from stictionid.process import linear
 
-    place = process._run.stats.cache_path
+    place = linear._run.stats.cache_path
     assert warm.cache_folder() == (Path(place) if os.access(place, os.W_OK) else None)
 
 
 def test_without_a_writable_cache_everybody_just_works(tmp_path, monkeypatch) -> None:
-    from stictionid.batch import warm
+    from stictionid.batch.work import warm
 
     monkeypatch.setattr(warm, "cache_folder", lambda: None)
     monkeypatch.setattr(warm, "_done", set())

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from batch_files import long_table, records, write_csv, write_dataset, write_wide
 
-from stictionid.batch.looplist import read_list
-from stictionid.batch.names import key_for
-from stictionid.batch.plan import plan
+from stictionid.batch.plan.file_names import key_for
+from stictionid.batch.plan.loop_lists import read_list
+from stictionid.batch.plan.tasks import plan
 from stictionid.batch.task import FAILED, OK, Task, Work
-from stictionid.batch.worker import attempt
+from stictionid.batch.work.worker import attempt
 from stictionid.errors import DataError, UsageError
 from stictionid.historian import ReadOptions
 
@@ -30,7 +30,7 @@ def names(paths, **more) -> list[str]:
 
 def read_back(task: Task):
     """The loop a worker would read for a task."""
-    from stictionid.batch import worker
+    from stictionid.batch.work import worker
 
     return worker._read(task, worker._fingerprint(task)).loop
 
@@ -258,8 +258,8 @@ def test_a_task_that_works_gives_a_study_under_its_own_name(tmp_path, loops) -> 
 @pytest.mark.parametrize("layout", ["tag", "area", "loop column", "wide", "long parquet", "file per tag"])
 def test_the_data_behind_a_study_are_found_again(layout, tmp_path, loops) -> None:
     """`report` and `diagnose` re-read the loop by what its study remembers, from whatever layout it came."""
-    from stictionid.report.curves import gather
-    from stictionid.results import study_from_json
+    from stictionid.record.study import study_from_json
+    from stictionid.reports.pictures.curves import gather
 
     todo = plan([str(lay_out(tmp_path, layout, loops))], SCREEN)
     task = next(t for t in todo.tasks if t.loop == "FIC100")

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from stictionid.bench import LARGEST_W, TESTS, put_on_bench
-from stictionid.cli import app
+from stictionid.cli.app import app
 from stictionid.errors import ModelError, UsageError
 from stictionid.laws import catalogue, get
-from stictionid.report.valve_figure import valve_figure
+from stictionid.model.valve_bench import LARGEST_W, TESTS, put_on_bench
+from stictionid.reports.pictures.valve_bench import valve_figure
 
 LAWS = sorted(catalogue())
 # The known failures that must show, as test and beginning of the expectation; every other expectation holds for

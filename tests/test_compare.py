@@ -12,16 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stictionid.compare import compare
-from stictionid.compare.cells import split
-from stictionid.compare.ground import correlation_of, prepare
+from stictionid.comparison import compare
+from stictionid.comparison.cells import split
+from stictionid.comparison.model_run import correlation_of, prepare
 from stictionid.errors import DataError
-from stictionid.identify import Options, identify
-from stictionid.loop import Loop
-from stictionid.noise import chi_square_z
-from stictionid.report.compare_page import write_comparison
-from stictionid.report.compare_pictures import comparison_pictures
-from stictionid.simulate import Controller, Plant, Setting, simulate
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.numerics.autoregression import chi_square_z
+from stictionid.record.loop import Loop
+from stictionid.reports.pages.comparison import write_comparison
+from stictionid.reports.pictures.comparison_pictures import comparison_pictures
+from stictionid.verbs.identify import Options, identify
 
 HELD = Options(base_only=True, between="hold")
 MOVES = ((0.0, 3.0), (200.0, -4.0), (450.0, 5.0), (700.0, -3.0))

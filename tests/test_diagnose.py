@@ -12,27 +12,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stictionid.diagnose import add, bootstrap, diagnose, work
-from stictionid.diagnose.judge import equivalents, holds, steadiest, winner_of
-from stictionid.diagnose.rounds import look_at
-from stictionid.diagnose.run import without_noise
-from stictionid.diagnose.steps import opened
-from stictionid.diagnose.tells import settling
-from stictionid.diagnose.tries import Tried, held_command
 from stictionid.effects import catalogue
 from stictionid.effects import get as get_effect
 from stictionid.effects.contract import Context
 from stictionid.errors import DataError, UsageError
-from stictionid.explained import noise_alone, only_noise
-from stictionid.heldout import Held
-from stictionid.identify import Options, identify
-from stictionid.loop import Loop
-from stictionid.model import Model
-from stictionid.refit import complete, own_taps, quick
-from stictionid.resonance import resonance, shape
-from stictionid.results import study_from_json, to_json
-from stictionid.simulate import Controller, Plant, Setting, simulate
-from stictionid.spec import Spec
+from stictionid.fit.cross_validation import Held
+from stictionid.fit.noise.completion import complete, own_taps, quick
+from stictionid.fit.noise.whiteness import noise_alone, only_noise
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.model.model import Model
+from stictionid.model.spec import Spec
+from stictionid.numerics.narrow_band import resonance, shape
+from stictionid.record.loop import Loop
+from stictionid.record.study import study_from_json, to_json
+from stictionid.selection import bootstrap, work
+from stictionid.selection.judge import equivalents, holds, steadiest, winner_of
+from stictionid.selection.rounds import look_at
+from stictionid.selection.run import without_noise
+from stictionid.selection.steps import opened
+from stictionid.selection.tells import settling
+from stictionid.selection.tries import Tried, held_command
+from stictionid.verbs.add import add
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import Options, identify
 
 NOISES = {effect.name for effect in catalogue().values() if effect.noise}
 HELD = Options(base_only=True, between="hold")

@@ -10,20 +10,21 @@ import numpy as np
 import pytest
 from loops_with_effects import MOVES, NOISE, small
 
-from stictionid.diagnose import add, diagnose
 from stictionid.effects import catalogue, get, parse
 from stictionid.effects.contract import Context
 from stictionid.errors import StictionidError, UsageError
+from stictionid.fit.moves import descended
 from stictionid.historian import read_loop
-from stictionid.identify import Options, identify
 from stictionid.laws.contract import neutral_friction
-from stictionid.loop import Loop
-from stictionid.model import Model
-from stictionid.moves import descended
-from stictionid.parameters import Parameter, Space
-from stictionid.results import study_from_json, to_json
-from stictionid.simulate import OPERATING_POINT, preset, simulate, with_stiction
-from stictionid.spec import Spec
+from stictionid.model.closed_loop import OPERATING_POINT, preset, simulate, with_stiction
+from stictionid.model.model import Model
+from stictionid.model.spec import Spec
+from stictionid.numerics.parameters import Parameter, Space
+from stictionid.record.loop import Loop
+from stictionid.record.study import study_from_json, to_json
+from stictionid.verbs.add import add
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import Options, identify
 
 EFFECTS = list(catalogue().values())
 NAMES = {

@@ -10,7 +10,7 @@ import pytest
 from loops_with_effects import MOVES, NOISE, PLANTS, SAMPLES, SMALL
 from typer.testing import CliRunner
 
-from stictionid.cli import app
+from stictionid.cli.app import app
 from stictionid.effects import get
 from stictionid.errors import StictionidError
 

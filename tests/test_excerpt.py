@@ -9,14 +9,14 @@ import naive
 import numpy as np
 import pytest
 
-from stictionid import excerpt as room
-from stictionid.identify import Options, identify
-from stictionid.loop import Loop
-from stictionid.oscillation import crossings, find_range, reversals
-from stictionid.rerun import rerun
-from stictionid.screen import screen
-from stictionid.severity import ControllerLaw, _repaired
-from stictionid.simulate import preset, simulate
+from stictionid.model.closed_loop import preset, simulate
+from stictionid.model.restore import rerun
+from stictionid.record.loop import Loop
+from stictionid.record.oscillation import crossings, find_range, reversals
+from stictionid.verbs import long_records as room
+from stictionid.verbs.identify import Options, identify
+from stictionid.verbs.screen import screen
+from stictionid.verdict.severity import ControllerLaw, _repaired
 
 FOPTD = preset("foptd")
 SCANNED = replace(FOPTD, S=4.0, J=2.0, controller=replace(FOPTD.controller, scan_s=1.0), noise_sd=0.05,

@@ -8,29 +8,29 @@ import numpy as np
 import pytest
 from loops_with_effects import VISIBLE, loop_of, shown
 
-from stictionid import grown
-from stictionid.diagnose import diagnose
-from stictionid.diagnose.run import before_chosen
-from stictionid.diagnose.steps import opened
 from stictionid.effects import get
-from stictionid.fit import as_it_stands
-from stictionid.gates import swing_of, time_scale_s
-from stictionid.grown import grown_valves
-from stictionid.identify import Options, identify
-from stictionid.intervals import effective_rows
-from stictionid.lagbank import LagBank
-from stictionid.methods import structure
-from stictionid.methods.run import bic_gain
-from stictionid.model import Model
-from stictionid.moves import thinned
-from stictionid.oscillation import find_range
-from stictionid.process import Dynamics, free_run
-from stictionid.refit import scout, settled
-from stictionid.results import ErrorSummary, Restarts, Step
-from stictionid.ridge import as_natural, as_valves
-from stictionid.simulate import Controller, Plant, Setting, simulate
-from stictionid.spec import Spec
-from stictionid.windows import resting_valves, windowed_valves
+from stictionid.fit.context import bic_gain
+from stictionid.fit.fit import as_it_stands
+from stictionid.fit.intervals.assemble import effective_rows
+from stictionid.fit.moves import thinned
+from stictionid.fit.starts import continuation
+from stictionid.fit.starts.continuation import grown_valves
+from stictionid.fit.starts.reparametrised import as_natural, as_valves
+from stictionid.fit.starts.windows import resting_valves, windowed_valves
+from stictionid.fit.with_effect import scout, settled
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.model.model import Model
+from stictionid.model.spec import Spec
+from stictionid.numerics.filter_bank import LagBank
+from stictionid.process.linear import Dynamics, free_run
+from stictionid.record.oscillation import find_range
+from stictionid.record.preconditions import swing_of, time_scale_s
+from stictionid.record.study import ErrorSummary, Restarts, Step
+from stictionid.selection import structure
+from stictionid.selection.run import before_chosen
+from stictionid.selection.steps import opened
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import Options, identify
 
 # The valve of this loop overshoots, and its process is of second order.
 HIDDEN = (300, "slip-overshoot", 0.01, 0.0, 1500)
@@ -108,7 +108,7 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
     def searched(*_: object) -> None:
         raise AssertionError("searched again")
 
-    monkeypatch.setattr(grown, "_grown", searched)
+    monkeypatch.setattr(continuation, "_grown", searched)
     again = grown_valves(after, [0, 1, 2, at], second)
     np.testing.assert_array_equal(again[:, [0, 1, 2, at]], found[:, [0, 1, 2, 5]])
     assert first.random() == second.random()
@@ -141,7 +141,7 @@ def test_a_valve_that_rests_is_not_searched_to_the_end_where_a_sliding_one_is_fa
     grown: list[str] = []
 
     def counted(model: Model, *given) -> np.ndarray:
-        grown.append(model.spec.law)
+        continuation.append(model.spec.law)
         return basins_of(model, *given)
 
     basins_of = structure.grown

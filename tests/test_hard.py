@@ -57,9 +57,9 @@ _GOOD: list[fault_numbers.Pair] = []
 
 
 def test_pv_that_is_op_in_another_unit_is_an_abstention() -> None:
-    from stictionid.gates import check
-    from stictionid.loop import Loop
-    from stictionid.oscillation import find_range
+    from stictionid.record.loop import Loop
+    from stictionid.record.oscillation import find_range
+    from stictionid.record.preconditions import check
 
     u, y = _good()
     same = Loop(output=u, process_value=32 - 1.8 * u, step_s=1.0, name="x")
@@ -93,7 +93,7 @@ def test_numbers_no_single_precision_holds_are_counted_and_left_out(tmp_path: Pa
 def test_simulations_nobody_waits_for_are_refused(options: tuple[str, str], words: str, tmp_path: Path) -> None:
     from typer.testing import CliRunner
 
-    from stictionid.cli import app
+    from stictionid.cli.app import app
 
     error = CliRunner().invoke(app, ["simulate", "-o", str(tmp_path / "x.csv"), *options]).exception
     assert isinstance(error, UsageError) and words in error.message and error.hint
@@ -103,7 +103,7 @@ def test_simulations_nobody_waits_for_are_refused(options: tuple[str, str], word
 def test_the_longest_simulation_is_let_in() -> None:
     from dataclasses import replace
 
-    from stictionid.simulate import MOST_STEPS, _check, preset
+    from stictionid.model.closed_loop import MOST_STEPS, _check, preset
 
     longest = MOST_STEPS * 0.05
     _check(replace(preset("foptd"), duration_s=longest))
@@ -148,8 +148,8 @@ def _feed(fifo: Path, text: str) -> None:
 
 
 def test_small_files_have_a_largest_size(tmp_path: Path) -> None:
-    from stictionid.batch.looplist import read_list
-    from stictionid.files import MOST_TEXT_BYTES, text_of
+    from stictionid.batch.plan.loop_lists import read_list
+    from stictionid.system.files import MOST_TEXT_BYTES, text_of
 
     big = tmp_path / "big.json"
     with open(big, "wb") as file:
@@ -166,7 +166,7 @@ def test_small_files_have_a_largest_size(tmp_path: Path) -> None:
     ("--shape", "round"), ("--time-format", "stardate"), ("--limit", "rows"), ("--span-pv", "5,1"),
     ("--mode-map", "1=BOSS"), ("--header", "-1"), ("--step", "0")])
 def test_options_are_checked_before_a_file_is_looked_for(option: tuple[str, str]) -> None:
-    from stictionid.cli._reading import _OPTIONS, collect
+    from stictionid.cli.common.reading import _OPTIONS, collect
     from stictionid.historian import read
 
     defaults = {name: default for name, _, default in _OPTIONS}
@@ -184,7 +184,7 @@ def test_options_are_checked_before_a_file_is_looked_for(option: tuple[str, str]
 def test_so_are_the_options_of_every_command(words: tuple[str, ...], tmp_path: Path, monkeypatch) -> None:
     from typer.testing import CliRunner
 
-    from stictionid.cli import app
+    from stictionid.cli.app import app
 
     monkeypatch.chdir(tmp_path)
     error = CliRunner().invoke(app, list(words)).exception
@@ -203,8 +203,8 @@ def test_so_are_the_options_of_every_command(words: tuple[str, ...], tmp_path: P
     (("values",), [1, 2], "can't be rebuilt")])
 def test_a_model_that_no_search_writes_is_refused_before_compiled_code_runs_it(path, value, words: str) -> None:
     """A dead time of 1e300 s in a study edited by hand once ended the process with a segmentation fault."""
-    from stictionid.loop import Loop
-    from stictionid.rerun import rerun
+    from stictionid.model.restore import rerun
+    from stictionid.record.loop import Loop
 
     u, y = _good()
     model = {"law": "chen", "process": "first-order", "effects": [], "between": "hold", "substeps": 1,
@@ -223,8 +223,8 @@ def test_a_model_that_no_search_writes_is_refused_before_compiled_code_runs_it(p
 
 @pytest.mark.parametrize("options", [{"fixed": {"dead_time_s": 1e9}}, {"method": "arx", "delay": 5000}])
 def test_a_dead_time_beyond_the_record_is_refused(options: dict) -> None:
-    from stictionid.identify import Options, identify
-    from stictionid.loop import Loop
+    from stictionid.record.loop import Loop
+    from stictionid.verbs.identify import Options, identify
 
     u, y = _good()
     with pytest.raises(UsageError, match="more than half the record"):
@@ -236,8 +236,8 @@ def test_a_dead_time_beyond_the_record_is_refused(options: dict) -> None:
     ({}, "needs a further tag"), ({"FEED": None, "B": 1.0}, "no further tag 'NONE'"), ({"FEED": 7.0}, "does not vary"),
     ({"FEED": 0.0}, "does not vary"), ({"FEED": np.nan}, "does not vary")])
 def test_a_further_tag_that_is_not_there_or_rests_is_refused_and_no_other_taken(tags: dict, words: str) -> None:
-    from stictionid.identify import Options, identify
-    from stictionid.loop import Loop
+    from stictionid.record.loop import Loop
+    from stictionid.verbs.identify import Options, identify
 
     u, y = _good()
     extras = {tag: y.copy() if level is None else np.full(y.size, level) for tag, level in tags.items()}
@@ -247,7 +247,7 @@ def test_a_further_tag_that_is_not_there_or_rests_is_refused_and_no_other_taken(
 
 
 def test_a_further_tag_beyond_any_measurement_is_refused_like_the_signals() -> None:
-    from stictionid.loop import Loop
+    from stictionid.record.loop import Loop
 
     u, y = _good()
     with pytest.raises(DataError, match="the further tag FEED goes beyond 1e"):
@@ -271,13 +271,13 @@ def test_nothing_is_written_over_what_it_is_made_from_not_even_with_force(tmp_pa
 def _invoked(*words: object) -> BaseException | None:
     from typer.testing import CliRunner
 
-    from stictionid.cli import app
+    from stictionid.cli.app import app
 
     return CliRunner().invoke(app, [str(word) for word in words]).exception
 
 
 def test_links_that_lead_in_a_ring_do_not_stop_a_batch(tmp_path: Path) -> None:
-    from stictionid.batch.sources import look
+    from stictionid.batch.plan.sources import look
 
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "x.csv").write_text("t,PV,OP\n0,1,2\n")
@@ -302,10 +302,10 @@ def test_functions_keep_their_names_when_their_modules_are_imported() -> None:
 
 
 def test_a_record_shorter_than_a_period_is_compared_and_drawn(tmp_path: Path) -> None:
-    from stictionid.compare import compare
+    from stictionid.comparison import compare
     from stictionid.historian import read_loop
-    from stictionid.report.compare_pictures import comparison_pictures
-    from stictionid.results import study_from_json
+    from stictionid.record.study import study_from_json
+    from stictionid.reports.pictures.comparison_pictures import comparison_pictures
 
     u, y = (values[:14].tolist() for values in _good())
     file = tmp_path / "short.csv"
@@ -315,7 +315,7 @@ def test_a_record_shorter_than_a_period_is_compared_and_drawn(tmp_path: Path) ->
 
 
 def test_what_a_killed_writer_left_goes_when_the_batch_goes_on(tmp_path: Path) -> None:
-    from stictionid.batch.store import Store
+    from stictionid.batch.work.store import Store
 
     store = Store(tmp_path / "out")
     store.begin()

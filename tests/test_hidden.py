@@ -12,14 +12,16 @@ import numpy as np
 import pytest
 from loops_with_effects import NOISE, PHYSICAL, SMALL, small
 
-from stictionid.diagnose import add, diagnose, rounds, run, tries, work
-from stictionid.diagnose.rounds import Looked, look_at
-from stictionid.diagnose.run import _Asked, _Fork, _other_way, _rivals
-from stictionid.diagnose.work import Answer, Ground
 from stictionid.effects import catalogue, get, parse
-from stictionid.identify import Options, identify
-from stictionid.refit import on_valve
-from stictionid.simulate import Controller, Plant, simulate
+from stictionid.fit.starts.beside_effect import on_valve
+from stictionid.model.closed_loop import Controller, Plant, simulate
+from stictionid.selection import rounds, run, tries, work
+from stictionid.selection.rounds import Looked, look_at
+from stictionid.selection.run import _Asked, _Fork, _other_way, _rivals
+from stictionid.selection.work import Answer, Ground
+from stictionid.verbs.add import add
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import Options, identify
 
 HELD = Options(base_only=True, between="hold")
 # What the noise effects leave one step ahead, and what the others leave of the free run, as a multiple of the noise.

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stictionid.historian import cells
-from stictionid.historian.cells import to_numbers
+from stictionid.historian.words import cells
+from stictionid.historian.words.cells import to_numbers
 
 PIECES = st.sampled_from(
     ["1", "12", "1.5", "1,5", ".", ",", " ", "'", "\u00a0", "−", "-", "+", "e", "E+", "5", "000", "%", "bar", "m3/h",

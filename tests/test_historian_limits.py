@@ -12,8 +12,9 @@ import pytest
 from historian_files import Record, comma, record, wide
 
 from stictionid.errors import DataError, UsageError
-from stictionid.historian import ReadOptions, read, source
-from stictionid.historian.limits import Limits, limits_from
+from stictionid.historian import ReadOptions, read
+from stictionid.historian.bytes import source
+from stictionid.historian.bytes.limits import Limits, limits_from
 
 R = record(rows=3000)
 
@@ -82,7 +83,7 @@ def test_only_the_wanted_columns_of_wide_parquet_are_read():
 @pytest.fixture
 def small_pieces(monkeypatch):
     """Files of a few thousand bytes are read in pieces."""
-    from stictionid.historian import streamed
+    from stictionid.historian.table import streamed
 
     monkeypatch.setattr(source, "MIN_STREAMED_BYTES", 10_000)
     monkeypatch.setattr(source, "PIECE_BYTES", 7_001)

@@ -68,9 +68,9 @@ def test_mode_codes_that_are_no_whole_numbers_give_averages_away(tmp_path):
 
 
 def test_what_caps_the_verdict_does_cap_it(tmp_path):
-    from stictionid.loop import Finding
-    from stictionid.results import Verdict
-    from stictionid.verdict import capped
+    from stictionid.record.loop import Finding
+    from stictionid.record.study import Verdict
+    from stictionid.verdict.judge import capped
 
     loop = _read(tmp_path, wide(R)).loop
     sure = Verdict("stiction", "because", 0.9)

@@ -11,20 +11,20 @@ import naive
 import numpy as np
 import pytest
 
-from stictionid.arx import Arx
 from stictionid.errors import UsageError
-from stictionid.fit import search
-from stictionid.gates import SAMPLES_PER_PERIOD
+from stictionid.fit.arx_cost import Arx
+from stictionid.fit.fit import search
 from stictionid.historian import read_loop
-from stictionid.identify import Options, identify
-from stictionid.loop import Loop
 from stictionid.methods import auto
-from stictionid.model import Model
-from stictionid.oscillation import find_range
-from stictionid.rerun import rerun
-from stictionid.results import study_from_json, to_json
-from stictionid.simulate import Controller, Plant, Setting, preset, simulate, with_stiction
-from stictionid.spec import Spec
+from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
+from stictionid.model.model import Model
+from stictionid.model.restore import rerun
+from stictionid.model.spec import Spec
+from stictionid.record.loop import Loop
+from stictionid.record.oscillation import find_range
+from stictionid.record.preconditions import SAMPLES_PER_PERIOD
+from stictionid.record.study import study_from_json, to_json
+from stictionid.verbs.identify import Options, identify
 
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"
@@ -251,10 +251,10 @@ def test_a_load_that_steps_under_an_integrator_is_a_step_of_its_own_where_the_ba
 
 
 def test_a_held_search_that_ended_beside_its_basin_is_looked_at_again_from_where_the_moving_one_ended() -> None:
+    from stictionid.fit.context import Run
+    from stictionid.fit.starts.intersample import SUBSTEPS
     from stictionid.methods import catalogue
-    from stictionid.methods.run import Run
-    from stictionid.methods.structure import Tried, _looked_again
-    from stictionid.unheld import SUBSTEPS
+    from stictionid.selection.structure import Tried, _looked_again
 
     loop = read_loop(Path(__file__).parents[1] / "sample_data" / "foptd_scanned.parquet")
     run = Run(loop, find_range(loop), Options(), catalogue()["auto"], rng=np.random.default_rng(0),

@@ -9,14 +9,15 @@ import naive
 import numpy as np
 import pytest
 
-from stictionid import between, descent, folds, kernels, noise, process, products, regression, search
-from stictionid.arx import Arx
 from stictionid.effects import get as get_effect
 from stictionid.effects.contract import Context
+from stictionid.fit.arx_cost import Arx
 from stictionid.laws import get
 from stictionid.laws.contract import neutral_friction
-from stictionid.model import Model, Spec
-from stictionid.simulate import preset, simulate
+from stictionid.model.closed_loop import preset, simulate
+from stictionid.model.model import Model, Spec
+from stictionid.numerics import autoregression, cross_products, fold_solver, gauss_newton, jit, population, varpro
+from stictionid.process import intersample, linear
 
 
 def staircase(samples: int = 40, seed: int = 0) -> np.ndarray:
@@ -30,8 +31,8 @@ def staircase(samples: int = 40, seed: int = 0) -> np.ndarray:
 ])
 def test_response_is_the_exact_one(T1: float, T2: float, dead: float, integrating: bool) -> None:
     position = staircase()
-    dynamics = process.Dynamics(np.array([T1]), np.array([dead]), np.array([T2]), integrating)
-    ours = process.free_run(position[:, None], dynamics, step_s=1.0)[:, 0]
+    dynamics = linear.Dynamics(np.array([T1]), np.array([dead]), np.array([T2]), integrating)
+    ours = linear.free_run(position[:, None], dynamics, step_s=1.0)[:, 0]
     theirs = naive.response(position, T1, T2, dead, integrating, step=1.0)
     np.testing.assert_allclose(ours, theirs, atol=2e-5 * max(1.0, np.ptp(theirs)))
 
@@ -40,9 +41,9 @@ def test_response_is_the_exact_one(T1: float, T2: float, dead: float, integratin
 def test_substeps_of_a_held_position_change_nothing(integrating: bool) -> None:
     position = staircase()[:, None].repeat(40, axis=1)
     rng = np.random.default_rng(1)
-    dynamics = process.Dynamics(rng.uniform(0.1, 9, 40), rng.uniform(0, 7, 40), rng.uniform(0, 3, 40), integrating)
-    once = process.free_run(position, dynamics, step_s=2.0)
-    split = process.free_run(position.repeat(5, axis=0), dynamics, step_s=2.0, substeps=5)
+    dynamics = linear.Dynamics(rng.uniform(0.1, 9, 40), rng.uniform(0, 7, 40), rng.uniform(0, 3, 40), integrating)
+    once = linear.free_run(position, dynamics, step_s=2.0)
+    split = linear.free_run(position.repeat(5, axis=0), dynamics, step_s=2.0, substeps=5)
     np.testing.assert_allclose(split, once, rtol=1e-9, atol=1e-9)
 
 
@@ -50,9 +51,9 @@ def test_lanes_do_not_touch_each_other() -> None:
     position = staircase()[:, None] + np.arange(37.0)
     rng = np.random.default_rng(2)
     T, L = rng.uniform(0.5, 9, 37), rng.uniform(0, 20, 37)
-    together = process.free_run(position, process.Dynamics(T, L, np.zeros(37), False), step_s=1.0)
+    together = linear.free_run(position, linear.Dynamics(T, L, np.zeros(37), False), step_s=1.0)
     for p in (0, 17, 31, 32, 36):
-        alone = process.free_run(position[:, p:p + 1], process.Dynamics(T[p:p + 1], L[p:p + 1], np.zeros(1), False),
+        alone = linear.free_run(position[:, p:p + 1], linear.Dynamics(T[p:p + 1], L[p:p + 1], np.zeros(1), False),
                                  step_s=1.0)
         assert (together[:, p] == alone[:, 0]).all()
 
@@ -66,14 +67,14 @@ def test_one_path_for_all_is_the_same_path_for_each(integrating: bool, lagged: b
     T, L, T2 = rng.uniform(0.02, 9, 70), rng.uniform(0, 7, 70), rng.uniform(0, 5, 70) * lagged
     if lagged:
         T2[:3] = T[0], T[1] * (1.0 + 1e-5), 0.0
-    one, each = (process.free_run(position, process.Dynamics(T, L, T2, integrating), step_s=1.0, substeps=parts,
+    one, each = (linear.free_run(position, linear.Dynamics(T, L, T2, integrating), step_s=1.0, substeps=parts,
                                   ahead=parts > 1) for position in (path, path.repeat(70, axis=1)))
     np.testing.assert_allclose(one, each, atol=1e-7)
 
 
 def test_transient_is_an_exponential() -> None:
     out = np.empty((30, 3))
-    process.transient(np.array([0.001, 2.0, 50.0]), out, step_s=1.0)
+    linear.transient(np.array([0.001, 2.0, 50.0]), out, step_s=1.0)
     np.testing.assert_allclose(out[:, 1], np.exp(-np.arange(30) / 2.0), rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(out[:, 2], np.exp(-np.arange(30) / 50.0), rtol=1e-12)
     assert (out[:, 0] == 0).all()
@@ -87,7 +88,7 @@ def test_costs_are_those_of_plain_least_squares(own: int) -> None:
     columns, target = rng.standard_normal((rows, 2)), rng.standard_normal(rows)
     weight = (rng.random(rows) > 0.2).astype(float)
     offsets = tuple(range(own, 0, -1))
-    shared = regression.Shared.prepare(target, columns, weight)
+    shared = varpro.Shared.prepare(target, columns, weight)
     costs, sizes = shared.solve(base, offsets)
     for p in range(lanes):
         cost, size = naive.least_squares([base[o:o + rows, p] for o in offsets], columns, target, weight)
@@ -104,10 +105,10 @@ def test_a_fold_weighs_its_candidates_by_their_likelihood(own: int) -> None:
     shared = np.column_stack([np.ones(rows), rng.standard_normal(rows)])
     target = true[:, :, 0].sum(axis=0) + shared @ [2.0, -1.0] + 0.3 * rng.standard_normal(rows)
     train = (np.arange(rows) < 20) | (np.arange(rows) > 40)
-    told = folds.mean_of_fold(candidates, shared, target, train, None)
+    told = fold_solver.mean_of_fold(candidates, shared, target, train, None)
     # Candidates below a thousandth of the best one's likelihood are left out.
     np.testing.assert_allclose(told, naive.fold_mean(candidates, shared, target, train), atol=2e-4)
-    p, sizes, tail = folds.best_of_fold(candidates, shared, target, train, None)
+    p, sizes, tail = fold_solver.best_of_fold(candidates, shared, target, train, None)
     assert np.abs(told - candidates[:, :, p].T @ sizes - shared @ tail).max() > 5e-3, "one alone answers otherwise"
 
 
@@ -117,7 +118,7 @@ def test_products_are_plain_sums_over_the_rows_that_count(columns: int) -> None:
     base, right = rng.standard_normal((90, 37)), rng.standard_normal((60, columns + columns % 2))
     counts = rng.random(60) > 0.15
     offsets = (20, 0, 7)
-    squares, cross = products.products(base, offsets, right, *regression._runs(counts))
+    squares, cross = cross_products.products(base, offsets, right, *varpro._runs(counts))
     own = [base[o:o + 60][counts] for o in offsets]
     for i in range(3):
         for j in range(3):
@@ -160,7 +161,7 @@ def test_gaps_take_the_rows_of_an_arx_model_that_they_touch() -> None:
 
 @pytest.mark.parametrize("piece", [90, 50_000])
 def test_the_irreducible_noise_is_what_a_free_model_leaves(piece: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(noise, "_PIECE", piece)
+    monkeypatch.setattr(autoregression, "_PIECE", piece)
     rng = np.random.default_rng(5)
     y, v, good, delay = rng.standard_normal(500), staircase(500), rng.random(500) > 0.01, 3
     rows = np.array([k for k in range(24, 500) if good[k - 20:k + 1].all()])
@@ -168,7 +169,7 @@ def test_the_irreducible_noise_is_what_a_free_model_leaves(piece: int, monkeypat
                       + [np.ones(rows.size)], axis=1)
     theta, *_ = np.linalg.lstsq(design, y[rows], rcond=None)
     left = np.sqrt(np.sum((y[rows] - design @ theta) ** 2) / (rows.size - 41))
-    assert noise.irreducible(y, v, good, delay) == pytest.approx(left, rel=1e-9)
+    assert autoregression.irreducible(y, v, good, delay) == pytest.approx(left, rel=1e-9)
 
 
 @pytest.mark.parametrize("d", [1, 2, 5, 9])
@@ -177,7 +178,7 @@ def test_principal_axes_hold_for_deviations_that_differ_a_millionfold(d: int) ->
     mixed, sizes = rng.standard_normal((3, d, d)), np.geomspace(1.0, 1e-6, d)
     cov = sizes[:, None] * (mixed @ mixed.transpose(0, 2, 1) + np.eye(d)) * sizes
     vectors, root = np.full((3, d, d), np.nan), np.full((3, d), np.nan)
-    search._principal(np.array([2, 0]), cov, vectors, root)
+    population._principal(np.array([2, 0]), cov, vectors, root)
     for g in (0, 2):
         np.testing.assert_allclose((vectors[g] * root[g] ** 2) @ vectors[g].T, cov[g], rtol=1e-9)
         np.testing.assert_allclose(vectors[g].T @ vectors[g], np.eye(d), atol=1e-13)
@@ -191,7 +192,7 @@ def test_a_population_is_drawn_along_its_axes_and_kept_inside() -> None:
     vectors, root = np.linalg.qr(rng.standard_normal((k, d, d)))[0], rng.random((k, d))
     z, top = rng.standard_normal((2, lam, d)), 1.0 / scale
     y, trial = np.empty((2, lam, d)), np.empty((2, lam, d))
-    search._draw(np.array([1, 0]), z, mean, sigma, vectors, root, top, scale, y, trial)
+    population._draw(np.array([1, 0]), z, mean, sigma, vectors, root, top, scale, y, trial)
     for a, g in enumerate((1, 0)):
         expected = np.clip(mean[g] + sigma[g] * (z[a] * root[g]) @ vectors[g].T, 0.0, top)
         np.testing.assert_allclose(trial[a], expected * scale, rtol=1e-12, atol=1e-15)
@@ -212,14 +213,14 @@ def test_a_generation_of_the_polish_is_the_written_one(size: float) -> None:
     y, order = size * rng.standard_normal((2, lam, d)), np.argsort(rng.random((2, lam)), axis=1)[:, :5]
     w = np.array([0.4, 0.3, 0.15, 0.1, 0.05])
     vectors, root = np.empty((k, d, d)), np.empty((k, d))
-    search._principal(np.arange(k), before[2], vectors, root)
-    search._adapt(live, fine, y, order, vectors, root, w, constants, 3, top, *after)
+    population._principal(np.arange(k), before[2], vectors, root)
+    population._adapt(live, fine, y, order, vectors, root, w, constants, 3, top, *after)
     for a, g in enumerate(live):
         expected = naive.adapted(*(x[g] for x in before), y[a, order[a]], w, constants, 3, top)
         for ours, theirs in zip(after, expected, strict=True):
             np.testing.assert_allclose(ours[g], theirs, rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(after[0][1], before[0][1])
-    search._adapt(live[:1], ~fine[:1], y, order, vectors, root, w, constants, 3, top, *after)
+    population._adapt(live[:1], ~fine[:1], y, order, vectors, root, w, constants, 3, top, *after)
     assert after[1][2] == pytest.approx(0.7 * expected_sigma(before, y, order, w, constants, top))
 
 
@@ -235,13 +236,13 @@ def test_products_of_slopes_are_those_of_the_slopes() -> None:
 
     points, free = np.array([[0.2, 0.5, 0.0], [1.0, 0.4, 0.3]]), np.array([0, 2])
     step = np.full((2, 2), 1e-3)
-    slopes, now = descent.slopes_at(residuals, points, free, step)
-    normals, gradients = descent.normals_at(residuals, points, free, step)
+    slopes, now = gauss_newton.slopes_at(residuals, points, free, step)
+    normals, gradients = gauss_newton.normals_at(residuals, points, free, step)
     for g in range(2):
         np.testing.assert_allclose(normals[g], slopes[g].T @ slopes[g], rtol=1e-10)
         np.testing.assert_allclose(gradients[g], slopes[g].T @ now[g], rtol=1e-10)
-    moves = descent.damped_moves(normals, gradients)
-    each = [descent.damped_moves(n, g) for n, g in zip(normals, gradients, strict=True)]
+    moves = gauss_newton.damped_moves(normals, gradients)
+    each = [gauss_newton.damped_moves(n, g) for n, g in zip(normals, gradients, strict=True)]
     np.testing.assert_allclose(moves, each, rtol=1e-9)
     longest = np.linalg.solve(normals[0] + 1e-6 * np.diag(np.diag(normals[0])), -gradients[0])
     np.testing.assert_allclose(moves[0, 0], longest, rtol=1e-9)
@@ -256,14 +257,14 @@ def test_costs_do_not_depend_on_who_is_evaluated_together() -> None:
 
 
 def test_what_is_lent_lives_until_the_next_call_and_the_rest_is_kept() -> None:
-    first = kernels.scratch("test", 3, 4)
+    first = jit.scratch("test", 3, 4)
     first[:] = 1.0
-    again = kernels.scratch("test", 2, 2)
+    again = jit.scratch("test", 2, 2)
     again[:] = 2.0
     assert first[0, 0] == 2.0
-    assert kernels.scratch("other", 3, 4).base is not first.base
+    assert jit.scratch("other", 3, 4).base is not first.base
     seen = []
-    thread = threading.Thread(target=lambda: seen.append(kernels.scratch("test", 3, 4)))
+    thread = threading.Thread(target=lambda: seen.append(jit.scratch("test", 3, 4)))
     thread.start()
     thread.join()
     assert not np.shares_memory(seen[0], first)
@@ -282,7 +283,7 @@ def test_a_valve_that_never_moves_is_rejected_and_a_dead_transient_is_not() -> N
     base = np.zeros((2 * rows, 2))
     base[:rows, 0] = rng.standard_normal(rows)
     base[:rows, 1] = 3.0
-    shared = regression.Shared.prepare(target, np.ones((rows, 1)), np.ones(rows))
+    shared = varpro.Shared.prepare(target, np.ones((rows, 1)), np.ones(rows))
     costs = shared.costs(base, (0, rows))
     assert np.isfinite(costs[0]) and np.isinf(costs[1])
 
@@ -290,9 +291,9 @@ def test_a_valve_that_never_moves_is_rejected_and_a_dead_transient_is_not() -> N
 def test_whitening_is_the_written_filter() -> None:
     rng = np.random.default_rng(0)
     x, taps = rng.standard_normal((40, 3)), np.array([-0.7, 0.2])
-    np.testing.assert_allclose(regression.whiten(x, taps), naive.filtered(x, taps), rtol=1e-12)
+    np.testing.assert_allclose(varpro.whiten(x, taps), naive.filtered(x, taps), rtol=1e-12)
     stacked = np.concatenate([x, 2 * x])
-    regression.whiten_stack(stacked, 40, taps)
+    varpro.whiten_stack(stacked, 40, taps)
     once = naive.filtered(x, taps)
     np.testing.assert_allclose(stacked, np.concatenate([once, 2 * once]), rtol=1e-12)
 
@@ -300,10 +301,10 @@ def test_whitening_is_the_written_filter() -> None:
 def test_rebuilt_command_meets_the_samples_and_finds_the_corner() -> None:
     t = np.arange(60.0)
     command = np.where(t < 30.4, 0.1 * t, 0.1 * 30.4 - 0.3 * (t - 30.4))
-    fine = between.rebuild(command, 10, "corner")
+    fine = intersample.rebuild(command, 10, "corner")
     np.testing.assert_allclose(fine[::10], command, atol=1e-12)
     assert fine.max() == pytest.approx(3.04, abs=1e-9)
-    assert (between.rebuild(command, 4, "hold") == np.repeat(command, 4)).all()
+    assert (intersample.rebuild(command, 4, "hold") == np.repeat(command, 4)).all()
 
 
 def test_a_setpoint_move_kicks_the_rebuilt_command_and_is_no_corner() -> None:
@@ -312,16 +313,16 @@ def test_a_setpoint_move_kicks_the_rebuilt_command_and_is_no_corner() -> None:
     setpoint = np.where(t < 20.0, 50.0, np.where(t < 41.0, 53.0, 48.0))
     smooth = 50.0 + 2.0 * np.sin(2.0 * np.pi * t / 35.0) + 0.02 * np.cumsum(setpoint - 50.0) * 0.1
     command = smooth + 0.15 * setpoint
-    fine = between.rebuild(command[::10], 10, "corner", setpoint[::10])
+    fine = intersample.rebuild(command[::10], 10, "corner", setpoint[::10])
     np.testing.assert_allclose(fine[::10], command[::10], atol=1e-12)
     before, after = (np.abs(x[20:-20] - command[20:-20]).max()
-                     for x in (between.rebuild(command[::10], 10, "corner"), fine))
+                     for x in (intersample.rebuild(command[::10], 10, "corner"), fine))
     # What is left is the last tenth before the kick, at which the output already is where the kick begins.
     assert after < 0.1 * 0.4 < 0.3 < before
     # A setpoint that always moves comes from another controller and kicks nothing.
     ramp = 50.0 + 0.1 * t
-    plain = between.rebuild(command[::10], 10, "corner")
-    assert (between.rebuild(command[::10], 10, "corner", ramp[::10]) == plain).all()
+    plain = intersample.rebuild(command[::10], 10, "corner")
+    assert (intersample.rebuild(command[::10], 10, "corner", ramp[::10]) == plain).all()
 
 
 def test_behind_a_kick_the_rebuilt_command_does_not_go_its_old_pace() -> None:
@@ -333,7 +334,7 @@ def test_behind_a_kick_the_rebuilt_command_does_not_go_its_old_pace() -> None:
     # The pace is 0.06 % / s before the kick and 0.2 to 0.3 behind it, where it soon grows no more.
     bend = 0.02 * np.clip(after, 0.0, 1.0) ** 2 + 0.04 * np.maximum(after - 1.0, 0.0)
     command = 50.0 - 0.06 * t - 0.2 * after - bend + 0.5 * (setpoint - 50.0)
-    fine = between.rebuild(command[::10], 10, "corner", setpoint[::10])
+    fine = intersample.rebuild(command[::10], 10, "corner", setpoint[::10])
     np.testing.assert_allclose(np.diff(fine[200:220]), np.diff(command[200:220]), atol=0.003)
 
 
@@ -342,7 +343,7 @@ def test_interval_means_place_the_break_away_inside_the_part() -> None:
     table = neutral_friction([2.0], [1.0])
     position = get("chen").positions(command, table)
     expected = naive.interval_means(command, 1.5, position[:, 0])
-    between.interval_means(command, table, np.zeros(command.size), position)
+    intersample.interval_means(command, table, np.zeros(command.size), position)
     means = position[:, 0]
     np.testing.assert_allclose(means, expected, atol=1e-12)
     # Fine enough, the mean is what a thousand times finer grid gives.
@@ -384,11 +385,11 @@ def test_a_start_up_transient_long_gone_does_not_make_a_cost_of_nothing() -> Non
     good = np.arange(n) >= first
     rng = np.random.default_rng(3)
     target = rng.normal(size=n)
-    shared = regression.Shared.prepare(target, np.stack([np.ones(n), np.arange(n) / n], axis=1), good)
+    shared = varpro.Shared.prepare(target, np.stack([np.ones(n), np.arange(n) / n], axis=1), good)
     assert not shared.basis[~good].any()
     base = np.empty((2 * n, 1))
     base[:n, 0] = 1000.0 + np.cumsum(rng.normal(size=n))
-    process.transient(np.array([0.637]), base[n:], step_s=1.0)
+    linear.transient(np.array([0.637]), base[n:], step_s=1.0)
     base[n + first, 0] = 4e-15
     base[n + first + 1:, 0] = 0.0
     # It fits the first row, and nothing else.

@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 
 import stictionid.methods as method_room
-from stictionid.armax import Regression, armax, stabilised
-from stictionid.conic import fit_ellipse
 from stictionid.errors import DataError, UsageError
-from stictionid.export import write_loop
-from stictionid.identify import Options, identify
-from stictionid.lawrank import _signed_ranks
-from stictionid.loop import Loop
 from stictionid.methods import catalogue
 from stictionid.methods.contract import SPELLING
-from stictionid.rerun import rerun
-from stictionid.results import study_from_json, to_json
-from stictionid.simulate import preset, simulate, with_stiction
-from stictionid.steptest import fit_step
+from stictionid.model.closed_loop import preset, simulate, with_stiction
+from stictionid.model.restore import rerun
+from stictionid.numerics.armax import Regression, armax, stabilised
+from stictionid.numerics.ellipse import fit_ellipse
+from stictionid.process.step_test import fit_step
+from stictionid.record.loop import Loop
+from stictionid.record.study import study_from_json, to_json
+from stictionid.record.write import write_loop
+from stictionid.verbs.identify import Options, identify
+from stictionid.verdict.law_ranking import _signed_ranks
 
 S, J = 4.0, 2.5
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stictionid.loop import Loop
-from stictionid.oscillation import count_reversals, find_range
-from stictionid.simulate import preset, simulate, with_stiction
+from stictionid.model.closed_loop import preset, simulate, with_stiction
+from stictionid.record.loop import Loop
+from stictionid.record.oscillation import count_reversals, find_range
 
 # Five of the sixteen rows of Tables 2 and 3: S, J, the paper's S_max. All rows: benchmarks/paper_tables.py.
 ROWS = [("foptd", 3.5, 3.5, 4.118), ("foptd", 5.0, 3.0, 5.591), ("foptd", 5.0, 1.5, 5.235),

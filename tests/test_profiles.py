@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from stictionid.absorbed import noise_of, slopes_of
-from stictionid.fit import search
-from stictionid.intervals import (
+from stictionid.fit.fit import search
+from stictionid.fit.intervals.assemble import (
     INTERVAL_THRESHOLD,
     PROCESS_THRESHOLD,
     cloud,
@@ -19,15 +18,16 @@ from stictionid.intervals import (
     outline,
     widened,
 )
-from stictionid.model import Model
-from stictionid.moves import descended, longest_first, with_start
-from stictionid.noise import autoregression, filtered
-from stictionid.oscillation import find_range
-from stictionid.plateaus import Plateaus, plateaus, ridges
-from stictionid.profiles import Mover, spread_over
-from stictionid.simulate import Controller, Plant, Setting, simulate
-from stictionid.smooth import smooth_intervals
-from stictionid.spec import Spec
+from stictionid.fit.intervals.profile import Mover, spread_over
+from stictionid.fit.intervals.smooth import smooth_intervals
+from stictionid.fit.intervals.thresholds import Plateaus, plateaus, ridges
+from stictionid.fit.moves import descended, longest_first, with_start
+from stictionid.fit.noise.bias_correction import noise_of, slopes_of
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.model.model import Model
+from stictionid.model.spec import Spec
+from stictionid.numerics.autoregression import autoregression, filtered
+from stictionid.record.oscillation import find_range
 
 TRUE = (3.0, 1.5)
 

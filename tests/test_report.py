@@ -17,13 +17,13 @@ import pytest
 import study_factory
 
 from stictionid.errors import UsageError
-from stictionid.report import wording
-from stictionid.report.curves import Case
-from stictionid.report.facts import facts
-from stictionid.report.json import report_json
-from stictionid.report.pictures import pictures
-from stictionid.report.write import write_report
-from stictionid.results import Severity, to_json
+from stictionid.record.study import Severity, to_json
+from stictionid.reports import wording
+from stictionid.reports.facts import facts
+from stictionid.reports.pages.json import report_json
+from stictionid.reports.pages.write import write_report
+from stictionid.reports.pictures.curves import Case
+from stictionid.reports.pictures.study_pictures import pictures
 
 GOLDEN = Path(__file__).parent / "golden"
 KINDS = ("good", "doubtful", "abstained")
@@ -204,9 +204,9 @@ def test_a_severity_in_the_study_is_shown() -> None:
 
 
 def test_rule_labels_never_lie_on_each_other_nor_outside() -> None:
-    from stictionid.report.axes import Axis
-    from stictionid.report.legend import rule_labels
-    from stictionid.report.picture import Panel, Rule
+    from stictionid.reports.pictures.axes import Axis
+    from stictionid.reports.pictures.legend import rule_labels
+    from stictionid.reports.pictures.picture import Panel, Rule
 
     panel = Panel("x", "y", rules=tuple(Rule("x", v, "moderate") for v in (0.5, 0.52, 1.0, 5.0, 9.99, 30.0)))
     drawn = ElementTree.fromstring(f"<g>{rule_labels(panel, Axis(0, 10, 60, 420), 100, 7.3, lambda t, _: t)}</g>")
@@ -219,8 +219,8 @@ def test_rule_labels_never_lie_on_each_other_nor_outside() -> None:
 
 def test_a_png_is_its_svg(tmp_path: Path) -> None:
     """Every shape and text of the SVG is drawn, whatever the tag names are."""
-    from stictionid.report import svg
-    from stictionid.report.figures import figure_bytes
+    from stictionid.reports.pictures import svg
+    from stictionid.reports.pictures.figures import figure_bytes
 
     for one in (case("good"), study_factory.hostile()):
         for picture in pictures(one).values():
@@ -236,7 +236,7 @@ def test_a_png_is_its_svg(tmp_path: Path) -> None:
     ("FIC101.PV", "FIC101.PV"), ("=1+cmd", "'=1+cmd"), ("+1", "'+1"), ("-tag", "'-tag"), ("@SUM(A1)", "'@SUM(A1)"),
     ("\t=1", "' =1"), ('a"b', '"a""b"'), ("a,b", '"a,b"'), ("a\nb\x1b[31m", "a b [31m"), ("", "")])
 def test_foreign_cells_are_no_formulas(text: str, written: str) -> None:
-    from stictionid.spreadsheet import cell
+    from stictionid.system.csv_safety import cell
 
     assert cell(text) == written
 
@@ -244,7 +244,7 @@ def test_foreign_cells_are_no_formulas(text: str, written: str) -> None:
 def test_a_written_record_disarms_its_tags(tmp_path: Path) -> None:
     import csv
 
-    from stictionid.export import write_loop
+    from stictionid.record.write import write_loop
 
     loop = case("good").loop
     tags = ["=cmd|' /C calc'!A0", "@x", "a,b", 'q"q', "-plain"]
@@ -333,7 +333,7 @@ def on_terminal(one: Case, *, encoding: str = "utf-8", width: int = 80) -> str:
     """What print_case writes to a file of that encoding."""
     from rich.console import Console
 
-    from stictionid.report.terminal import print_case
+    from stictionid.reports.pages.terminal import print_case
 
     raw = io.BytesIO()
     stream = io.TextIOWrapper(raw, encoding=encoding, newline="\n")
@@ -361,7 +361,7 @@ def test_the_terminal_is_plain_and_80_columns_wide(encoding: str) -> None:
 def test_the_trend_of_a_flat_or_empty_signal_is_drawn() -> None:
     import numpy as np
 
-    from stictionid.report.terminal import raster
+    from stictionid.reports.pages.terminal import raster
 
     assert raster(np.full(50, 3.0), 20, 8, 3.0, 3.0).sum() == 20
     ramp = raster(np.arange(500.0), 20, 8, 0.0, 499.0)

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import study_factory
 
-from stictionid.report.write import write_report
+from stictionid.reports.pages.write import write_report
 
 _PHONE, _DESK, _A4 = 375, 1000, 794  # px; A4 at 96 dots per inch
 _CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -214,12 +214,12 @@ def test_the_summary_of_a_batch_sorts_filters_and_opens_a_loops_page(browser: An
     from batch_files import records, write_csv
     from selenium.webdriver.common.by import By
 
-    from stictionid.batch.crew import crew_for
-    from stictionid.batch.drive import drive
-    from stictionid.batch.plan import plan
-    from stictionid.batch.store import Store
-    from stictionid.batch.summary import write_summary
+    from stictionid.batch.plan.tasks import plan
+    from stictionid.batch.summary.write import write_summary
     from stictionid.batch.task import Work
+    from stictionid.batch.work.crew import crew_for
+    from stictionid.batch.work.drive import drive
+    from stictionid.batch.work.store import Store
 
     for name, loop in records(3).items():
         write_csv(tmp_path / f"{name}.csv", loop)

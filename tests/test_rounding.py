@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stictionid.diagnose import diagnose
-from stictionid.identify import identify
-from stictionid.loop import Loop
-from stictionid.rounding import moved_by_rounding, step_of
-from stictionid.simulate import Controller, Plant, Setting, simulate
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.record.loop import Loop
+from stictionid.selection.rounding import moved_by_rounding, step_of
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import identify
 
 SETTING = Setting(Plant(2.5, 17.0, 5.0), Controller(0.35, 14.0, scan_s=1.0), S=3.6, J=2.6, duration_s=900.0,
                   setpoint_moves=((0.0, 3.0), (300.0, -4.0), (600.0, 3.0)), noise_sd=0.02)

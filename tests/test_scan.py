@@ -9,14 +9,14 @@ import pytest
 from loops_with_effects import loop_of
 
 from stictionid.errors import UsageError
-from stictionid.identify import Options, identify
-from stictionid.loop import Loop
-from stictionid.methods.structure import _CHATTER
-from stictionid.rerun import rebuild_model, rerun
-from stictionid.results import study_from_json, to_json
-from stictionid.scan import MOST_PARTS, parts_of, pi_law, ran_between, ran_with_samples, scanned
-from stictionid.simulate import Controller, Plant, Setting, simulate
-from stictionid.unheld import surely_moves
+from stictionid.fit.starts.intersample import surely_moves
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.model.restore import rebuild_model, rerun
+from stictionid.process.scan import MOST_PARTS, parts_of, pi_law, ran_between, ran_with_samples, scanned
+from stictionid.record.loop import Loop
+from stictionid.record.study import study_from_json, to_json
+from stictionid.selection.structure import _CHATTER
+from stictionid.verbs.identify import Options, identify
 
 SETTING = Setting(Plant(1.5, 12.0, 8.0), Controller(0.45, 12.0, scan_s=1.0), 3.0, 1.5, duration_s=2000.0,
                   setpoint_moves=((0.0, 3.0),))

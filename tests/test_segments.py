@@ -9,18 +9,18 @@ import naive
 import numpy as np
 import pytest
 
-from stictionid.blockwise import Blockwise, block_columns
 from stictionid.errors import DataError
-from stictionid.identify import identify
-from stictionid.loop import Loop
-from stictionid.model import Model
-from stictionid.oscillation import find_range
-from stictionid.regression import Shared
-from stictionid.rerun import rerun
-from stictionid.restarts import Restarted, bound
-from stictionid.segments import FEWEST_PERIODS, MOST, chosen, described
-from stictionid.simulate import preset, simulate
-from stictionid.spec import INTEGRATOR, Spec
+from stictionid.model.closed_loop import preset, simulate
+from stictionid.model.model import Model
+from stictionid.model.restore import rerun
+from stictionid.model.segments import Restarted, bound
+from stictionid.model.spec import INTEGRATOR, Spec
+from stictionid.numerics.varpro import Shared
+from stictionid.numerics.varpro_segments import Blockwise, block_columns
+from stictionid.record.loop import Loop
+from stictionid.record.oscillation import find_range
+from stictionid.record.segments import FEWEST_PERIODS, MOST, chosen, described
+from stictionid.verbs.identify import identify
 
 
 def with_gaps(loop: Loop, *gaps: tuple[int, int]) -> Loop:

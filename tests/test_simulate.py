@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stictionid.errors import StictionidError
-from stictionid.simulate import preset, simulate, with_stiction
+from stictionid.model.closed_loop import preset, simulate, with_stiction
 
 ROOT = Path(__file__).parent.parent
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from stictionid.errors import DataError
-from stictionid.results import study_from_json, to_json
+from stictionid.record.study import study_from_json, to_json
 
 GOLDEN = Path(__file__).parent / "golden"
 STUDIES = sorted(GOLDEN.glob("study_schema_*.json"))

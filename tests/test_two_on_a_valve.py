@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stictionid.fit import Fitted, as_it_stands
-from stictionid.gates import swing_of, time_scale_s
-from stictionid.herd import beyond_rest, herded
-from stictionid.loop import FloatArray, Loop
-from stictionid.model import Model
-from stictionid.moves import descended, with_start
-from stictionid.oscillation import find_range
-from stictionid.refit import beside_others, scout, together_on_valve
-from stictionid.simulate import Controller, Plant, Setting, simulate
-from stictionid.spec import Spec
+from stictionid.fit.fit import Fitted, as_it_stands
+from stictionid.fit.moves import descended, with_start
+from stictionid.fit.starts.niches import beyond_rest, herded
+from stictionid.fit.with_effect import beside_others, scout, together_on_valve
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.model.model import Model
+from stictionid.model.spec import Spec
+from stictionid.record.loop import Loop
+from stictionid.record.oscillation import find_range
+from stictionid.record.preconditions import swing_of, time_scale_s
+from stictionid.typing import FloatArray
 
 NOISE, S, J, DIFFERENCE, GROWTH = 0.03, 3.0, 1.2, -0.7, 0.6
 PAIR = ("asymmetric-stiction", "stiction-drift")

@@ -11,23 +11,23 @@ import numpy as np
 import pytest
 from loops_with_effects import loop_of
 
-from stictionid.causes import steady
-from stictionid.descent import descend
 from stictionid.errors import UsageError
-from stictionid.heldout import Held
+from stictionid.fit.cross_validation import Held
+from stictionid.fit.noise.prewhitening import whitened
 from stictionid.historian import read_loop
-from stictionid.identify import Options, identify
-from stictionid.loop import Finding, Loop
-from stictionid.model import Model
-from stictionid.noise import first_rows
-from stictionid.position import from_position
-from stictionid.results import Verdict
-from stictionid.search import refine
-from stictionid.severity import band, controller_law
-from stictionid.simulate import Controller, Plant, preset, simulate, with_stiction
-from stictionid.spec import Spec
-from stictionid.verdict import _answer, capped, with_position
-from stictionid.whitened import whitened
+from stictionid.model.closed_loop import Controller, Plant, preset, simulate, with_stiction
+from stictionid.model.model import Model
+from stictionid.model.spec import Spec
+from stictionid.numerics.autoregression import first_rows
+from stictionid.numerics.gauss_newton import descend
+from stictionid.numerics.population import refine
+from stictionid.record.loop import Finding, Loop
+from stictionid.record.study import Verdict
+from stictionid.verbs.identify import Options, identify
+from stictionid.verdict.causes import steady
+from stictionid.verdict.from_position import from_position
+from stictionid.verdict.judge import _answer, capped, with_position
+from stictionid.verdict.severity import band, controller_law
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 

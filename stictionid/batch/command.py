@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 
-from ..historian.options import ReadOptions
+from ..historian.bytes.options import ReadOptions
 from .task import Work
 
 _FLAGS = {"span_pv": "--span-pv", "span_op": "--span-op", "time_format": "--time-format", "step_s": "--step",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..historian.options import ReadOptions
-from ..methods.options import Options
+from ..fit.options import Options
+from ..historian.bytes.options import ReadOptions
 
 LEVELS = ("screen", "identify", "diagnose")
 OK, ABSTAINED, FAILED = "ok", "abstained", "failed"

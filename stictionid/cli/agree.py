@@ -9,10 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from ..historian.options import ReadOptions
-from . import app
-from ._reading import read_file, reads_file
-from ._shared import (
+from ..historian.bytes.options import ReadOptions
+from .app import app
+from .common.output import (
     ForceOption,
     JsonOption,
     Progress,
@@ -25,6 +24,7 @@ from ._shared import (
     say,
     warn_when_cold,
 )
+from .common.reading import read_file, reads_file
 
 
 @app.command()
@@ -55,8 +55,9 @@ def agree(
     Several months: stictionid agree january.csv may.csv july.csv -o drift.md
     """
     from ..errors import UsageError
-    from ..methods.options import ALL_LAWS, Options
-    from ..report.agreement_page import check_place, write_agreement
+    from ..fit.options import ALL_LAWS, Options
+    from ..methods.option_check import check_options
+    from ..reports.pages.agreement import check_place, write_agreement
 
     if output is not None:
         check_place(output, figures=figures, force=force)
@@ -64,11 +65,11 @@ def agree(
         raise UsageError("--law all has no meaning for several records", "give one law, or leave it out")
     options = Options("auto", law, (), base_only, between, {}, seed, command="stictionid " + shlex.join(sys.argv[1:]),
                       scan_s=scan)
-    options.check()
+    check_options(options)
     warn_when_cold(quiet)
     with Progress(quiet or as_json) as progress:
         loops, unreadable = _read_all(files, reading, quiet, progress)
-        from ..agreement import cannot, compare_records
+        from ..verbs.agree import cannot, compare_records
 
         found = compare_records(loops, count=count, options=options, unreadable=unreadable,
                                 progress=lambda text, share: progress(text, 0.1 + 0.9 * share))
@@ -103,7 +104,7 @@ def _read_all(files: list[str], reading: ReadOptions, quiet: bool, progress: Any
 
 def _show(found: Any, quiet: bool) -> None:
     """The agreement as tables on stdout, records that do not count on stderr."""
-    from ..report.agreement_page import left_out, record_table
+    from ..reports.pages.agreement import left_out, record_table
 
     console = out_console()
     rows = record_table(found)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import signal
 import sys
@@ -12,15 +11,15 @@ from typing import Annotated, Any
 
 import typer
 
-from ..historian.options import ReadOptions
-from . import app
-from ._batch_progress import Watch
-from ._reading import reads_file
-from ._shared import (
+from ..historian.bytes.options import ReadOptions
+from .app import app
+from .common.batch_progress import Watch
+from .common.output import (
     MOST_JOBS,
     JsonOption,
     QuietOption,
     SeedOption,
+    cores,
     number,
     out_console,
     plain_table,
@@ -29,6 +28,7 @@ from ._shared import (
     say,
     warn_when_cold,
 )
+from .common.reading import reads_file
 
 _SHOWN, _SKIPPED_SHOWN = 12, 5
 
@@ -71,22 +71,23 @@ def batch(
 
     Example: stictionid batch sample_data --level screen -o site
     """
-    from ..batch.crew import crew_for
-    from ..batch.plan import plan
-    from ..batch.store import Store
+    from ..batch.plan.tasks import plan
     from ..batch.task import LEVELS, Work
+    from ..batch.work.crew import crew_for
+    from ..batch.work.store import Store
     from ..errors import UsageError
-    from ..methods.options import Options
+    from ..fit.options import Options
+    from ..methods.option_check import check_options
 
     if level not in LEVELS:
         raise UsageError(f"unknown level '{level}'", "choose one of " + ", ".join(LEVELS))
     options = Options(method, law, tuple(with_effect or ()), base_only, between, seed=seed)
-    options.check()
+    check_options(options)
     work = Work(level, options, pages)
     _refuse_ignored(work)
     store = Store(output)
     store.check(force=force)
-    crew = crew_for(jobs or _cores(), scheduler)
+    crew = crew_for(jobs or cores(), scheduler)
     try:
         todo = plan(paths, work, reading=reading, loops=loops)
         _tell_plan(todo, quiet)
@@ -114,10 +115,6 @@ def _refuse_ignored(work: Any) -> None:
             raise UsageError("--level diagnose needs --method auto", "leave --method out, or use --level identify")
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _tell_plan(todo: Any, quiet: bool) -> None:
     some = len(todo.skipped)
     say(f"{len(todo.tasks)} loop{'s' * (len(todo.tasks) != 1)}"
@@ -130,8 +127,8 @@ def _tell_plan(todo: Any, quiet: bool) -> None:
 
 def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, watch: Watch) -> Any:
     """Drive to the end and summarise; interrupted, or out of room, summarise what is there and say how to go on."""
-    from ..batch.drive import drive
-    from ..batch.summary import write_summary
+    from ..batch.summary.write import write_summary
+    from ..batch.work.drive import drive
     from ..errors import StictionidError
 
     try:
@@ -158,7 +155,7 @@ def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, wat
 
 def _none_left(store: Any) -> None:
     """No part of a summary that could not be written whole."""
-    from ..batch.store import SUMMARIES
+    from ..batch.work.store import SUMMARIES
 
     for name in SUMMARIES:
         (store.folder / name).unlink(missing_ok=True)
@@ -194,8 +191,8 @@ def _deaf() -> Any:
 
 
 def _show(rows: Any, todo: Any, output: Path, as_json: bool, quiet: bool) -> None:
-    from ..batch.store import SCHEMA
-    from ..batch.summary import counts_of
+    from ..batch.summary.rows import counts_of
+    from ..batch.work.store import SCHEMA
 
     counts = counts_of(rows)
     if as_json:

@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from . import app
-from ._shared import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, safe, say
-from ._study import StudyArgument, open_data, open_other, open_study
+from .app import app
+from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, safe, say
+from .common.study_files import StudyArgument, open_data, open_other, open_study
 
 
 @app.command()
@@ -27,8 +27,8 @@ def compare(
 
     Example: stictionid compare study.json -o compare.html
     """
-    from ..compare import compare as run
-    from ..report.compare_page import check_place, write_comparison
+    from ..comparison import compare as run
+    from ..reports.pages.comparison import check_place, write_comparison
 
     if output is not None:
         check_place(output, force=force)
@@ -59,7 +59,7 @@ def _plain(found: Any, series: bool) -> dict[str, Any]:
 
 
 def _print(found: Any, study: Path, quiet: bool) -> None:
-    from ..report.compare_page import rows_of
+    from ..reports.pages.comparison import rows_of
 
     console = out_console()
     table = plain_table("error", "value", title="model against measurement")

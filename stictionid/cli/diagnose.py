@@ -7,14 +7,15 @@ from typing import Annotated, Any
 
 import typer
 
-from . import app
-from ._shared import (
+from .app import app
+from .common.output import (
     ForceOption,
     JobsOption,
     JsonOption,
     Progress,
     QuietOption,
     SeedOption,
+    cores,
     number,
     out_console,
     plain_table,
@@ -22,7 +23,7 @@ from ._shared import (
     safe,
     say,
 )
-from ._study import DataArgument, StudyArgument, open_data, open_study
+from .common.study_files import DataArgument, StudyArgument, open_data, open_study
 
 # Characters that the ladder has for a name in 80 columns.
 _NAME = 19
@@ -44,8 +45,8 @@ def diagnose(
 
     Example: stictionid diagnose study.json
     """
-    from ..diagnose import diagnose as run
-    from ..files import ensure_writable
+    from ..system.files import ensure_writable
+    from ..verbs.diagnose import diagnose as run
 
     if output is not None:
         ensure_writable(output, force=force, kind=b"{")
@@ -92,9 +93,9 @@ def add(
 
     Example: stictionid add extra-lag study.json
     """
-    from ..diagnose import add as run
     from ..effects import parse
-    from ..files import ensure_writable
+    from ..system.files import ensure_writable
+    from ..verbs.add import add as run
 
     parse(effect)
     if output is not None:
@@ -114,16 +115,9 @@ def add(
             console.print(f"{f.severity}: {safe(f.statement)}")
 
 
-def cores() -> int:
-    """How many cores this process may use."""
-    import os
-
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _write(study: Any, place: Path, force: bool, quiet: bool) -> None:
-    from ..files import write_whole
-    from ..results import to_json
+    from ..record.study import to_json
+    from ..system.files import write_whole
 
     write_whole(place, to_json(study), force=force, kind=b"{")
     say(f"wrote {place}", quiet=quiet)

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from . import app
-from ._shared import JsonOption, out_console, plain_table, print_json
+from .app import app
+from .common.output import JsonOption, out_console, plain_table, print_json
 
 
 @app.command()

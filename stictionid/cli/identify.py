@@ -10,10 +10,9 @@ from typing import Annotated, Any
 
 import typer
 
-from ..historian.options import ReadOptions
-from . import app
-from ._reading import FileArgument, read_file, reads_file
-from ._shared import (
+from ..historian.bytes.options import ReadOptions
+from .app import app
+from .common.output import (
     MOST_JOBS,
     ForceOption,
     JsonOption,
@@ -29,6 +28,7 @@ from ._shared import (
     say,
     warn_when_cold,
 )
+from .common.reading import FileArgument, read_file, reads_file
 
 
 @app.command()
@@ -69,9 +69,10 @@ def identify(
 
     Example: stictionid identify sample_data/foptd.csv -o study.json
     """
-    from ..files import ensure_writable, keep_apart, write_whole
-    from ..identify import Options
-    from ..results import to_json
+    from ..fit.options import Options
+    from ..methods.option_check import check_options
+    from ..record.study import to_json
+    from ..system.files import ensure_writable, keep_apart, write_whole
 
     if output is not None:
         keep_apart(output, file, *([step_test] if step_test is not None else []))
@@ -80,12 +81,12 @@ def identify(
                                              ("dead_time_s", dead_time)) if value is not None}
     options = Options(method, law, tuple(with_effect or ()), base_only, between, fixed, seed, order, delay,
                       "stictionid " + shlex.join(sys.argv[1:]), scan_s=scan)
-    options.check()
+    check_options(options)
     if step_test is not None:
         options = _with_step_test(options, step_test, reading, quiet)
     loop = read_file(file, reading, quiet=quiet).loop
     warn_when_cold(quiet)
-    from ..identify import identify as run
+    from ..verbs.identify import identify as run
 
     with Progress(quiet or as_json) as progress:
         study = run(loop, options=options, progress=progress)
@@ -108,7 +109,8 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
     from dataclasses import replace
 
     from ..errors import DataError, UsageError
-    from ..steptest import fit_step
+    from ..methods.option_check import check_options
+    from ..process.step_test import fit_step
 
     if options.fixed:
         given = ", ".join("--" + name.removesuffix("_s").replace("_", "-") for name in options.fixed)
@@ -123,7 +125,7 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
     finding = found.finding(Path(file).name)
     say(f"note: {finding.statement}", quiet=quiet)
     options = replace(options, fixed=found.fixed, notes=(*options.notes, finding))
-    options.check()
+    check_options(options)
     return options
 
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import app
-from ._law import forces, from_forces, parse_law
-from ._shared import ForceOption, JsonOption, QuietOption, out_console, print_json, say
+from .app import app
+from .common.law_option import forces, from_forces, parse_law
+from .common.output import ForceOption, JsonOption, QuietOption, out_console, print_json, say
 
 if TYPE_CHECKING:
-    from ..bench import Outcome
     from ..laws.contract import Law
+    from ..model.valve_bench import Outcome
 
 _KINDS = (".png", ".svg")
 
@@ -58,9 +58,9 @@ def laws(
 
 def _chosen(name: str | None, test: str) -> tuple[Law, tuple[str, ...], dict[str, float]]:
     """The law, the tests and the law's own numbers that `[NAME] --test NAME` asks for."""
-    from ..bench import TESTS
     from ..errors import UsageError
     from ..laws import get
+    from ..model.valve_bench import TESTS
 
     if name is None:
         if test in TESTS:
@@ -162,13 +162,13 @@ def _flowing(text: str) -> str:
 
 def _bench(law: Law, tests: tuple[str, ...], values: dict[str, float], *, S: float, J: float, out: Path | None,
            series: bool, as_json: bool, force: bool, quiet: bool) -> None:
-    from ..bench import put_on_bench
     from ..errors import UsageError
-    from ..files import ensure_writable, write_whole
+    from ..model.valve_bench import put_on_bench
+    from ..system.files import ensure_writable, write_whole
 
     kind = out.suffix.lower() if out is not None else ""
     if out is not None:
-        from ..report.valve_figure import PNG_KIND, SVG_KIND
+        from ..reports.pictures.valve_bench import PNG_KIND, SVG_KIND
 
         if kind not in _KINDS:
             raise UsageError(f"a picture can't be written as '{out.name}'", "end the name after -o in .png or .svg")
@@ -186,7 +186,7 @@ def _bench(law: Law, tests: tuple[str, ...], values: dict[str, float], *, S: flo
     else:
         _print_bench(law, S, used_J, newton, outcomes)
     if out is not None:
-        from ..report.valve_figure import valve_figure
+        from ..reports.pictures.valve_bench import valve_figure
 
         title = f"{law.name}, S = {S:.4g} %, J = {used_J:.4g} %"
         write_whole(out, valve_figure(outcomes, kind=kind[1:], title=title), force=force, kind=magic)

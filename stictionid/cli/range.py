@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..historian.options import ReadOptions
-from . import app
-from ._reading import FileArgument, read_file, reads_file
-from ._shared import JsonOption, QuietOption, number, out_console, plain_table, print_json, say
+from ..historian.bytes.options import ReadOptions
+from .app import app
+from .common.output import JsonOption, QuietOption, number, out_console, plain_table, print_json, say
+from .common.reading import FileArgument, read_file, reads_file
 
 _SHOWN = 12
 
@@ -22,7 +22,7 @@ def range_(file: FileArgument, reading: ReadOptions, as_json: JsonOption = False
 
     Example: stictionid range sample_data/foptd.csv
     """
-    from ..oscillation import find_range
+    from ..record.oscillation import find_range
 
     loop = read_file(file, reading, quiet=quiet).loop
     found = find_range(loop)

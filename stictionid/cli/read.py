@@ -4,10 +4,10 @@ from typing import Annotated, Any
 
 import typer
 
-from ..historian.options import ReadOptions
-from . import app
-from ._reading import FileArgument, read_file, reads_file
-from ._shared import ForceOption, JsonOption, QuietOption, out_console, print_json, safe, say
+from ..historian.bytes.options import ReadOptions
+from .app import app
+from .common.output import ForceOption, JsonOption, QuietOption, out_console, print_json, safe, say
+from .common.reading import FileArgument, read_file, reads_file
 
 _BARS = "▁▂▃▄▅▆▇█"
 _PLAIN_BARS = "_.-~=+*#"
@@ -35,7 +35,7 @@ def read(
     _check_targets(file, output, save_profile, force)
     result = read_file(file, reading, quiet=quiet)
     if output is not None:
-        from ..historian.clean import write_clean
+        from ..historian.checks.clean import write_clean
 
         write_clean(result, output, force=force)
         say(f"wrote {output}", quiet=quiet)
@@ -53,8 +53,8 @@ def read(
 def _check_targets(file: str, output: str | None, save_profile: str | None, force: bool) -> None:
     """Refuse places that can't be written before anything is read."""
     from ..errors import UsageError
-    from ..files import ensure_writable, keep_apart
-    from ..historian.clean import own_kind
+    from ..historian.checks.clean import own_kind
+    from ..system.files import ensure_writable, keep_apart
 
     if output is not None:
         if not output.lower().endswith((".parquet", ".csv")):
@@ -69,7 +69,7 @@ def _as_json(result: Any) -> dict[str, Any]:
     """The reading as plain JSON types, without the arrays."""
     from dataclasses import fields
 
-    from ..results import plain
+    from ..record.study import plain
 
     content = {f.name: getattr(result, f.name) for f in fields(result) if f.name != "loop"}
     loop = result.loop

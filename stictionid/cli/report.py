@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from . import app
-from ._shared import ForceOption, JsonOption, Progress, QuietOption, out_console, print_json_text, say
-from ._study import open_study
+from .app import app
+from .common.output import ForceOption, JsonOption, Progress, QuietOption, out_console, print_json_text, say
+from .common.study_files import open_study
 
 
 @app.command(help="Write a report of one or more studies: markdown with pictures, one HTML page, or JSON.\n\n"
@@ -26,8 +26,8 @@ def report(
 ) -> None:
     """Read the studies, find their data, re-run their models once, and write or print."""
     from ..errors import UsageError
-    from ..files import keep_apart
-    from ..report.write import check_target, write_report
+    from ..reports.pages.write import check_target, write_report
+    from ..system.files import keep_apart
 
     if data is not None and len(studies) > 1:
         raise UsageError(f"--data names one file, but there are {len(studies)} studies", "report them one by one")
@@ -53,7 +53,7 @@ def report(
     if out is not None:
         say(f"wrote {out}" + (f" and {len(written) - 1} pictures beside it" if len(written) > 1 else ""), quiet=quiet)
     elif not as_json:
-        from ..report.terminal import print_case
+        from ..reports.pages.terminal import print_case
 
         console = out_console()
         for case in cases:
@@ -61,13 +61,13 @@ def report(
 
 
 def _case(path: Path, data: Path | None):
-    from ..report.curves import gather
+    from ..reports.pictures.curves import gather
 
     return gather(open_study(path), data=data, near=(path.resolve().parent,))
 
 
 def _print_json(cases: list) -> None:
-    from ..report.json import report_json
-    from ..report.pictures import pictures
+    from ..reports.pages.json import report_json
+    from ..reports.pictures.study_pictures import pictures
 
     print_json_text(report_json(cases, [pictures(case) for case in cases]))

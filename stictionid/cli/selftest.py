@@ -6,19 +6,19 @@ from typing import Annotated
 
 import typer
 
-from . import app
-from ._shared import (
+from .app import app
+from .common.output import (
     JobsOption,
     JsonOption,
     Progress,
     QuietOption,
     SeedOption,
+    cores,
     out_console,
     plain_table,
     print_json,
     safe,
 )
-from .diagnose import cores
 
 
 @app.command()
@@ -33,8 +33,8 @@ def selftest(
 
     Example: stictionid selftest --quick
     """
-    from ..selftest import LOOPS, QUICK_LOOPS
-    from ..selftest import selftest as run
+    from ..verbs.selftest import LOOPS, QUICK_LOOPS
+    from ..verbs.selftest import selftest as run
 
     with Progress(quiet or as_json) as progress:
         found = run(loops=loops or (QUICK_LOOPS if quick else LOOPS), seed=seed, jobs=jobs or cores(),

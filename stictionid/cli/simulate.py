@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from . import app
-from ._law import from_forces, parse_law
-from ._shared import ForceOption, JsonOption, QuietOption, SeedOption, print_json, say
+from .app import app
+from .common.law_option import from_forces, parse_law
+from .common.output import ForceOption, JsonOption, QuietOption, SeedOption, print_json, say
 
 
 @app.command()
@@ -53,12 +53,12 @@ def simulate(
     """
     from dataclasses import replace
 
-    from ..export import check_kind, write_loop
-    from ..files import ensure_writable, write_whole
     from ..laws import get as get_law
-    from ..results import to_json
-    from ..simulate import preset as find_preset
-    from ..simulate import simulate as run
+    from ..model.closed_loop import preset as find_preset
+    from ..model.closed_loop import simulate as run
+    from ..record.study import to_json
+    from ..record.write import check_kind, write_loop
+    from ..system.files import ensure_writable, write_whole
 
     suffix = check_kind(output)
     truth_file = output.with_suffix(".truth.json")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ..errors import UsageError
-from ..rooms import room
+from ..system.registry import room
 from .contract import Effect
 
 # All effects by name, in physical order and then by name; and one of them.

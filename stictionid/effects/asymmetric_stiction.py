@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..laws.contract import FD_DOWN, FD_UP, FS_DOWN, FS_UP
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Context, Effect, Place, Values
 
 _UP = Parameter("jump_up", "%", 0.0, 100.0, 0.0, "slip jump of the opening valve")

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Disturbance, Effect, Place, Values
 
 _ROOT = Parameter("root", "-", -0.999, 0.999, 0.0, "root of the first-order autoregression")

@@ -26,10 +26,10 @@ from enum import Enum
 
 import numpy as np
 
-from ..kernels import kernel
-from ..loop import FloatArray
-from ..parameters import Parameter
-from ..process import Dynamics
+from ..numerics.jit import kernel
+from ..numerics.parameters import Parameter
+from ..process.linear import Dynamics
+from ..typing import FloatArray
 
 
 class Place(Enum):

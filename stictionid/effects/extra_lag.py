@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..loop import FloatArray
-from ..parameters import Parameter
-from ..process import Dynamics
+from ..numerics.parameters import Parameter
+from ..process.linear import Dynamics
+from ..typing import FloatArray
 from .contract import Context, Effect, Place
 
 _PARAMETER = Parameter("second_time_constant_s", "s", 0.0, 1e4, 0.0, "time constant of the further lag")

@@ -19,9 +19,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..kernels import kernel
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.jit import kernel
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Context, Effect, Place
 
 _CURVATURE = Parameter("curvature", "1 / unit of y", -10.0, 10.0, 0.0, "relative change of the gain")

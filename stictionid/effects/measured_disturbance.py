@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..loop import FloatArray
-from ..parameters import Parameter
-from ..process import Dynamics, free_run
+from ..numerics.parameters import Parameter
+from ..process.linear import Dynamics, free_run
+from ..typing import FloatArray
 from .contract import Context, Disturbance, Effect, Place, Values
 
 _LAG = Parameter("lag_s", "s", 1e-3, 1e7, 1.0, "lag from the tag to y", log=True)

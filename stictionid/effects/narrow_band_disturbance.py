@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Disturbance, Effect, Place, Values
 
 _PERIOD = Parameter("period_s", "s", 1e-3, 1e7, 60.0, "period of the band's middle", log=True)

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Context, Disturbance, Effect, Place, Values
 
 _START = Parameter("start_s", "s", 0.0, 1e9, 0.0, "when the drift begins")

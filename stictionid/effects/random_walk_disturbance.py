@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Disturbance, Effect, Place, Values
 
 _SD = Parameter("innovation_sd", "unit of y", 0.0, 1e9, 0.0, "standard deviation of one step of the walk")

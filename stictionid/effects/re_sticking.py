@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..laws.contract import RESTICK
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Context, Effect, Place
 
 # Which moves are slower decides, and most are far slower than the fastest.

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..kernels import kernel
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.jit import kernel
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Context, Disturbance, Effect, Place, Values
 
 _PERIOD = Parameter("period_s", "s", 1e-3, 1e7, 60.0, "period of the disturbance", log=True)

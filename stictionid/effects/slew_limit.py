@@ -15,9 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..kernels import kernel
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.jit import kernel
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Context, Effect, Place
 
 # Slowest rate, in swings of the command a period; guesses from the first number of swings a period to the second a

@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..laws.contract import CROSSES, OVERSHOOT
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Context, Effect, Natural, Place
 
 _K = Parameter("overshoot", "-", 1.0, 1.99, 1.0, "length of the slip as a multiple of the plain one")

@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..laws.contract import FD_DRIFT, FS_DRIFT, RESTICK
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Context, Effect, Place
 
 _SPAN_S = 1000.0

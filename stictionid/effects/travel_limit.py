@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..laws.contract import LOWER, UPPER
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Context, Effect, Place
 
 _LOWER = Parameter("lower", "%", -20.0, 120.0, -20.0, "the stem can't close further")

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels import kernel
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.jit import kernel
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import Context, Effect, Place
 
 _CURVE = Parameter("log_rangeability", "-", -6.0, 6.0, 0.0, "ln R; 0 is linear, negative quick opening")

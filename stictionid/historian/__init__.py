@@ -60,12 +60,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .options import ReadOptions, options_from
+    from .bytes.options import ReadOptions, options_from
     from .reading import Reading, loops_in, read, read_frame, read_loop
 
 _HOME = {
-    "ReadOptions": "options",
-    "options_from": "options",
+    "ReadOptions": "bytes.options",
+    "options_from": "bytes.options",
     "Reading": "reading",
     "loops_in": "reading",
     "read": "reading",

@@ -6,26 +6,25 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import DataError, UsageError
-from ..loop import BoolArray, Finding, FloatArray
-from . import notes
-from .align import Aligned, resample
-from .codes import blank_codes
-from .grid import Frame, Step, fill, find_step, insert_missing, place_on_grid, split
-from .masks import frozen, manual, saturated, startup
-from .modes import fractions
-from .options import ReadOptions
-from .rows import CODE, RowBook
-from .shapes import Shaped
-from .spoilt import ladder, spoilt_findings
-from .table import Table
-from .texture import Signals
-from .units import OTHER, output_unit, to_percent
-from .window import cut_window, stamp_text
+from ..record.loop import Finding
+from ..typing import BoolArray, FloatArray, IntArray
+from .bytes.options import ReadOptions
+from .checks import notes
+from .checks.spoilt import ladder, spoilt_findings
+from .checks.texture import Signals
+from .grid.align import Aligned, resample
+from .grid.grid import Frame, Step, fill, find_step, insert_missing, place_on_grid, split
+from .grid.masks import frozen, manual, saturated, startup
+from .grid.window import cut_window, stamp_text
+from .series.shaped import Shaped
+from .table.rows import CODE, RowBook
+from .table.table import Table
+from .words.codes import blank_codes
+from .words.modes import fractions
+from .words.units import OTHER, output_unit, to_percent
 
-IntArray = NDArray[np.int64]
 MIN_SAMPLES = 4
 """Fewer samples are no record, whatever the method; what identification needs beyond that it says itself."""
 ON_CHANGE_SHARE = 0.3

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DataError
-from .arrow import floats, indices, integers
-from .assign import key_of
-from .options import ReadOptions
-from .roles import take_apart
-from .source import Source
-from .table import Table, table_from_arrow
+from .bytes.options import ReadOptions
+from .bytes.source import Source
+from .series.assign import key_of
+from .table.arrow import floats, indices, integers
+from .table.table import Table, table_from_arrow
+from .words.roles import take_apart
 
 RESULTS_MARK = "batch.json"
 """A folder that holds this file is what `batch` wrote, and no data."""

@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DataError, UsageError
-from .arrow import texts
-from .assign import key_of
+from .bytes.limits import limits_from
+from .bytes.options import ReadOptions
+from .bytes.source import Source, in_short, open_source
 from .dataset import groups_of, open_dataset, parquet_in, rows_of, selection
-from .limits import limits_from
-from .options import ReadOptions
-from .roles import take_apart
-from .source import Source, in_short, open_source
-from .table import Table, read_table, table_from_arrow
+from .series.assign import key_of
+from .table.arrow import texts
+from .table.formats import read_table
+from .table.table import Table, table_from_arrow
+from .words.roles import take_apart
 
 _TEXT = (".csv", ".tsv", ".txt", ".gz", ".zip")
 MAX_FILES = 20_000
@@ -34,7 +35,7 @@ def read_folder(folder: Path, options: ReadOptions) -> tuple[Source, Table]:
             f"the folder {folder} has {len(files)} exports", "give a file, or a folder with one file per tag"
         )
     files = _of_loop(files, options)
-    return _per_tag(folder, files, options)
+    return table_per_tag(folder, files, options)
 
 
 def tag_of(path: Path) -> str:
@@ -82,7 +83,7 @@ def _digest(files: list[Path]) -> str:
     return digest.hexdigest()
 
 
-def _per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Source, Table]:
+def table_per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Source, Table]:
     """One file per tag as a long table of tag, time and value."""
     import pyarrow as pa
 

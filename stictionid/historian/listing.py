@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from .assign import key_of
-from .options import ReadOptions
-from .roles import take_apart
-from .shapes import _kind, _long_columns, _loop_column, loop_names
-from .table import Table
+from .bytes.options import ReadOptions
+from .series.assign import key_of
+from .series.columns import kind_of, long_columns, loop_column, loop_names
+from .table.table import Table
+from .words.roles import take_apart
 
 
 def names_of(table: Table, options: ReadOptions) -> tuple[str, ...]:
     """Names of the loops in a table, in the order of their columns or rows; one loop without a name gives ()."""
     import pyarrow as pa
 
-    kinds = [_kind(table, i) for i in range(len(table.names))]
-    column = _loop_column(table, kinds)
+    kinds = [kind_of(table, i) for i in range(len(table.names))]
+    column = loop_column(table, kinds)
     if column >= 0:
         return tuple(loop_names(table, column))
-    tag, value = _long_columns(table, kinds)
+    tag, value = long_columns(table, kinds)
     names = list(table.names)
     if tag >= 0 and value >= 0:
         names = [str(w) for w in table.columns[tag].cast(pa.string()).unique().to_pylist() if w is not None]

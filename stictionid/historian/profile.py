@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DataError, UsageError
-from ..files import text_of, write_whole
-from .options import ReadOptions, typed
-from .roles import take_apart
+from ..system.files import text_of, write_whole
+from .bytes.options import ReadOptions, typed
+from .words.roles import take_apart
 
 _HEAD = "# stictionid site profile: how exports of this site are read; options on the command line come first\n"
 _FORMATS = (("Excel", "excel"), ("excel1904", "excel1904"), ("FILETIME", "filetime"), ("epoch", "epoch"))

@@ -9,19 +9,21 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError
-from ..loop import Finding, Loop, Origin
-from .align import Aligned, align
-from .arrow import booleans
+from ..record.loop import Finding, Loop, Origin
 from .assemble import Assembled, assemble
-from .cells import shown
-from .limits import limits_from
-from .notes import bad_findings
-from .options import ReadOptions
-from .rows import RowBook
+from .bytes.limits import limits_from
+from .bytes.options import ReadOptions
+from .bytes.source import Source, open_source
+from .checks.notes import bad_findings
+from .grid.align import Aligned, align
+from .series.shaped import Shaped
+from .series.shapes import shape_table
 from .settled import settled
-from .shapes import Shaped, shape_table
-from .source import Source, open_source
-from .table import Table, read_table
+from .table.arrow import booleans
+from .table.formats import read_table
+from .table.rows import RowBook
+from .table.table import Table
+from .words.cells import shown
 
 EXCEL_ROWS = (1_048_576, 65_536)
 """Rows of a sheet in Excel since 2007, and before."""
@@ -82,21 +84,21 @@ def read(file: Any, *, options: ReadOptions | None = None) -> Reading:
         if not source.sha256:
             source = replace(source, sha256=table.sha256)
         source = replace(source, data=b"")  # the columns are all that is needed now; large files need the room
-    return _read_table(source, table, options)
+    return reading_of(source, table, options)
 
 
 def read_frame(frame: Any, *, options: ReadOptions | None = None, name: str = "data frame") -> Reading:
     """The loop in a pandas data frame, read as a file with the same columns would be."""
     import pyarrow as pa
 
-    from .table import table_from_arrow
+    from .table.table import table_from_arrow
 
     named = any(n is not None for n in frame.index.names)
     table = table_from_arrow(pa.Table.from_pandas(frame, preserve_index=named), name)
-    return _read_table(Source(name, "parquet", b"", ""), table, settled(options))
+    return reading_of(Source(name, "parquet", b"", ""), table, settled(options))
 
 
-def _read_table(source: Source, table: Table, options: ReadOptions) -> Reading:
+def reading_of(source: Source, table: Table, options: ReadOptions) -> Reading:
     dropped = {
         reason: sum(r == reason for _, r, _ in table.dropped)
         for reason in ("repeated header", "footer", "damaged", "blank")

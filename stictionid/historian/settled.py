@@ -5,15 +5,15 @@ from __future__ import annotations
 import codecs
 
 from ..errors import UsageError
-from .cells import shown
-from .limits import limits_from
-from .modes import check_map
-from .options import ReadOptions
-from .quality import KINDS
-from .stamps import FORMATS
-from .units import check_span
-from .window import check_bound
-from .zones import check_zone
+from .bytes.limits import limits_from
+from .bytes.options import ReadOptions
+from .grid.window import check_bound
+from .time.stamps import FORMATS
+from .time.zones import check_zone
+from .words.cells import shown
+from .words.modes import check_map
+from .words.quality import KINDS
+from .words.units import check_span
 
 MIN_STEP_S, MAX_STEP_S = 1e-6, 1e7
 """Sampling times that can be said, seconds: a microsecond to 116 days."""

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels import LANES, LINE, kernel
-from ..loop import FloatArray
+from ..numerics.jit import LANES, LINE, kernel
+from ..typing import FloatArray
 from .contract import (
     CROSSES,
     FD_DOWN,

@@ -21,22 +21,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels import LANES, LINE, kernel
-from ..loop import FloatArray
-from .contract import (
-    FD_DOWN,
-    FD_DRIFT,
-    FD_UP,
-    FS_DOWN,
-    FS_DRIFT,
-    FS_UP,
-    LOWER,
-    OVERSHOOT,
-    RESTICK,
-    TIE,
-    UPPER,
-    Law,
-)
+from ..numerics.jit import LANES, LINE, kernel
+from ..typing import FloatArray
+from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, OVERSHOOT, RESTICK, TIE, UPPER, Law
 
 # State rows: stem position, 1 while moving, xss, I, last command and last change of command.
 _POSITION, _MOVING, _TURN, _RESTED, _COMMAND, _CHANGE = range(6)

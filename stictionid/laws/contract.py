@@ -22,9 +22,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import ModelError
-from ..kernels import kernel, output
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.jit import kernel, output
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 
 # Rows of the friction table. Forces are in % of travel: f_s breaks away, f_d slides (paper Eq. 1).
 FS_UP, FS_DOWN, FD_UP, FD_DOWN = 0, 1, 2, 3  # per direction of travel, %

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels import LANES, LINE, kernel
-from ..loop import FloatArray
+from ..numerics.jit import LANES, LINE, kernel
+from ..typing import FloatArray
 from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, OVERSHOOT, TIE, UPPER, Law
 
 # Rows of the working table: nine constants and the position, which is the only state.

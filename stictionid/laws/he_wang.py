@@ -20,8 +20,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from ..errors import ModelError
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import OVERSHOOT
 from .he import LAW as HE
 

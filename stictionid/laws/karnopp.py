@@ -24,21 +24,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..kernels import kernel
-from ..loop import FloatArray
+from ..numerics.jit import kernel
+from ..typing import FloatArray
 from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, TIE, UPPER, Law
-from .physical import (
-    DAMPING,
-    HELD,
-    INERTIA,
-    PART,
-    PARTS,
-    STEM,
-    STEM_DEFAULTS,
-    STRIBECK_SPEED,
-    check_forces,
-    stem_rows,
-)
+from .physical import DAMPING, HELD, INERTIA, PART, PARTS, STEM, STEM_DEFAULTS, STRIBECK_SPEED, check_forces, stem_rows
 
 # State rows: stem position, 1 while sliding, speed in %/s, last command.
 _POSITION, _MOVING, _SPEED, _COMMAND = range(4)

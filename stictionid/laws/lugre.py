@@ -28,9 +28,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..errors import ModelError
-from ..kernels import kernel
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.jit import kernel
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, UPPER, Law
 from .physical import (
     DAMPING,

@@ -24,8 +24,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..errors import ModelError
-from ..loop import FloatArray
-from ..parameters import Parameter
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
 from .contract import ROWS, check_stiction
 
 MASS = Parameter("mass", "kg", 1e-3, 1e3, 1.36, "stem, plug and diaphragm plate")

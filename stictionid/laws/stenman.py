@@ -15,22 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels import LANES, LINE, kernel
-from ..loop import FloatArray
-from .contract import (
-    FD_DOWN,
-    FD_DRIFT,
-    FD_UP,
-    FS_DOWN,
-    FS_DRIFT,
-    FS_UP,
-    LOWER,
-    OVERSHOOT,
-    TIE,
-    UPPER,
-    Law,
-    check_size,
-)
+from ..numerics.jit import LANES, LINE, kernel
+from ..typing import FloatArray
+from .contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, OVERSHOOT, TIE, UPPER, Law, check_size
 
 # Rows of the working table: six constants and the position, which is the only state.
 _WORK = 7

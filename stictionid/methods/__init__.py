@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..rooms import room
+from ..system.registry import room
 from .contract import Method
 
 DEFAULT = "auto"

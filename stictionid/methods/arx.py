@@ -16,15 +16,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arx import Arx, continuous
-from ..fit import finish
-from ..loop import FloatArray
-from ..model import J_OVER_S, S_OVER_S_MAX, Model
-from ..search import swarm
-from ..spec import INTEGRATOR, Spec
-from ..starts import with_process
+from ..fit.arx_cost import Arx, continuous
+from ..fit.context import Run
+from ..fit.fit import finish
+from ..fit.starts.basins import with_process
+from ..model.model import Model
+from ..model.response import J_OVER_S, S_OVER_S_MAX
+from ..model.spec import INTEGRATOR, Spec
+from ..numerics.population import swarm
+from ..typing import FloatArray
 from .contract import Method, Outcome, Process
-from .run import Run
 
 
 def _run(run: Run) -> Outcome:

@@ -14,23 +14,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..addition import added
 from ..effects import noises_in
 from ..errors import CannotTell
-from ..fit import Fitted, reaching
-from ..gates import SAMPLES_PER_PERIOD
-from ..intervals import outline, region
-from ..loop import Finding
-from ..oscillation import count_reversals
-from ..refit import RESTING
-from ..spec import FIRST_ORDER, Spec
-from ..unheld import SUBSTEPS, moved_after_all
-from ..whitened import whitened
-from .added_steps import leave_out, try_load, try_resting, try_step, try_stop
+from ..fit.add_effect import added
+from ..fit.context import WALK, Run, parameters
+from ..fit.fit import Fitted, reaching
+from ..fit.intervals.assemble import outline, region
+from ..fit.noise.prewhitening import whitened
+from ..fit.starts.beside_effect import RESTING
+from ..fit.starts.intersample import SUBSTEPS, moved_after_all
+from ..model.spec import FIRST_ORDER, Spec
+from ..record.loop import Finding
+from ..record.oscillation import count_reversals
+from ..record.preconditions import SAMPLES_PER_PERIOD
+from ..selection.added_steps import leave_out, try_load, try_resting, try_step, try_stop
+from ..selection.noise_steps import ask_noise, try_noise, try_walk_alone
+from ..selection.structure import LAG, check_scans, choose, first_look
 from .contract import Method, Outcome
-from .noise_steps import ask_noise, try_noise, try_walk_alone
-from .run import WALK, Run, parameters
-from .structure import LAG, check_scans, choose, first_look
 
 # A free-run error beyond this share of the scatter of y explains nothing, unless an integrator leaves less than the
 # other share of the variance of the changes: 3 to 17 % with a hidden effect. Unit: 1.

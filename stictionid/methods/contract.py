@@ -1,22 +1,20 @@
 """What an identification method must bring, so that one new file is all it takes.
 
 A method is one file in this folder with a constant `METHOD`. Its `run(run)` gets everything an identification shares
-(record, oscillation, options, random generator, progress; see run.py) and returns an `Outcome`: the steps of the
-study with the fits behind them. The verdict, the comparison with a measured position, the cost map and the study
+(record, oscillation, options, random generator, progress; see fit/context.py) and returns an `Outcome`: the steps of
+the study with the fits behind them. The verdict, the comparison with a measured position, the cost map and the study
 around it are made by `identify` for every method alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from dataclasses import dataclass
 
-from ..fit import Fitted
-from ..results import Step, Verdict
-
-if TYPE_CHECKING:
-    from .run import Run
+from ..fit.context import Run
+from ..fit.fit import Fitted
+from ..fit.options import USUAL_ORDER
+from ..record.study import Step, Verdict
 
 # Options that a method may or may not have a use for, and how the command line spells them.
 SPELLING = {
@@ -54,16 +52,6 @@ class Outcome:
     gives_jump: bool = True
 
 
-def intervals_withheld(steps: Iterable[Step]) -> bool:
-    """Whether a finding of some step says that no intervals can be given (`no_intervals` in its evidence)."""
-    return any(finding.evidence.get("no_intervals") for step in steps for finding in step.findings)
-
-
-def without_intervals(steps: Iterable[Step]) -> tuple[Step, ...]:
-    """The steps with no interval of any number."""
-    return tuple(replace(step, parameters=tuple(replace(p, interval=None) for p in step.parameters)) for step in steps)
-
-
 @dataclass(frozen=True, slots=True)
 class Method:
     """One identification method: what it does, where it comes from, what it can't see, and which options apply.
@@ -82,6 +70,6 @@ class Method:
     run: Callable[[Run], Outcome]
     options: frozenset[str]
     law: str = "chen"
-    order: int = 2
+    order: int = USUAL_ORDER
     gives: tuple[str, ...] = ("S", "J")
     restarts: bool = False

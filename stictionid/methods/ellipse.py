@@ -7,18 +7,19 @@ with the interval 0 to S and a finding says so. A process that runs with this va
 Wrong in every loop that turns the plot by itself: the width mixes the valve with the phase of process and controller
 (an integrating process draws an ellipse without any stiction), so it is the apparent S of this loop and tuning.
 
-Source: Shoukat Choudhury, Jain and Shah 2008, after Choudhury, Shah, Thornhill and Shook 2006; ellipse in conic.py.
+Source: Shoukat Choudhury, Jain and Shah 2008, after Choudhury, Shah, Thornhill and Shook 2006; the ellipse is fitted
+in record/pv_op_ellipse.py.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from ..conic import pv_op_ellipse
 from ..errors import CannotTell
-from ..loop import Finding
+from ..fit.context import Run
+from ..record.loop import Finding
+from ..record.pv_op_ellipse import pv_op_ellipse
 from .contract import Method, Outcome
-from .run import Run
 
 _FEWEST_CYCLES = 3
 

@@ -18,15 +18,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arx import Arx
-from ..conic import pv_op_ellipse
 from ..errors import CannotTell
-from ..loop import FloatArray
-from ..model import S_OVER_S_MAX
-from ..search import Cost
-from ..spec import Spec
+from ..fit.arx_cost import Arx
+from ..fit.context import Run
+from ..model.response import S_OVER_S_MAX
+from ..model.spec import Spec
+from ..numerics.population import Cost
+from ..record.pv_op_ellipse import pv_op_ellipse
+from ..typing import FloatArray
 from .contract import Method, Outcome
-from .run import Run
 
 # First slip jumps tried, as shares of S; first and last mesh, as shares of S_max.
 _SHARES = np.linspace(0.1, 1.0, 10)

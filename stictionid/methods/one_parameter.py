@@ -17,14 +17,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..armax import Armax, Regression, armax
-from ..arx import Arx
 from ..errors import CannotTell
-from ..loop import FloatArray
-from ..model import Model
-from ..spec import Spec
+from ..fit.arx_cost import Arx
+from ..fit.context import Run
+from ..model.model import Model
+from ..model.spec import Spec
+from ..numerics.armax import Armax, Regression, armax
+from ..typing import FloatArray
 from .contract import Method, Outcome
-from .run import Run
 
 # Points of the first grid over d, how many of them get an ARMAX model, and points of the finer grid around the best.
 _GRID, _KEPT, _FINE = 400, 40, 21

@@ -16,16 +16,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..armax import Armax, Regression, armax
-from ..fit import one_run
-from ..loop import FloatArray
-from ..model import Model
-from ..process import Dynamics, free_run, transient
-from ..results import Verdict
-from ..search import refine
-from ..spec import Spec
+from ..fit.context import Run
+from ..fit.fit import one_run
+from ..model.model import Model
+from ..model.spec import Spec
+from ..numerics.armax import Armax, Regression, armax
+from ..numerics.population import refine
+from ..process.linear import Dynamics, free_run, transient
+from ..record.study import Verdict
+from ..typing import FloatArray
 from .contract import Method, Outcome
-from .run import Run
 
 # Degree k of Eq. 3; higher ones only follow the noise within one cycle's swing.
 DEGREE = 3

@@ -71,7 +71,7 @@ def good_loop() -> Pair:
     """Output and process value (ROWS,) of a sticking loop that reads well."""
     from dataclasses import replace
 
-    from stictionid.simulate import preset, simulate
+    from stictionid.model.closed_loop import preset, simulate
 
     loop = simulate(replace(preset("foptd"), S=4.0, J=2.0, noise_sd=0.02, duration_s=float(ROWS)), seed=3).loop
     return np.array(loop.output), np.array(loop.process_value)
@@ -81,9 +81,9 @@ def outcome_of(u: np.ndarray, y: np.ndarray, *, as_file: bool) -> str:
     """"refused", "abstained", or the verdict; AssertionError for a study that does not hold together."""
     from stictionid.errors import DataError
     from stictionid.historian import read_loop
-    from stictionid.identify import identify
-    from stictionid.loop import Loop
-    from stictionid.results import study_from_json, to_json
+    from stictionid.record.loop import Loop
+    from stictionid.record.study import study_from_json, to_json
+    from stictionid.verbs.identify import identify
 
     try:
         if as_file:

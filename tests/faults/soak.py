@@ -71,7 +71,7 @@ def handles() -> int:
 
 def templates() -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Setpoint, output and process value of a few loops, one in `1/_WHOLE` long enough for an estimate."""
-    from stictionid.simulate import preset, simulate
+    from stictionid.model.closed_loop import preset, simulate
 
     made = []
     rng = np.random.default_rng(1)
@@ -90,8 +90,8 @@ def soak(identifications: int, minutes: float, seed: int, *, tell: bool = False)
     """Identify until the number or the time is reached; every record is written, read, identified and made JSON."""
     from stictionid.errors import StictionidError
     from stictionid.historian import read_loop
-    from stictionid.identify import identify
-    from stictionid.results import study_from_json, to_json
+    from stictionid.record.study import study_from_json, to_json
+    from stictionid.verbs.identify import identify
 
     loops, rng, soaked = templates(), np.random.default_rng(seed), Soaked()
     end = time.monotonic() + 60 * minutes

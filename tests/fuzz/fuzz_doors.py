@@ -22,7 +22,7 @@ from fuzz_commands import GOLDEN, Broken, make_command, make_list, run_command, 
 from fuzz_commands import memory as _memory
 
 from stictionid.errors import StictionidError
-from stictionid.historian.options import ReadOptions
+from stictionid.historian.bytes.options import ReadOptions
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def _read(data: bytes) -> None:
 
 def _options(data: bytes) -> None:
     """Option values as the command line hands them over, on an export that reads well."""
-    from stictionid.cli._reading import _OPTIONS, collect
+    from stictionid.cli.common.reading import _OPTIONS, collect
     from stictionid.historian import read
 
     said = {name: default for name, _, default in _OPTIONS}
@@ -158,7 +158,7 @@ def _make_folder(rng: random.Random) -> bytes:
 
 def _study(data: bytes) -> None:
     from stictionid.errors import DataError
-    from stictionid.results import study_from_json, to_json
+    from stictionid.record.study import study_from_json, to_json
 
     try:
         text = data.decode("utf-8")

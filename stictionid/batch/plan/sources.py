@@ -1,0 +1,81 @@
+"""PATHs of the command line as files and folders to look into, and the files that are none of ours."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import UsageError
+from ...historian.dataset import RESULTS_MARK
+
+TEXT = (".csv", ".tsv", ".txt", ".gz", ".zip")
+PARQUET = (".parquet", ".pq")
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What the paths lead to: files named one by one, files found in folders, and foreign ones with their reason."""
+
+    named: tuple[Path, ...]
+    inside: dict[Path, tuple[Path, ...]]
+    skipped: tuple[tuple[Path, str], ...]
+
+
+def look(paths: Iterable[str], *, leave: Iterable[Path] = ()) -> Found:
+    """Files behind files, folders and patterns; `leave` are files and folders not looked at. UsageError if absent."""
+    left = {_real(p) for p in leave}
+    named: dict[Path, None] = {}
+    inside: dict[Path, tuple[Path, ...]] = {}
+    skipped: dict[Path, str] = {}
+    for path in paths:
+        for place in _places(path):
+            if _real(place) in left:
+                continue
+            if not place.is_dir():
+                named[place] = None
+                continue
+            files = []
+            for file in _walk(place, left):
+                if file.suffix.lower() in (*TEXT, *PARQUET):
+                    files.append(file)
+                else:
+                    skipped[file] = "neither text nor Parquet by its name"
+            inside[place] = tuple(files)
+    return Found(tuple(named), inside, tuple(skipped.items()))
+
+
+def _places(path: str) -> list[Path]:
+    place = Path(path)
+    if place.exists():
+        return [place]
+    found = sorted(glob.glob(path, recursive=True)) if glob.has_magic(path) else []
+    if not found:
+        raise UsageError(f"{path} does not exist" + (" (no file fits the pattern)" if glob.has_magic(path) else ""),
+                         "check the spelling; ls shows what is there")
+    return [Path(f) for f in found if not Path(f).name.startswith(".")]
+
+
+def _real(place: Path) -> Path:
+    """The file or folder behind links; of a link that leads to itself the link, which `Path.resolve` gives up on."""
+    return Path(os.path.realpath(place))
+
+
+def _walk(folder: Path, left: set[Path]) -> list[Path]:
+    """Files of a folder and its folders in order, without hidden ones, marks of writers (_SUCCESS) and results.
+
+    A link to a folder that it stands in is not followed round and round.
+    """
+    found: list[Path] = []
+    if (folder / RESULTS_MARK).is_file():
+        return found
+    for entry in sorted(folder.iterdir(), key=lambda p: p.name):
+        if entry.name.startswith((".", "_")) or _real(entry) in left:
+            continue
+        if entry.is_dir():
+            found += _walk(entry, left | {_real(folder)})
+        elif entry.is_file():
+            found.append(entry)
+    return found

@@ -1,0 +1,161 @@
+"""From paths to tasks: every loop that is there, once, with a name of its own."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ...errors import DataError, UsageError
+from ...historian.bytes.options import ReadOptions
+from ...historian.dataset import groups_of, open_dataset
+from ...historian.series.assign import key_of
+from ...historian.settled import settled
+from ...historian.words.roles import listing
+from ..command import command_for
+from ..task import Task, Work
+from .file_names import key_for
+from .loop_lists import Listed, read_list
+from .peeking import Peeked, from_dataset, peek
+from .sources import PARQUET, TEXT, Found, look
+
+# Endings of files that were meant as data: damaged, they are a loop that failed and not a foreign file.
+_MEANT = (".csv", ".tsv", *PARQUET)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What there is to do, in the order of the sources, and the files left out with their reason."""
+
+    tasks: tuple[Task, ...]
+    skipped: tuple[tuple[str, str], ...]
+
+
+def plan(paths: Iterable[str], work: Work, *, reading: ReadOptions | None = None, loops: Path | None = None) -> Plan:
+    """The tasks behind `paths`; with a loop list only its loops, else every loop that PV and OP are found of.
+
+    UsageError for absent paths and for two loops of one name; DataError where there is no loop at all.
+    """
+    reading = settled(reading)
+    listed = read_list(loops) if loops is not None else ()
+    found = look(paths, leave=[loops] if loops is not None else [])
+    peeked, skipped = _peek_all(found, reading)
+    tasks = [*_listed(listed, peeked, work, reading)] if listed else [*_found(peeked, work, reading)]
+    if reading.loop is not None:
+        wanted = [t for t in tasks if key_of(t.loop) == key_of(reading.loop)]
+        if not wanted and tasks:
+            raise UsageError(f"no loop {reading.loop!r}", f"loops found: {listing([t.loop for t in tasks])}")
+        tasks = wanted
+    used = {t.path for t in tasks} | {file for t in tasks for file in t.files}
+    skipped += [(str(p.path), p.damaged or p.foreign or "holds no loop of the list") for p in peeked
+                if _absolute(p.path) not in used]
+    if not tasks:
+        raise DataError("no loop was found" + (f" of {len(skipped)} files: {skipped[0][0]}: {skipped[0][1]}"
+                                               if skipped else " (no file)"),
+                        "name the columns with --sp --pv --op, or give a loop list with --loops")
+    _refuse_twins(tasks)
+    return Plan(tuple(tasks), tuple(sorted(set(skipped))))
+
+
+def _absolute(path: Path) -> str:
+    return os.path.abspath(path)
+
+
+def _peek_all(found: Found, reading: ReadOptions) -> tuple[list[Peeked], list[tuple[str, str]]]:
+    """What every file or dataset holds, and the files that can't hold a loop."""
+    peeked: list[Peeked] = []
+    skipped = [(str(p), why) for p, why in found.skipped]
+    for folder, files in found.inside.items():
+        parquet = [f for f in files if f.suffix.lower() in PARQUET]
+        if parquet:
+            opened = _opened(folder, reading)
+            if opened is not None:
+                peeked.append(opened)
+                files = tuple(f for f in files if f not in set(parquet))
+        peeked += [peek(f, reading) for f in files]
+    for file in found.named:
+        if file.suffix.lower() in (*TEXT, *PARQUET):
+            peeked.append(peek(file, reading))
+        else:
+            skipped.append((str(file), "neither text nor Parquet by its name"))
+    return peeked, skipped
+
+
+def _opened(folder: Path, reading: ReadOptions) -> Peeked | None:
+    """A folder's Parquet files as one dataset whose rows hold many loops; None where each file is on its own."""
+    try:
+        opened = open_dataset(folder)
+    except DataError:
+        return None
+    return from_dataset(opened, reading) if opened.many else None
+
+
+def _found(peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[Task]:
+    """Tasks of every loop that the sources hold by themselves."""
+    single: dict[Path, dict[str, str]] = {}
+    for p in peeked:
+        path = _absolute(p.path)
+        if p.damaged:
+            if p.path.suffix.lower() in _MEANT:
+                yield _task(p.path.name.split(".")[0], "file", path, work, reading, problem=p.damaged)
+            continue
+        if p.tag:
+            single.setdefault(p.path.parent, {})[p.tag] = path
+        for name, select in p.loops.items():
+            # Tags said by hand name their loop already.
+            many = (len(p.loops) > 1 or p.kind == "dataset") and not (reading.pv and reading.op)
+            yield _task(name or p.path.name.split(".")[0], p.kind, path, work,
+                        replace(reading, loop=name) if many else replace(reading, loop=None), select=select)
+    for folder, tags in single.items():
+        for name, mine in groups_of(tags).items():
+            yield _task(name, "tags", _absolute(folder), work, replace(reading, loop=name), select=mine,
+                        files=tuple(sorted(tags[t] for t in mine)))
+
+
+def _listed(listed: tuple[Listed, ...], peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[Task]:
+    """Tasks of the loops of a list; one whose tags are absent is a task that fails with the reason."""
+    places: dict[str, list[Peeked]] = {}
+    for p in peeked:
+        for name in (*p.names, *([p.tag] if p.tag else [])):
+            places.setdefault(name, []).append(p)
+    some = False
+    for entry in listed:
+        own = replace(reading, sp=entry.sp or None, pv=entry.pv, op=entry.op, position=entry.position or None,
+                      span_pv=entry.span_pv or reading.span_pv, span_op=entry.span_op or reading.span_op, loop=None)
+        absent = [t for t in entry.tags if t not in places]
+        if absent:
+            near = difflib.get_close_matches(absent[0], places, 1)
+            problem = (f"the loop list names the tag {absent[0]!r}, which is in none of the {len(peeked)} sources"
+                       + (f"; nearest: {near[0]!r}" if near else ""))
+            yield _task(entry.loop, "file", "", work, own, problem=problem)
+            continue
+        some = True
+        homes = [p for p in places[entry.pv] if set(entry.tags) <= set(p.names)]
+        if homes:
+            kind = homes[0].kind if homes[0].kind == "dataset" else "wide"
+            yield _task(entry.loop, kind, _absolute(homes[0].path), work, own, select=entry.tags)
+        else:
+            files = tuple(sorted({_absolute(places[t][0].path) for t in entry.tags}))
+            yield _task(entry.loop, "tags", os.path.commonpath([os.path.dirname(f) for f in files]), work, own,
+                        select=entry.tags, files=files)
+    if not some:
+        raise UsageError(f"none of the {len(listed)} loops of the list is in the data, the first: {listed[0].pv!r}",
+                         "check the tags of the list against stictionid read")
+
+
+def _task(loop: str, kind: str, path: str, work: Work, reading: ReadOptions, *, select: tuple[str, ...] = (),
+          files: tuple[str, ...] = (), problem: str = "") -> Task:
+    return Task(loop, kind, path, reading, key_for(loop), command_for(path, work, reading), select, files, problem)
+
+
+def _refuse_twins(tasks: list[Task]) -> None:
+    seen: dict[str, Task] = {}
+    for task in tasks:
+        other = seen.setdefault(task.loop, task)
+        if other is not task:
+            raise UsageError(f"two loops are called {task.loop!r}: one in {other.path}, one in {task.path}",
+                             "give one of the two, or run them with an -o folder each")
+
+

@@ -1,0 +1,1 @@
+"""Summary of a batch: one row per loop, ranked, as table and page."""

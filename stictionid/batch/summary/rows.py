@@ -1,0 +1,147 @@
+"""The summary: one row per loop, made from the studies and failure records on disk and from nothing else."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from typing import Any
+
+from ...system.csv_safety import harmless
+from ..task import ABSTAINED, FAILED, OK
+from ..work.store import Store, status_of
+from .rank import rank_key
+
+# Columns in order, with whether they hold numbers.
+COLUMNS = {
+    "rank": True, "loop": False, "file": False, "status": False, "message": False, "verdict": False,
+    "confidence": True, "S": True, "S_low": True, "S_high": True, "J": True, "J_low": True, "J_high": True,
+    "unit": False, "period_s": True, "s_max": True, "oscillating": False, "missing": False, "rmse_before": True,
+    "rmse_after": True, "noise_sd": True, "adequate": False, "friction_share": True, "study": False,
+}
+_SHOWN = ("rank", "loop", "status", "verdict", "S", "J", "period_s", "missing", "rmse_before", "rmse_after", "message")
+_DIGITS = 4
+_LONGEST_MESSAGE = 160
+
+Row = dict[str, Any]
+
+
+def rows_of(store: Store) -> list[Row]:
+    """All rows, worst loop first; the same rows for the same files."""
+    rows = [_failed(key, content) if failure else _done(key, content) for key, content, failure in store.records()]
+    rows.sort(key=rank_key)
+    return [{**row, "rank": i} for i, row in enumerate(rows, 1)]
+
+
+def counts_of(rows: list[Row]) -> dict[str, int]:
+    """How many loops have each status."""
+    return {status: sum(row["status"] == status for row in rows) for status in (OK, ABSTAINED, FAILED)}
+
+
+def _row(**values: Any) -> Row:
+    return {**dict.fromkeys(COLUMNS), **values}
+
+
+def _failed(key: str, record: dict[str, Any]) -> Row:
+    return _row(loop=str(record.get("loop") or key), file=record.get("file") or None, status=FAILED,
+                message=str(record.get("message") or ""), study=f"failures/{key}.json")
+
+
+def _done(key: str, study: dict[str, Any]) -> Row:
+    """A study's row; every part of it may be absent."""
+    verdict, estimate = study.get("verdict") or {}, study.get("estimate") or {}
+    data, found, steps = study.get("data") or {}, study.get("range") or {}, study.get("steps") or []
+    evidence = verdict.get("evidence") or {}
+    status = status_of(study)
+    S, J = estimate.get("S_interval") or (None, None), estimate.get("J_interval") or (None, None)
+    errors = [step.get("error") or {} for step in steps] or [{}]
+    return _row(
+        loop=str(data.get("name") or key), file=data.get("file"), status=status,
+        message=str(verdict.get("reason") or "") if status == ABSTAINED else "", verdict=verdict.get("stiction"),
+        confidence=verdict.get("confidence"), S=estimate.get("S"), S_low=S[0], S_high=S[1], J=estimate.get("J"),
+        J_low=J[0], J_high=J[1], unit=estimate.get("unit"), period_s=found.get("period_s"), s_max=found.get("s_max"),
+        oscillating=_yes(found.get("oscillating")), missing="; ".join(study.get("missing") or ()),
+        rmse_before=errors[0].get("rmse"), rmse_after=errors[-1].get("rmse"), noise_sd=errors[-1].get("noise_sd"),
+        adequate=_yes(study.get("adequate")), friction_share=_share(study, evidence),
+        study=f"studies/{key}.json")
+
+
+def _yes(value: Any) -> str | None:
+    return None if value is None else "yes" if value else "no"
+
+
+def as_csv(rows: list[Row]) -> str:
+    """CSV at full precision; text that a spreadsheet would run is neutralised, an absent value is an empty cell."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        writer.writerow(["" if row[n] is None else repr(row[n]) if number else harmless(str(row[n]))
+                         for n, number in COLUMNS.items()])
+    return _utf8(text.getvalue())
+
+
+def as_parquet(rows: list[Row]) -> bytes:
+    """Parquet with text as it is and numbers as float64 (rank int64)."""
+    import pyarrow as pa
+    import pyarrow.json as pj
+    import pyarrow.parquet as pq
+
+    kinds = {n: pa.int64() if n == "rank" else pa.float64() if number else pa.string()
+             for n, number in COLUMNS.items()}
+    schema = pa.schema(list(kinds.items()))
+    if rows:
+        # By way of JSON: arrays made from Python lists load pandas, which costs most of a second.
+        lines = "".join(json.dumps({n: _utf8(v) if isinstance(v, str) else v for n, v in row.items()},
+                                   ensure_ascii=False) + "\n" for row in rows).encode()
+        table = pj.read_json(pa.BufferReader(lines), pj.ReadOptions(use_threads=False, block_size=len(lines) + 1),
+                             pj.ParseOptions(explicit_schema=schema))
+    else:
+        table = schema.empty_table()
+    sink = io.BytesIO()
+    pq.write_table(table, sink)
+    return sink.getvalue()
+
+
+def as_markdown(rows: list[Row]) -> str:
+    """Counts and a table, worst first."""
+    from ...reports.pages.markdown import escape
+
+    counts = counts_of(rows)
+    sticks = sum(row["verdict"] == "stiction" for row in rows)
+    lines = ["# Batch summary", "",
+             f"{len(rows)} loops: {counts[OK]} studied, {counts[ABSTAINED]} abstained, {counts[FAILED]} failed; "
+             f"{sticks} stick. Worst first; `summary.csv` and `summary.parquet` hold all columns.", "",
+             "| " + " | ".join(_SHOWN) + " |",
+             "|" + "|".join("---:" if COLUMNS[n] else "---" for n in _SHOWN) + "|"]
+    lines += ["| " + " | ".join(_cell(row, n, escape) for n in _SHOWN) + " |" for row in rows]
+    return _utf8("\n".join(lines) + "\n")
+
+
+def shown(row: Row, name: str) -> str:
+    """A value for people: numbers at four digits, a long message cut."""
+    value = row[name]
+    if value is None:
+        return ""
+    if COLUMNS[name]:
+        return f"{value:.{_DIGITS}g}" if name != "rank" else str(value)
+    text = " ".join(str(value).split())
+    return text if len(text) <= _LONGEST_MESSAGE else text[:_LONGEST_MESSAGE - 1] + "…"
+
+
+def _cell(row: Row, name: str, escape: Any) -> str:
+    return escape(shown(row, name)) if not COLUMNS[name] else shown(row, name)
+
+
+def _utf8(text: str) -> str:
+    """Text without halves of surrogate pairs, which UTF-8 can't hold."""
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+__all__ = ["COLUMNS", "Row", "as_csv", "as_markdown", "as_parquet", "counts_of", "rows_of", "shown"]
+
+
+def _share(study: dict[str, Any], evidence: dict[str, Any]) -> float | None:
+    """Share of PV's variance that the valve causes: of the loop run again without friction, else of the fit."""
+    again = (study.get("severity") or {}).get("share_of_pv_variance")
+    return again if again is not None else evidence.get("share_of_pv_variance")

@@ -1,0 +1,1 @@
+"""Work of a batch: executors, workers, the store of results."""

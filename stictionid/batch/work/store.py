@@ -1,0 +1,195 @@
+"""The output folder: a study or a failure record per loop, each whole or absent, and nothing else that counts.
+
+    batch.json            what wrote the folder: schema and version
+    studies/NAME.json     one study per loop
+    failures/NAME.json    why a loop has none (its older study, if any, stays but does not count)
+    timing.csv            seconds per loop, one line added as each is done
+    summary.*             made from the above, removed while a batch runs
+
+A failure record goes before the new study comes, so a process that dies in between leaves a loop to do again and
+never two answers.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ..._version import __version__
+from ...errors import DataError, UsageError
+from ...historian.dataset import RESULTS_MARK
+from ...system.csv_safety import harmless
+from ...system.files import unwritable, write_whole
+from ..task import ABSTAINED, FAILED, OK, Outcome, Task
+
+SCHEMA = "stictionid.batch/1"
+FAILURE_SCHEMA = "stictionid.failure/1"
+SUMMARIES = ("summary.csv", "summary.parquet", "summary.md", "summary.html")
+_TIMES = ("read", "screen", "identify", "diagnose", "page", "total")
+
+
+class Store:
+    """The folder of one batch. `begin` claims it, `keep` adds one outcome, `close` lets it go."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.studies, self.failures, self.pages = folder / "studies", folder / "failures", folder / "pages"
+        self._lock: Any = None
+
+    def check(self, *, force: bool = False) -> None:
+        """Refuse a folder that is none of ours, of another version, or newer, before anything is touched.
+
+        UsageError for a file, a foreign folder or another version (`force` lets both be), DataError for a newer schema.
+        """
+        if not self.folder.exists():
+            parent = next(p for p in self.folder.absolute().parents if p.exists())
+            if not parent.is_dir():
+                raise UsageError(f"{parent} is a file, so {self.folder} can't be made", "choose another -o")
+            return
+        if not self.folder.is_dir():
+            raise UsageError(f"{self.folder} is a file", "give a folder after -o")
+        mark = self.folder / RESULTS_MARK
+        if not mark.exists():
+            if any(self.folder.iterdir()) and not force:
+                raise UsageError(f"{self.folder} holds files that batch did not write",
+                                 "choose a new folder with -o, or add --force to write among them")
+            return
+        self._check_mark(mark, force)
+
+    def _check_mark(self, mark: Path, force: bool) -> None:
+        try:
+            said = json.loads(mark.read_text(encoding="utf-8"))
+            schema, made = str(said["schema"]), str(said["version"])
+        except (OSError, ValueError, KeyError, TypeError):
+            if force:
+                return
+            raise UsageError(f"{mark} is damaged, so {self.folder} can't be told from another program's folder",
+                             "choose another -o, or add --force") from None
+        if schema.rpartition("/")[0] == SCHEMA.rpartition("/")[0] and schema.rpartition("/")[2].isdigit() \
+                and int(schema.rpartition("/")[2]) > int(SCHEMA.rpartition("/")[2]):
+            raise DataError(f"{self.folder} has schema {schema}, newer than {SCHEMA} that this version writes",
+                            "update stictionid, or choose another -o")
+        if made != __version__ and not force:
+            raise UsageError(f"{self.folder} was written by stictionid {made}, this is {__version__}: their studies "
+                             "can't stand in one summary",
+                             "choose another -o, or add --force to leave the old ones out and do their loops again")
+
+    def begin(self) -> None:
+        """Make the folder, claim it and take the summary away until it can be true again. UsageError if it can't."""
+        try:
+            self.studies.mkdir(parents=True, exist_ok=True)
+            self.failures.mkdir(exist_ok=True)
+        except OSError as error:
+            raise unwritable(self.folder, error) from None
+        mark = self.folder / RESULTS_MARK
+        text = json.dumps({"schema": SCHEMA, "version": __version__}) + "\n"
+        if not mark.exists() or mark.read_bytes() != text.encode():
+            write_whole(mark, text, force=True)
+        self._claim(mark)
+        if self._lock is not None:
+            # Nobody else writes here now: what is half is what a killed batch left.
+            for place in (self.folder, self.studies, self.failures, self.pages):
+                for part in place.glob(".*.part"):
+                    part.unlink(missing_ok=True)
+        for name in SUMMARIES:
+            (self.folder / name).unlink(missing_ok=True)
+
+    def _claim(self, mark: Path) -> None:
+        try:
+            import fcntl
+        except ImportError:
+            return  # no such locks on this system; two batches in one folder then overwrite each other's summary
+        self._lock = open(mark, "rb")  # noqa: SIM115  (held until close)
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.close()
+            raise UsageError(f"another batch is writing to {self.folder}", "wait for it, or choose another -o") \
+                from None
+        except OSError:
+            self.close()  # a file system without locks
+
+    def close(self) -> None:
+        """Let the folder go."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def standing(self, task: Task, *, pages: bool = False) -> tuple[str | None, str]:
+        """SHA-256 of the data behind the task's study, if this version made it with the task's options; its status.
+
+        With `pages` a study without its page does not stand.
+        """
+        study = self._load(self.studies / f"{task.key}.json")
+        if pages and not (self.pages / f"{task.key}.html").exists():
+            return None, OK
+        if study is None or (self.failures / f"{task.key}.json").exists():
+            return None, OK
+        data, status = study.get("data") or {}, status_of(study)
+        same = ((study.get("created_by") or {}).get("version"), study.get("command"), data.get("name"))
+        return (data.get("sha256"), status) if same == (__version__, task.command, task.loop) else (None, OK)
+
+    def keep(self, task: Task, out: Outcome) -> None:
+        """Write what came of a task. UsageError where there is no room or no permission."""
+        failure = self.failures / f"{task.key}.json"
+        if out.kept:
+            return
+        if out.status == FAILED:
+            record = {"schema": FAILURE_SCHEMA, "version": __version__, "loop": task.loop, "file": task.path,
+                      "message": out.message, "command": task.command, "detail": out.detail}
+            write_whole(failure, json.dumps(record, indent=1) + "\n", force=True)
+        else:
+            failure.unlink(missing_ok=True)
+            # The page first: a study on disk then has its page, whatever stops the batch.
+            page = self.pages / f"{task.key}.html"
+            if out.page is not None:
+                self.pages.mkdir(exist_ok=True)
+                write_whole(page, out.page, force=True)
+            else:
+                page.unlink(missing_ok=True)
+            write_whole(self.studies / f"{task.key}.json", out.text or "", force=True)
+        self._time(task, out)
+
+    def _time(self, task: Task, out: Outcome) -> None:
+        path = self.folder / "timing.csv"
+        text = io.StringIO()
+        rows = csv.writer(text, lineterminator="\n")
+        try:
+            if not path.exists() or path.stat().st_size == 0:
+                rows.writerow(("loop", "status", *(f"{name}_s" for name in _TIMES), "worker"))
+            rows.writerow((harmless(task.loop), out.status,
+                           *(f"{out.seconds[n]:.4f}" if n in out.seconds else "" for n in _TIMES), out.worker))
+            with open(path, "a", encoding="utf-8", newline="") as file:
+                file.write(text.getvalue())
+        except OSError as error:
+            raise unwritable(path, error) from None
+
+    def records(self) -> Iterator[tuple[str, dict[str, Any], bool]]:
+        """Key, content and whether it is a failure, of every loop that this version has an answer for, by key."""
+        failed = {p.stem for p in self.failures.glob("*.json")}
+        for key in sorted(failed | {p.stem for p in self.studies.glob("*.json")}):
+            failure = key in failed
+            content = self._load((self.failures if failure else self.studies) / f"{key}.json")
+            if content is None:
+                continue
+            made = content.get("version") if failure else (content.get("created_by") or {}).get("version")
+            if made == __version__:
+                yield key, content, failure
+
+    @staticmethod
+    def _load(path: Path) -> dict[str, Any] | None:
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return None
+        return content if isinstance(content, dict) else None
+
+
+def status_of(study: dict[str, Any]) -> str:
+    """Abstained where a study's verdict carries the code of a gate, else ok."""
+    evidence = (study.get("verdict") or {}).get("evidence") or {}
+    return ABSTAINED if not study.get("estimate") and "code" in evidence else OK

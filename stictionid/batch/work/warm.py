@@ -1,0 +1,87 @@
+"""One compiles, the others wait: keeps workers that start on an empty kernel cache from all compiling at once.
+
+The first worker of a machine holds a lock in the cache's folder while it does its first loop; then a mark tells that
+the cache is warm for this program, and later workers do not even look at the lock. Where no folder can be written
+there is no cache to share, and no lock either.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_done: set[str] = set()
+
+
+@contextmanager
+def first_turn(level: str) -> Iterator[bool]:
+    """For the time of a worker's first loop; gives True where it is the one that fills the cache."""
+    folder = None if level in _done else cache_folder()
+    _done.add(level)
+    if folder is None:
+        yield False
+        return
+    mark = folder / f".stictionid-warm-{_fingerprint(level)}"
+    lock = None if mark.exists() else _locked(folder / ".stictionid-warm.lock")
+    if lock is None:
+        yield False
+        return
+    try:
+        mine = not mark.exists()
+        if not mine:
+            _unlock(lock)
+            lock = None
+        yield mine
+        if mine:
+            mark.touch()
+    finally:
+        if lock is not None:
+            _unlock(lock)
+
+
+def cache_folder() -> Path | None:
+    """Where numba keeps the kernels' machine code; None where it has no place for it."""
+    from ...numerics.cross_products import products_kernel
+
+    path = getattr(getattr(products_kernel, "stats", None), "cache_path", None)
+    if not path:
+        return None
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return Path(path) if os.access(path, os.W_OK) else None
+
+
+def _fingerprint(level: str) -> str:
+    """Changes whenever the machine code might: the source files, numba, Python, the processor's kind."""
+    import numba
+
+    package = Path(__file__).resolve().parent.parent
+    newest = max(p.stat().st_mtime_ns for p in package.rglob("*.py"))
+    said = f"{level} {newest} {numba.__version__} {platform.python_version()} {platform.processor()} {package}"
+    return hashlib.sha256(said.encode()).hexdigest()[:16]
+
+
+def _locked(path: Path) -> int | None:
+    """The lock, once it is ours; None where it can't be had (no such thing here, or a file system without locks)."""
+    try:
+        import fcntl
+
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    except (ImportError, OSError):
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def _unlock(handle: int) -> None:
+    os.close(handle)

@@ -1,0 +1,202 @@
+"""What a worker does with one task: read, look whether it is done already, study, hand back. It writes nothing.
+
+Everything a loop can do wrong ends in its outcome; only the death of the process does not.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+import traceback
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..._version import __version__
+from ...errors import DataError, StictionidError
+from ..task import ABSTAINED, FAILED, OK, Outcome, Task, Work
+
+if TYPE_CHECKING:
+    from ...historian.dataset import Opened
+    from ...historian.table.table import Table
+    from ...record.loop import Loop
+    from ...record.study import Study
+
+# Work that may start threads of its own, and must not: every worker has one core.
+SINGLE_THREADED = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
+                   "VECLIB_MAXIMUM_THREADS")
+_DETAIL = 4000
+
+# What a worker keeps from one loop to the next: the last table with several loops, dataset, fingerprint. A cluster's
+# worker may have threads: two of them may do the work twice, and never see half of it.
+_table: dict[str, tuple[Any, Table]] = {}
+_opened: dict[str, Opened] = {}
+_known: dict[str, tuple[tuple[int, int], str]] = {}
+
+
+def attempt(task: Task, work: Work) -> Outcome:
+    """The outcome of one task; never raises an Exception."""
+    times: dict[str, float] = {}
+    me = f"{socket.gethostname()}:{os.getpid()}"
+    begun = time.perf_counter()
+    detail = ""
+    try:
+        _one_thread()
+        out = _study(task, work, times)
+        out = replace(out, worker=me)
+    except StictionidError as error:
+        out = Outcome(task.key, FAILED, None, error.message + (f"; {error.hint}" if error.hint else ""), worker=me)
+    except MemoryError:
+        out = Outcome(task.key, FAILED, None, "not enough memory for this record; cut it with --start and --end",
+                      worker=me)
+    except Exception as error:
+        detail = "".join(traceback.format_exception(error))[-_DETAIL:]
+        out = Outcome(task.key, FAILED, None, f"a defect in the program: {type(error).__name__}: {error}", worker=me)
+    times["total"] = time.perf_counter() - begun
+    return replace(out, seconds=times, detail=detail, version=__version__)
+
+
+def version() -> str:
+    """The version of the program that a worker runs."""
+    return __version__
+
+
+def _one_thread() -> None:
+    import pyarrow as pa
+
+    if pa.cpu_count() != 1:
+        pa.set_cpu_count(1)
+        pa.set_io_thread_count(1)
+
+
+def _study(task: Task, work: Work, times: dict[str, float]) -> Outcome:
+    from ...record.study import to_json
+
+    clock = time.perf_counter
+    start = clock()
+    if task.problem:
+        raise DataError(task.problem)
+    sha256 = _fingerprint(task)
+    if sha256 is not None and sha256 == task.have:
+        return Outcome(task.key, task.had, kept=True)
+    reading = _read(task, sha256)
+    if reading is None:
+        return Outcome(task.key, task.had, kept=True)
+    loop = replace(reading.loop, name=task.loop)
+    times["read"] = clock() - start
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        study = _done(loop, replace(work, options=replace(work.options, command=task.command)), times)
+    status = ABSTAINED if study.estimate is None and "code" in study.verdict.evidence else OK
+    # A path may hold bytes that are no UTF-8; the study must be a file all the same.
+    text = to_json(study).encode("utf-8", "replace").decode("utf-8")
+    page = _page(loop, study, times) if work.pages else None
+    return Outcome(task.key, status, text, study.verdict.reason if status == ABSTAINED else "", page=page)
+
+
+def _page(loop: Loop, study: Study, times: dict[str, float]) -> str:
+    """The loop's report as one HTML page."""
+    from ...reports.pages.html import html
+    from ...reports.pictures.curves import Case, curves
+    from ...reports.pictures.study_pictures import pictures
+
+    start = time.perf_counter()
+    case = Case(study, loop, tuple(curves(study, loop)))
+    page = html([case], [pictures(case)])
+    times["page"] = time.perf_counter() - start
+    return page
+
+
+def _done(loop: Loop, work: Work, times: dict[str, float]) -> Study:
+    from .warm import first_turn
+
+    clock, start = time.perf_counter, time.perf_counter()
+    with first_turn(work.level):
+        if work.level == "screen":
+            from ...verbs.screen import screen
+
+            study = screen(loop, options=work.options)
+            times["screen"] = clock() - start
+            return study
+        from ...verbs.identify import identify
+
+        study = identify(loop, options=work.options)
+        times["identify"] = clock() - start
+        if work.level == "diagnose" and study.steps:
+            from ...verbs.diagnose import diagnose
+
+            start = clock()
+            study = diagnose(loop, study, apply=True, seed=work.options.seed)
+            times["diagnose"] = clock() - start
+    return study
+
+
+def _fingerprint(task: Task) -> str | None:
+    """SHA-256 of the task's file, taken once per file; None for folders, where it comes with the rows."""
+    from ...system.files import sha256_of
+
+    if task.kind == "tags" or not os.path.isfile(task.path):
+        return None
+    state = os.stat(task.path)
+    stamp = (state.st_mtime_ns, state.st_size)
+    known = _known.get(task.path)
+    if known is None or known[0] != stamp:
+        known = stamp, sha256_of(task.path)
+        _known.clear()
+        _known[task.path] = known
+    return known[1]
+
+
+def _read(task: Task, sha256: str | None) -> Any:
+    """The Reading of the task's loop; None where its rows are those of the study that is there already."""
+    from ...historian import read
+    from ...historian.reading import reading_of
+
+    path = Path(task.path)
+    if task.kind == "tags":
+        from ...historian.folder import table_per_tag
+
+        source, table = table_per_tag(path, [Path(f) for f in task.files], task.reading)
+        return None if source.sha256 == task.have else reading_of(source, table, task.reading)
+    if task.kind == "dataset" or (task.kind == "wide" and path.suffix.lower() in (".parquet", ".pq")):
+        return _of_dataset(task, path, sha256)
+    if task.kind == "file" and task.reading.loop is None:
+        return read(path, options=task.reading)
+    return _of_table(task, path)
+
+
+def _of_dataset(task: Task, path: Path, sha256: str | None) -> Any:
+    from ...historian.dataset import open_dataset, rows_of
+    from ...historian.reading import reading_of
+
+    opened = _opened.get(task.path)
+    if opened is None:
+        opened = open_dataset(path)
+        _opened.clear()
+        _opened[task.path] = opened
+    source, table = rows_of(opened, task.select)
+    # A file of its own is known by its bytes, as everywhere; a folder by the rows of the loop.
+    source = replace(source, sha256=sha256 or source.sha256)
+    if source.sha256 == task.have:
+        return None
+    return reading_of(source, table, task.reading)
+
+
+def _of_table(task: Task, path: Path) -> Any:
+    """A loop of a text file with several: the file is parsed once and kept until another one comes."""
+    from ...historian.bytes.source import open_source
+    from ...historian.dataset import narrowed
+    from ...historian.reading import reading_of
+    from ...historian.table.formats import read_table
+
+    kept = _table.get(task.path)
+    if kept is None:
+        source = open_source(path)
+        kept = replace(source, data=b""), read_table(source, task.reading)
+        _table.clear()
+        _table[task.path] = kept
+    source, table = kept
+    return reading_of(source, narrowed(table, task.select) if task.select else table, task.reading)
+

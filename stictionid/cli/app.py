@@ -1,0 +1,94 @@
+"""The application that commands register on, and the exit code of every outcome."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from .._version import __version__
+from ..errors import StictionidError
+from ..system import interrupts
+from .common.output import safe
+
+app = typer.Typer(
+    name="stictionid", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+    rich_markup_mode=None, context_settings={"help_option_names": ["-h", "--help"]},
+    help="Find out from setpoint, controller output and process value whether a control valve sticks, how much, "
+         "and what else is wrong with the model of the loop.\n\n"
+         "Example: stictionid identify sample_data/foptd.csv -o study.json",
+)
+
+
+_LONGEST_SENTENCE = 900
+
+
+def _version(show: bool) -> None:
+    if show:
+        print(f"stictionid {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _root(version: bool = typer.Option(False, "--version", callback=_version, is_eager=True,
+                                       help="Print the version and leave.")) -> None:
+    pass
+
+
+def main() -> None:
+    """Entry point: runs a command and turns every outcome into the contract's exit code."""
+    # Small matrices on many loops: threads inside BLAS only wait for each other, and would fight with --jobs.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    code = 0
+    try:
+        result = app(standalone_mode=False)
+        code = result if isinstance(result, int) else 0
+        sys.stdout.flush()
+    except StictionidError as error:
+        code = _refuse(error.message, error.hint, error.exit_code)
+    except KeyboardInterrupt:
+        interrupts.over = True
+        code = _refuse("interrupted", "", 130)
+    except BrokenPipeError:
+        _drop_stdout()  # the reader (head, less) has seen enough
+    except OSError as error:
+        _drop_stdout()
+        code = _refuse(f"{error.filename or 'a file'}: {error.strerror or error}", "", 2)
+    except Exception as error:
+        interrupts.over = True
+        ended = interrupts.ended_by()
+        code = _other(error) if ended is None else _refuse("interrupted", "", ended)
+    sys.exit(code)
+
+
+def _drop_stdout() -> None:
+    """Point stdout elsewhere where it takes no more, so that the interpreter's last flush is quiet."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _refuse(message: str, hint: str, code: int) -> int:
+    # The option parser repeats what was typed, whatever its length.
+    message = message if len(message) <= _LONGEST_SENTENCE else message[:_LONGEST_SENTENCE] + "…"
+    print(f"stictionid: {safe(message)}", file=sys.stderr)
+    if hint:
+        print(f"  {safe(hint)}", file=sys.stderr)
+    return code
+
+
+def _other(error: Exception) -> int:
+    """Usage errors of the option parser, and defects (exit 1, with the traceback a report needs)."""
+    if hasattr(error, "exit_code") and hasattr(error, "format_message"):
+        context = getattr(error, "ctx", None)
+        where = context.command_path if context else "stictionid"
+        return _refuse(error.format_message(), f"see {where} --help", 2)
+    if type(error).__name__ in ("Exit", "Abort"):
+        return int(getattr(error, "exit_code", 130))
+    import traceback
+
+    traceback.print_exc()
+    print("stictionid: this is a defect in the program; please report it with the lines above", file=sys.stderr)
+    return 1

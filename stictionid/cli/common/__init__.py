@@ -1,0 +1,1 @@
+"""Parts that commands share: output, options for reading, study files, progress."""

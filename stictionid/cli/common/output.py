@@ -1,0 +1,164 @@
+"""What every command shares: where output goes, how a refusal looks, and the common option types.
+
+Data go to stdout and nothing else does; progress, findings, hints and errors go to stderr.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, nothing else there.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, findings or hints on stderr.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace an existing file of another kind.")]
+
+
+MOST_JOBS = 512
+"""Processes that can be asked for: each takes 200 MB, and all may be started at once."""
+
+
+def _seed(value: int) -> int:
+    from ...errors import UsageError
+
+    if value < 0:
+        raise UsageError(f"--seed {value} is negative", "give a whole number, 0 or more")
+    return value
+
+
+SeedOption = Annotated[int, typer.Option("--seed", callback=_seed,
+                                         help="Seed of everything random; same seed, same bytes.")]
+
+
+JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=MOST_JOBS,
+                                                help="Processes; as many as there are cores.")]
+
+
+def out_console(width: int | None = None) -> Console:
+    """Console on stdout: plain and 80 columns wide when it is not a terminal."""
+    from rich.console import Console
+
+    class Pipe(Console):
+        """A reader that closes the pipe is no error (rich would exit with 1): main() knows what to do."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    terminal = sys.stdout.isatty()
+    return Pipe(file=sys.stdout, highlight=False, soft_wrap=False, emoji=False, markup=False,
+                   width=width or (None if terminal else 80))
+
+
+def err_console() -> Console:
+    """Console on stderr."""
+    from rich.console import Console
+
+    return Console(file=sys.stderr, highlight=False, emoji=False, markup=False,
+                   width=None if sys.stderr.isatty() else 200)
+
+
+def safe(text: Any) -> str:
+    """Text from a file made harmless for a terminal: control characters and direction marks become escapes."""
+    return "".join(c if c.isprintable() and c not in _DIRECTION_MARKS else c.encode("unicode_escape").decode()
+                   for c in str(text))
+
+
+_DIRECTION_MARKS = frozenset("\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+
+
+def say(text: str, *, quiet: bool = False) -> None:
+    """One line on stderr."""
+    if not quiet:
+        print(safe(text), file=sys.stderr)
+
+
+def print_json(value: Any) -> None:
+    """A result as JSON on stdout."""
+    from ...record.study import to_json
+
+    print_json_text(to_json(value))
+
+
+def print_json_text(text: str) -> None:
+    """JSON on stdout, always as UTF-8: that is what JSON is, whatever the locale."""
+    if hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(encoding="utf-8")
+    sys.stdout.write(text)
+
+
+def plain_table(*columns: str, title: str = "") -> Any:
+    """An empty table: light lines on a terminal, plain ASCII elsewhere; columns after the first flush right."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title or None, title_justify="left", title_style="bold",
+                  box=box.SIMPLE_HEAD if sys.stdout.isatty() else box.ASCII, pad_edge=False)
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i == 0 or len(columns) == 2 else "right", overflow="fold")
+    return table
+
+
+def number(value: float | None, unit: str = "", digits: int = 4) -> str:
+    """A number with its unit for a table; a dash where there is none."""
+    if value is None:
+        return "-"
+    return f"{value:.{digits}g}" + (f" {unit}" if unit else "")
+
+
+def interval(span: tuple[float, float] | None, digits: int = 4) -> str:
+    """An interval for a table."""
+    return "-" if span is None else f"{span[0]:.{digits}g} to {span[1]:.{digits}g}"
+
+
+class Progress:
+    """Progress on stderr: a bar on a terminal, nothing elsewhere or when quiet; shown only after a second."""
+
+    def __init__(self, quiet: bool) -> None:
+        import time
+
+        self._start, self._clock = time.monotonic(), time.monotonic
+        self._quiet = quiet or not sys.stderr.isatty()
+        self._bar: Any = None
+        self._task: Any = None
+
+    def __call__(self, text: str, share: float) -> None:
+        if self._quiet or (self._bar is None and self._clock() - self._start < 1.0):
+            return
+        if self._bar is None:
+            from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+            from rich.progress import Progress as Bar
+
+            self._bar = Bar(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(),
+                            TimeRemainingColumn(), console=err_console(), transient=True)
+            self._bar.start()
+            self._task = self._bar.add_task(text, total=1.0)
+            # The bar comes after a second of work, which is elapsed time all the same.
+            self._bar.tasks[0].start_time -= self._clock() - self._start
+        self._bar.update(self._task, description=text, completed=share)
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+def warn_when_cold(quiet: bool) -> None:
+    """Say what the first run waits for: kernels that are compiled once for this machine."""
+    from pathlib import Path
+
+    folder = Path(__file__).parent.parent / "laws" / "__pycache__"
+    if not any(folder.glob("chen._run-*.nbc")):
+        say("first run on this machine: compiling the kernels (about 10 s, once)", quiet=quiet)
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    import os
+
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

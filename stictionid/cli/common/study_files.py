@@ -1,0 +1,72 @@
+"""How commands find a study and its data: the data file by path and sha256, or as given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ...errors import DataError, UsageError
+
+StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY", help="Study written by identify -o.")]
+DataArgument = Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Its data file, when it has moved.")]
+
+
+def open_study(path: Path) -> Any:
+    """The study in a file; UsageError where it can't be read, DataError where it is none."""
+    from ...record.study import study_from_json
+    from ...system.files import text_of
+
+    text = text_of(path, "the study", hint="give a file written by stictionid identify -o")
+    try:
+        return study_from_json(text)
+    except DataError as error:
+        # (The study comes first: a command given its data file there says so.)
+        swapped = not text.lstrip().startswith("{")
+        raise DataError(f"{path}: {error.message}",
+                        "give the study first, a file written by stictionid identify -o, and its data file after it"
+                        if swapped else error.hint) from None
+
+
+def open_data(study: Any, study_path: Path, given: Path | None) -> Any:
+    """The loop a study was made from; DataError when its sha256 has changed, UsageError when it is nowhere."""
+    from ...historian import options_from, read_loop
+    from ...system.files import sha256_of
+
+    name = study.data.file
+    places = [given] if given else [Path(name), study_path.parent / Path(name).name] if name else []
+    found = next((p for p in places if p is not None and (p.is_file() or p.is_dir())), None)
+    if found is None:
+        raise UsageError(f"the data of the study ({name or 'unnamed'}) are not there", "give the file after the study")
+    # A file is known by its bytes before it is read, a folder by the rows that were read of it.
+    sha256, loop = (None, read_loop(found, options=options_from(study.data.options))) if found.is_dir() else (
+        sha256_of(found), None)
+    if study.data.sha256 and (loop.origin.sha256 if loop is not None else sha256) != study.data.sha256:
+        raise DataError(f"{found} has changed since the study was made (its sha256 differs)",
+                        "run stictionid identify again, or give the file as it was")
+    return loop if loop is not None else read_loop(found, options=options_from(study.data.options))
+
+
+def open_other(study: Any, study_path: Path, file: Path) -> tuple[Any, Any]:
+    """The study's own loop, and the one in `file` (None where `file` is the study's data, moved).
+
+    Where the study's own data are gone the other record stands in for them. UsageError when `file` is absent.
+    """
+    from dataclasses import replace
+
+    from ...historian import read_loop
+    from ...historian.bytes.options import options_from
+    from ...system.files import sha256_of
+
+    if not file.is_file():
+        raise UsageError(f"there is no file {file}", "give the data file of another record of the same loop")
+    options = options_from(study.data.options)
+    if study.data.sha256 and sha256_of(file) == study.data.sha256:
+        return read_loop(file, options=options), None
+    # A window of the first record says nothing about another one.
+    other = read_loop(file, options=replace(options, start=None, end=None))
+    try:
+        return open_data(study, study_path, None), other
+    except UsageError:
+        return None, other

@@ -1,0 +1,153 @@
+"""The whole comparison: errors, findings, whether the model is adequate, and the curves behind them.
+
+Free-run and one-step errors stand beside what costs nothing: the predictor y(k) = y(k-1). A one-step fit hides
+everything (CRITICISM.md section 1); skill over persistence shows that. Source: METHODS.md section 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import DataError
+from ..fit.context import ADEQUATE
+from ..numerics.autoregression import irreducible
+from ..record.loop import Finding, Loop
+from ..record.oscillation import find_range
+from ..record.segments import chosen, described
+from ..record.study import Study
+from .cells import Cell
+from .model_run import Ground, prepare
+from .questions import ask_all
+from .residual_tests import POINT_99, Spectra, follows_valve, frequencies, own_innovation, whiteness
+from .validate import rebuilt, transferred
+
+# A model holds on another record up to this many times the noise: S is known to one step of the command only, so that
+# single slips may come a sample early or late there. Unit: 1.
+TRANSFERS = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Errors in the unit of y; skills are shares of the persistence error's square that the model takes away."""
+
+    rmse: float
+    rmse_holdout: float | None
+    rmse_one_step: float
+    rmse_one_step_holdout: float | None
+    rmse_h_step: float
+    h_steps: int
+    noise_sd: float | None
+    fit_percent: float | None
+    persistence: float
+    skill: float | None
+    rows: int
+    effective_rows: float
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What `compare` found. `tables` hold every question's cells; `ground` the arrays, for pictures and series."""
+
+    error: Errors
+    findings: tuple[Finding, ...]
+    adequate: bool
+    adequate_reason: str
+    tables: dict[str, tuple[Cell, ...]]
+    spectra: Spectra
+    notes: tuple[Finding, ...]
+    validates: bool
+    ground: Ground = field(repr=False)
+
+
+def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Comparison:
+    """The study's last model against its record, or against `other` with S, J and process held.
+
+    `loop` may be None only with `other`; the gain is then refitted. Raises DataError for an abstained study, or where
+    the model can't run on the other record.
+    """
+    if not study.steps or not study.steps[-1].model:
+        raise DataError("the study abstained, so there is no model to compare", study.verdict.reason)
+    description = study.steps[-1].model
+    piece = described(loop, description)[0] if loop is not None else None
+    notes: tuple[Finding, ...] = ()
+    if other is None:
+        if piece is None:
+            raise DataError("there is no record to compare with", "give the data file of the study")
+        model, evaluated = rebuilt(piece, description)
+        ground = prepare(piece, model, study.range, evaluated)
+    else:
+        second = chosen(other)[0]
+        model, evaluated, notes = transferred(second, description, piece)
+        ground = prepare(second, model, find_range(second), evaluated)
+    answers = ask_all(ground)
+    rho, coloured = whiteness(ground)
+    cross, follows = follows_valve(ground)
+    bands, line = frequencies(ground)
+    lags = max(rho.size, cross.size - 1)
+    rho = np.concatenate([rho, np.zeros(lags - rho.size)])
+    cross = np.concatenate([cross[1:], np.zeros(lags + 1 - cross.size)])
+    spectra = Spectra(np.asarray(ground.step_s * np.arange(1, lags + 1), np.float64), rho, cross,
+                      POINT_99 / float(np.sqrt(max(ground.good.sum(), 1))), bands)
+    findings = [f for _, _, f in answers] + [coloured, follows, line]
+    order = {"serious": 0, "warning": 1, "info": 2}
+    found = sorted((f for f in findings if f is not None), key=lambda f: order[f.severity])
+    errors = _errors(ground, study, own=other is None)
+    adequate, why = _adequate(errors, study, other is None)
+    return Comparison(errors, tuple(found), adequate, why, {name: cells for name, cells, _ in answers}, spectra, notes,
+                      other is not None, ground)
+
+
+def _errors(ground: Ground, study: Study, *, own: bool) -> Errors:
+    e, good = own_innovation(ground)
+    y = np.where(np.isfinite(ground.loop.process_value), ground.loop.process_value, 0.0)
+    pairs = ground.good.copy()
+    pairs[1:] &= ground.good[:-1]
+    pairs[0] = False
+    steps = np.diff(y, prepend=y[0])[pairs]
+    persistence = float(np.sqrt(np.mean(steps**2))) if steps.size else 0.0
+    one_step = float(np.sqrt(np.mean(e[good] ** 2))) if good.any() else 0.0
+    used = y[ground.good]
+    spread = float(used.std())
+    last = study.steps[-1].error
+    h = max(1, round(ground.evaluated.values["time_constant_s"] / ground.step_s))
+    delay = int(ground.evaluated.values["dead_time_s"] / ground.step_s)
+    floor = last.noise_sd if own else irreducible(y, ground.evaluated.position_means, ground.good, delay,
+                                                  ground.loop.starts)
+    return Errors(
+        ground.rmse, last.rmse_holdout if own else None, one_step, last.rmse_one_step_holdout if own else None,
+        _h_step(ground, h), h, floor, 100.0 * (1.0 - ground.rmse / spread) if spread else None, persistence,
+        1.0 - (one_step / persistence) ** 2 if persistence else None, int(ground.good.sum()), ground.effective_rows)
+
+
+def _h_step(ground: Ground, h: int) -> float:
+    """Error h samples ahead: the free run plus what the model's noise model still knows of the residual by then."""
+    taps = ground.model.taps
+    if taps.size == 0:
+        return ground.rmse
+    response = np.zeros(h)
+    response[0] = 1.0
+    for k in range(1, h):
+        back = response[max(k - taps.size, 0):k][::-1]
+        response[k] = -taps[:back.size] @ back
+    ahead = np.convolve(ground.innovation, response)[:ground.innovation.size]
+    sure = ground.innovation != 0.0
+    sure[:h] = False
+    return float(np.sqrt(np.mean(ahead[sure] ** 2))) if sure.any() else ground.rmse
+
+
+def _adequate(errors: Errors, study: Study, own: bool) -> tuple[bool, str]:
+    if own and study.adequate is not None:
+        return study.adequate, study.adequate_reason
+    if errors.noise_sd is None:
+        return False, "the record is too short to estimate its irreducible noise"
+    ratio = errors.rmse / errors.noise_sd
+    if ratio <= (ADEQUATE if own else TRANSFERS):
+        return True, (f"the free-run error {errors.rmse:.4g} on this record is {ratio:.3g} times its irreducible "
+                      f"noise {errors.noise_sd:.4g} (at most {ADEQUATE if own else TRANSFERS:g}): the model holds")
+    return False, (f"the free-run error {errors.rmse:.4g} on this record is {ratio:.3g} times its irreducible noise "
+                   f"{errors.noise_sd:.4g}: the model does not hold here")
+
+
+__all__ = ["Comparison", "Errors", "compare"]

@@ -1,0 +1,142 @@
+"""Where does the model fail? One function a question: a table of cells and, where it fails, one finding.
+
+A finding names the numbers it rests on and the effects of the catalogue that leave such a trace (CRITICISM.md section
+8); which of them it is only a refit can tell.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+
+from ..record.loop import Finding
+from .cells import FEWEST, Cell, quantile_masks, split, worst
+from .model_run import Ground
+from .valve_phases import delayed, directions, valve_phases
+
+BLOCKS, DECILES, CYCLE_PARTS = 10, 10, 12
+# Error above this multiple of the rest is serious, and a mean below this share of an error says nothing. Unit: 1.
+_SERIOUS, _MEAN = 2.0, 0.02
+_SOURCE = "cell against the rest, 1 % over all cells, autocorrelation allowed for; CRITICISM.md section 7, step 2"
+
+Answer = tuple[str, tuple[Cell, ...], Finding | None]
+
+
+def ask_all(ground: Ground) -> tuple[Answer, ...]:
+    """Every question's name, its table, and its finding where the model fails."""
+    return tuple(ask(ground) for ask in QUESTIONS)
+
+
+def _answer(ground: Ground, name: str, cells: tuple[Cell, ...], where: Callable[[Cell], str],
+            suggests: tuple[str, ...] | Callable[[Cell], tuple[str, ...]], extra: dict | None = None) -> Answer:
+    """A finding about the worst cell, in words and numbers."""
+    cell = worst(cells)
+    if cell is None:
+        return name, cells, None
+    unit = ground.loop.unit("process_value", "")
+    size = f"{cell.rms:.3g} {unit}".rstrip()
+    rest = max(1.0 - cell.share, 1e-12)
+    outside = float(np.sqrt(max((1.0 - cell.energy_share) / rest, 0.0)) * ground.rmse)
+    statement = (f"{100 * cell.energy_share:.0f} % of the squared error lies in {100 * cell.share:.0f} % of the "
+                 f"samples: {where(cell)} the error is {size}, elsewhere {outside:.3g}, its mean there "
+                 + (f"{cell.mean:+.3g}" if abs(cell.mean) > _MEAN * cell.rms else "next to nothing"))
+    severity = "serious" if cell.rms > _SERIOUS * outside else "warning"
+    if cell.fails_ahead and cell.z_one_step >= max(cell.z_energy, abs(cell.z_mean)):
+        statement = (f"{where(cell)} the error one step ahead is {cell.rms_one_step:.3g} {unit}".rstrip()
+                     + f", elsewhere {cell.one_step_elsewhere:.3g} ({100 * cell.share:.0f} % of the samples; free run "
+                     f"{cell.rms:.3g} against {outside:.3g})")
+    evidence = {"cell": cell.label, "share_of_samples": cell.share, "share_of_error": cell.energy_share,
+                "rms": cell.rms, "rms_elsewhere": outside, "mean": cell.mean, "z_energy": cell.z_energy,
+                "z_mean": cell.z_mean, "rms_one_step": cell.rms_one_step,
+                "rms_one_step_elsewhere": cell.one_step_elsewhere, "z_one_step": cell.z_one_step,
+                "samples": cell.samples, "effective_rows": ground.effective_rows,
+                **(extra or {})}
+    named = suggests(cell) if callable(suggests) else suggests
+    return name, cells, Finding(f"error-by-{name}", severity, statement, evidence, named, _SOURCE)
+
+
+def by_time(ground: Ground) -> Answer:
+    """Ten blocks of the record."""
+    n = ground.residual.size
+    edges = np.linspace(0, n, BLOCKS + 1).astype(int)
+    at = np.arange(n)
+    masks = {f"{a * ground.step_s:.4g} to {b * ground.step_s:.4g} s": (at >= a) & (at < b)
+             for a, b in itertools.pairwise(edges)}
+    cells = split(ground, masks)
+    stretches = [[float(a * ground.step_s), float(b * ground.step_s)]
+                 for (label, _), a, b in zip(masks.items(), edges[:-1], edges[1:], strict=True)
+                 if any(c.label == label and c.fails for c in cells)]
+
+    def suggests(cell: Cell) -> tuple[str, ...]:
+        shifted = abs(cell.z_mean) > cell.z_energy
+        level = ("step-disturbance", "ramp-disturbance", "random-walk-disturbance")
+        return level if shifted else ("stiction-drift", *level)
+
+    return _answer(ground, "time", cells, lambda c: f"from {c.label}", suggests, {"stretches": stretches})
+
+
+def by_phase(ground: Ground) -> Answer:
+    """While the valve sticks, just after it slipped, while it slides, as y sees it."""
+    cells = split(ground, {name: delayed(ground, mask) for name, mask in valve_phases(ground).items()})
+    points = {"stick": ("extra-lag", "step-disturbance", "sinusoidal-disturbance"),
+              "slip": ("extra-lag", "slew-limit", "slip-overshoot", "asymmetric-stiction"),
+              "slide": ("re-sticking", "valve-characteristic", "stiction-drift")}
+    words = {"stick": "while the valve sticks", "slip": "just after the valve slipped", "slide": "while it slides"}
+    return _answer(ground, "phase", cells, lambda c: words[c.label], lambda c: points[c.label])
+
+
+def by_direction(ground: Ground) -> Answer:
+    """After opening moves against closing ones."""
+    cells = split(ground, {name: delayed(ground, mask) for name, mask in directions(ground).items()})
+    return _answer(ground, "direction", cells, lambda c: f"after the {c.label} strokes",
+                   ("asymmetric-stiction", "travel-limit", "valve-characteristic"))
+
+
+def by_output(ground: Ground) -> Answer:
+    """Deciles of the controller output."""
+    cells = split(ground, quantile_masks(ground.loop.output, ground.good, DECILES, "OP"))
+    return _answer(ground, "output", cells, lambda c: f"at {c.label} %",
+                   ("travel-limit", "valve-characteristic", "gain-nonlinearity"))
+
+
+def by_value(ground: Ground) -> Answer:
+    """Deciles of the process value, as the model has it: noise must not sort itself into the outer deciles."""
+    cells = split(ground, quantile_masks(ground.evaluated.model, ground.good, DECILES, "PV"))
+    return _answer(ground, "value", cells, lambda c: f"at {c.label}",
+                   ("gain-nonlinearity", "valve-characteristic", "travel-limit"))
+
+
+def by_cycle(ground: Ground) -> Answer:
+    """Parts of the limit cycle, from one up-crossing to the next."""
+    phase = np.full(ground.residual.size, np.nan)
+    t = ground.loop.time_s
+    for cycle in ground.found.cycles:
+        inside = (t >= cycle.start_s) & (t < cycle.start_s + cycle.period_s)
+        phase[inside] = (t[inside] - cycle.start_s) / cycle.period_s
+    masks = {f"{100 * i // CYCLE_PARTS} to {100 * (i + 1) // CYCLE_PARTS} % of the cycle":
+             (phase >= i / CYCLE_PARTS) & (phase < (i + 1) / CYCLE_PARTS) for i in range(CYCLE_PARTS)}
+    cells = split(ground, masks) if len(ground.found.cycles) >= 3 else ()
+    return _answer(ground, "cycle", cells, lambda c: f"at {c.label}",
+                   ("extra-lag", "slip-overshoot", "slew-limit", "asymmetric-stiction"))
+
+
+def around_setpoint(ground: Ground) -> Answer:
+    """Within one period after a setpoint move against the rest of the record."""
+    r = ground.loop.setpoint
+    if r is None:
+        return "setpoint", (), None
+    moves = np.flatnonzero(np.abs(np.diff(r)) > 1e-9 * max(float(np.ptp(r)), 1e-300)) + 1
+    inside = np.zeros(r.size, bool)
+    width = max(round(ground.period_s / ground.step_s), FEWEST)
+    if 0 < moves.size * width < r.size:  # a setpoint that always moves has no "after"
+        for k in moves:
+            inside[k:k + width] = True
+    cells = split(ground, {"after a setpoint move": inside, "between setpoint moves": ~inside}) if inside.any() else ()
+    return _answer(ground, "setpoint", cells, lambda c: c.label,
+                   ("gain-nonlinearity", "travel-limit", "extra-lag", "valve-characteristic"))
+
+
+QUESTIONS: tuple[Callable[[Ground], Answer], ...] = (by_time, by_phase, by_direction, by_output, by_value, by_cycle,
+                                                     around_setpoint)

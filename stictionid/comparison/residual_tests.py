@@ -1,0 +1,184 @@
+"""Is what is left white, does it follow the valve, and at which frequencies does it lie? Joint tests at 1 %.
+
+Point-wise 99 % bounds are shown, but never decide: 22 % of perfectly white residuals leave one lag of 25 outside.
+Source: Ljung and Box 1978; CRITICISM.md sections 1, 3 and 7.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+
+from ..numerics.autoregression import autocovariance, chi_square_z, ljung_box
+from ..record.loop import Finding
+from ..typing import FloatArray
+from .model_run import Ground
+
+# Level of each joint test, and the two-sided 99 % point of one lag. Unit: 1, standard deviations.
+LEVEL, POINT_99 = 0.01 / 3.0, 2.576
+_FEWEST_LAGS, _MOST_LAGS, _MOST_RESPONSE = 20, 200, 12
+# A correlation that would lower the one-step error by less than this share is no fault whatever its significance.
+_MATTERS = 0.005
+# A line must hold this share of the residual's power.
+_LINE_SHARE = 0.05
+_BANDS = 8
+# The slowest lines are drift, not oscillation; neighbours on either side that set a line's floor. Unit: lines.
+_SLOWEST, _NEIGHBOURS = 4, 6
+
+
+@dataclass(frozen=True, slots=True)
+class Spectra:
+    """Correlations and spectrum as numbers: lags (k,) in s with both correlations and their 99 % bound; bands."""
+
+    lag_s: FloatArray
+    autocorrelation: FloatArray
+    cross: FloatArray
+    bound: float
+    bands: tuple[tuple[float, float, float, float], ...]
+
+
+def whiteness(ground: Ground) -> tuple[FloatArray, Finding | None]:
+    """Autocorrelation (k,) of the model's own one-step errors at lags 1…k, and a finding where they are coloured."""
+    e, good = own_innovation(ground)
+    n = int(good.sum())
+    lags = int(np.clip(ground.period_s / ground.step_s, _FEWEST_LAGS, min(_MOST_LAGS, max(n // 10, 2))))
+    r = autocovariance(e, good, lags, ground.loop.starts)
+    if r[0] <= 0.0 or n < 5 * _FEWEST_LAGS:
+        return np.zeros(lags), None
+    rho = r[1:] / r[0]
+    q, z = ljung_box(rho, n, len(ground.model.spec.taps))
+    gain = 1.0 - float(np.sqrt(np.mean(ground.innovation[ground.innovation != 0.0] ** 2) / r[0])) \
+        if ground.taps.size and not ground.model.taps.size else _remaining(rho)
+    if z < NormalDist().inv_cdf(1.0 - LEVEL) or gain < _MATTERS:
+        return rho, None
+    outside = float((np.abs(rho) > POINT_99 / np.sqrt(n)).mean())
+    worst = int(np.abs(rho).argmax())
+    statement = (f"the one-step errors are not white: {100 * outside:.0f} % of {lags} lags lie outside the 99 % bounds "
+                 f"(1 % would by chance), the largest correlation is {rho[worst]:.2f} at "
+                 f"{(worst + 1) * ground.step_s:.3g} s; {n} samples are worth {ground.effective_rows:.0f}; the past "
+                 f"of the error would lower it by {100 * gain:.1f} %")
+    evidence = {"ljung_box": q, "lags": lags, "z": z, "outside_99": outside, "largest": float(rho[worst]),
+                "at_s": float((worst + 1) * ground.step_s), "effective_rows": ground.effective_rows,
+                "one_step_drop": gain}
+    suggests = ("coloured-noise", "random-walk-disturbance", "extra-lag", "sinusoidal-disturbance",
+                "narrow-band-disturbance")
+    return rho, Finding("residual-coloured", "serious" if gain > 0.2 else "warning", statement, evidence, suggests,
+                        "Ljung and Box's joint test")
+
+
+def own_innovation(ground: Ground) -> tuple[FloatArray, np.ndarray]:
+    """The complete model's one-step errors (n,) and where they count: the residual itself without a noise model."""
+    if ground.model.taps.size:
+        return ground.innovation, ground.innovation != 0.0
+    return ground.residual, ground.good
+
+
+def _remaining(rho: FloatArray) -> float:
+    return float(1.0 - np.sqrt(max(1.0 - float(np.abs(rho).max()) ** 2, 0.0)))
+
+
+def follows_valve(ground: Ground) -> tuple[FloatArray, Finding | None]:
+    """Correlation (k,) of the one-step errors with past valve moves, and a finding where they follow the valve.
+
+    The errors are regressed on a dozen lagged positions together: single correlations of a slow position say little.
+    """
+    e = ground.innovation
+    good = e != 0.0
+    v = ground.evaluated.position
+    # What the errors are: residuals passed through the whitening filter. The position passes it too.
+    taps = ground.model.taps if ground.model.taps.size else ground.taps
+    v = np.convolve(v - v.mean(), np.concatenate([[1.0], taps]))[:v.size]
+    moves = np.diff(v, prepend=v[0])
+    moves[list(ground.loop.starts)] = 0.0
+    # A short record (a second one, compared with an old study) may hold less than one period.
+    longest = min(int(np.clip(ground.period_s / ground.step_s, 2, 60)), v.size - 1)
+    for start in ground.loop.starts[1:]:
+        good[start:start + longest + taps.size + 1] = False  # what the valve did before them lies beyond the gap
+    n = int(good.sum())
+    cross = np.array([_correlation(e, _shifted(moves, k), good) for k in range(longest + 1)])
+    lags = np.unique(np.round(np.linspace(0, longest, _MOST_RESPONSE)).astype(int))
+    design = np.stack([_shifted(v, int(k)) for k in lags] + [np.ones(v.size)], axis=1)[good]
+    if n < 10 * design.shape[1] or float(np.sum(e[good] ** 2)) == 0.0:
+        return cross, None
+    scale = np.linalg.norm(design, axis=0)
+    scale[scale == 0.0] = 1.0
+    solution, *_ = np.linalg.lstsq(design / scale, e[good], rcond=1e-10)
+    explained = float(np.sum((design / scale @ solution) ** 2) / np.sum(e[good] ** 2))
+    z = chi_square_z(n * explained, float(lags.size))
+    if z < NormalDist().inv_cdf(1.0 - LEVEL) or explained < 2.0 * _MATTERS:
+        return cross, None
+    at = int(np.abs(cross).argmax())
+    statement = (f"the one-step errors follow the valve: past positions explain {100 * explained:.1f} % of them, the "
+                 f"largest correlation with its moves is {cross[at]:.2f} after {at * ground.step_s:.3g} s "
+                 f"(99 % bound {POINT_99 / np.sqrt(n):.3f}): the way from valve to PV is not modelled right")
+    evidence = {"explained": explained, "z": z, "lags": lags.tolist(), "largest": float(cross[at]),
+                "at_s": float(at * ground.step_s)}
+    return cross, Finding("residual-follows-valve", "serious" if explained > 0.2 else "warning", statement, evidence,
+                          ("extra-lag", "slew-limit", "gain-nonlinearity", "valve-characteristic", "slip-overshoot"),
+                          "joint test of lagged positions, CRITICISM.md section 4")
+
+
+def _shifted(x: FloatArray, lag: int) -> FloatArray:
+    return np.concatenate([np.full(lag, x[0]), x[:x.size - lag]]) if lag else x
+
+
+def _correlation(a: FloatArray, b: FloatArray, good: np.ndarray) -> float:
+    x, y = a[good] - a[good].mean(), b[good] - b[good].mean()
+    size = float(np.sqrt((x @ x) * (y @ y)))
+    return float(x @ y) / size if size > 0 else 0.0
+
+
+def frequencies(ground: Ground) -> tuple[tuple[tuple[float, float, float, float], ...], Finding | None]:
+    """Residual power by bands (period from, to, share of the power, share of the lines), and a line that stands out.
+
+    The largest line is held against the median of its neighbours, so that coloured noise has none. Of several segments
+    the longest is looked at: a spectrum knows no gaps.
+    """
+    part = ground.loop.longest
+    good = ground.good[part]
+    e = np.where(good, ground.residual[part], 0.0)
+    n = e.size
+    if not good.any():
+        return (), None
+    power = np.abs(np.fft.rfft(e - e[good].mean() * good)) ** 2
+    f = np.fft.rfftfreq(n, ground.step_s)
+    power, f = power[1:], f[1:]
+    total = float(power.sum())
+    if total <= 0.0 or n < 64:
+        return (), None
+    edges = np.geomspace(f[0], f[-1] * (1 + 1e-9), _BANDS + 1)
+    bands = tuple((1.0 / b, 1.0 / a, float(power[(f >= a) & (f < b)].sum()) / total,
+                   float(((f >= a) & (f < b)).mean())) for a, b in itertools.pairwise(edges))
+    floor = _floor(power)
+    ratio = np.where(np.arange(power.size) < _SLOWEST, 0.0, power / floor)
+    k = int(ratio.argmax())
+    held = float(power[max(k - 1, 0):k + 2].sum()) / total
+    # The largest of m exponential lines.
+    chance = -float(np.expm1(ratio.size * np.log1p(-np.exp(-min(float(ratio[k]), 700.0)))))
+    if chance > LEVEL or held < _LINE_SHARE:
+        return bands, None
+    period = 1.0 / float(f[k])
+    near = [h for h in range(1, 6) if abs(ground.period_s / h / period - 1.0) < 0.05]
+    statement = f"{100 * held:.0f} % of the residual's power lies at a period of {period:.4g} s"
+    if near:
+        harmonic = f" harmonic {near[0]}" if near[0] > 1 else ""
+        statement += f", the oscillation's own{harmonic}: the cycle's shape, or a disturbance of its period"
+        suggests: tuple[str, ...] = ("sinusoidal-disturbance", "asymmetric-stiction", "extra-lag", "gain-nonlinearity")
+    else:
+        statement += f", which is not the oscillation's ({ground.period_s:.4g} s)"
+        suggests = ("sinusoidal-disturbance", "narrow-band-disturbance")
+    return bands, Finding("residual-line", "serious" if held > 0.3 else "warning", statement,
+                          {"period_s": period, "share": held, "chance": float(chance)}, suggests,
+                          "largest of many exponential lines over their local median")
+
+
+def _floor(power: FloatArray) -> FloatArray:
+    """Local mean (k,) of a spectrum from medians over neighbours, which a line does not lift."""
+    out = np.empty_like(power)
+    for k in range(power.size):
+        half = max(_NEIGHBOURS, k // 8)
+        out[k] = np.median(power[max(k - half, 0):k + half + 1])
+    return np.maximum(out / np.log(2.0), 1e-300)

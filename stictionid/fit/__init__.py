@@ -1,0 +1,1 @@
+"""One model fitted to one record: starts, descent, effects, noise, intervals, cross-validation."""

@@ -1,0 +1,65 @@
+"""One more effect in a model: refitted, carried into a model of its own, polished to the answer that a study gives.
+
+Source: METHODS.md section 6; CRITICISM.md section 7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import parse
+from ..model.model import Model
+from ..model.segments import bound
+from ..typing import FloatArray
+from .fit import Fitted, finish
+from .noise.completion import Refit, complete, has_noise, own_taps
+from .starts.beside_effect import starting_pool
+from .with_effect import scout, settled
+
+# Refits after which an effect that follows y has settled, and independent refits of the effect that is added.
+_FOLLOWED, REFITS = 3, 2
+
+
+def added(fit: Fitted, name: str, rng: np.random.Generator) -> Fitted:
+    """A fit with one more effect."""
+    done = refitted(fit, name, starting_pool(fit.model, fit.values, rng), rng)
+    return polished(carrier(done, name, fit.model), done.values, rng)
+
+
+def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitted:
+    """The last polish, with errors, hold-out and intervals; repeated where an effect follows the model's own y."""
+    point = model.cube(values[:, None])
+    after = finish(model, point, model.costs(point), rng)
+    for _ in range(_FOLLOWED if model.follows_y else 0):
+        model = bound(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
+                      residual=after.best.left)
+        point = model.cube(after.values[:, None])
+        again = finish(model, point, model.costs(point), rng)
+        # What counts is the model that follows its own y: following the y of the fit before, it may predict y from y.
+        if not again.best.sse < after.best.sse:
+            break
+        after = again
+    return after
+
+
+def refitted(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, count: int = REFITS) -> Refit:
+    """A fit with effect `name` added, at its best and completed with the noise that its residual asks for."""
+    noise = parse(name)[0].noise
+    if noise is not None:
+        return complete(fit.model, fit.values, pool, rng, noise=noise)
+    # Two independent refits: what goes into the study must not hang on one search.
+    model, values, _ = min((settled(scout(fit, name, pool, rng), rng) for _ in range(count)), key=lambda r: r[2])
+    return complete(model, values, None, rng)
+
+
+def carrier(done: Refit, name: str, before: Model) -> Model:
+    """The model that goes into a study: a noise model enters only as a step of its own, never with another effect."""
+    effects = tuple(dict.fromkeys((*before.spec.effects, name)))
+    if parse(name)[0].noise is not None or has_noise(before.spec):
+        spec = replace(done.spec, effects=effects)
+    else:
+        spec = replace(before.spec, effects=effects, taps=own_taps(before.spec))
+    return bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
+                 residual=done.evaluated.left)

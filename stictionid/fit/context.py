@@ -1,0 +1,309 @@
+"""What the methods share: one record with its oscillation and options, and the way from a fit to a study's step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+
+from ..effects import parse
+from ..errors import CannotTell
+from ..model.model import Model, skipped
+from ..model.segments import bound
+from ..model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
+from ..numerics.autoregression import irreducible
+from ..numerics.population import refine
+from ..numerics.varpro import bic
+from ..record.loop import Finding, Loop
+from ..record.preconditions import swing_of, time_scale_s
+from ..record.study import ErrorSummary, ParameterValue, Range, Restarts, Step
+from ..typing import FloatArray
+from .fit import Fitted, finish, search
+from .intervals.assemble import effective_rows
+from .moves import longest_piece
+from .options import USUAL_ORDER, Options
+from .public_values import public_parameters
+from .starts.basins import basins
+from .starts.continuation import grown_valves
+
+# Free-run error within this factor of the irreducible noise is adequate (CRITICISM.md section 7, step 1).
+ADEQUATE = 1.05
+WALK = "random-walk-disturbance"
+# Beyond this many times the noise the intervals, which take the model for right, are said to be conditional.
+CONDITIONAL, _CONDITIONAL = "intervals-conditional", 2.0
+# A lag beyond this share of the period looks like an integrator; that must then lower the error of the differences by
+# this share.
+LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
+# Models that stay at hand, and the most samples of a record for which they do: each is many times as large as that.
+_AT_HAND, _NOT_LONG = 6, 20_000
+# Grid of start forces, time constants and dead times (shares of their ranges) for the process of a given valve.
+_FORCES, _LAGS, _DEADS = np.linspace(-0.96, 0.96, 13), np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12)
+
+Progress = Callable[[str, float], None]
+
+
+class Run:
+    """One identification on one stretch: record, oscillation, options, and the law and order to use."""
+
+    def __init__(self, loop: Loop, found: Range, options: Options, *, law: str, rng: np.random.Generator,
+                 tell: Progress, order: int = USUAL_ORDER) -> None:
+        self.loop, self.found, self.options, self.rng, self.tell = loop, found, options, rng, tell
+        self.law, self.order = law, order
+        self.period_s, self.s_max = time_scale_s(loop, found), swing_of(loop, found)
+        # First looks at an effect by the structure they were made for, basins by the valve, the noise by the position:
+        # several stages ask for the same ones.
+        self.looks: dict[str, Any] = {}
+        self._basins: dict[tuple[Any, ...], FloatArray] = {}
+        self._valves: dict[tuple[Any, ...], FloatArray] = {}
+        self._floors: dict[tuple[bytes, int], float | None] = {}
+        self._models: dict[str, Model] = {}
+
+    def model(self, spec: Spec) -> Model:
+        """The spec bound to this record; the last few of a record that is not long are at hand."""
+        key = repr(spec)
+        model = self._models.pop(key, None) or bound(self.loop, spec, s_max=self.s_max, period_s=self.period_s)
+        if self.loop.samples <= _NOT_LONG:
+            self._models[key] = model
+            if len(self._models) > _AT_HAND:
+                del self._models[next(iter(self._models))]
+        return model
+
+    def basins(self, spec: Spec) -> FloatArray:
+        """Basins (k, d) of the spec's valve on the ARX cost, looked for once for all structures of the process.
+
+        They are looked for with a held command: one that moves between samples has the same.
+        """
+        key = (spec.law, spec.effects)
+        if key not in self._basins:
+            self._basins[key] = basins(self.model(replace(spec, between="hold", substeps=1)), self.rng)
+        return self._basins[key]
+
+    def open_valves(self, spec: Spec) -> FloatArray:
+        """Points (k, d) of the spec's valve under a held command that were looked for whatever the process does."""
+        key = (spec.law, spec.effects)
+        if key not in self._valves:
+            model = self.model(spec)
+            self._valves[key] = grown_valves(model, [0, 1, model.forces[longest_piece(model)]], self.rng)
+        return self._valves[key]
+
+    def used_y(self) -> FloatArray:
+        """The process values that count (m,); of several segments, each without its own mean."""
+        y, used = self.loop.process_value, self.loop.used
+        if len(self.loop.starts) == 1:
+            return y[used]
+        parts = [y[part][used[part]] for part in self.loop.segments]
+        return np.concatenate([part - part.mean() for part in parts])
+
+    def fit(self, spec: Spec, starts: FloatArray | None = None,
+            before: tuple[FloatArray, FloatArray] | None = None) -> Fitted:
+        """Search, restarts and last polish of one model; CannotTell where no valve model moves.
+
+        Its intervals wait for `fit.reaching`: most models that are fitted are not the last one.
+        """
+        model = self.model(spec)
+        points, costs = search(model, self.rng, starts=starts, before=before)
+        if not np.isfinite(costs[0]):
+            raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
+                             code="valve-never-moves")
+        return finish(model, points, costs, self.rng, reach=False)
+
+    def floor(self, position: FloatArray, dead_time_s: float, disturbance: FloatArray | None = None) -> float | None:
+        """Irreducible noise in the unit of y for a valve position (n,), None where the record is too short.
+
+        A `disturbance` (n,) that the model knows is no noise: a step would count as one, as large as itself.
+        """
+        delay = int(dead_time_s / self.loop.step_s)
+        key = (sha256(np.ascontiguousarray(position)).digest(), delay)
+        if disturbance is None and key in self._floors:
+            return self._floors[key]
+        good = np.isfinite(self.loop.process_value) & self.loop.used
+        for part in self.loop.segments:
+            good[part.start:part.start + skipped(part.stop - part.start, self.loop.step_s, self.period_s)] = False
+        y = np.where(good, self.loop.process_value, 0.0)
+        if disturbance is not None:
+            y = y - disturbance
+        floor = irreducible(y, position, good, delay, self.loop.starts)
+        if disturbance is None:
+            self._floors[key] = floor
+        return floor
+
+    def delays(self) -> tuple[int, ...]:
+        """Delays in samples that a difference equation tries: the one given, or all up to a third of the period."""
+        if self.options.delay is not None:
+            return (self.options.delay,)
+        period = self.period_s / self.loop.step_s
+        return tuple(range(int(np.clip(0.35 * period, 1, 40)) + 1))
+
+    def step(self, fit: Fitted, added: str | None) -> Step:
+        """A fit as a step of the study: parameters, errors, restarts, findings."""
+        e = fit.best
+        y = self.used_y()
+        known = fit.model.disturbance(fit.values, e.own) if any(x.columns for x in fit.model.effects) else None
+        floor = self.floor(e.position_means, e.values["dead_time_s"], known)
+        innovation = float(np.sqrt(fit.sse / max(e.rows - 1, 1)))
+        rows, count = _rows(fit), _count(fit)
+        span = float(np.linalg.norm(y - y.mean()))
+        fitted = 100.0 * (1.0 - e.rmse * np.sqrt(y.size) / span) if span else None
+        error = ErrorSummary(e.rmse, level_holdout(fit), innovation, fit.rmse_holdout, floor, fitted,
+                             bic(fit.sse * rows / e.rows, rows, count))
+        findings = []
+        if fit.agree < 2 <= fit.runs:
+            findings.append(Finding(
+                "restarts-disagree", "warning",
+                f"only {fit.agree} of {fit.runs} independent searches ended in this optimum: it may be a wrong basin",
+                {"runs": fit.runs, "agree": fit.agree}, (), "METHODS.md section 4, trap 3"))
+        walks = any(x.name == WALK for x in fit.model.effects)
+        if fit.intervals and floor and e.rmse > _CONDITIONAL * floor and not walks:
+            findings.append(Finding(
+                CONDITIONAL, "warning",
+                f"the intervals take the model for right, but its free-run error {e.rmse:.4g} is {e.rmse / floor:.2g} "
+                f"times the irreducible noise {floor:.4g}: S and J may lie outside (stictionid diagnose looks for what "
+                "is missing, stictionid agree FILE --windows 3 shows how far they move along the record)",
+                {"rmse": e.rmse, "noise_sd": floor}, (), "CRITICISM.md section 5"))
+        effect, variant = parse(added) if added else (None, "")
+        return Step(effect and effect.name, tuple(x.name for x in fit.model.effects), parameters(fit), error,
+                    Restarts(fit.runs, fit.agree), tuple(findings), fit.model.describe(fit.values), variant=variant)
+
+    def step_again(self, before: Step, fit: Fitted) -> Step:
+        """A step with a better fit of its model; what was said of it stays."""
+        again, codes = self.step(fit, before.added), {f.code for f in before.findings}
+        return replace(again, variant=before.variant, findings=(
+            *before.findings, *(f for f in again.findings if f.code not in codes)))
+
+    def adequate(self, step: Step) -> tuple[bool, str]:
+        """Whether the step's free-run error is the irreducible noise, and the sentence that says so."""
+        floor, error = step.error.noise_sd, step.error.rmse
+        if floor is None:
+            return False, "the record is too short to estimate its irreducible noise"
+        if error <= ADEQUATE * floor:
+            return True, (f"the free-run error {error:.4g} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible "
+                          f"noise {floor:.4g}: nothing is left to explain")
+        one_step = step.error.rmse_one_step
+        modelled = step.model.get("taps") or WALK in step.effects
+        if step.model and modelled and one_step is not None and one_step <= ADEQUATE * floor:
+            left = ("nothing is left to explain" if error <= _CONDITIONAL * floor else
+                    f"what is left, {error / floor:.2g} times that noise in the free run, is carried by the noise "
+                    "model, and may be physics (stictionid diagnose)")
+            return True, (f"the one-step error {one_step:.4g}, noise model included, is within "
+                          f"{100 * (ADEQUATE - 1):.0f} % of the irreducible noise {floor:.4g}: {left}")
+        return False, (f"the free-run error {error:.4g} is {error / floor:.3g} times the irreducible noise "
+                       f"{floor:.4g}: something is missing (stictionid diagnose)")
+
+    def with_valve(self, S: float, J: float, *, law: str | None = None) -> Fitted:
+        """The free-run process that goes best with a valve whose S and J in % are given, which stay as they are.
+
+        For methods that find S and J in another way and still owe a model that runs. First order, or integrator where
+        the lag gets long and the differences of y then fit better. No held-out error and no intervals.
+        """
+        first = self._with_valve(Spec(law=law or self.law), S, J)
+        if first.best.values["time_constant_s"] < LONG_LAG * self.period_s:
+            return first
+        second = self._with_valve(Spec(law=law or self.law, process=INTEGRATOR, increments=True), S, J)
+        better = increment_error(second.best) < (1.0 - INTEGRATOR_GAIN) * increment_error(first.best)
+        return second if better else first
+
+    def _with_valve(self, spec: Spec, S: float, J: float) -> Fitted:
+        model = self.model(spec)
+        T, L = np.meshgrid(_LAGS, _DEADS, indexing="ij")
+        cube = np.zeros((T.size, model.space.size))
+        cube[:, 3], cube[:, 4] = T.ravel(), L.ravel()
+        grid = model.values(cube)
+        grid[0], grid[1] = S, J
+        found: list[tuple[float, FloatArray]] = []
+        for force in _FORCES:
+            grid[2] = force
+            costs = model.costs_of(grid, model.positions(grid[:, :1]))
+            found.append((float(costs.min()), grid[:, int(costs.argmin())].copy()))
+        found.sort(key=lambda f: f[0])
+        if not np.isfinite(found[0][0]):
+            raise CannotTell(f"a valve with S = {S:.4g} % never moves under this command",
+                             "the method's estimate is no valve of this record; use --method auto",
+                             code="valve-never-moves")
+
+        def values_of(points: FloatArray) -> FloatArray:
+            values = model.values(np.concatenate([np.zeros((len(points), 2)), points], axis=1))
+            values[0], values[1] = S, J
+            return values
+
+        starts = model.cube(np.stack([f[1] for f in found[:3]], axis=1))[:, 2:]
+        best = refine(lambda c: model.costs_of(values_of(c)), starts, self.rng, spread=0.03, rounds=60, settle=1e-4)
+        values = values_of(best.points[:1])[:, 0]
+        evaluated = model.evaluate(values)
+        return Fitted(model, values, float(best.costs[0]), 1, 1, evaluated, None, {}, np.array([[S, J]]))
+
+
+def bic_gain(before: Fitted, after: Fitted) -> float:
+    """BIC by which one fit does better than another of the same record in the same form, on equally many rows.
+
+    The error of a wrong model remembers and is worth fewer rows: by the criterion of each on its own rows the unit of
+    y would decide. What counts are the rows of the fit that leaves less: an error that is all misfit says nothing of
+    the noise (5 rows of 1500 met), and where nothing is gained both remember alike.
+    """
+    rows = _rows(min((before, after), key=lambda fit: fit.sse / max(fit.best.rows, 1)))
+    squares = [fit.sse / max(fit.best.rows, 1) for fit in (before, after)]
+    return rows * float(np.log(squares[0] / max(squares[1], 1e-300))) - (_count(after) - _count(before)) * float(
+        np.log(rows))
+
+
+def _rows(fit: Fitted) -> float:
+    """The rows that count as independent in a fit's innovations."""
+    return effective_rows(np.nan_to_num(fit.best.innovation), fit.model.weight)
+
+
+def _count(fit: Fitted) -> int:
+    """How many numbers a fit has found."""
+    return fit.model.space.size - len(fit.model.spec.fixed) + fit.model.shared.freedom + len(fit.best.own)
+
+
+def increment_error(e: Evaluated) -> float:
+    """Root mean square of the differences of the free-run residual, in the unit of y."""
+    good = e.counted > 0
+    both = good[1:] & good[:-1]
+    return float(np.sqrt(np.mean(np.diff(np.nan_to_num(e.residual))[both] ** 2)))
+
+
+def level_holdout(fit: Fitted) -> float | None:
+    """Held-out error in the unit of y: as it is, or scaled from the prewhitened form that the model is fitted in."""
+    if fit.rmse_holdout is None or not fit.model.spec.whitening().size:
+        return fit.rmse_holdout
+    inner = float(np.sqrt(fit.sse / max(fit.best.rows, 1)))
+    return fit.best.rmse * fit.rmse_holdout / inner if inner else fit.rmse_holdout
+
+
+def parameters(fit: Fitted) -> tuple[ParameterValue, ...]:
+    """The numbers of a fit as rows of the study, those of effects under their public names."""
+    e, model = fit.best, fit.model
+    # Not % where the output is not in % of its span (normalised data).
+    of_u = model.loop.unit("output", "%")
+    rows = []
+    for p, (name, value) in zip(model.space.parameters, e.values.items(), strict=True):
+        owner, _, own = name.rpartition(":")
+        span = fit.intervals.get(name)
+        bound = p.at_bound(value / max(e.values["S"], 1e-12) if name == "J" else value)
+        fixed = name in model.spec.fixed
+        rows.append(ParameterValue(owner or None, own, value, of_u if name == "J" else p.unit.replace("%", of_u),
+                                   None if fixed else span, bound and not fixed, True, p.meaning))
+    unit = f"unit of y / {of_u}" + (" / s" if model.spec.process == INTEGRATOR else "")
+    rows.insert(5, ParameterValue(None, "gain", e.gain, unit, fit.intervals.get("gain"), False, True,
+                                  "gain of the process"))
+    rows.insert(6, ParameterValue(None, "offset", e.offset, "unit of y", None, False, True,
+                                  "value of y with the valve at its first position"))
+    return public_parameters(fit, rows)
+
+
+def process_numbers(fit: Fitted) -> dict[str, Any]:
+    """What an estimate says of a fit's process: gain, time constants and dead time with their intervals, and kind."""
+    values, fixed = fit.best.values, fit.model.spec.fixed
+    spans = {name: span for name, span in fit.intervals.items() if name not in fixed}
+    lags = [name for name in values if name == "time_constant_s" or name.endswith(":second_time_constant_s")]
+    return {"gain": fit.best.gain, "time_constants_s": tuple(values[name] for name in lags),
+            "dead_time_s": values["dead_time_s"], "integrating": fit.model.spec.process == INTEGRATOR,
+            "gain_interval": spans.get("gain"), "time_constants_intervals": tuple(spans.get(name) for name in lags),
+            "dead_time_interval": spans.get("dead_time_s")}
+
+
+__all__ = ["ADEQUATE", "FIRST_ORDER", "INTEGRATOR_GAIN", "LONG_LAG", "Run", "bic_gain", "increment_error",
+           "level_holdout", "parameters", "process_numbers"]

@@ -1,0 +1,391 @@
+"""Fitting one model to one record: independent searches until two agree, last polish, hold-out, intervals.
+
+The free-run cost finishes all starts side by side by covariance matrix adaptation. Whether the restarts agree is part
+of the answer. Source: METHODS.md section 4, traps 1 to 5; CRITICISM.md sections 5 and 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model.model import Model
+from ..model.segments import bound
+from ..model.spec import Evaluated
+from ..numerics.fold_solver import mean_of_fold
+from ..numerics.population import Found, refine
+from ..typing import BoolArray, FloatArray
+from .intervals.assemble import CLOUD, cloud, intervals_of, widened
+from .moves import (
+    descended,
+    first_distinct,
+    longest_first,
+    movable,
+    search_model,
+    spreads,
+    thinned,
+    thinning,
+    with_start,
+)
+from .starts.basins import along_ridge, basins, grown, roamed, with_other_start, with_process
+
+_VALLEY_ROUNDS = 150
+_MOST_RUNS, _RIDGE_TURNS = 4, 3
+# A restart of an integrator whose cost is this many times the best so far starts from a growing record.
+_MUCH_WORSE = 1.5
+# Turns of descent that tell which of the points beside the best deserve a population, and how many get one.
+_GLANCE, _KEPT = 3, 3
+# A polish has settled when its cost falls by less than this share in a dozen rounds. Unit: 1.
+_SETTLED = 1e-4
+# Points closer than this in S and J (share of the range) need only one last polish.
+_SAME_POINT = 2e-3
+# Two restarts agree when S differs by at most this share and J by at most this share of S (CRITICISM.md section 7).
+AGREE_S, AGREE_J = 0.01, 0.05
+# Their costs must agree as well: -2 ln LR, or a share of the cost where the record is noise-free.
+_AGREE_COST, _AGREE_SIGNAL = 0.05, 0.002
+HOLDOUT_BLOCKS = 5
+# Likelihood ratio below which friction is in no record (as in the verdict).
+_EXPLAINS_NOTHING = 15.0
+# Costs that differ by less than this share are those of one valve path; where the path ends is looked for on a ladder.
+_SAME_PATH = 1e-9
+_PLATEAU_LADDER = np.geomspace(1e-6, 0.05, 30)
+# Twice the log-likelihood by which another step of S must do better for the answer to go there, and how often to look.
+_BETTER, _STEPS_BETTER = 0.5, 3
+# Neighbouring minima of a command rebuilt between samples, in parts of a sample of dead time, and how often to look.
+_BESIDE, _BESIDE_TURNS, _BESIDE_KEPT = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0), 4, 3
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """The best values (d,) of a model, how the restarts agreed, and what else is needed for a step of a study."""
+
+    model: Model
+    values: FloatArray
+    sse: float
+    runs: int
+    agree: int
+    best: Evaluated
+    rmse_holdout: float | None
+    intervals: dict[str, tuple[float, float]]
+    searched: FloatArray
+    # Points (k, d) around the best ones and their costs (k,): what `reaching` and a wider model's intervals start from.
+    around: tuple[FloatArray, FloatArray] | None = None
+
+
+def as_it_stands(model: Model, values: FloatArray) -> Fitted:
+    """A model at values (d,) that were found elsewhere, ready for refits: no search, hold-out or intervals."""
+    best = model.evaluate(values)
+    return Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
+
+
+def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None = None,
+           before: tuple[FloatArray, FloatArray] | None = None) -> tuple[FloatArray, FloatArray]:
+    """Independent runs until two agree, four at the most: their best points (k, d) and costs (k,), best first.
+
+    `before` are runs that were made already. A run that has come to the best optimum so far is not polished further.
+    Where two runs found no friction that explains anything there is no S to agree on, and they are left at that.
+    """
+    coarse = search_model(model)
+    points, costs = before or (np.empty((0, model.space.size)), np.empty(0))
+
+    def agrees(point: FloatArray, cost: float) -> bool:
+        if not len(costs):
+            return False
+        order = np.argsort([costs[0], cost], kind="stable")
+        return agreement(coarse, np.stack([points[0], point])[order], np.array([costs[0], cost])[order]) == 2
+
+    while len(costs) < _MOST_RUNS and not (len(costs) >= 2 and agreement(coarse, points, costs) >= 2):
+        point, cost = one_run(coarse, rng, starts, enough=agrees)
+        if coarse.spec.increments and starts is None and cost > _MUCH_WORSE * costs.min(initial=np.inf):
+            # The best so far lies in a basin too narrow for swarms; a restart that can't find it says nothing of it.
+            point, cost = one_run(coarse, rng, grown(coarse, rng))
+        points, costs = np.concatenate([points, point[None]]), np.append(costs, cost)
+        order = np.argsort(costs, kind="stable")
+        points, costs = points[order], costs[order]
+        if len(costs) == 2 and agreement(coarse, points, costs) < 2 and _nothing_found(coarse, points[0], costs[0]):
+            break
+    return points, costs
+
+
+def _nothing_found(model: Model, point: FloatArray, cost: float) -> bool:
+    """Whether a valve without friction, its process descended to from point (d,), explains as much as that point."""
+    if model.spec.friction_free or not movable(model)[0]:
+        return False
+    free = bound(model.loop, replace(model.spec, friction_free=True, between="hold", substeps=1), s_max=model.s_max,
+                 period_s=model.period_s, residual=model.context.residual)
+    values = model.values(point[None]).repeat(3, axis=1)
+    values[[0, 1, *model.forces]] = 0.0
+    values[4] = np.maximum(values[4] - np.array([0.0, 0.5, 1.0]) * model.step_s, 0.0)
+    found = descended(free, free.cube(values), turns=10, settle=1e-3)
+    return bool(model.shared.rows * np.log(found.costs[0] / max(cost, 1e-300)) < _EXPLAINS_NOTHING)
+
+
+def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = None, near: FloatArray | None = None,
+            enough: Callable[[FloatArray, float], bool] | None = None) -> tuple[FloatArray, float]:
+    """One search from nothing (or from given starts): best point (d,) and cost. `near` are basins that are known.
+
+    `enough` is asked about point and cost before the ridge is walked, and after a first walk along it where it is
+    smooth; it ends the search where it says so.
+    A record with very many samples a period is searched thinned first: its ridge is too long to walk sample by
+    sample, and the thinned one is short.
+    """
+    moving = not model.spec.held
+    every = thinning(model)
+    if starts is None:
+        near = basins(model, rng) if near is None else near
+        if every > 1:
+            small = thinned(model, every)
+            point, _ = one_run(small, rng, near=near)
+            beside = np.outer(np.arange(model.space.size) == 4, 0.5 * every * model.step_s * np.arange(-1, 2))
+            starts = model.cube(small.values(point[None]).repeat(3, axis=1) + beside)
+        else:
+            starts = np.concatenate([with_process(model, near), roamed(model, rng)])
+    found = refine(model.costs, with_start(model, starts), rng, spread=spreads(model), rounds=12 if moving else 35,
+                   population=14, settle=_SETTLED)
+    points = found.points
+    if enough is not None and enough(points[0], float(found.costs[0])):
+        return points[0], float(found.costs[0])
+    for _ in range(0 if moving else _RIDGE_TURNS):
+        near = np.concatenate([with_start(model, np.concatenate([points[:2], along_ridge(model, points[:2])])),
+                               with_other_start(model, points[0])])
+        near = descended(model, near, turns=_GLANCE).points[:_KEPT]
+        last = refine(model.costs, near, rng, spread=spreads(model, 0.4), rounds=45, population=14, settle=_SETTLED)
+        dead = model.values(np.stack([points[0], last.points[0]]))[4]
+        points = last.points
+        if abs(dead[1] - dead[0]) < 0.5 * model.step_s:
+            break
+    if moving:
+        # Where the command moves between samples the ridge is a smooth, narrow valley: walk along it.
+        found = descended(model, with_start(model, points), turns=6, settle=1e-2)
+        points = found.points
+        if enough is not None and enough(points[0], float(found.costs[0])):
+            return points[0], float(found.costs[0])
+        near = np.concatenate([with_start(model, points[:2]), with_other_start(model, points[0], 1)])
+        found = descended(model, near, settle=_SETTLED)
+        return found.points[0], float(found.costs[0])
+    return polish_smooth(model, with_start(model, points[:1])[0])
+
+
+def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
+    """Point (d,) moved to the middle of the break-away forces that give the very same valve path.
+
+    A held command jumps over every force between two of its values, so that a range of f_s, with f_d and e(0) as they
+    are, explains the record equally well; its middle is the answer with the smallest error to expect.
+    """
+    if model.law.one_parameter or not movable(model)[:3].all():
+        return point
+    values, forces = model.values(point[None])[:, 0], list(model.forces)
+    fs = 0.5 * (values[0] + values[1])
+    cost = float(model.costs(point[None])[0])
+    same = cost * (1.0 + _SAME_PATH) + _SAME_PATH * _SAME_PATH * model.shared.target_energy
+
+    def alike(moves: FloatArray) -> NDArray[np.bool_]:
+        trial = values[:, None].repeat(moves.size, axis=1)
+        trial[0] += moves
+        trial[1] += moves
+        trial[forces] *= fs / (fs + moves)
+        inside = ((np.abs(trial[forces]) <= 1.0).all(axis=0) & (trial[1] >= 0.0) & (trial[1] <= 2.0 * trial[0])
+                  & (trial[0] <= model.space.parameters[0].high))
+        trial[:, ~inside] = values[:, None]
+        return (model.costs_of(trial) <= same) & inside
+
+    ends = []
+    for sign in (-1.0, 1.0):
+        ladder = fs * _PLATEAU_LADDER
+        low, high = 0.0, float(ladder[-1])
+        for _ in range(2):
+            flat = alike(sign * ladder)
+            first = int(np.argmin(flat)) if not flat.all() else ladder.size - 1
+            low, high = (float(ladder[first - 1]) if first else low), float(ladder[first])
+            ladder = np.linspace(low, high, ladder.size + 1)[1:]
+        ends.append(sign * low)
+    move = 0.5 * (ends[0] + ends[1])
+    moved = values.copy()
+    moved[:2] += move
+    moved[forces] *= fs / (fs + move)
+    found = model.cube(moved[:, None])[0]
+    return found if float(model.costs(found[None])[0]) <= same else point
+
+
+def polish_smooth(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
+    """Point (d,) polished with the break-away as it is: S has a plateau narrower than anything else, and holding it
+    lets J, the process and the effects settle in a smooth cost."""
+    found = descended(model, point[None], held=(0, *model.forces))
+    return found.points[0], float(found.costs[0])
+
+
+def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.Generator, *,
+           rounds: int = 200, holdout: bool = True, reach: bool = True) -> Fitted:
+    """The last polish of the best points, with errors, hold-out and intervals.
+
+    Without `reach` the intervals are only those of the points that were met; `reaching` makes up for that.
+    """
+    values = model.values(points)
+    near = with_start(model, _distinct(points)[:3])
+    if not model.spec.held:
+        found = _beside(model, descended(model, near, turns=40))
+    else:
+        found = refine(model.costs, near, rng, spread=spreads(model, 0.15), rounds=rounds, population=18,
+                       settle=_SETTLED)
+    top, best_cost = polish_smooth(model, found.points[0])
+    agree = agreement(model, points, costs)
+    cube, cost = cloud(model, top, rng)
+    S = None
+    if reach:
+        cube, cost, S = widened(model, cube, cost)
+    if cost.min() < best_cost:
+        top, best_cost = cube[cost.argmin()], float(cost.min())
+    if model.spec.held:
+        top = middle_of_plateau(model, top)
+        best_cost = float(model.costs(top[None])[0])
+        cube, cost = np.concatenate([top[None], cube]), np.append(best_cost, cost)
+    best_values = model.values(longest_first(model, top[None]))[:, 0]
+    best = model.evaluate(best_values)
+    held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]) if holdout else None
+    return Fitted(model, best_values, best_cost, len(points), agree, best, held,
+                  intervals_of(model, cube, cost, best_cost, best, S, rough=not reach), values[:2].T, (cube, cost))
+
+
+def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False) -> Fitted:
+    """A fit that was finished without `reach`, its intervals with all that S and J reach.
+
+    With `steps_only` only with the steps of S under a held command, for a wider model that looks at the rest. Where
+    one of these does better than the fit, the answer goes there.
+    """
+    if fit.around is None:
+        return fit
+    for _ in range(_STEPS_BETTER):
+        cube, cost, S = widened(fit.model, *fit.around, steps_only=steps_only)
+        best = min(fit.sse, float(cost.min()))
+        if S is None or fit.model.shared.rows * np.log(fit.sse / max(best, 1e-300)) <= _BETTER:
+            break
+        moved = finish(fit.model, cube[[cost.argmin()]], cost[[cost.argmin()]], rng, reach=False)
+        same = abs(moved.values[0] - fit.values[0]) <= AGREE_S * fit.values[0]
+        fit = replace(moved, runs=fit.runs, agree=fit.agree if same else 1, searched=fit.searched)
+    if S is None and steps_only:
+        return fit  # no steps: nothing was looked at that `finish` had not
+    return replace(fit, intervals=intervals_of(fit.model, cube, cost, min(fit.sse, best), fit.best, S),
+                   around=(cube, cost))
+
+
+def _beside(model: Model, found: Found) -> Found:
+    """The best minimum (1, d) among those a few parts of a sample of dead time away.
+
+    The rebuilt command is known on a grid of parts, so that each part of dead time may hold a minimum of its own.
+    """
+    dead, part = model.space.parameters[4], model.step_s / model.spec.substeps
+    if dead.high <= dead.low:
+        return found
+    for _ in range(_BESIDE_TURNS):
+        starts = found.points[:1].repeat(len(_BESIDE), axis=0)
+        starts[:, 4] = np.clip(starts[:, 4] + np.array(_BESIDE) * part / (dead.high - dead.low), 0.0, 1.0)
+        shifted = descended(model, starts, held=(4,), turns=2, settle=1e-2).points[:_BESIDE_KEPT]
+        shifted = descended(model, shifted, held=(4,), turns=3, settle=1e-2).points
+        more = descended(model, shifted[:2], turns=40)
+        if not more.costs[0] < found.costs[0] * (1.0 - _SETTLED):
+            break
+        found = more
+    return found
+
+
+def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
+    values = model.values(points)
+    S, J = values[0], values[1]
+    close = np.abs(S - S[0]) <= AGREE_S * S[0]
+    close &= np.abs(J - J[0]) <= AGREE_J * S[0]
+    if not np.isfinite(costs[0]):
+        return 1
+    ratio = costs / max(costs[0], 1e-300)
+    alike = (ratio <= 1.0 + _AGREE_COST) | (model.shared.rows * np.log(np.maximum(ratio, 1e-300)) <= 2.0)
+    # Errors that differ by less than this share of the signal are alike in any real record.
+    alike |= np.sqrt(costs) - np.sqrt(costs[0]) <= _AGREE_SIGNAL * np.sqrt(model.shared.target_energy)
+    return int((close & alike).sum())
+
+
+def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
+    """Error on contiguous blocks that were masked while a fold weighed the points of the cloud with their linear parts.
+
+    `cube` (k, d) has the best point of all rows first.
+
+    The valve runs through the whole record, so no fold restarts it; the block and a gap beside it are left out. The
+    start-up transient is taken from the full fit: a fold without the start could not know it.
+    """
+    values = model.values(cube)
+    own = model.own_columns(*model.responses(values))
+    level = model.context.process_value - best.transient
+    own = own[:own.shape[0] - best.transients]
+    goal = model.filtered(level[:, None])[:, 0]
+    columns = model.filtered(model.shared_columns())
+    if model.spec.increments:
+        columns = columns[:, len(model.pieces):]  # a constant has no differences
+    total, rows = 0.0, 0
+    # The first fold can't know where the valve started, either: it has every candidate from the start of the full fit.
+    first = model.own_columns(*model.responses(_started(model, best, values)))[:own.shape[0]]
+    folds = fold_rows(model, values[:, 0], [max(p.skip, p.taps.size) for p in model.pieces])
+    for fold, (test, near) in enumerate(folds):
+        test &= model.weight > 0
+        train = (model.weight > 0) & ~near
+        if test.sum() < 3 or train.sum() < 5 * (own.shape[0] + columns.shape[1] + 1):
+            return None
+        mine = own if fold else first
+        error = (goal - mean_of_fold(mine, columns, goal, train, model.spec.fixed.get("gain")))[test]
+        total, rows = total + float(np.sum(error**2)), rows + int(test.sum())
+    return float(np.sqrt(total / rows)) if np.isfinite(total) else None
+
+
+def _started(model: Model, best: Evaluated, values: FloatArray) -> FloatArray:
+    """Values (d, k) with the start of the first: as much of the output's way is left until the valve first breaks away.
+
+    The force at the start is a share of the break-away force: as it stands it would let the first slip of a slightly
+    other valve come a sample early or late, which no other row tells.
+    """
+    out = values.copy()
+    fs = values[0] + values[1]
+    for row, z in zip(model.forces, model.split(best.position), strict=True):
+        moves = np.diff(z)
+        way = float(np.sign(moves[np.flatnonzero(moves)[:1]].sum())) or 1.0
+        out[row] = np.clip(way * (1.0 - (1.0 - way * values[row, 0]) * fs[0] / np.maximum(fs, 1e-12)), -1.0, 1.0)
+    return out
+
+
+def fold_rows(model: Model, values: FloatArray, firsts: Sequence[int]) -> list[tuple[BoolArray, BoolArray]]:
+    """The rows (n,) that each fold holds out, and these with the gap on either side; values (d,) set the gap.
+
+    A fold holds out one block of every segment from its first row on, so that each segment's own level can be known.
+    """
+    inside = np.zeros((HOLDOUT_BLOCKS, model.loop.samples), bool)
+    near = inside.copy()
+    at = 0
+    for i, (piece, first) in enumerate(zip(model.pieces, firsts, strict=True)):
+        n = piece.loop.samples
+        gap = gap_rows(piece, model.of(i, values), first)
+        edges = np.linspace(first, n, HOLDOUT_BLOCKS + 1).astype(int)
+        for fold, (a, b) in enumerate(pairwise(edges.tolist())):
+            inside[fold, at + a:at + b] = True
+            near[fold, at + max(a - gap, 0):at + min(b + gap, n)] = True
+        at += n
+    return list(zip(inside, near, strict=True))
+
+
+def held_out_error(model: Model, point: FloatArray, rng: np.random.Generator) -> float | None:
+    """Held-out error of a point (d,) of the unit cube as it is, in the form the model is fitted in; see `_holdout`."""
+    cube, cost = cloud(model, point, rng)
+    cube = cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]
+    return _holdout(model, model.evaluate(model.values(cube[:1])[:, 0]), cube)
+
+
+def gap_rows(model: Model, values: FloatArray, first: int) -> int:
+    """Rows left out on either side of a block: while the process of values (d,) remembers, half a period at least."""
+    wanted = max(values[4] + 3.0 * values[3], model.period_s / 2.0) / model.step_s
+    return int(min(wanted, (model.loop.samples - first) / (2 * HOLDOUT_BLOCKS)))
+
+
+def _distinct(points: FloatArray) -> FloatArray:
+    """Points (k, d) without those that repeat an earlier one's S and J: restarts that agree need one polish."""
+    return points[first_distinct(points, len(points), _SAME_POINT)]

@@ -1,0 +1,1 @@
+"""Intervals of S, J and the process from the likelihood of a fit."""

@@ -1,0 +1,197 @@
+"""Intervals of the numbers in which the cost is smooth: gain, time constants, dead time and the numbers of effects.
+
+Points drawn at random rarely lie where one number ends: of a few hundred the outermost fall short of it by a quarter.
+With the break-away as it is the residuals are smooth, so their slopes say how far each number goes on one plateau while
+all others follow it at least cost; and this is asked at points all over what is possible, since slopes know little of
+another plateau, or of a slip jump that is half as large. The gain is linear: it follows every other number and has a
+spread of its own beside. Where the cost at such an end is not what the slopes say, the end moves to where it would be.
+
+Wrong where a number bends the residuals so much within its interval that the others follow it on no straight line.
+Source: profile likelihood, Venzon and Moolgavkar 1988; slopes of projected residuals, Golub and Pereyra 1973.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...model.model import Model
+from ...numerics.gauss_newton import beside, principal
+from ...numerics.varpro import SAME, axes
+from ...typing import FloatArray, IntArray
+from ..moves import movable
+from .profile import spread_over
+
+# Difference for the slopes, as a share of the range, and parts of the range of each number that are asked; fewer where
+# the intervals are rough.
+_DIFFERENCE, _PARTS, _ROUGH_PARTS = 1e-3, 3, 2
+# How much further an end may move that costs less than it may, as a share of the way to it; how often ends are looked
+# at, and how many of each number's after the first time.
+_FURTHER, _LOOKS, _KEPT = 1.3, 3, 3
+GAIN = "gain"
+
+
+def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: float, *,
+                     rough: bool = False) -> dict[str, tuple[float, float]]:
+    """Smallest and largest possible value of the gain and of every number but those of the friction.
+
+    `cube` (k, d) are possible points, `cost` (k,) what they cost, `limit` what is allowed. `rough` intervals end where
+    the slopes say, and no cost is looked at there. Empty where the valve barely moves, so that beside every point it
+    never does.
+    """
+    names, movers = list(model.named(np.zeros(model.space.size))), movable(model) > 0
+    wanted = [j for j in np.flatnonzero(movers).tolist() if j not in (0, 1, *model.forces)]
+    slopes = _Slopes.at(model, cube, cost, limit, _asked(cube, cost, wanted, _ROUGH_PARTS if rough else _PARTS))
+    if slopes is None:
+        return {}
+    low, high = slopes.ends(wanted, rough=rough)
+    found = {}
+    for at, j in enumerate(wanted):
+        both = cube[:1].repeat(2, axis=0)
+        both[:, j] = max(min(low[at], cube[:, j].min()), 0.0), min(max(high[at], cube[:, j].max()), 1.0)
+        found[names[j]] = tuple(model.values(both)[j].tolist())
+    if GAIN not in model.spec.fixed:
+        # A slip jump half as large goes with a gain twice as large, which slopes do not know.
+        met = _residuals_and_gains(model, _outermost(cube, (1, *wanted)))[1]
+        found[GAIN] = (min(low[-1], float(met.min())), max(high[-1], float(met.max())))
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Slopes:
+    """What slopes say at possible points (k, d): where the least cost lies from there, and how far it allows to go.
+
+    `free` are the numbers (f,) that move, `step` (k, f) the way to the least cost and `least` (k,) that cost; `spread`
+    (k, f, f) is the covariance of the numbers for residuals of variance 1. Of the gain: its value (k,) at the least
+    cost, how it follows the numbers (k, f), and its own variance (k,) beside.
+    """
+
+    model: Model
+    limit: float
+    points: FloatArray
+    free: IntArray
+    step: FloatArray
+    least: FloatArray
+    spread: FloatArray
+    gain: FloatArray
+    follows: FloatArray
+    own: FloatArray
+
+    @classmethod
+    def at(cls, model: Model, cube: FloatArray, cost: FloatArray, limit: float, asked: IntArray) -> _Slopes | None:
+        """The slopes at the points that are asked; None where beside each of them the valve never moves."""
+        held = (0, *model.forces) if model.spec.held else ()
+        free = np.array([j for j in np.flatnonzero(movable(model)).tolist() if j not in held], int)
+        f, points, costs = free.size, cube[asked], cost[asked]
+        trial, width = beside(points, free, np.full((len(points), f), _DIFFERENCE))
+        r, gains = _residuals_and_gains(model, trial)
+        r, gains = r.reshape(-1, len(points), 2 * f + 1), gains.reshape(len(points), -1)
+        moves = np.isfinite(r).all(axis=(0, 2))
+        if not moves.any():
+            return None
+        points, costs, r, gains, width = points[moves], costs[moves], r[:, moves], gains[moves], width[moves]
+        slopes = (r[:, :, 1:f + 1] - r[:, :, f + 1:]) / width
+        values, vectors, size = principal(np.einsum("nkf,nkg->kfg", slopes, slopes))
+        spread = (vectors / np.maximum(values, 1e-9 * values[:, -1:] + 1e-30)[:, None]) @ np.swapaxes(vectors, 1, 2)
+        spread = spread / (size[:, :, None] * size[:, None, :])
+        gradient = np.einsum("nkf,nk->kf", slopes, r[:, :, 0])
+        step = -np.einsum("kfg,kg->kf", spread, gradient)
+        least = np.clip(costs + np.einsum("kf,kf->k", gradient, step), cost.min(), limit)
+        follows = (gains[:, 1:f + 1] - gains[:, f + 1:]) / width
+        gain = gains[:, 0] + np.einsum("kf,kf->k", follows, step)
+        return cls(model, limit, points, free, step, least, spread, gain, follows, _own_variance(model, points))
+
+    def ends(self, numbers: list[int], *, rough: bool) -> tuple[list[float], list[float]]:
+        """How far down and how far up some numbers go, as shares of their ranges, and last the gain, in its unit."""
+        lines, room = self._lines(numbers), np.sqrt(self.limit - self.least)
+        # Of every number, down and up, from every point.
+        sides = np.array([-1.0, 1.0])[:, None]
+        middles = np.array([[middle, middle] for middle, _, _ in lines])
+        reaches = np.array([sides * room * reach for _, reach, _ in lines])
+        if not rough:
+            ways = np.array([(sides * room)[..., None] * way for _, _, way in lines])
+            reaches = self._allowed(numbers, middles, reaches, ways)
+        ends = middles + reaches
+        return ends[:, 0].min(axis=1).tolist(), ends[:, 1].max(axis=1).tolist()
+
+    def _allowed(self, numbers: list[int], middles: FloatArray, reaches: FloatArray, ways: FloatArray) -> FloatArray:
+        """The reaches (number, side, point) as far as the cost on the way allows.
+
+        All are looked at where they end, those that then go furthest again: the cost is taken for a parabola through
+        the last look, and a look that costs too much is a bound.
+        """
+        share, low, high = np.ones(reaches.shape), np.zeros(reaches.shape), np.full(reaches.shape, _FURTHER)
+        at = np.indices(reaches.shape).reshape(3, -1)
+        for _ in range(_LOOKS):
+            n, side, k = at
+            points = self.points[k]
+            points[:, self.free] += self.step[k] + share[n, side, k][:, None] * ways[n, side, k]
+            np.clip(points, 0.0, 1.0, out=points)
+            costs = self.model.costs(points)
+            gain = n == len(numbers)
+            if gain.any():
+                meant = middles[n, side, k] + share[n, side, k] * reaches[n, side, k]
+                gains = _residuals_and_gains(self.model, points[gain])[1]
+                costs[gain] += (meant[gain] - gains)**2 / self.own[k[gain]]
+            excess = np.maximum(costs - self.least[k], 1e-300) / np.maximum(self.limit - self.least[k], 1e-300)
+            now = share[n, side, k]
+            low[n, side, k] = np.where(excess <= 1.0, now, low[n, side, k])
+            high[n, side, k] = np.where(excess > 1.0, now, high[n, side, k])
+            share[n, side, k] = np.clip(now * excess**-0.5, low[n, side, k], high[n, side, k])
+            furthest = np.argsort(-np.abs(share * reaches), axis=2, kind="stable")[:, :, :_KEPT]
+            n, side, _ = np.indices(furthest.shape)
+            at = np.stack([n.ravel(), side.ravel(), furthest.ravel()])
+        return share * reaches
+
+    def _lines(self, numbers: list[int]) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Of some numbers and last the gain: its value at the least cost (k,), how far it goes for a cost of 1 more
+        (k,), and how far all numbers go with it (k, f)."""
+        lines = []
+        for j in numbers:
+            i = int(np.flatnonzero(self.free == j)[0])
+            reach = np.sqrt(self.spread[:, i, i])
+            lines.append((self.points[:, j] + self.step[:, i], reach, self.spread[:, :, i] / reach[:, None]))
+        way = np.einsum("kfg,kg->kf", self.spread, self.follows)
+        reach = np.sqrt(np.einsum("kf,kf->k", self.follows, way) + self.own)
+        return [*lines, (self.gain, reach, way / reach[:, None])]
+
+
+def _asked(cube: FloatArray, cost: FloatArray, wanted: Iterable[int], parts: int) -> IntArray:
+    """The points (m,) of which slopes are taken: the best in parts of the range of every number."""
+    return np.unique(np.concatenate([[int(cost.argmin())],
+                                     *(spread_over(cube[:, j], cost, parts) for j in (0, 1, *wanted))]))
+
+
+def _outermost(cube: FloatArray, numbers: Iterable[int]) -> FloatArray:
+    """The points (m, d) of `cube` (k, d) with the least and the most of each of the numbers."""
+    return cube[np.unique([at for j in numbers for at in (cube[:, j].argmin(), cube[:, j].argmax())])]
+
+
+def _residuals_and_gains(model: Model, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Residuals (n, P) as `Model.residuals` gives them and gains of the process (P,) at points (P, d), from one run."""
+    if GAIN in model.spec.fixed:
+        return model.residuals(points), np.full(len(points), model.spec.fixed[GAIN])
+    values = model.values(points)
+    r, gains = np.empty((model.loop.samples, len(points))), np.empty(len(points))
+    for rows, part in model.blocks(values):
+        base, offsets = model.responses(part, lent=True)
+        width = rows.stop - rows.start
+        sizes = model.shared.solve(base, offsets)[1]
+        gains[rows] = sizes.reshape(-1, len(offsets), sizes.shape[-1])[0, 0, :width]
+        r[:, rows] = model.shared.residuals(base, offsets, lent=True)[:, :width]
+    return r, gains
+
+
+def _own_variance(model: Model, points: FloatArray) -> FloatArray:
+    """Variance (P,) of the gain for residuals of variance 1 with points (P, d) as they are."""
+    own = model.own_columns(*model.responses(model.values(points)))
+    used = model.weight > 0
+    own, shared, out = own[:, used], model.shared.basis[used], np.empty(len(points))
+    for p in range(len(points)):
+        others = np.concatenate([own[1:, :, p].T, shared], axis=1)
+        known = axes(others, SAME)
+        rest = own[0, :, p] - known @ (known.T @ own[0, :, p])
+        out[p] = 1.0 / max(float(rest @ rest), 1e-300)
+    return out

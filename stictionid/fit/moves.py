@@ -1,0 +1,201 @@
+"""Ways to move points of a model: descent, the initial force, thinned and coarser models that stand for the whole.
+
+What searches, intervals and diagnosis share. Source: METHODS.md section 4; DESIGN.md section 3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..model.model import Model
+from ..model.segments import bound
+from ..model.spec import BASE
+from ..numerics.gauss_newton import descend
+from ..numerics.population import Found
+from ..record.loop import Loop
+from ..typing import FloatArray
+
+# Samples a period on which a search from nothing is made; records with twice as many are thinned for it.
+_SEARCH_SAMPLES = 60
+_COARSE_SUBSTEPS = 4
+# First differences of a descent, as a share of the range.
+_DIFFERENCE = 1e-3
+# Ladders of initial residual forces, as shares of their range: for points that deserve it, and to choose those.
+# Where there are several segments each force is less known than one: neighbours of what it is are tried, too.
+_NEAR_FORCES = np.array([-0.03, -0.015, -0.007, -0.003, 0.003, 0.007, 0.015, 0.03])
+FORCES, ROUGH_FORCES = np.linspace(0.01, 0.99, 33), np.linspace(0.05, 0.95, 7)
+
+
+# Models that stand for another one, which several stages ask for, as long as that one is there.
+_coarse: WeakKeyDictionary[Model, Model] = WeakKeyDictionary()
+_held: WeakKeyDictionary[Model, Model] = WeakKeyDictionary()
+
+
+def longest_piece(model: Model) -> int:
+    """Which segment of a model has the most samples that count."""
+    return int(np.argmax([float(piece.weight.sum()) for piece in model.pieces]))
+
+
+def neutral_point(model: Model) -> FloatArray:
+    """Neutral point (d,) of the unit cube; process parameters in the middle."""
+    return np.array([0.5 if i in (3, 4) or not p.high > p.low else p.share(p.neutral)
+                     for i, p in enumerate(model.space.parameters)])
+
+
+def with_start(model: Model, points: FloatArray) -> FloatArray:
+    """Points (k, d) with the best initial residual force of a ladder: the force decides basins of its own."""
+    return first_force(model, points, FORCES)[0]
+
+
+def first_force(model: Model, points: FloatArray, ladder: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (k, d) with the best initial residual force of a ladder, their own included, and their costs (k,).
+
+    Of several segments each takes its own best, found as if it were alone.
+    """
+    if len(model.pieces) == 1:
+        trial = points[:, None, :].repeat(ladder.size + 1, axis=1)
+        trial[:, 1:, model.forces[0]] = ladder
+        c = model.costs(trial.reshape(-1, points.shape[1])).reshape(len(points), -1)
+        return trial[np.arange(len(points)), c.argmin(axis=1)], c.min(axis=1)
+    near = points[:, None, list(model.forces)] + _NEAR_FORCES[:, None]
+    trial = points[:, None, :].repeat(ladder.size + len(_NEAR_FORCES) + 1, axis=1)
+    trial[:, 1:ladder.size + 1, list(model.forces)] = ladder[:, None]
+    trial[:, ladder.size + 1:, list(model.forces)] = np.clip(near, 0.0, 1.0)
+    alone = model.piece_costs(model.values(trial.reshape(-1, points.shape[1])))[0]
+    best = alone.reshape(len(alone), len(points), -1).argmin(axis=2)
+    chosen = points.copy()
+    for force, at in zip(model.forces, best, strict=True):
+        chosen[:, force] = trial[np.arange(len(points)), at, force]
+    before, after = model.costs(np.concatenate([points, chosen])).reshape(2, -1)
+    return np.where((after < before)[:, None], chosen, points), np.minimum(before, after)
+
+
+def lifted(model: Model, at: int, points: FloatArray) -> FloatArray:
+    """Points (k, d) of one segment's model as points of all, the other segments' starts neutral."""
+    values = model.values(neutral_point(model)[None]).repeat(len(points), axis=1)
+    values[[0, 1, model.forces[at], 3, 4, *range(model.head, len(values))]] = model.pieces[at].values(points)
+    return model.cube(values)
+
+
+def longest_first(model: Model, points: FloatArray) -> FloatArray:
+    """Points (k, d) whose first time constant is the longer one: u and y know no order of two lags in a row."""
+    names, movers = list(model.named(np.zeros(model.space.size))), movable(model)
+    first = BASE.index("time_constant_s")
+    second = [i for i, name in enumerate(names) if name.endswith(":second_time_constant_s")]
+    if not second or not (movers[first] and movers[second[0]]):
+        return points
+    values = model.values(points)
+    swapped = values.copy()
+    swapped[[first, second[0]]] = values[[second[0], first]]
+    return np.where((values[second[0]] > values[first])[:, None], model.cube(swapped), points)
+
+
+def first_distinct(points: FloatArray, count: int, apart: float = 0.02) -> list[int]:
+    kept: list[int] = []
+    for i, point in enumerate(points):
+        if all(np.abs(point[:2] - points[j, :2]).max() > apart for j in kept):
+            kept.append(i)
+        if len(kept) == count:
+            break
+    return kept
+
+
+def spreads(model: Model, factor: float = 1.0) -> FloatArray:
+    """First standard deviations of a polish, as shares of the ranges (d,)."""
+    base = np.array([0.01, 0.05, 0.1, 0.03, 0.03])
+    further = np.full(model.head - len(BASE), base[2])
+    return factor * np.concatenate([base, further, np.full(model.space.size - model.head, 0.05)])
+
+
+def search_model(model: Model) -> Model:
+    """The model to search on: a command that moves between samples is searched on a coarser grid than finished on."""
+    if model.spec.substeps <= _COARSE_SUBSTEPS or model.spec.held:
+        return model
+    if model not in _coarse:
+        _coarse[model] = bound(model.loop, replace(model.spec, substeps=_COARSE_SUBSTEPS), s_max=model.s_max,
+                               period_s=model.period_s, residual=model.context.residual)
+    return _coarse[model]
+
+
+def as_held(model: Model) -> Model:
+    """The same model under a command that is held from sample to sample: its basins, for fewer rows of the valve.
+
+    A thinned model is handed back as it is: its valve sees commands that its samples do not hold.
+    """
+    if model.spec.held or model.thinned:
+        return model
+    if model not in _held:
+        _held[model] = bound(model.loop, replace(model.spec, between="hold", substeps=1), s_max=model.s_max,
+                             period_s=model.period_s, residual=model.context.residual, record=model.context.record)
+    return _held[model]
+
+
+def thinning(model: Model) -> int:
+    """One sample in how many a search from nothing needs."""
+    return int(model.period_s / model.step_s / _SEARCH_SAMPLES)
+
+
+def thinned(model: Model, every: int) -> Model:
+    """The same model on every so many samples: y is averaged around them, the valve still sees every command.
+
+    The one-step error of a record sampled much faster than its dynamics is all noise; thinned, it shows the valve.
+    """
+    if every <= 1:
+        return model
+    if len(model.pieces) > 1:
+        return _thinned_segments(model, every)
+    loop = model.loop
+    half = every // 2
+    part = slice(half, loop.samples - half, every)
+    window = np.ones(2 * half + 1) / (2 * half + 1)
+    y = np.convolve(model.context.process_value, window, "same")[part]
+    m = model.spec.substeps
+    command = model.context.command[half * m:]
+    residual = model.context.residual
+    small = Loop(output=loop.output[part], process_value=y,
+                 setpoint=None if loop.setpoint is None else loop.setpoint[part],
+                 used=(np.convolve(model.good(), window, "same") > 0.999)[part],
+                 extras={tag: x[part] for tag, x in loop.extras.items()}, step_s=loop.step_s * every, units=loop.units)
+    rows = small.samples * every * m
+    command = np.concatenate([command[:rows], np.full(max(rows - command.size, 0), command[-1])])
+    return bound(small, replace(model.spec, substeps=every * m), s_max=model.s_max, period_s=model.period_s,
+                 residual=None if residual is None else residual[part], command=command, record=model.context.record)
+
+
+def _thinned_segments(model: Model, every: int) -> Model:
+    """The model of several segments, each thinned on its own."""
+    parts = [thinned(piece, every) for piece in model.pieces]
+    clock = model.loop.clock_s
+    small = Loop.joined([part.loop for part in parts],
+                        begins_s=tuple(float(clock[first]) for first in model.loop.starts))
+    residual = None if model.context.residual is None else np.concatenate([p.context.residual for p in parts])
+    return bound(small, parts[0].spec, s_max=model.s_max, period_s=model.period_s, residual=residual,
+                 command=np.concatenate([part.context.command for part in parts]))
+
+
+def descended(model: Model, starts: FloatArray, *, held: tuple[int, ...] = (), turns: int = 20,
+              settle: float = 1e-5) -> Found:
+    """Starts (k, d) of a model polished by descent, in all numbers that may move but those `held`; best first."""
+    spread = _DIFFERENCE * movable(model)
+    spread[list(held)] = 0.0
+    return descend(partial(model.residuals, lent=True), model.costs, starts, spread=spread, turns=turns, settle=settle)
+
+
+def behind_valve(model: Model, starts: FloatArray, own: slice, *, turns: int, settle: float) -> Found:
+    """Starts (k, d) polished in the process and one effect's numbers (`own`) only, the valve as it is; best first.
+
+    What a lag takes from dead time and time constant is smooth while no slip moves; together with S and J, which have
+    a step at every sample, a descent stops at the first of these.
+    """
+    free = {3, 4, *range(own.start, own.stop)}
+    held = tuple(i for i in range(model.space.size) if i not in free)
+    return descended(model, starts, held=held, turns=turns, settle=settle)
+
+
+def movable(model: Model) -> FloatArray:
+    """1 for parameters that may move, 0 for those that are fixed (d,)."""
+    return np.array([float(p.high > p.low) for p in model.space.parameters])

@@ -1,0 +1,1 @@
+"""Noise under a fit: autoregression of its residual, prewhitening, tests for whiteness."""

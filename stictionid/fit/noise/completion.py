@@ -1,0 +1,288 @@
+"""A model completed with the noise that its residual asks for, and compared by its innovations.
+
+Completion fits an autoregression to the free-run residual and, where there is one, refits the model in prewhitened
+form, so that all models are compared by their innovations, noise model included.
+Source: METHODS.md section 6; CRITICISM.md sections 1 and 7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...effects import noises_in, parse
+from ...model.model import Model
+from ...model.segments import bound
+from ...model.spec import BASE, Evaluated, Spec
+from ...numerics.autoregression import autoregression, filtered
+from ...numerics.narrow_band import NUMBERS, resonance
+from ...numerics.population import refine
+from ...typing import BoolArray, FloatArray
+from ..fit import polish_smooth
+from ..moves import descended, search_model, spreads, with_start
+from ..starts.basins import along_ridge
+from .whiteness import noise_alone, only_noise
+
+AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
+LARGEST_ORDER = 8
+# Rounds of noise model and refit; the second rarely matters.
+_COMPLETIONS = 2
+BLOCKS = 5
+# Relative fall of the cost below which a refit in prewhitened form has settled.
+_SETTLED = 1e-4
+# A free run within this share of its innovations is at the noise.
+_WHITE = 1.1
+
+
+@dataclass(frozen=True, slots=True)
+class Refit:
+    """A model at its best point (d,), completed with its noise; `innovation` (n,) is white where it is adequate.
+
+    `taps` are those of the fitted noise model, beside the prewhitening `own` of the fit of the process.
+    """
+
+    model: Model
+    values: FloatArray
+    evaluated: Evaluated
+    taps: FloatArray
+    increments: bool
+    innovation: FloatArray
+    good: BoolArray
+    parameters: int
+    noise_numbers: int = 0
+    own: tuple[float, ...] = ()
+
+    @property
+    def innovation_sd(self) -> float:
+        """Standard deviation of the innovations, in the unit of y."""
+        return float(np.sqrt(np.mean(self.innovation[self.good] ** 2)))
+
+    @property
+    def spec(self) -> Spec:
+        """The model's spec with the noise model in it."""
+        taps = tuple(_joined(self.own, self.taps)[1:].tolist())
+        return replace(self.model.spec, taps=taps, increments=self.increments)
+
+    def white_model(self) -> Model:
+        """The model in its prewhitened form, whose cost is the sum of squared innovations."""
+        spec = self.spec
+        if spec == self.model.spec:
+            # An effect that follows y follows the model's own, whatever the search followed.
+            return self.model.guided(self.evaluated.guide) if self.model.follows_y else self.model
+        return bound(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
+                     residual=self.evaluated.left)
+
+    @property
+    def noise_alone(self) -> bool:
+        """Whether model and noise model leave nothing but noise, and the latter is no disturbance itself.
+
+        Not known where the model is fitted in changes of y, which hide whatever is slow.
+        """
+        return not self.increments and not self.own and noise_alone(
+            self.model, self.taps, self.evaluated.position, self.innovation, self.good)
+
+    @property
+    def walk_alone(self) -> bool:
+        """Whether model and random walk leave nothing but noise in the changes of y."""
+        return self.increments and not self.own and noise_alone(
+            self.model, self._polynomial()[1:], self.evaluated.position, self.innovation, self.good, walk=True)
+
+    @property
+    def white(self) -> bool:
+        """Whether the innovations pass every test for chance, whatever the noise model that left them.
+
+        A noise model may hide what is slow in a root near 1, or in changes of y, but not what valve and process do.
+        """
+        return only_noise(self.model, self._polynomial(), self.taps.size, self.evaluated.position, self.innovation,
+                          self.good)
+
+    def _polynomial(self) -> FloatArray:
+        """What the errors are passed through to be innovations."""
+        return _whitening(self.own, self.taps, self.increments)
+
+    def bic(self, good: BoolArray) -> float:
+        """BIC of the innovations on common samples (n,)."""
+        rows = float(good.sum())
+        sse = float(np.sum(self.innovation[good] ** 2))
+        return rows * float(np.log(max(sse, 1e-300) / rows)) + self.parameters * float(np.log(rows))
+
+    def gain_over(self, other: Refit) -> float:
+        """BIC by which this model does better than another on the samples that both predict."""
+        both = self.good & other.good
+        return other.bic(both) - self.bic(both)
+
+
+def own_taps(spec: Spec) -> tuple[float, ...]:
+    """Prewhitening that belongs to the fit of the process (softened differences), not to a fitted noise model."""
+    return () if has_noise(spec) else tuple(spec.taps)
+
+
+def has_noise(spec: Spec) -> bool:
+    """Whether the model has a noise effect already, whose coefficients are estimated anew with every refit."""
+    return bool(noises_in(spec.effects))
+
+
+def has_walk(spec: Spec) -> bool:
+    """Whether the model has a random walk: y has no level then, and a free run no error that could grow."""
+    return any(parse(name)[0].noise == RANDOM_WALK for name in spec.effects)
+
+
+def at_noise(refit: Refit) -> bool:
+    """Whether the free run of a physical refit is at its innovations: a noise model has next to nothing to do."""
+    return not has_noise(refit.model.spec) and refit.evaluated.rmse <= _WHITE * refit.innovation_sd
+
+
+def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
+          rng: np.random.Generator | None = None) -> Refit:
+    """The model as it is, completed with a noise model of its residual but not refitted to it.
+
+    An integrator that is fitted to the changes of y is completed in levels, too, and the better one is kept.
+    """
+    found = _as_it_is(model, values, noise, order, rng)
+    if not _has_levels(model, noise):
+        return found
+    return better(found, _as_it_is(_in_levels(model, found.evaluated), values, noise, order, rng))
+
+
+def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
+              rng: np.random.Generator | None = None) -> Refit:
+    evaluated = model.evaluate(values)
+    increments = noise == RANDOM_WALK or model.spec.increments
+    own = own_taps(model.spec)
+    ar, count = _taps(model, evaluated, increments, order, own, noise, rng)
+    return _refit(model, values, evaluated, ar, increments, own, count)
+
+
+def _has_levels(model: Model, noise: str) -> bool:
+    """Whether a model is fitted to changes of y only for the sake of the search.
+
+    Errors of slips add up in an integrator, so changes show the valve; but white noise on y hides in them whatever is
+    slow, and once nothing is missing the level shows it.
+    """
+    return model.spec.increments and noise in (AUTOREGRESSIVE, RESONANT) and not has_noise(model.spec)
+
+
+def _in_levels(model: Model, evaluated: Evaluated) -> Model:
+    return bound(model.loop, replace(model.spec, increments=False, taps=()), s_max=model.s_max,
+                 period_s=model.period_s, residual=evaluated.left)
+
+
+def better(found: Refit, other: Refit) -> Refit:
+    """The better of two completed models by BIC on common samples."""
+    return other if other.gain_over(found) > 0.0 else found
+
+
+def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, *,
+             noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER) -> Refit:
+    """The model with a noise model for its residual, refitted in prewhitened form where there is one.
+
+    `noise` is an autoregression, a random walk (model and data are fitted in differences, on which the autoregression
+    sits), or a resonance. Prewhitening that the model has already for its process is kept, and extended; the model of
+    an integrator is completed in levels, too, and the better one is kept.
+    """
+    found = _completed(model, values, pool, rng, noise, order)
+    if not _has_levels(model, noise):
+        return found
+    level = _in_levels(model, found.evaluated)
+    near = descended(level, level.cube(level.vector(found.model.named(found.values))[:, None]))
+    return better(found, _completed(level, level.values(near.points[:1])[:, 0], None, rng, noise, order))
+
+
+def _completed(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, noise: str,
+               order: int) -> Refit:
+    first = _as_it_is(model, values, noise, order, rng)
+    increments, own, ar = first.increments, own_taps(model.spec), first.taps
+    if ar.size == 0 and increments == model.spec.increments and not has_noise(model.spec):
+        return first
+    best: Refit | None = None
+    evaluated, count = first.evaluated, first.noise_numbers
+    for _ in range(_COMPLETIONS):
+        taps = tuple(_joined(own, ar)[1:].tolist())
+        white = bound(model.loop, replace(model.spec, taps=taps, increments=increments), s_max=model.s_max,
+                      period_s=model.period_s, residual=evaluated.left)
+        starts = [values]
+        if pool is not None and best is None:
+            starts += [white.vector({**model.named(values), **dict(zip(BASE, base, strict=True))}) for base in pool[1:]]
+        coarse = search_model(white)
+        cube = with_start(coarse, coarse.cube(np.array(starts).T))
+        found = refine(coarse.costs, cube, rng, spread=spreads(coarse, 0.5), rounds=40, population=14, settle=_SETTLED)
+        if white.spec.held and best is None:
+            near = np.concatenate([found.points[:1], along_ridge(coarse, found.points[:1])])
+            found = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=40, population=14,
+                           settle=_SETTLED)
+        point, _ = polish_smooth(white, found.points[0])
+        values = white.values(point[None])[:, 0]
+        evaluated = white.evaluate(values)
+        now = _refit(white, values, evaluated, ar, increments, own, count)
+        if best is not None and now.innovation_sd > 0.998 * best.innovation_sd:
+            break
+        best = now
+        ar, count = _taps(model, evaluated, increments, order, own, noise, rng)
+    assert best is not None
+    return best if noise != AUTOREGRESSIVE or has_noise(model.spec) else _plainer(model, best)
+
+
+def _plainer(model: Model, found: Refit) -> Refit:
+    """The better of a refit in prewhitened form and the model without, polished from there, by BIC.
+
+    Errors of a process that was not settled look like noise: prewhitened for them, a model may settle, but keeps a
+    noise that is no more, and under one with a root near 1 it loses its level.
+    """
+    again = descended(model, model.cube(model.vector(found.model.named(found.values))[:, None]))
+    return better(found, _as_it_is(model, model.values(again.points[:1])[:, 0]))
+
+
+def _joined(own: tuple[float, ...], ar: FloatArray) -> FloatArray:
+    """The product of two prewhitening polynomials, the leading 1 included."""
+    return np.convolve(np.concatenate([[1.0], own]), np.concatenate([[1.0], ar]))
+
+
+def _whitening(own: tuple[float, ...], ar: FloatArray, increments: bool) -> FloatArray:
+    """The polynomial in the lag that makes innovations of errors, the leading 1 included."""
+    polynomial = _joined(own, ar)
+    return np.convolve(polynomial, [1.0, -1.0]) if increments else polynomial
+
+
+def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own: tuple[float, ...], noise: str,
+          rng: np.random.Generator | None) -> tuple[FloatArray, int]:
+    """Taps of the noise model beside the model's own prewhitening, and how many fitted numbers they stand for.
+
+    A resonance is looked for in the longest segment: a spectrum knows no gaps.
+    """
+    polynomial = np.concatenate([[1.0], own])
+    if increments:
+        polynomial = np.convolve(polynomial, [1.0, -1.0])
+    signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
+    if noise == RESONANT:
+        part = model.loop.longest
+        found = resonance(signal[part], good[part], rng or np.random.default_rng(0))
+        return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
+    ar = autoregression(signal, good, order, model.loop.starts)
+    return ar, ar.size
+
+
+def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArray, increments: bool,
+           own: tuple[float, ...], numbers: int) -> Refit:
+    polynomial = _whitening(own, ar, increments)
+    innovation, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
+    good &= ~model.starting(polynomial.size)
+    count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + numbers
+    return Refit(model, values, evaluated, ar, increments, innovation, good, count, numbers, own)
+
+
+def restored(model: Model, values: FloatArray, taps: FloatArray, *, own: tuple[float, ...], increments: bool,
+             numbers: int) -> Refit:
+    """A refit from its numbers: one run of the model, no search."""
+    return _refit(model, values, model.evaluate(values), taps, increments, own, numbers)
+
+
+def block_gains(before: Refit, after: Refit, good: BoolArray) -> FloatArray:
+    """Relative drop of the one-step error on each of BLOCKS contiguous blocks (BLOCKS,), on common samples."""
+    rows = np.flatnonzero(good)
+    gains = []
+    for part in np.array_split(rows, BLOCKS):
+        a = float(np.sqrt(np.mean(before.innovation[part] ** 2)))
+        b = float(np.sqrt(np.mean(after.innovation[part] ** 2)))
+        gains.append(1.0 - b / a if a else 0.0)
+    return np.array(gains)

@@ -1,0 +1,134 @@
+"""Whether a noise model explains all that a model leaves, so that nothing is left for another base or an effect.
+
+An autoregression imitates a slow disturbance by a root near 1, and what valve and process do it leaves where it
+happens: in innovations that follow past positions, or past values of a further tag, are larger after moves or in some
+stretches, or have heavy tails. A noise of short memory whose innovations pass joint tests for all that asks for no
+hunting. Wrong where an effect moves y by less than the tests see: some 2 per cent of the innovations' variance in 1500
+samples, less than names an effect.
+
+Source: CRITICISM.md section 7, steps 1 and 2; Ljung and Box 1978; Fisher 1929 (a line); Engle 1982 (squares).
+"""
+
+from __future__ import annotations
+
+from statistics import NormalDist
+
+import numpy as np
+
+from ...effects import parse
+from ...model.model import Model
+from ...numerics.autoregression import autocovariance, chi_square_z, ljung_box
+from ...typing import BoolArray, FloatArray
+
+# Level of each of six tests, 1 % for all together (a further tag has one more), and the one-sided normal value that it
+# stands for.
+_LEVEL = 0.01 / 6.0
+_LIMIT = NormalDist().inv_cdf(1.0 - _LEVEL)
+# A noise with a root beyond this remembers so long that it may be a disturbance: a step, a ramp or a sine needs one
+# near 1. Unit: 1.
+_SHORT = 0.9
+# Lags of the autocorrelation at least, and at most (one period between them); lagged positions; lagged moves; stretches
+# of the record whose variance may differ.
+_FEWEST, _MOST, _POSITIONS, _MOVES, _STRETCHES = 20, 200, 12, 8, 10
+# Directions of columns below this share of the largest are taken for dependent.
+_DEPENDENT = 1e-8
+
+
+def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation: FloatArray, good: BoolArray, *,
+                walk: bool = False) -> bool:
+    """Whether what an autoregression (p,) of the errors leaves, its `innovation` (n,), is noise, of short memory.
+
+    `position` (n,) is the valve's, `good` (n,) says where innovations count. Without taps the errors are asked. Of a
+    `walk`, which remembers for ever, the innovations alone are asked: a step is far out in them, a ramp their mean.
+    """
+    if not walk and np.abs(np.roots(np.concatenate([[1.0], taps]))).max(initial=0.0) > _SHORT:
+        return False
+    if walk and abs(_mean(innovation[good])) > NormalDist().inv_cdf(1.0 - 0.5 * _LEVEL):
+        return False
+    return only_noise(model, np.concatenate([[1.0], taps]), taps.size, position, innovation, good)
+
+
+def only_noise(model: Model, polynomial: FloatArray, order: int, position: FloatArray, innovation: FloatArray,
+               good: BoolArray) -> bool:
+    """Whether an `innovation` (n,) passes all the tests, however long the memory of the noise model that left it.
+
+    `polynomial` in the lag made innovations of errors, differences included; `order` of its numbers were fitted.
+    """
+    e, rows = np.where(good, innovation, 0.0), int(good.sum())
+    if rows < 10 * (_POSITIONS + 2 * _MOVES + _STRETCHES) or not e.any():
+        return False
+    move = np.diff(position, prepend=position[0])
+    move[list(model.loop.starts)] = 0.0
+    before = [_later(move, k) for k in range(1, _MOVES + 1)]
+    curved = [*_curved(model, position), *before, *(np.abs(m) for m in before)]
+    stretch = np.minimum(np.arange(e.size) * _STRETCHES // e.size, _STRETCHES - 1)
+    loud = [*(np.abs(m) for m in before), *((stretch == s).astype(np.float64) for s in range(1, _STRETCHES))]
+    found = (_correlated(model, order, e, good), _followed(e, good, _positions(model, polynomial, position)),
+             _followed(e, good, curved), _followed(e**2, good, loud), _heavy(e[good]),
+             *_tags(model, polynomial, e, good))
+    return max(found) < _LIMIT and not _line(e)
+
+
+def _correlated(model: Model, order: int, e: FloatArray, good: BoolArray) -> float:
+    """Joint test of the autocorrelations over one period, as a normal value."""
+    rows = int(good.sum())
+    lags = int(np.clip(model.period_s / model.step_s, _FEWEST, min(_MOST, rows // 10)))
+    c = autocovariance(e, good, lags, model.loop.starts)
+    return ljung_box(c[1:] / c[0], rows, order)[1]
+
+
+def _tags(model: Model, polynomial: FloatArray, e: FloatArray, good: BoolArray) -> list[float]:
+    """The test of past positions for every further tag that moves, and is not in the model."""
+    loop = model.loop
+    known = {option for name in model.names for effect, option in (parse(name),) if "extra" in effect.needs}
+    tags = (loop.extras[tag] for tag in loop.moving_extras if tag not in known)
+    return [_followed(e, good, _positions(model, polynomial, np.where(np.isfinite(x), x, np.nanmean(x)))) for x in tags]
+
+
+def _positions(model: Model, polynomial: FloatArray, position: FloatArray) -> list[FloatArray]:
+    """Past positions over one period, passed through the filter that made the errors innovations."""
+    white = np.convolve(position - position.mean(), polynomial)[:position.size]
+    longest = max(int(np.clip(model.period_s / model.step_s, 2, 60)), 2)
+    return [_later(white, k) for k in np.unique(np.round(np.linspace(1, longest, _POSITIONS)).astype(int)).tolist()]
+
+
+def _curved(model: Model, position: FloatArray) -> list[FloatArray]:
+    """Squares and products of the position and y before, and the course of time."""
+    y = np.nan_to_num(model.loop.process_value - np.nanmean(model.loop.process_value))
+    before, level, t = _later(position - position.mean(), 1), _later(y, 1), np.linspace(-1.0, 1.0, y.size)
+    return [before**2, before * level, level**2, t, t**2, t**3, before * t]
+
+
+def _mean(e: FloatArray) -> float:
+    """The mean of innovations as a normal value."""
+    return float(e.mean() / max(float(e.std()), 1e-300) * np.sqrt(e.size))
+
+
+def _line(e: FloatArray) -> bool:
+    """Whether one line of the spectrum stands out: the largest of so many exponential ones."""
+    power = np.abs(np.fft.rfft(e)[1:]) ** 2
+    chance = -float(np.expm1(power.size * np.log1p(-np.exp(-power.max() / power.mean()))))
+    return chance < _LEVEL
+
+
+def _heavy(e: FloatArray) -> float:
+    """Kurtosis beyond a normal distribution's, as a normal value."""
+    return (float(np.mean(e**4)) / float(np.mean(e**2)) ** 2 - 3.0) / float(np.sqrt(24.0 / e.size))
+
+
+def _followed(signal: FloatArray, good: BoolArray, columns: list[FloatArray]) -> float:
+    """What columns (n,) explain of a signal (n,), as a normal value: rows times the share is χ² under chance."""
+    x, y = np.stack(columns, axis=1)[good], signal[good]
+    x, y = x - x.mean(axis=0), y - y.mean()
+    scale = np.linalg.norm(x, axis=0)
+    u, s, _ = np.linalg.svd(x[:, scale > 0.0] / scale[scale > 0.0], full_matrices=False)
+    u = u[:, s > _DEPENDENT * s.max(initial=0.0)]
+    if not u.shape[1]:
+        return 0.0
+    share = float(np.sum((u.T @ y) ** 2)) / max(float(y @ y), 1e-300)
+    return chi_square_z(y.size * share, float(u.shape[1]))
+
+
+def _later(x: FloatArray, lag: int) -> FloatArray:
+    """A signal (n,) so many samples later."""
+    return np.concatenate([np.full(lag, x[0]), x[:-lag]])

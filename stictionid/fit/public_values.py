@@ -1,0 +1,95 @@
+"""The fitted numbers of effects under the names the command line and the JSON use, sizes and noise included."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import parse
+from ..model.model import Model
+from ..model.spec import Evaluated
+from ..record.study import ParameterValue
+from ..typing import FloatArray
+from .fit import Fitted
+
+# Costs that differ by no more than this share are of the same valve path.
+_SAME = 1e-9
+
+
+def values_of(name: str, model: Model, values: FloatArray, evaluated: Evaluated) -> dict[str, float]:
+    """One physical effect's public numbers, out of what was searched and what stayed linear."""
+    effect, _ = parse(name)
+    named = model.named(values)
+    mine = {k.rpartition(":")[2]: v for k, v in named.items() if k.startswith(name + ":")}
+    if effect.report and (mine or effect.columns):
+        sizes = model.sizes_of(name, values, evaluated.own)
+        mine = effect.report(mine, sizes, {**named, "length_s": model.context.length_s})
+    return mine
+
+
+def noise_values(name: str, taps: FloatArray, increments: bool, innovation_sd: float,
+                 step_s: float) -> dict[str, float]:
+    """A noise effect's public numbers from its autoregression (taps after the leading 1)."""
+    kind = parse(name)[0].noise
+    polynomial = np.concatenate([[1.0], taps])
+    if kind == "random-walk":
+        # The walk's steps are what is left of the differences at frequency zero.
+        return {"innovation_sd": innovation_sd / max(abs(float(polynomial.sum())), 1e-12)}
+    roots = np.roots(polynomial) if taps.size else np.zeros(1)
+    if kind == "resonant":
+        turning = roots[np.abs(roots.imag) > 1e-9]
+        if turning.size:
+            z = turning[np.abs(turning).argmax()]
+            period = 2.0 * np.pi / abs(float(np.angle(z))) * step_s
+            forgets = -step_s / max(np.log(max(abs(z), 1e-9)), -50.0) if abs(z) < 1.0 else np.inf
+            return {"period_s": period, "coherence_cycles": float(forgets / period)}
+        return {}
+    largest = roots[np.abs(roots).argmax()]
+    return {"root": float(np.sign(largest.real) * abs(largest)), "innovation_sd": innovation_sd}
+
+
+def rows_for(name: str, numbers: dict[str, float]) -> tuple[ParameterValue, ...]:
+    """Rows of a study for an effect's numbers."""
+    known = {p.name: p for p in parse(name)[0].parameters}
+    return tuple(ParameterValue(parse(name)[0].name, key, value, known[key].unit if key in known else "",
+                                meaning=known[key].meaning if key in known else "")
+                 for key, value in numbers.items())
+
+
+def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[ParameterValue, ...]:
+    """A step's rows with every effect's public numbers; intervals stay where a number was searched itself."""
+    out = [r for r in rows if r.effect is None]
+    model = fit.model
+    innovation = float(np.sqrt(fit.sse / max(fit.best.rows, 1)))
+    idle = _idle(model, fit.values)
+    for name in model.spec.effects:
+        if parse(name)[0].noise is not None:
+            numbers = noise_values(name, np.array(model.spec.taps), model.spec.increments, innovation, model.step_s)
+        else:
+            numbers = values_of(name, model, fit.values, fit.best)
+        searched = {r.name: r for r in rows if r.effect == name}
+        for row in rows_for(name, numbers):
+            old = searched.get(row.name)
+            if f"{name}:{row.name}" in idle:
+                out.append(replace(row, identifiable=False))
+            else:
+                out.append(replace(row, interval=old.interval, at_bound=old.at_bound) if old else row)
+    return tuple(out)
+
+
+def _idle(model: Model, values: FloatArray) -> set[str]:
+    """Numbers of effects without which the model of values (d,) is the very same: a limit that the stem never meets."""
+    names, neutral = [], []
+    for name, effect, rows in zip(model.names, model.effects, model.effect_rows, strict=True):
+        for at, p in enumerate(effect.parameters_for(model.context), rows.start):
+            names.append(f"{name}:{p.name}")
+            neutral.append((at, p.neutral))
+    if not names:
+        return set()
+    trial = np.repeat(values[:, None], 1 + len(names), axis=1)
+    for lane, (at, value) in enumerate(neutral, 1):
+        trial[at, lane] = value
+    costs = model.costs_of(trial)
+    return {name for name, cost in zip(names, costs[1:], strict=True) if abs(cost - costs[0]) <= _SAME * costs[0]}

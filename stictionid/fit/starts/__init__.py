@@ -1,0 +1,1 @@
+"""Generators of starting points for a fit, named by the part of the model that they serve."""

@@ -1,0 +1,282 @@
+"""Refit of a model with one more effect: a first look, a joint search with other effects, and the full polish.
+
+An effect's refit starts warm from the model so far and fresh from new basins (starts/beside_effect.py), because a
+missing effect moves S and J into a wrong basin.
+Source: METHODS.md section 6; CRITICISM.md sections 1 and 7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..effects import parse
+from ..model.model import Model
+from ..model.segments import bound
+from ..model.spec import BASE
+from ..numerics.population import Found, refine, swarm, together
+from ..typing import FloatArray
+from .fit import Fitted, polish_smooth
+from .moves import descended, search_model, spreads, with_start
+from .noise.completion import has_noise, quick
+from .starts.basins import along_ridge, with_other_start, with_process
+from .starts.beside_effect import RESTING, across, as_in, on_valve, stickbands, undisturbed, valve_basins
+from .starts.continuation import distinct
+from .starts.niches import ALONE, PATIENCE, beyond_rest, herded
+from .starts.reparametrised import followed, ridge_of
+from .starts.windows import windowed_valves
+
+_ROAM, _SCOUTS = 2, 500
+_SETTLED = 1e-4
+# Turns of descent from every start, when one has settled, starts that get a population after it, and twice the
+# log-likelihood that must have been gained by then for one.
+_GLANCE, _GLANCED, _KEPT, _PROMISING = 3, 1e-2, 4, 3.0
+# Rounds of the first look at an effect and of its swarm.
+_LOOK, _SWARM = 25, 14
+# Further polishes go on while each lowers the cost by this share, at most so often.
+_WORTH, _TURNS = 0.01, 4
+# Fine scans of S for the interval that all slips allow: reach either way (share), points, and slip jumps tried.
+_THRESHOLD_REACH, _THRESHOLDS = (0.02, 0.003), 241
+_THRESHOLD_J = np.array([0.95, 1.0, 1.06])
+# Polishes on the model's own y, for effects that follow it.
+_FOLLOWED = 3
+# Points of a herd that get the interval of S that all slips allow; turns of scans along a ridge.
+_HERDED, _RIDGED = 2, 4
+# Share of the range of its speed from which a valve that re-sticks rests at every scan.
+_RESTS = 0.9
+# Steps along the ridge of dead time and break-away in a full refit.
+_RIDGE_TURNS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Scouted:
+    """A first look at one more effect: the model to search on, the one to finish on, and points (k, d), best first.
+
+    `neutral` is the cost of the model so far, where the effect vanishes, on the model to search on.
+    """
+
+    coarse: Model
+    model: Model
+    points: FloatArray
+    cost: float
+    neutral: float
+    name: str = ""
+
+    @property
+    def gain(self) -> float:
+        """Twice the log-likelihood of the free run that the effect has gained so far."""
+        return self.model.shared.rows * float(np.log(max(self.neutral, 1e-300) / max(self.cost, 1e-300)))
+
+    @property
+    def values(self) -> FloatArray:
+        """Values (d,) of the best point so far."""
+        return self.coarse.values(self.points[:1])[:, 0]
+
+
+def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *, far: bool = True,
+          windows: bool = False) -> Scouted:
+    """The model with effect `name` added, searched far enough to see whether it is worth a full refit.
+
+    Starts are the neutral effect in the model so far, guesses of the effect in all basins of the pool, and unless `far`
+    is False swarms over valve and effect on the one-step error, and a swarm over everything. Friction that changes
+    with time is looked for in `windows` of the record, too, where that is asked for.
+    """
+    before = fit.model
+    spec = replace(before.spec, effects=(*before.spec.effects, name))
+    model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
+                  residual=fit.best.left)
+    coarse = search_model(model)
+    effect, option = parse(name)
+    guesses = effect.guess(model.context_of(option)) if effect.guess else np.zeros((1, 0))
+    others = fit.best.values
+    starts = [coarse.vector(others)]
+    for base in pool:
+        for guess in guesses:
+            vector = coarse.vector({**others, **dict(zip(BASE, base, strict=True))})
+            vector[coarse.rows_of(name)] = guess
+            starts.append(vector)
+    cube = coarse.cube(np.array(starts).T)
+    costs = coarse.costs(cube)
+    neutral = float(costs[0])
+    # The best guess of each base: beside the wrong size of an effect the right valve costs more than a wrong one.
+    each = costs[1:].reshape(len(pool), len(guesses))
+    best = 1 + np.arange(len(pool)) * len(guesses) + each.argmin(axis=1)
+    warm = cube[np.append(best, 0)]
+    fresh = roam = np.empty((0, model.space.size))
+    if far:
+        if effect.kind in "FT" and guesses.size:
+            fresh = valve_basins(coarse, name, guesses, fit, rng, windows)
+        roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM,
+                     scouts=_SCOUTS).points[:_ROAM]
+    near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam])), turns=_GLANCE, settle=_GLANCED)
+    if len(fresh) and effect.friction is not None and spec.held:
+        near = together(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
+                                     rounds=_LOOK, population=14, settle=_SETTLED))
+    found = Scouted(coarse, model, near.points, float(near.costs[0]), neutral,
+                    name if effect.kind in "FT" else "")
+    if not found.gain > _PROMISING:
+        return found
+    polish = refine(coarse.costs, near.points[:_KEPT], rng, spread=spreads(coarse), rounds=_LOOK, population=14,
+                    settle=_SETTLED)
+    points, cost = polish.points, float(polish.costs[0])
+    if effect.kind in "FT" and spec.held and cost < neutral * (1.0 - _SETTLED):
+        # The effect helps, so the process it was fitted with may be wrong: one step along the ridge.
+        beside = refine(coarse.costs, np.concatenate([along_ridge(coarse, points[:2])[:3],
+                                                      across(coarse, points[0], name, 3),
+                                                      with_other_start(coarse, points[0], 2)]), rng,
+                        spread=spreads(coarse, 0.5), rounds=_LOOK, population=14, settle=_SETTLED)
+        both = together(polish, beside)
+        points, cost = both.points, float(both.costs[0])
+    return replace(found, points=points, cost=cost)
+
+
+def beside_others(fit: Fitted, name: str, look: FloatArray, rng: np.random.Generator) -> Scouted | None:
+    """A look at effect `name` whose size is searched together with S, J and those of the effects on the valve that the
+    model has already; points (k, d) of a first `look` take part. None without such effects, or under a command that
+    moves between samples.
+
+    Of two effects on a valve each is far from its size, and S and J from theirs, where the other is missing: no search
+    that holds the first meets the second.
+    """
+    before = fit.model
+    model = bound(before.loop, replace(before.spec, effects=(*before.spec.effects, name)), s_max=before.s_max,
+                  period_s=before.period_s, residual=fit.best.left)
+    plain = undisturbed(model, before, fit.values)
+    others = [n for n, effect in zip(plain.names, plain.effects, strict=True) if n != name and on_valve(effect)]
+    effect, option = parse(name)
+    still: slice | None = None
+    if RESTING in others and before.cube(fit.values[:, None])[0, before.rows_of(RESTING)][0] > _RESTS:
+        others.remove(RESTING)
+        still = plain.rows_of(RESTING)
+    if not others or not plain.spec.held or not on_valve(effect):
+        return None
+    rows = [0, 1, *(i for n in (*others, name) for i in range(plain.rows_of(n).start, plain.rows_of(n).stop))]
+    far = with_process(model, as_in(model, plain, windowed_valves(
+        plain, rows, still, rng, known=(plain.vector(fit.best.values), plain.rows_of(name))), fit))
+    guesses = effect.guess(model.context_of(option)) if effect.guess else np.zeros((1, 0))
+    near = model.vector(fit.best.values)[:, None].repeat(len(guesses), axis=1)
+    near[model.rows_of(name)] = guesses.T
+    starts = np.concatenate([far, look, with_start(model, model.cube(near))])
+    found = _herded_along(model, descended(model, starts, turns=_GLANCE).points, rng)
+    herd = found.points
+    ends = sorted((at_thresholds(model, point, rng) for point in herd[:_HERDED]), key=lambda end: end[1])
+    points = np.concatenate([np.stack([point for point, _ in ends]), herd[_HERDED:]])
+    neutral = float(model.costs(model.cube(model.vector(fit.best.values)[:, None]))[0])
+    return Scouted(model, model, points, ends[0][1], neutral, name)
+
+
+def together_on_valve(model: Model, values: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Values (d,) of a model with two or more effects on the valve, all searched together from where they are, and for
+    longer where innovations are no noise; as they are under a command that moves between samples.
+
+    Effects that were found one after the other are each as the others were then: slips a sample late, for a dead time
+    a sample short, look like one more effect.
+    """
+    if not model.spec.held or has_noise(model.spec) or sum(map(on_valve, model.effects)) < 2:
+        return values
+    patience = PATIENCE if quick(model, values).white else ALONE
+    best, _ = at_thresholds(model, _herded_along(model, model.cube(values[:, None]), rng, patience).points[0], rng)
+    return model.values(best[None])[:, 0]
+
+
+def _herded_along(model: Model, points: FloatArray, rng: np.random.Generator, patience: int = PATIENCE) -> Found:
+    """A herd about points (k, d), and one beyond where a drifting valve rests; where the valve has a ridge scans along
+    it: a herd spreads there step by step, a scan takes more of the way at once."""
+    found = herded(model, points, rng, patience)
+    beyond = beyond_rest(model, found.points[0], rng)
+    if len(beyond):
+        near = descended(model, beyond, turns=_GLANCE, settle=_GLANCED).points
+        found = together(found, herded(model, near, rng, patience))
+    for _ in range(_RIDGED if ridge_of(model) is not None else 0):
+        before, along = found.costs[0], followed(model, found.points[:_KEPT], rng).points[:_KEPT]
+        found = herded(model, np.concatenate([along, found.points]), rng)
+        if found.costs[0] > before * (1.0 - _WORTH):
+            break
+    return found
+
+
+def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
+    """The scouted model at its best: values (d,) and cost."""
+    coarse, model = look.coarse, look.model
+    if model.follows_y:
+        # The first look followed the y of the model without the effect, which may be far off.
+        own = model.evaluate(look.values).guide
+        coarse, model = coarse.guided(own), model.guided(own)
+    found = refine(coarse.costs, look.points[:6], rng, spread=spreads(coarse, 0.5), rounds=20, population=14,
+                   settle=_SETTLED)
+    points = found.points
+    if model.spec.held and look.name and parse(look.name)[0].natural is not None:
+        points = followed(coarse, points[:_KEPT], rng).points
+    # A valve that rests was found beside what was still missing, which then bent its S by several slips.
+    others = stickbands(coarse, points[0]) if model.spec.held and RESTING in model.spec.effects else points[:0]
+    for _ in range(_RIDGE_TURNS if model.spec.held else 1):
+        near = np.concatenate([with_start(coarse, points[:2]), others])
+        if model.spec.held:
+            near = np.concatenate([near, along_ridge(coarse, points[:1])[:4], with_other_start(coarse, points[0], 2)])
+            if look.name:
+                near = np.concatenate([near, across(coarse, points[0], look.name, 4)])
+        last = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=50, population=14, settle=_SETTLED)
+        before, after = coarse.costs(np.stack([points[0], last.points[0]]))
+        points = last.points
+        if after > before * (1.0 - _WORTH):
+            break
+    best, cost = polish_smooth(coarse, with_start(coarse, last.points[:1])[0])
+    for _ in range(_TURNS):
+        again = refine(coarse.costs, with_start(coarse, best[None]), rng, spread=spreads(coarse, 0.2), rounds=60,
+                       population=16, settle=_SETTLED)
+        best, now = polish_smooth(coarse, with_start(coarse, again.points[:1])[0])
+        if now > cost * (1.0 - _WORTH):
+            break
+        cost = now
+    if model.spec.held:
+        best, cost = at_thresholds(coarse, best, rng)
+    if coarse is not model:
+        final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16,
+                       settle=_SETTLED)
+        best, cost = polish_smooth(model, final.points[0])
+    return (*_following(model, model.values(best[None])[:, 0]), cost)
+
+
+def _following(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
+    """A model and its values (d,), polished on the y that it makes itself where an effect follows y."""
+    if not model.follows_y:
+        return model, values
+    ends = []
+    # Either reading of a disturbance at the output has an optimum of its own.
+    for best in model.readings(values):
+        at = values
+        for _ in range(_FOLLOWED):
+            own = model.guided(best.guide)
+            point, _ = polish_smooth(own, own.cube(at[:, None])[0])
+            trial = own.values(point[None])[:, 0]
+            now = own.evaluate(trial)
+            if not now.sse < best.sse:
+                break
+            at, best = trial, now
+        ends.append((best, at))
+    best, values = min(ends, key=lambda end: end[0].sse)
+    return model.guided(best.guide), values
+
+
+def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:
+    """Point (d,) with the stickband between the right samples, everything else polished; and its cost.
+
+    Under a held command every slip allows S an interval as wide as one step of the command, and all slips together one
+    far narrower than any polish strays into: a single slip a sample early or late costs more than most missing effects.
+    """
+    values = model.values(point[None])[:, 0]
+    best, cost = point, float(model.costs(point[None])[0])
+    for reach in _THRESHOLD_REACH:
+        S, J = np.meshgrid(values[0] * (1.0 + np.linspace(-reach, reach, _THRESHOLDS)), values[1] * _THRESHOLD_J,
+                           indexing="ij")
+        grid = values[:, None].repeat(S.size, axis=1)
+        grid[0], grid[1] = S.ravel(), J.ravel()
+        cube = model.cube(grid)
+        order = np.argsort(model.costs(cube), kind="stable")
+        for k in order[distinct(grid[0, order, None], 2, 2.5 * reach / _THRESHOLDS * values[0])]:
+            trial, now = polish_smooth(model, cube[k])
+            if now < cost:
+                best, cost = trial, now
+        values = model.values(best[None])[:, 0]
+    return best, cost

@@ -1,0 +1,1 @@
+"""Bytes of an export: found, unpacked, decoded, limited."""

@@ -1,0 +1,137 @@
+"""Bytes to UTF-8: byte-order marks, UTF-16 without one, NUL padding, and the usual code pages of plants."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from dataclasses import dataclass
+
+from ...errors import DataError, UsageError
+
+_SAMPLE = 1 << 18
+_CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+MAX_CONTROL_SHARE = 0.01
+"""Share of control characters above which bytes are no text; exports have none, random bytes have 10 %."""
+MIN_KANA_SHARE = 0.2
+"""Share of full-width kana for which bytes are believed Japanese; half-width ones cover every byte."""
+MIN_COMMON_SHARE = 0.6
+"""Share of frequently used characters for which a Chinese or Japanese reading of bytes is believed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A file's text as UTF-8 bytes with "\\n" or "\\r\\n" line ends; `guessed` where nothing in the file says so."""
+
+    data: bytes
+    encoding: str
+    guessed: bool = False
+
+
+def to_utf8(data: bytes, name: str, encoding: str | None = None) -> Text:
+    """The text of a file; `encoding` overrides the guess. DataError for bytes that are no text."""
+    if encoding:
+        return Text(_newlines(_decode(data, encoding, name).encode()), encoding)
+    for mark, code in (
+        (codecs.BOM_UTF8, "utf-8"),
+        (codecs.BOM_UTF32_LE, "utf-32"),
+        (codecs.BOM_UTF16_LE, "utf-16"),
+        (codecs.BOM_UTF16_BE, "utf-16"),
+    ):
+        if data.startswith(mark):
+            if code != "utf-8":
+                return Text(_newlines(_decode(data, code, name).encode()), f"{code} (byte-order mark)")
+            data = data[len(mark) :]
+            break
+    if b"\0" in data:
+        data, code = _without_nul(data, name)
+        if code:
+            return Text(_newlines(data), code, True)
+    if data.isascii():
+        return Text(_refuse_binary(_newlines(data), name), "ascii")
+    try:
+        codecs.utf_8_decode(data, "strict", True)
+        return Text(_refuse_binary(_newlines(data), name), "utf-8")
+    except UnicodeDecodeError:
+        pass
+    _refuse_binary(data, name)
+    code = _code_page(data)
+    return Text(_newlines(_decode(data, code, name).encode()), code, True)
+
+
+def _decode(data: bytes, encoding: str, name: str) -> str:
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise DataError(
+            f"{name}: byte {error.start:,} ({data[error.start : error.start + 1].hex()}) is not {encoding}",
+            "name the right one with --encoding, for example cp1252, cp1251, gbk, shift_jis",
+        ) from None
+    except (LookupError, ValueError):
+        raise UsageError(
+            f"{encoding!r} is not a character encoding",
+            "use for example utf-8, cp1252, cp1251, gbk, shift_jis or utf-16",
+        ) from None
+
+
+def _newlines(data: bytes) -> bytes:
+    """Old line ends (a lone carriage return) become new ones; nothing else is touched."""
+    if b"\r" in data[:_SAMPLE] and b"\n" not in data:
+        return data.replace(b"\r", b"\n")
+    return data
+
+
+def _without_nul(data: bytes, name: str) -> tuple[bytes, str]:
+    """UTF-16 without a mark, or padding with NUL bytes taken away; anything else with NUL is binary."""
+    sample = data[:4096]
+    for offset, code in ((1, "utf-16-le"), (0, "utf-16-be")):
+        zeros = sample[offset::2].count(0)
+        if zeros > 0.7 * len(sample[offset::2]) and zeros > 4 * sample[1 - offset :: 2].count(0):
+            return _decode(data[: len(data) // 2 * 2], code, name).encode(), f"{code} without a mark"
+    stripped = re.sub(rb"\0+(?=[\r\n]|\Z)", b"", data)
+    if b"\0" in stripped:
+        where = stripped.index(b"\0")
+        raise DataError(f"{name} is not text: byte {where:,} is NUL", "check that it is the export you meant")
+    return stripped, ""
+
+
+def _refuse_binary(data: bytes, name: str) -> bytes:
+    sample = data[:_SAMPLE]
+    controls = len(_CONTROL.findall(sample))
+    if controls > MAX_CONTROL_SHARE * len(sample):
+        raise DataError(
+            f"{name} is not text: {controls:,} control characters in its first {len(sample):,} bytes",
+            "check that it is the export you meant",
+        )
+    return data
+
+
+def _code_page(data: bytes) -> str:
+    """The likeliest legacy encoding, from the shape of the non-ASCII runs in headers and state words."""
+    runs = re.findall(rb"[\x80-\xff][\x80-\xff\x40-\x7e]*", data[:_SAMPLE]) or [data[-1:]]
+    high = re.findall(rb"[\x80-\xff]+", data[:_SAMPLE])
+    if _common(runs, "shift_jis", ((0x3040, 0x30FF),), MIN_KANA_SHARE) and _decodes(data, "shift_jis"):
+        return "shift_jis"
+    if _decodes(data, "gbk") and all(len(r) % 2 == 0 for r in high):
+        leads = [b for r in high for b in r[::2]]
+        # Level 1 of GB 2312 (lead bytes B0 to D7) holds the frequent characters; Cyrillic letters read as
+        # Chinese land mostly outside it.
+        if sum(0xB0 <= b <= 0xD7 for b in leads) >= MIN_COMMON_SHARE * len(leads):
+            return "gbk"
+    letters = sum(len(r) for r in high)
+    cyrillic = sum(len(r) for r in high if len(r) >= 2 and all(b >= 0xC0 or b in (0xA8, 0xB8) for b in r))
+    return "cp1251" if cyrillic >= MIN_COMMON_SHARE * letters else "cp1252" if _decodes(data, "cp1252") else "latin-1"
+
+
+def _common(runs: list[bytes], code: str, ranges: tuple[tuple[int, int], ...], share: float) -> bool:
+    text = b" ".join(runs).decode(code, "replace")
+    letters = [ord(c) for c in text if ord(c) > 127]
+    hits = sum(any(low <= c <= high for low, high in ranges) for c in letters)
+    return bool(letters) and hits >= share * len(letters) and "\ufffd" not in text
+
+
+def _decodes(data: bytes, code: str) -> bool:
+    try:
+        data.decode(code)
+    except UnicodeDecodeError:
+        return False
+    return True

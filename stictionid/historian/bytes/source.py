@@ -1,0 +1,238 @@
+"""The bytes of an export: found, unpacked within limits, named for what they are, fingerprinted.
+
+Everything that is not text or Parquet is refused here, by its first bytes and not by its extension.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import os
+import sys
+import zipfile
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from ...errors import DataError, UsageError
+from .limits import Limits
+
+MAX_UNPACKED_RATIO = 200
+"""Unpacked over packed size; real exports pack 5 to 30 times, a bomb a thousand times."""
+MIN_UNPACKED_BYTES = 64 << 20
+"""Unpacked size below which the ratio is not looked at, bytes."""
+PIECE_BYTES = 32 << 20
+"""Piece of a large text file that is parsed at once."""
+MIN_STREAMED_BYTES = 256 << 20
+"""Size of a text file from which on it is read in pieces and only in the columns that are wanted."""
+_BLOCK = 1 << 20
+_BLANK = b" \r\n\t\0"
+
+_KINDS = (
+    (b"PAR1", "parquet"),
+    (b"\x1f\x8b", "gzip"),
+    (b"PK\x03\x04", "zip"),
+    (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)"),
+    (b"%PDF", "a PDF"),
+    (b"\x89PNG", "a picture"),
+    (b"\xff\xd8\xff", "a picture"),
+    (b"7z\xbc\xaf", "a 7-Zip archive"),
+    (b"Rar!", "a RAR archive"),
+    (b"SQLite format 3", "an SQLite database"),
+    (b"\x89HDF", "an HDF5 file"),
+    (b"ARROW1", "an Arrow file"),
+    (b"\x28\xb5\x2f\xfd", "a zstd file"),
+    (b"BZh", "a bzip2 file"),
+    (b"\xfd7zXZ", "an xz file"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One file's content: `kind` is "text" or "parquet"; Parquet keeps only its path or bytes."""
+
+    name: str
+    kind: str
+    data: bytes
+    sha256: str
+    path: Path | None = None
+    notes: tuple[str, ...] = ()
+
+
+def open_source(file: Any, limits: Limits | None = None) -> Source:
+    """The content of a path, of '-' (standard input) or of an object with read().
+
+    A large text file is left where it is (`data` empty, `kind` "text"): `pieces` reads it. UsageError where the file
+    is absent or not readable; DataError where the content is no text and no Parquet, or above a limit.
+    """
+    limits = limits or Limits()
+    if hasattr(file, "read"):
+        content = file.read()
+        data = content.encode() if isinstance(content, str) else bytes(content)
+        return _from_bytes(data, str(getattr(file, "name", "data")), limits)
+    if str(file) == "-":
+        name = "standard input"
+        start = sys.stdin.buffer.read(limits.line + 1)
+        if _kind(start) == "text":
+            _check_lines(start, name, limits)  # before all of it is taken: it may have no end
+        return _from_bytes(start + _read_limited(sys.stdin.buffer, name, limits, len(start)), name, limits)
+    path = Path(file)
+    try:
+        if not path.exists():
+            raise UsageError(f"{path} does not exist", "check the spelling; ls shows what is there")
+        if path.is_char_device() or path.is_block_device():
+            raise UsageError(f"{path} is a device, which may have no end", "give a file, or - for standard input")
+        with open(path, "rb") as stream:
+            # Enough to see that a line has no end even if it begins after some header lines.
+            start = stream.read(_BLOCK + min(limits.line, _BLOCK) + 1)
+            size = os.fstat(stream.fileno()).st_size
+            limits.check("file", size, path.name, "cut it into pieces")
+            kind = _kind(start)
+            if kind == "parquet":
+                stream.seek(0)
+                return Source(path.name, "parquet", b"", hashlib.file_digest(stream, "sha256").hexdigest(), path)
+            if kind == "text":
+                _check_lines(start, path.name, limits)
+                if size >= MIN_STREAMED_BYTES:
+                    return Source(path.name, "text", b"", "", path)
+            if stream.seekable():
+                stream.seek(0)
+                start = b""
+            data = start + _read_limited(stream, path.name, limits, len(start))
+    except OSError as error:
+        raise UsageError(f"{path} can't be read: {error.strerror or error}", "check its permissions") from None
+    return _from_bytes(data, path.name, limits, path)
+
+
+def _read_limited(stream: BinaryIO, name: str, limits: Limits, before: int = 0) -> bytes:
+    data = stream.read(limits.unpacked + 1 - before) if before <= limits.unpacked else b""
+    limits.check("unpacked", before + len(data), name, "save it as a file of UTF-8 text, which is read in pieces")
+    return data
+
+
+def in_short(error: Exception) -> str:
+    """What a library says about damage, on one line."""
+    return " ".join(str(error).split())[:160] or type(error).__name__
+
+
+def _kind(start: bytes) -> str:
+    return next((kind for magic, kind in _KINDS if start.startswith(magic)), "text")
+
+
+def _from_bytes(data: bytes, name: str, limits: Limits, path: Path | None = None) -> Source:
+    digest = hashlib.sha256(data).hexdigest()
+    notes: tuple[str, ...] = ()
+    kind = _kind(data)
+    if kind == "gzip":
+        data, notes, kind = _gunzip(data, name, limits), ("gzip",), ""
+    elif kind == "zip":
+        data, inner = _unzip(data, name, limits)
+        notes, kind = (f"zip, holding {inner}",), ""
+    kind = kind or _kind(data)
+    if not data[:_BLOCK].strip(_BLANK) and not data.strip(_BLANK):
+        raise DataError(f"{name} is empty", "export it again, with a header line and one row per time")
+    if kind not in ("text", "parquet"):
+        raise DataError(
+            f"{name} is {kind}, not CSV, TSV, text or Parquet", "save or export it as CSV (Excel: Save as, CSV UTF-8)"
+        )
+    if kind == "text":
+        _check_lines(data, name, limits)
+    return Source(name, kind, data, digest, path, notes)
+
+
+def _check_lines(data: bytes, name: str, limits: Limits, before: int = 0) -> None:
+    """Refuse a line longer than the limit; hops from line end to line end, so it costs one look per megabyte.
+
+    `before` is how many bytes of the file came before `data`.
+    """
+    position = 0
+    while len(data) - position > limits.line:
+        end = data.rfind(b"\n", position, position + limits.line)
+        if end < 0:
+            end = data.rfind(b"\r", position, position + limits.line)
+        if end < position:
+            raise DataError(
+                f"{name} has a line longer than {limits.line:,} bytes (from byte {before + position:,} on): "
+                "no table of a loop looks like that",
+                f"check that it is the export you meant; --limit line={2 * limits.line} reads it",
+            )
+        position = end + 1
+
+
+def _gunzip(data: bytes, name: str, limits: Limits) -> bytes:
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
+            return _unpack(stream, len(data), name, limits)
+    except (OSError, EOFError, zlib.error) as error:
+        raise DataError(f"{name} is damaged gzip: {in_short(error)}", "copy or export it again") from None
+
+
+def _unzip(data: bytes, name: str, limits: Limits) -> tuple[bytes, str]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = [m for m in archive.infolist() if not m.is_dir() and not m.filename.startswith("__MACOSX/")]
+            names = {m.filename for m in members}
+            if "[Content_Types].xml" in names or "mimetype" in names:
+                raise DataError(
+                    f"{name} is a workbook (.xlsx or .ods), whatever its name says, not CSV",
+                    "save it from Excel as CSV UTF-8 and read that",
+                )
+            if len(members) != 1:
+                raise DataError(
+                    f"{name} is a zip of {len(members)} files; one is needed", "unpack it and give the file you mean"
+                )
+            with archive.open(members[0]) as stream:
+                return _unpack(stream, len(data), name, limits), members[0].filename
+    except (zipfile.BadZipFile, OSError, EOFError, zlib.error, NotImplementedError, RuntimeError, ValueError,
+            LookupError) as error:
+        raise DataError(f"{name} can't be unpacked: {in_short(error)}", "unpack it by hand and give the file") from None
+
+
+def _unpack(stream: Any, packed: int, name: str, limits: Limits) -> bytes:
+    """Everything in `stream`, stopped before it fills the memory; a limit that was said lifts the ratio as well."""
+    most = limits.unpacked
+    if most == Limits().unpacked:
+        most = min(most, max(MIN_UNPACKED_BYTES, packed * MAX_UNPACKED_RATIO))
+    parts: list[bytes] = []
+    size = 0
+    while block := stream.read(_BLOCK):
+        size += len(block)
+        if size > most:
+            raise DataError(
+                f"{name} unpacks to more than {most:,} bytes from {packed:,}",
+                "if you trust it, unpack it by hand or give --limit unpacked=SIZE",
+            )
+        parts.append(block)
+    return b"".join(parts)
+
+
+def pieces(source: Source, limits: Limits) -> Iterator[tuple[bytes, str]]:
+    """A large text file in pieces of whole lines, each with the fingerprint of all bytes so far.
+
+    DataError where a line is too long or the file changes while it is read.
+    """
+    assert source.path is not None
+    digest, left, before = hashlib.sha256(), b"", 0
+    try:
+        with open(source.path, "rb") as stream:
+            at_start = os.fstat(stream.fileno())
+            # Not beyond the size it had: a file that grows as fast as it is read would never end.
+            while before + len(left) <= at_start.st_size and (block := stream.read(PIECE_BYTES)):
+                digest.update(block)
+                block = left + block
+                _check_lines(block, source.name, limits, before)
+                end = block.rfind(b"\n") + 1
+                left = block[end:]
+                before += end
+                if end:
+                    yield block[:end], digest.hexdigest()
+            if left:
+                yield left, digest.hexdigest()
+            at_end = os.fstat(stream.fileno())
+    except OSError as error:
+        raise UsageError(f"{source.path} can't be read: {error.strerror or error}", "check its permissions") from None
+    if (at_start.st_size, at_start.st_mtime_ns) != (at_end.st_size, at_end.st_mtime_ns):
+        raise DataError(f"{source.name} changed while it was read", "read it again when its writer is done")

@@ -1,0 +1,89 @@
+"""Spoilt data: signals that repeat or do not vary, and the list of all tests on the signals themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...record.loop import Finding
+from ...typing import FloatArray
+from ..grid.grid import Frame
+from .texture import Signals, averaged, clipped, compressed, identical, quantised, re_ranged, swapped
+
+MIN_LADDER_CHANGES = 20
+"""Changes needed before "always at the same phase" means anything."""
+MAX_LADDER = 60
+"""Longest repetition looked for, samples: one value a minute recorded every second."""
+MAX_JUDGED = 500_000
+"""Samples from the start on which texture is judged: more say nothing new."""
+MIN_JUDGED = 60
+"""Samples below which texture is not judged: shares of so few say nothing."""
+DEAD_SPAN = 1e-9
+"""Span below this share of the magnitude is rounding noise, not a signal."""
+TINY = 1e-30
+"""Magnitudes below are denormal rubbish of single-precision registers (3.5E-44), not measurements."""
+
+
+def ladder(frame: Frame) -> tuple[int, int]:
+    """(k, phase) when every signal only changes at every k-th sample; (1, 0) otherwise."""
+    signals = [frame.values[r] for r in ("process_value", "output") if r in frame.values]
+    changed = np.zeros(frame.ns.size - 1, np.bool_)
+    each = []
+    for values in signals:
+        moves = np.diff(values) != 0
+        moves &= ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
+        each.append(int(moves.sum()))
+        changed |= moves
+    at = np.flatnonzero(changed) + 1
+    if min(each) < MIN_LADDER_CHANGES or at.size > 0.55 * frame.ns.size:
+        return 1, 0
+    every = int(np.gcd.reduce(np.diff(at)))
+    if not 2 <= every <= MAX_LADDER or at.size < 0.5 * frame.ns.size / every:
+        return 1, 0
+    return every, int(at[0] % every)
+
+
+def spoilt_findings(
+    loop: Signals, *, name_hints: list[str], names: dict[str, str], fractions: float = 0.0
+) -> list[Finding]:
+    """Everything the signals themselves give away; `caps_verdict` in the evidence forbids a sure verdict."""
+    found = _dead(loop)
+    if found or loop.output.size < MIN_JUDGED:
+        return found
+    part = loop.head(MAX_JUDGED)
+    for finding in (
+        identical(part, names) or swapped(part, names),
+        compressed(part),
+        averaged(part, name_hints, fractions),
+        re_ranged(loop),
+        *quantised(part),
+        clipped(part),
+    ):
+        if finding is not None:
+            found.append(finding)
+    return found
+
+
+def _dead(loop: Signals) -> list[Finding]:
+    found = []
+    for role, values in (("process value", loop.process_value), ("output", loop.output)):
+        known = values if not np.isnan(values).any() else values[~np.isnan(values)]
+        if is_dead(known):
+            found.append(
+                Finding(
+                    "dead-signal",
+                    "serious",
+                    f"{role} does not vary (from {known.min():.6g} to {known.max():.6g}): nothing "
+                    "about the valve can be learnt from it",
+                    {"low": float(known.min()), "high": float(known.max())},
+                )
+            )
+    return found
+
+
+def is_dead(values: FloatArray) -> bool:
+    """Whether a signal has no variation beyond rounding."""
+    if not values.size:
+        return True
+    low, high = float(values.min()), float(values.max())
+    size = max(abs(low), abs(high))
+    return size < TINY or high - low <= DEAD_SPAN * size

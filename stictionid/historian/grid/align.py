@@ -1,0 +1,149 @@
+"""Series with stamps of their own, brought to those of the slower of PV and OP; offsets are kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import DataError
+from ...typing import FloatArray, IntArray
+from ..series.shaped import Series
+from .grid import MAX_FILLED, Frame, Step, find_step
+
+SLOWER = 1.5
+"""Ratio of steps from which one tag counts as sampled more slowly than another."""
+
+
+@dataclass
+class Aligned:
+    """The frame, what each held or interpolated role needed, and the offset of its stamps against PV in seconds."""
+
+    frame: Frame
+    offsets_s: dict[str, float] = field(default_factory=dict)
+    on_change: set[str] = field(default_factory=set)
+    thinned: int = 1
+
+
+def align(series: dict[str, Series]) -> Aligned:
+    """One frame of all series. DataError where PV and OP do not overlap in time."""
+    pv, op = series["process_value"], series["output"]
+    if all(s.ns is pv.ns or (s.ns.size == pv.ns.size and np.array_equal(s.ns, pv.ns)) for s in series.values()):
+        same = all(s.rows is pv.rows for s in series.values())
+        sources = [pv.rows] if same else [s.rows for s in series.values()]
+        return Aligned(_frame(pv.ns, {k: s.values for k, s in series.items()}, sources))
+    low, high = max(pv.ns[0], op.ns[0]), min(pv.ns[-1], op.ns[-1])
+    if high <= low:
+        raise DataError("PV and OP have no time in common", "export both tags over the same window")
+    steps = {role: find_step(s.ns) if s.ns.size > 2 else Step(float("inf"), "irregular") for role, s in series.items()}
+    base = pv
+    done = Aligned(_frame(pv.ns, {}, []))
+    if steps["output"].kind != "irregular" and steps["output"].ns > SLOWER * steps["process_value"].ns:
+        base = op
+        done.thinned = max(1, round(steps["output"].ns / steps["process_value"].ns))
+    slack = int(steps["process_value"].ns) if pv.ns.size > 2 else 0
+    ns = base.ns[(base.ns >= op.ns[0] - slack) & (base.ns <= high + slack)]
+    values: dict[str, FloatArray] = {}
+    rows: list[IntArray] = []
+    base_step = steps["output" if base is op else "process_value"]
+    for role, one in series.items():
+        values[role], taken = _onto(ns, one, role, steps[role], base_step, done)
+        rows.append(taken)
+    done.frame = _frame(ns, values, rows)
+    return done
+
+
+def _frame(ns: IntArray, values: dict[str, FloatArray], rows: list[IntArray]) -> Frame:
+    return Frame(ns, values, rows, np.zeros(ns.size, np.uint8))
+
+
+def _onto(ns: IntArray, one: Series, role: str, step: Step, base: Step, done: Aligned) -> tuple[FloatArray, IntArray]:
+    """Values of a series at the stamps `ns`, and the file row behind each."""
+    if one.ns.size == 0:
+        return np.full(ns.size, np.nan), np.full(ns.size, -1)
+    regular = step.kind != "irregular" and base.kind != "irregular" and step.ns < SLOWER * base.ns
+    if regular:
+        place = _nearest(one.ns, ns)
+        distance = one.ns[place] - ns
+        close = (
+            np.abs(distance) <= 0.5 * min(step.ns, base.ns)
+            if step.ns > base.ns / SLOWER
+            else np.abs(distance) <= 0.5 * base.ns
+        )
+        offset = float(np.median(distance[close])) / 1e9 if close.any() else 0.0
+        if offset and step.ns > base.ns / SLOWER:
+            done.offsets_s[role] = offset
+        return np.where(close, one.values[place], np.nan), np.where(close, one.rows[place], -1)
+    last = np.searchsorted(one.ns, ns, side="right") - 1
+    before = last < 0
+    at = np.maximum(last, 0)
+    if role in ("output", "setpoint", "mode"):
+        done.on_change.add(role)
+        fresh = np.concatenate([[True], np.diff(at) > 0]) & ~before
+        return np.where(before, np.nan, one.values[at]), np.where(fresh, one.rows[at], -1)
+    return _between(ns, one, at, before, base)
+
+
+def _between(
+    ns: IntArray, one: Series, at: IntArray, before: NDArray[np.bool_], base: Step
+) -> tuple[FloatArray, IntArray]:
+    """Straight lines between the two records around each stamp, where they are near enough."""
+    after = np.minimum(at + 1, one.ns.size - 1)
+    gap = (one.ns[after] - one.ns[at]).astype(np.float64)
+    share = np.where(gap > 0, (ns - one.ns[at]) / np.where(gap > 0, gap, 1.0), 0.0)
+    exact = ns == one.ns[at]
+    near = exact | ((gap <= (MAX_FILLED + 1) * base.ns) & (share <= 1.0))
+    values = np.where(exact, one.values[at], (1 - share) * one.values[at] + share * one.values[after])
+    fresh = np.concatenate([[True], np.diff(at) > 0])
+    return np.where(near & ~before, values, np.nan), np.where(fresh & ~before, one.rows[at], -1)
+
+
+def _nearest(stamps: IntArray, ns: IntArray) -> IntArray:
+    right = np.clip(np.searchsorted(stamps, ns), 1, max(stamps.size - 1, 1))
+    right = np.minimum(right, stamps.size - 1)
+    left = np.maximum(right - 1, 0)
+    return np.where(ns - stamps[left] <= stamps[right] - ns, left, right)
+
+
+def _grids(stamps: IntArray, step_ns: float) -> IntArray:
+    """Even stamps over every stretch without a long gap."""
+    first = np.concatenate([[0], np.flatnonzero(np.diff(stamps) > (MAX_FILLED + 1) * step_ns) + 1])
+    last = np.concatenate([first[1:], [stamps.size]]) - 1
+    counts = ((stamps[last] - stamps[first]) // step_ns).astype(np.int64) + 1
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.asarray(np.repeat(stamps[first], counts) + np.rint(within * step_ns).astype(np.int64))
+
+
+def resample(frame: Frame, step_ns: float, on_change: set[str]) -> IntArray:
+    """Irregular stamps onto even grids, in place: PV by straight lines over short gaps, held signals held.
+
+    A gap longer than what may be filled ends a grid: the next begins at the first stamp behind it, so that a clock
+    that was wrong once by years does not make a million empty samples.
+
+    Returns the rows (of the first source) that no grid sample stands for.
+    """
+    ns = _grids(frame.ns, step_ns)
+    count = ns.size
+    at = np.searchsorted(frame.ns, ns, side="right") - 1
+    base = Step(step_ns, "irregular")
+    old_rows = frame.rows
+    values = {}
+    for role, own in frame.values.items():
+        if role in ("output", "setpoint", "mode"):
+            values[role] = own[at]
+            on_change.add(role)
+        else:
+            known = ~np.isnan(own)
+            if not known.any():
+                values[role] = np.full(count, np.nan)
+                continue
+            one = Series(frame.ns[known], own[known], np.flatnonzero(known))
+            place = np.maximum(np.searchsorted(one.ns, ns, side="right") - 1, 0)
+            values[role], _ = _between(ns, one, place, ns < one.ns[0], base)
+    fresh = np.concatenate([[True], np.diff(at) > 0])
+    left_out = np.setdiff1d(np.arange(frame.ns.size), at)
+    frame.rows = [np.where(fresh, r[at], -1) for r in old_rows]
+    frame.reason = np.where(fresh, frame.reason[at], 0).astype(np.uint8)
+    frame.ns, frame.values = ns, values
+    return left_out

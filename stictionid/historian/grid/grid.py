@@ -1,0 +1,220 @@
+"""Stamps to an even grid: the step, the tolerance for jitter, gaps that split, values that may be filled.
+
+Held signals (OP, SP, mode) are filled forward; PV is interpolated over at most two missing samples; nothing is
+continued across a longer gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...typing import BoolArray, FloatArray, IntArray
+from ..table.rows import CODE
+
+MAX_FILLED = 2
+"""Missing PV samples that may be interpolated, in a row (HISTORIAN.md 3.12)."""
+JITTER_TOLERANCE = 0.25
+"""Deviation from the even grid that counts as jitter, share of the step; more is said as irregular."""
+MIN_REGULAR_SHARE = 0.8
+"""Share of steps that must fit multiples of the median step for a record to count as evenly sampled."""
+MAX_SINGLE_STEP_SHARE = 0.9
+"""Share of equal steps above which the others are missing rows, not the rounding of an uneven step."""
+MIN_SEGMENT = 10
+"""Shortest stretch kept, samples: below that no dynamics can be seen in it."""
+_SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """The sampling step in ns, its `kind` (even, jitter, rounded, irregular) and `worst` deviation as a share of it."""
+
+    ns: float
+    kind: str
+    worst: float = 0.0
+    fitting: float = 1.0
+
+
+@dataclass
+class Frame:
+    """Signals that share stamps: `ns` (n,) increasing; `values` (n,) per role, NaN where there is none.
+
+    `rows` (n,) per source gives the file row behind a sample, -1 for none; `held` names roles recorded on change.
+    """
+
+    ns: IntArray
+    values: dict[str, FloatArray]
+    rows: list[IntArray]
+    reason: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+    starts: list[int] = field(default_factory=lambda: [0])
+
+    def take(self, index: IntArray | BoolArray) -> None:
+        """Keep only some samples, in place."""
+        self.ns = self.ns[index]
+        self.values = {k: v[index] for k, v in self.values.items()}
+        self.rows = [r[index] for r in self.rows]
+        self.reason = self.reason[index]
+
+
+def find_step(ns: IntArray) -> Step:
+    """The step of increasing stamps."""
+    steps = np.diff(ns)
+    low, high = int(steps.min()), int(steps.max())
+    if low == high:
+        return Step(float(low), "even")
+    median = float(np.median(steps))
+    rounded = _rounded_step(ns, steps)
+    if rounded is not None:
+        return rounded
+    ratio = steps / median
+    whole = np.rint(ratio)
+    off = np.abs(ratio - whole)
+    fits = (off <= JITTER_TOLERANCE) & (whole >= 1)
+    ones = whole == 1
+    worst = float(off[ones].max()) if ones.any() else 1.0
+    fitting = float(fits.mean())
+    if fitting < MIN_REGULAR_SHARE or ones.mean() < 0.5:
+        return Step(median, "irregular", worst, fitting)
+    if float(off.max()) < 1e-6:
+        return Step(median, "even")
+    return Step(float(steps[ones].mean()), "jitter", worst, fitting)
+
+
+def _rounded_step(ns: IntArray, steps: IntArray) -> Step | None:
+    """An even step whose stamps were rounded to whole seconds or milliseconds, or None."""
+    resolution = next((r for r in (60 * _SECOND, _SECOND, _SECOND // 1000, 1000) if not (steps % r).any()), 1)
+    n = ns.size
+    mean = float(ns[-1] - ns[0]) / (n - 1)
+    if n < 10 or mean > 20 * resolution or resolution == 60 * _SECOND:
+        return None
+    if np.mean(steps == np.median(steps)) > MAX_SINGLE_STEP_SHARE:
+        return None
+    deviation = (ns - ns[0]) - mean * np.arange(n)
+    if float(deviation.max() - deviation.min()) > 1.5 * resolution:
+        return None
+    return Step(mean, "rounded", float(np.abs(steps - mean).max() / mean))
+
+
+def place_on_grid(frame: Frame, step: Step) -> IntArray:
+    """Put the samples on the grid: missing ones (at most two in a row) are inserted as NaN, longer gaps split.
+
+    Returns the file-free positions (grid indices) of the samples; `frame` is changed in place.
+    """
+    if step.kind in ("even", "rounded") and (step.kind == "rounded" or _all_even(frame.ns, step.ns)):
+        return np.arange(frame.ns.size)
+    whole = np.rint(np.diff(frame.ns) / step.ns).astype(np.int64)
+    keep = np.concatenate([[True], whole >= 1])
+    if not keep.all():
+        # Two samples within half a step: the later one has no place of its own on the grid.
+        frame.reason[~keep & (frame.reason == 0)] = CODE["off grid"]
+    place = np.concatenate([[0], np.cumsum(np.maximum(whole, 0))])
+    return place
+
+
+def _all_even(ns: IntArray, step: float) -> bool:
+    return bool(ns[-1] - ns[0] == step * (ns.size - 1)) and bool((np.diff(ns) == step).all())
+
+
+def insert_missing(frame: Frame, place: IntArray) -> None:
+    """Insert NaN samples where at most two are missing; note where longer gaps split the record."""
+    jumps = np.diff(place)
+    short = np.flatnonzero((jumps > 1) & (jumps <= MAX_FILLED + 1))
+    long = np.flatnonzero(jumps > MAX_FILLED + 1) + 1
+    if not short.size:
+        frame.starts = [0, *(int(i) for i in long)]
+        return
+    at = np.repeat(short + 1, jumps[short] - 1)
+    frame.values = {k: np.insert(v, at, np.nan) for k, v in frame.values.items()}
+    frame.rows = [np.insert(r, at, -1) for r in frame.rows]
+    frame.reason = np.insert(frame.reason, at, np.uint8(0))
+    offset = np.concatenate([[0], np.cumsum(jumps[short] - 1)])
+    step = (frame.ns[short + 1] - frame.ns[short]) // jumps[short]
+    within = np.concatenate([np.arange(1, j) for j in jumps[short]])
+    stamps = np.repeat(frame.ns[short], jumps[short] - 1) + within * np.repeat(step, jumps[short] - 1)
+    frame.ns = np.insert(frame.ns, at, stamps)
+    frame.starts = [0, *(int(i + offset[np.searchsorted(short, i - 1, side="right")]) for i in long)]
+
+
+def fill(frame: Frame, on_change: set[str]) -> BoolArray:
+    """Fill what may be filled, in place; True (n,) where PV, OP or SP is not a measurement of its own.
+
+    Roles in `on_change` are recorded only when they change: there an empty cell is the value before it.
+    """
+    filled = np.zeros(frame.ns.size, np.bool_)
+    breaks = np.zeros(frame.ns.size, np.bool_)
+    breaks[frame.starts] = True
+    for role, values in frame.values.items():
+        missing = np.isnan(values)
+        if not missing.any():
+            continue
+        if role in ("output", "setpoint", "mode"):
+            limit = None if role in on_change or role != "output" else MAX_FILLED
+            new = _hold(values, missing, breaks, limit)
+            if role in on_change:
+                missing = np.isnan(new) & missing
+        else:
+            new = _interpolate(values, missing, breaks)
+        if role == "setpoint" and np.isnan(new).any() and not np.isnan(new).all():
+            # Before its first record a setpoint is unknown: the next value stands in, masked.
+            new = _hold(new[::-1], np.isnan(new)[::-1], np.zeros(new.size, np.bool_), None)[::-1]
+        frame.values[role] = new
+        if role in ("output", "setpoint", "process_value"):
+            filled |= missing & ~np.isnan(new)
+    return filled
+
+
+def runs_of(mask: BoolArray) -> tuple[IntArray, IntArray]:
+    """First index and one past the last of every run of True."""
+    edges = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def _hold(values: FloatArray, missing: BoolArray, breaks: BoolArray, limit: int | None) -> FloatArray:
+    """Fill forward, not across a break, at most `limit` samples."""
+    index = np.where(missing, -1, np.arange(values.size))
+    last = np.maximum.accumulate(index)
+    segment = np.cumsum(breaks)
+    good = (last >= 0) & (segment[last] == segment)
+    if limit is not None:
+        first, end = runs_of(missing)
+        long = np.zeros(values.size + 1, np.int64)
+        too_long = (end - first) > limit
+        np.add.at(long, first[too_long], 1)
+        np.add.at(long, end[too_long], -1)
+        good &= np.cumsum(long)[:-1] == 0
+    return np.where(missing & good, values[last], values)
+
+
+def _interpolate(values: FloatArray, missing: BoolArray, breaks: BoolArray) -> FloatArray:
+    """Straight lines over at most two missing samples between two measured ones of the same stretch."""
+    new = values.copy()
+    first, end = runs_of(missing)
+    segment = np.cumsum(breaks)
+    for width in range(1, MAX_FILLED + 1):
+        at = first[(end - first == width) & (first > 0) & (end < values.size)]
+        at = at[segment[at - 1] == segment[at + width]]
+        for i in range(width):
+            share = (i + 1) / (width + 1)
+            new[at + i] = (1 - share) * values[at - 1] + share * values[at + width]
+    return new
+
+
+def split(frame: Frame, valid: BoolArray) -> tuple[IntArray, list[int], int]:
+    """Indices kept, segment starts among them, and how many stretches were too short to keep."""
+    n = valid.size
+    breaks = np.zeros(n, np.bool_)
+    breaks[[s for s in frame.starts if s < n]] = True
+    if valid.all() and len(frame.starts) == 1:
+        return np.arange(n), [0], 0
+    ids = np.cumsum(breaks | (valid & ~np.concatenate([[False], valid[:-1]])))
+    ids[~valid] = 0
+    sizes = np.bincount(ids, minlength=1)
+    sizes[0] = 0
+    enough = sizes >= min(MIN_SEGMENT, int(sizes.max(initial=0)))
+    enough[0] = False
+    keep = np.flatnonzero(enough[ids])
+    kept_ids = ids[keep]
+    starts = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(kept_ids)))] if keep.size else []
+    return keep, starts, int(np.count_nonzero((sizes > 0) & ~enough))

@@ -1,0 +1,174 @@
+"""Which columns of a table carry which role, for which loop, and why: what was said, then what names say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from ...errors import DataError, UsageError
+from ..bytes.options import ReadOptions
+from ..words.cells import brief, shown
+from ..words.roles import Tag, listing, pick, take_apart, tidy
+
+_OPTIONS = {"setpoint": "sp", "process_value": "pv", "output": "op", "position": "position", "mode": "mode"}
+_FLAG = {
+    "setpoint": "--sp",
+    "process_value": "--pv",
+    "output": "--op",
+    "position": "--position",
+    "mode": "--mode",
+    "time": "--time",
+}
+_SURE_WORDS = """
+    co, controller output, date time, datetime, meas, mode, mode actual, op, out cv, position, process value,
+    process variable, pv, pv cv, set point, setpoint, sp, sp cv, spt, stem position, sv, t s, time, time s,
+    time stamp, time utc, timestamp, valve position, zi, zt
+"""
+SURE = frozenset(w.strip() for w in _SURE_WORDS.split(","))
+"""Names that mean one thing only; every other match is a guess and is said to be one (MV and OUT among them)."""
+
+
+@dataclass
+class Assignment:
+    """Names by role, for one loop. `index` maps roles to column numbers (or, in long tables, to tags)."""
+
+    index: dict[str, int]
+    why: dict[str, str]
+    loop: str = ""
+    extras: dict[str, int] = field(default_factory=dict)
+    guesses: list[str] = field(default_factory=list)
+    unused: list[str] = field(default_factory=list)
+
+
+def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set[int], numeric: set[int]) -> Assignment:
+    """Roles of the signal columns. `skip` are columns already spoken for (time); `numeric` those that hold numbers.
+
+    DataError where PV or OP is nowhere or in several places; UsageError where the loop is unknown
+    or several are found.
+    """
+    found = Assignment({}, {})
+    for role, option in _OPTIONS.items():
+        wanted = getattr(options, option)
+        if wanted is not None:
+            found.index[role] = pick(names, wanted, _FLAG[role], file)
+            found.why[role] = f"said with {_FLAG[role]}"
+    for wanted in options.extra:
+        place = pick(names, wanted, "--extra", file)
+        found.extras[names[place]] = place
+    _refuse_shared(found.index | {f"extra {n}": i for n, i in found.extras.items()}, skip, names, file)
+    taken = set(found.index.values()) | set(found.extras.values()) | skip
+    tags = {i: take_apart(n) for i, n in enumerate(names) if i not in taken}
+    tags = {i: t for i, t in tags.items() if t.role in _OPTIONS and (i in numeric or t.role == "mode")}
+    for i in _flags_like_mode(tags, names):
+        del tags[i]
+    group = _choose_loop(tags, found, names, options, file)
+    _complete(found, tags, group, options.roles, file)
+    for role, flag in (("process_value", "--pv"), ("output", "--op")):
+        if role not in found.index:
+            words = {"process_value": "process value (PV)", "output": "controller output (OP)"}[role]
+            for other, i in found.index.items():
+                if take_apart(names[i]).role == role:
+                    raise DataError(
+                        f"{file}: column {shown(names[i])} would be both {role.replace('_', ' ')} (by its name) and "
+                        f"{other.replace('_', ' ')} (said with {_FLAG[other]})",
+                        f"name another column with {flag}; columns: {listing(names)}",
+                    )
+            raise DataError(f"{file} has no column for the {words}", f"name it with {flag}; columns: {listing(names)}")
+    _refuse_shared(found.index, skip, names, file)
+    used = set(found.index.values()) | set(found.extras.values()) | skip
+    found.unused = [n for i, n in enumerate(names) if i not in used and n]
+    if not found.loop:
+        loops = [take_apart(names[found.index[r]]).loop for r in ("output", "process_value")]
+        found.loop = next((loop for loop in loops if loop), "")
+    return found
+
+
+def _flags_like_mode(tags: dict[int, Tag], names: tuple[str, ...]) -> list[int]:
+    """Further mode-like columns when one is surer: only the surest counts."""
+    modes = sorted((t.rank, i) for i, t in tags.items() if t.role == "mode" and not t.loop)
+    return [i for _, i in modes[1:]]
+
+
+def _refuse_shared(index: dict[str, int], skip: set[int], names: tuple[str, ...], file: str) -> None:
+    seen: dict[int, str] = dict.fromkeys(skip, "time")
+    for role, column in index.items():
+        if column in seen:
+            raise DataError(
+                f"{file}: column {shown(names[column])} would be both {seen[column].replace('_', ' ')} and "
+                f"{role.replace('_', ' ')}",
+                "give each role a column of its own (--sp --pv --op --position --time)",
+            )
+        seen[column] = role
+
+
+def key_of(loop: str) -> str:
+    """A loop's name for comparing: case and separators ignored."""
+    return tidy(loop).replace(" ", "")
+
+
+def _choose_loop(
+    tags: dict[int, Tag], found: Assignment, names: tuple[str, ...], options: ReadOptions, file: str
+) -> str:
+    """The key of the loop whose columns are taken; "" where names carry none."""
+    groups: dict[str, dict[str, Any]] = {}
+    for tag in tags.values():
+        group = groups.setdefault(key_of(tag.loop), {"name": tag.loop, "roles": set()})
+        group["roles"].add(tag.role)
+    said = {key_of(take_apart(names[i]).loop) for r, i in found.index.items() if r in ("process_value", "output")}
+    needed = {"process_value", "output"} - set(found.index)
+    full = {k: g for k, g in groups.items() if needed <= g["roles"]} if needed else {}
+    if options.loop is not None:
+        wanted = key_of(options.loop)
+        match = [k for k in groups if k == wanted] or [
+            k for k in full if k.endswith(wanted) or (wanted.endswith(k) and k)
+        ]
+        if len(match) != 1:
+            raise UsageError(
+                f"{file} has no loop {shown(options.loop)}",
+                f"loops found: {listing([g['name'] or '(no name)' for g in full.values()])}"
+                if full
+                else f"no loop was found; columns: {listing(names)}",
+            )
+        found.loop = groups[match[0]]["name"]
+        return match[0]
+    if said - {""} and len(said) == 1 and (said & set(groups) or not needed):
+        return next(iter(said))
+    if len(full) > 1:
+        loops = [g["name"] or "(no name)" for g in full.values()]
+        raise UsageError(
+            f"{file} holds {len(full)} loops: {listing(loops)}", f"choose one with --loop {brief(loops[0] or loops[1])}"
+        )
+    if full:
+        found.loop = next(iter(full.values()))["name"]
+        return next(iter(full))
+    return ""
+
+
+def _complete(found: Assignment, tags: dict[int, Tag], group: str, known: dict[str, str], file: str) -> None:
+    """Take the roles not yet said from the chosen loop, else from what has no loop or is the only one of its kind."""
+    digits = "".join(c for c in group if c.isdigit())
+    for role in _OPTIONS:
+        if role in found.index:
+            continue
+        columns = [(i, t) for i, t in tags.items() if t.role == role]
+        inside = [(i, t) for i, t in columns if key_of(t.loop) == group]
+        near = [(i, t) for i, t in columns if digits and t.loop and "".join(c for c in t.loop if c.isdigit()) == digits]
+        choice = inside or near or [(i, t) for i, t in columns if not t.loop]
+        if not choice and role in ("process_value", "output", "setpoint") and len(columns) == 1 and not group:
+            choice = columns
+        if not choice:
+            continue
+        choice = sorted(choice, key=lambda c: (c[1].rank, c[0]))
+        if len(choice) > 1 and choice[0][1].rank == choice[1][1].rank and role in ("process_value", "output"):
+            (i, one), (j, other) = choice[:2]
+            raise DataError(
+                f"{file}: {role.replace('_', ' ')} may be column {i + 1}, {shown(one.name)}, or column {j + 1}, "
+                f"{shown(other.name)}",
+                f"choose with {_FLAG[role]} {i + 1} or {_FLAG[role]} {j + 1}",
+            )
+        column, tag = choice[0]
+        found.index[role] = column
+        found.why[role] = tag.why
+        word = tag.why.partition("'")[2].rstrip("'")
+        if word not in SURE and known.get(tag.why) != role:
+            found.guesses.append(f"{role.replace('_', ' ')} is {shown(tag.name)}, by its {tag.why} ({_FLAG[role]})")

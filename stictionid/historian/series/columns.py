@@ -1,0 +1,117 @@
+"""Columns of a table by what they hold: time, tags, values, names of loops."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..bytes.options import ReadOptions
+from ..table.table import Table
+from ..time.datetext import looks_like_time
+from ..words.cells import to_numbers
+from ..words.roles import pick, take_apart
+
+_PEEK = 50
+
+
+def kind_of(table: Table, column: int) -> str:
+    """What a column holds: time, date, clock (time of day), number, text or nothing."""
+    import pyarrow as pa
+
+    values = table.columns[column]
+    kind = values.type.value_type if pa.types.is_dictionary(values.type) else values.type
+    if pa.types.is_timestamp(kind):
+        return "time"
+    if pa.types.is_date(kind):
+        return "date"
+    if pa.types.is_time(kind):
+        return "clock"
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
+        return "number"
+    if pa.types.is_null(kind):
+        return "nothing"
+    if pa.types.is_boolean(kind):
+        return "text"
+    cells = [str(c) for c in values.slice(0, 5000).drop_null().slice(0, _PEEK).to_pylist()]
+    if looks_like_time(cells):
+        return "date" if not any(":" in c or "." in c[11:] for c in cells) and len(cells[0].strip()) <= 11 else "time"
+    if cells and sum(
+        c.count(":") in (1, 2) and c.replace(":", "").replace(".", "").strip(" AaPpMm").isdigit() for c in cells
+    ) > 0.8 * len(cells):
+        return "clock"
+    digits = to_numbers(values.slice(0, 5000), table.decimal)
+    return "number" if np.count_nonzero(~np.isnan(digits.values)) > 0 else "text"
+
+
+def long_columns(table: Table, kinds: list[str]) -> tuple[int, int]:
+    """Columns of tags and of values in a long table, -1 where there is none."""
+    import pyarrow as pa
+
+    roles = [take_apart(n).role for n in table.names]
+    if {"process_value", "output"} <= set(roles):
+        return -1, -1
+    tag = -1
+    for i, column in enumerate(table.columns):
+        if kinds[i] != "text" or not (pa.types.is_string(column.type) or pa.types.is_dictionary(column.type)):
+            continue
+        words = {str(w) for w in column.slice(0, 20_000).unique().to_pylist() if w is not None}
+        known = sum(take_apart(w).role in ("setpoint", "output", "process_value", "position") for w in words)
+        if known >= 2 or (roles[i] == "tag" and len(words) >= 2):
+            tag = i
+            break
+    numbers = [i for i, k in enumerate(kinds) if k in ("number", "text") and i != tag]
+    value = next((i for i in numbers if roles[i] == "value"), -1)
+    if value < 0:
+        value = next(
+            (i for i in numbers if kinds[i] == "number" and roles[i] not in ("time", "quality", "ignored", "loop")), -1
+        )
+    return tag, value
+
+
+def is_paired(kinds: list[str], times: list[int]) -> bool:
+    stamps = [i for i in times if kinds[i] == "time" or kinds[i] == "date"]
+    return len(stamps) >= 2 and all(
+        any(kinds[j] in ("number", "text") for j in range(a + 1, b))
+        for a, b in zip(stamps, [*stamps[1:], len(kinds)], strict=True)
+    )
+
+
+def time_columns(table: Table, kinds: list[str], options: ReadOptions) -> list[int]:
+    """The time column, or date and time of day; empty where there is none."""
+    if options.time is not None:
+        parts = [options.time] if options.time in table.names else options.time.split("+")
+        return [pick(table.names, part.strip(), "--time", table.file) for part in parts]
+    named = [
+        i for i, n in enumerate(table.names) if take_apart(n).role == "time" and kinds[i] not in ("text", "nothing")
+    ]
+    stamps = [i for i, k in enumerate(kinds) if k == "time"]
+    if stamps:
+        return [next((i for i in stamps if i in named), stamps[0])]
+    dates, clocks = ([i for i, k in enumerate(kinds) if k == kind] for kind in ("date", "clock"))
+    if dates and clocks:
+        return [dates[0], clocks[0]]
+    if dates or clocks:
+        return (dates or clocks)[:1]
+    return named[:1]
+
+
+def loop_column(table: Table, kinds: list[str]) -> int:
+    return next(
+        (
+            i
+            for i, n in enumerate(table.names)
+            if take_apart(n).role == "loop" and kinds[i] == "text" and take_apart(n).loop == ""
+        ),
+        -1,
+    )
+
+
+def loop_names(table: Table, column: int) -> list[str]:
+    """The loops named in a loop column, in the order they appear."""
+    return [str(v) for v in table.columns[column].unique().to_pylist() if v is not None]
+
+
+def without_loop_column(table: Table, kinds: list[str], options: ReadOptions) -> ReadOptions:
+    """Options for `assign`: where a column names the loop, its columns don't."""
+    from dataclasses import replace
+
+    return options if loop_column(table, kinds) < 0 else replace(options, loop=None)

@@ -1,0 +1,90 @@
+"""Series of one loop as they come out of a table, with everything learnt on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...errors import DataError
+from ...typing import FloatArray, IntArray
+from ..bytes.options import ReadOptions
+from ..table.rows import RowBook
+from ..table.table import Table
+from ..time.clock import Order, put_in_order
+from ..time.stamps import Times, parse_times
+from ..time.zones import apply_zone
+from ..words.cells import shown
+from ..words.modes import Modes
+from ..words.quality import Quality, read_quality
+from .assign import Assignment
+
+
+@dataclass
+class Series:
+    """One signal: increasing stamps, values (NaN where bad), and the file row of each."""
+
+    ns: IntArray
+    values: FloatArray
+    rows: IntArray
+
+
+@dataclass
+class Shaped:
+    """The loop's series with everything learnt on the way; `shared` when all series have the same stamps."""
+
+    shape: str
+    assignment: Assignment
+    columns: dict[str, str]
+    units: dict[str, str]
+    series: dict[str, Series]
+    times: Times | None
+    orders: list[Order] = field(default_factory=list)
+    modes: Modes | None = None
+    words: dict[str, dict[str, int]] = field(default_factory=dict)
+    uncertain: int = 0
+    quality: str = ""
+    guesses: list[str] = field(default_factory=list)
+    described: dict[str, str] = field(default_factory=dict)
+
+
+def times_of(table: Table, columns: list[int], options: ReadOptions) -> Times:
+    """The stamps of one or two columns, in the zone that was said."""
+    times = parse_times(
+        [table.columns[i] for i in columns],
+        table.names[columns[0]],
+        table.units[columns[0]],
+        dayfirst=options.dayfirst,
+        time_format=options.time_format,
+        place=table.place(columns[0]),
+    )
+    if not times.valid.any():
+        raise DataError(
+            f"{table.where(0, columns[0])}: {shown(table.cell(0, columns[0]))} is no time",
+            "name the time column with --time, or give --step SECONDS",
+        )
+    return times
+
+
+def order_of(
+    times: Times, options: ReadOptions, keep: IntArray, worth: Callable[[], FloatArray] | None = None
+) -> tuple[Order, Times]:
+    """Rows `keep` in time order, after the zone; `worth` gives how good each of them is, for those with one stamp."""
+    times = apply_zone(times, options.zone, keep)
+    zoned = options.zone is not None or times.zone is not None
+    order = put_in_order(times.ns[keep], elapsed=times.elapsed, zoned=zoned, worth=worth)
+    return order, times
+
+
+def read_quality_column(column: int, table: Table, options: ReadOptions) -> Quality:
+    return read_quality(table.columns[column], table.names[column], options.quality_kind)
+
+
+def apply_quality(values: FloatArray, quality: Quality, shaped: Shaped, book: RowBook, role: str) -> FloatArray:
+    shaped.quality = quality.kind
+    shaped.uncertain += int(np.count_nonzero(quality.uncertain)) if role == "process_value" else 0
+    shaped.columns.setdefault("quality", "")
+    if quality.bad.any():
+        values = np.where(quality.bad, np.nan, values)
+    return values

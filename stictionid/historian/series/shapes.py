@@ -1,0 +1,34 @@
+"""The shape of a table (wide, long, paired) and the series of one loop inside it."""
+
+from __future__ import annotations
+
+from ...errors import DataError
+from ..bytes.options import ReadOptions
+from ..table.rows import RowBook
+from ..table.table import Table
+from .columns import is_paired, kind_of, long_columns, time_columns
+from .long_shape import shape_long, shape_paired
+from .shaped import Shaped
+from .wide_shape import shape_wide
+
+MAX_TAGS = 5000
+"""Different texts up to which a text column of a long table is taken for its tags."""
+
+
+def shape_table(table: Table, options: ReadOptions, book: RowBook) -> Shaped:
+    """The series of the chosen loop. DataError and UsageError as in `assign`."""
+    kinds = [kind_of(table, i) for i in range(len(table.names))]
+    tag_column, value_column = long_columns(table, kinds)
+    shape = options.shape
+    times = [i for i, k in enumerate(kinds) if k in ("time", "date", "clock")]
+    if shape == "long" or (shape is None and tag_column >= 0 and value_column >= 0):
+        if tag_column < 0 or value_column < 0:
+            raise DataError(
+                f"{table.file} has no column of tags and one of values", "leave --shape out, or export it again"
+            )
+        return shape_long(table, options, book, tag_column, value_column, time_columns(table, kinds, options))
+    if shape == "paired" or (shape is None and is_paired(kinds, times)):
+        if not any(kinds[i] != "clock" for i in times):
+            raise DataError(f"{table.file} has no time columns to pair values with", "leave --shape out")
+        return shape_paired(table, options, book, [i for i in times if kinds[i] != "clock"], kinds)
+    return shape_wide(table, kinds, options, book)

@@ -1,0 +1,146 @@
+"""Wide tables (one column per signal) as series per role."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...errors import DataError, UsageError
+from ...typing import FloatArray, IntArray
+from ..bytes.options import ReadOptions
+from ..table.arrow import booleans
+from ..table.rows import RowBook
+from ..table.table import Table
+from ..words.cells import brief, check_thousands, shown, to_numbers
+from ..words.modes import read_modes
+from ..words.quality import Quality
+from ..words.roles import listing, pick, take_apart
+from .assign import Assignment, assign
+from .columns import loop_column, loop_names, time_columns, without_loop_column
+from .shaped import Series, Shaped, apply_quality, order_of, read_quality_column, times_of
+
+
+def shape_wide(table: Table, kinds: list[str], options: ReadOptions, book: RowBook) -> Shaped:
+    stamps = time_columns(table, kinds, options)
+    if not stamps and options.step_s is None:
+        raise DataError(
+            f"{table.file} has no time column",
+            f"give --step SECONDS, or name it with --time; columns: {listing(table.names)}",
+        )
+    mask = next((i for i, n in enumerate(table.names) if n.strip().lower() == "used"), -1)
+    quality_columns = {
+        i for i, n in enumerate(table.names) if take_apart(n).role == "quality" and i not in stamps
+    }
+    numeric = {i for i, k in enumerate(kinds) if k == "number" or k == "nothing"} - quality_columns
+    rows = _loop_rows(table, kinds, options, book)
+    assignment = assign(
+        table.names, without_loop_column(table, kinds, options), table.file, skip=set(stamps), numeric=numeric
+    )
+    if assignment.loop == "" and options.loop:
+        assignment.loop = options.loop
+    shaped = Shaped("wide", assignment, {}, {}, {}, None, guesses=list(assignment.guesses))
+    if stamps:
+        times = times_of(table, stamps, options)
+        shaped.columns["time"] = "+".join(table.names[i] or f"column {i + 1}" for i in stamps)
+        book.mark(~times.valid, "no time")
+        keep = np.flatnonzero(times.valid) if rows is None else rows[times.valid[rows]]
+        order, times = order_of(
+            times, options, keep, lambda: _worth(table, assignment, quality_columns - {mask}, options)[keep]
+        )
+        shaped.times, shaped.orders = times, [order]
+        shaped.guesses += times.assumptions
+        book.mark(keep[order.duplicates], "duplicate")
+        index, ns = keep[order.index], order.ns
+    else:
+        index = np.arange(table.rows) if rows is None else rows
+        ns = np.rint(np.arange(index.size) * (options.step_s or 1.0) * 1e9).astype(np.int64)
+    _fill_wide(shaped, table, options, book, quality_columns - {mask}, index, ns)
+    if mask >= 0:
+        # Written by `read -o`: samples that stay in the record but do not count.
+        shaped.series["mask"] = Series(ns, to_numbers(table.columns[mask]).values[index], index)
+    return shaped
+
+
+def _worth(table: Table, assignment: Assignment, quality_columns: set[int], options: ReadOptions) -> FloatArray:
+    """How many of PV and OP each row has (n,), bad quality counted as nothing."""
+    found = np.zeros(table.rows)
+    for role in ("process_value", "output"):
+        column = assignment.index[role]
+        quality = _quality_for(column, table, quality_columns, options)
+        there = ~np.isnan(to_numbers(table.columns[column], table.decimal).values)
+        found += there if quality is None else there & ~quality.bad
+    return found
+
+
+def _fill_wide(
+    shaped: Shaped,
+    table: Table,
+    options: ReadOptions,
+    book: RowBook,
+    quality_columns: set[int],
+    index: IntArray,
+    ns: IntArray,
+) -> None:
+    """Values of every role on the shared stamps."""
+    whole = (
+        index.size == table.rows and bool((index == np.arange(table.rows)).all()) if index.size == table.rows else False
+    )
+    for role, column in [
+        *shaped.assignment.index.items(),
+        *((f"extra:{n}", i) for n, i in shaped.assignment.extras.items()),
+    ]:
+        name = table.names[column] or str(column + 1)
+        shaped.columns[role] = name
+        shaped.units[role] = table.units[column]
+        shaped.described[role] = table.descriptions[column] if table.descriptions else ""
+        if role == "mode":
+            shaped.modes = read_modes(table.columns[column], options.mode_map, name)
+            values = shaped.modes.codes
+        else:
+            if options.decimal is None:
+                check_thousands(table.columns[column], table.decimal, table.place(column))
+            numbers = to_numbers(table.columns[column], table.decimal)
+            values = numbers.values
+            # A header that is repeated within the data is booked as such.
+            shaped.words[role] = {w: c for w, c in numbers.words.items() if w != name.strip()}
+            quality = _quality_for(column, table, quality_columns, options)
+            if quality is not None:
+                values = apply_quality(values, quality, shaped, book, role)
+        shaped.series[role] = Series(ns, values if whole else values[index], index)
+
+
+def _quality_for(column: int, table: Table, columns: set[int], options: ReadOptions) -> Quality | None:
+    """The quality column that belongs to a value column: by its name, by standing right behind it, or the only one."""
+    if options.quality is not None:
+        return read_quality_column(pick(table.names, options.quality, "--quality", table.file), table, options)
+    if not columns:
+        return None
+    name = table.names[column].lower()
+    mine = [i for i in columns if table.names[i].lower().startswith(name) and name]
+    if not mine and len(columns) == 1:
+        mine = list(columns)
+    if not mine and column + 1 in columns:
+        mine = [column + 1]
+    return read_quality_column(mine[0], table, options) if mine else None
+
+
+def _loop_rows(table: Table, kinds: list[str], options: ReadOptions, book: RowBook) -> IntArray | None:
+    """Rows of the wanted loop where a column names loops; None for all rows."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    column = loop_column(table, kinds)
+    if column < 0:
+        return None
+    loops = loop_names(table, column)
+    if not loops or (len(loops) == 1 and options.loop in (None, loops[0])):
+        return None
+    if options.loop is None:
+        raise UsageError(
+            f"{table.file} holds {len(loops)} loops: {listing(loops)}", f"choose one with --loop {brief(loops[0])}"
+        )
+    if options.loop not in loops:
+        raise UsageError(f"{table.file} has no loop {shown(options.loop)}", f"loops found: {listing(loops)}")
+    wanted = pc.fill_null(pc.equal(table.columns[column].cast(pa.string()), options.loop), False)
+    mask = booleans(wanted)
+    book.mark(~mask, "other loop")
+    return np.flatnonzero(mask)

@@ -1,0 +1,1 @@
+"""Tables of an export: text, HTML and Parquet as columns."""

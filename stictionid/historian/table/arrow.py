@@ -1,0 +1,80 @@
+"""Arrow columns to numpy and back through their buffers: pyarrow's own way imports pandas, 0.45 s for nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...typing import BoolArray, FloatArray
+
+
+def floats(column: Any) -> FloatArray:
+    """A number column as float64 (n,), NaN where it is null."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    column = column if column.type == pa.float64() else column.cast(pa.float64(), safe=False)
+    return np.asarray(_values(pc.fill_null(column, float("nan")) if column.null_count else column, np.float64))
+
+
+def integers(column: Any) -> tuple[NDArray[np.int64], BoolArray]:
+    """An int64 column as numbers (n,), 0 where it is null, and True (n,) where it is not."""
+    import pyarrow.compute as pc
+
+    if column.null_count == 0:
+        return _values(column, np.int64), np.ones(len(column), np.bool_)
+    return _values(pc.fill_null(column, 0), np.int64), booleans(pc.is_valid(column))
+
+
+def booleans(column: Any) -> BoolArray:
+    """A boolean column (n,), False where it is null."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    return np.asarray(_values(pc.fill_null(column, False).cast(pa.uint8()), np.uint8) != 0)
+
+
+def _values(column: Any, dtype: Any) -> NDArray[Any]:
+    chunks = column.chunks if hasattr(column, "chunks") else [column]
+    # A length of zero has no buffer that numpy would take.
+    parts = [np.from_dlpack(chunk) for chunk in chunks if len(chunk)]
+    if not parts:
+        return np.zeros(0, dtype)
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def texts(values: Any) -> Any:
+    """A list of str as an Arrow string array."""
+    import pyarrow as pa
+
+    encoded = [str(v).encode() for v in values]
+    offsets = np.concatenate([[0], np.cumsum([len(v) for v in encoded])]).astype(np.int32)
+    return pa.Array.from_buffers(
+        pa.string(), len(encoded), [None, pa.py_buffer(offsets), pa.py_buffer(b"".join(encoded))]
+    )
+
+
+def timestamps(ns: NDArray[np.int64]) -> Any:
+    """Nanoseconds since the epoch as an Arrow time stamp array without zone."""
+    import pyarrow as pa
+
+    return pa.Array.from_buffers(pa.timestamp("ns"), len(ns), [None, pa.py_buffer(np.ascontiguousarray(ns))])
+
+
+def indices(encoded: Any, missing: int) -> NDArray[np.int64]:
+    """The codes of a dictionary array, `missing` where it is null."""
+    import pyarrow as pa
+
+    codes, valid = integers(encoded.indices.cast(pa.int64()))
+    return np.where(valid, codes, missing)
+
+
+def numbers(values: NDArray[Any]) -> Any:
+    """An int64 or float64 array as an Arrow array."""
+    import pyarrow as pa
+
+    kind = pa.float64() if values.dtype == np.float64 else pa.int64()
+    wide = np.ascontiguousarray(values, np.float64 if kind == pa.float64() else np.int64)
+    return pa.Array.from_buffers(kind, len(wide), [None, pa.py_buffer(wide)])

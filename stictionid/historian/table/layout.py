@@ -1,0 +1,320 @@
+"""The layout of a text export: separator, header lines (names, units, descriptions), where data begin, decimal mark.
+
+Decided on the first lines, by what cells look like and not by where they stand.
+"""
+
+from __future__ import annotations
+
+import csv
+import functools
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+
+from ...errors import DataError
+from ..words.states import is_state
+
+SAMPLE_BYTES = 1 << 16
+SAMPLE_LINES = 300
+MIN_AGREEING_LINES = 0.8
+"""Share of lines that must have the same number of cells for a separator to be believed."""
+MIN_TYPED_BLANKS = 0.8
+"""Share of number, time or state cells for which blanks are believed to separate."""
+MIN_SURE_SCORE = 0.9
+"""Score of another separator (steady lines, typed cells; at most 1.14) that leaves blanks no chance."""
+MIN_TYPED_CELLS = 0.5
+"""Share of number, time, state or empty cells that makes a line a data line; headers are text."""
+
+_SEPARATORS = ("\t", ";", "|", ",", " ")
+_NUMBER = re.compile(
+    r"[+\-−]?[\d.,'’\u00a0\u202f ]*\d[\d.,'’\u00a0\u202f]*(?:[eE][+\-−]?\d+)?\s*(?:%|[°a-zA-Z][\w°/³²%]{0,6})?\Z"
+)
+_TIME = re.compile(
+    r"(?=.*\d)(?!.*[;|\t\"])(?!.*,(?! |\d{1,9}\Z))"
+    r"(?:.*\d[-/.]\d+[-/.]\d.*|.*\d:\d\d.*|\d{1,4}[-/. ]\w{3,10}\.?[-/. ]\d{2,4}.*|\d{8}T\d{4,6}.*)\Z"
+)
+_EXCEL_TEXT = re.compile(r'="([^"]*)"\Z')
+_UNIT = re.compile(
+    r"\s*[\[(<]?\s*(?:%|pct|percent|°[CFK]|deg\s?[CFK]|K|bar[ga]?|mbar|[kM]?Pa[ga]?|psi[ga]?|mmH2O|inH2O|atm|mA|V|A|Hz|rpm|[kM]?W|"
+    r"(?:[kM]?N?m[³3]|[kM]?g|k?t|l|L|scf|gal|kmol|bbl|t)\s?/\s?(?:h|hr|min|s|d|sec)|[km]?m|cm|in|ft|s|sec|seconds|ms|min|h|d|"
+    r"kg/cm2|pH|ppm|mol\s?%|vol\s?%|m3|m³|date(?:\s?time)?|time|datetime|-|eu|text|bool|UTC|local)\s*[\])>]?\s*\Z",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How a text file is built; `offset` is the byte where data begin and `first_line` its 1-based line number."""
+
+    separator: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    descriptions: tuple[str, ...]
+    offset: int
+    first_line: int
+    decimal: str
+    header_lines: int
+    assumptions: tuple[str, ...] = ()
+    header_cells: tuple[tuple[str, ...], ...] = field(default=())
+
+
+def find_layout(
+    data: bytes, name: str, *, separator: str | None = None, header: int | None = None, decimal: str | None = None
+) -> Layout:
+    """The layout of a text table; `separator`, `header` (number of lines before the data) and `decimal` override.
+
+    DataError for a file of one column, without data lines, or whose commas can't be told apart.
+    """
+    lines = _first_lines(data)
+    separator = separator or _separator(lines, name)
+    cells = [split_line(line, separator) for line in lines]
+    width = _width(cells)
+    start = header if header is not None else _damaged_first(cells, _data_start(cells, width, name), width)
+    if start >= len(cells):
+        raise DataError(
+            f"{name} has only {len(cells)} lines, none after the {start} header lines",
+            "give the right number with --header",
+        )
+    names, units, descriptions, used = _header(cells[:start], width)
+    _refuse_comma_in_comma(cells[:start], width, separator, name)
+    mark, assumptions = _decimal(cells, start, names, separator, name) if decimal is None else (decimal, ())
+    if not used:
+        names = tuple(str(i + 1) for i in range(width))
+    offset = _offset(data, start)
+    return Layout(
+        separator,
+        names,
+        units,
+        descriptions,
+        offset,
+        start + 1,
+        mark,
+        start,
+        assumptions,
+        tuple(tuple(row) for row in used),
+    )
+
+
+def split_line(line: str, separator: str) -> list[str]:
+    """The cells of one line, without surrounding blanks."""
+    if separator == " ":
+        return line.split()
+    try:
+        row = next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        row = line.split(separator)
+    return [_bare_cell(cell.strip()) for cell in row]
+
+
+def _bare_cell(cell: str) -> str:
+    """A cell without Excel's ="…" around it."""
+    return _EXCEL_TEXT.sub(r"\1", cell) if cell.startswith('="') else cell
+
+
+def _first_lines(data: bytes) -> list[str]:
+    head = data[:SAMPLE_BYTES]
+    if len(data) > SAMPLE_BYTES and b"\n" in head:
+        head = head[: head.rfind(b"\n")]
+    return [line.rstrip("\r") for line in head.decode("utf-8", "replace").split("\n")][:SAMPLE_LINES]
+
+
+def _separator(lines: list[str], name: str) -> str:
+    """The separator under which most lines have the same number of well-typed cells."""
+    tail = [line for line in lines if line.strip()]
+    if not tail:
+        raise DataError(f"{name} has no table in it", "check that it is the export you meant")
+    tail = tail[len(tail) // 3 :]
+    scores: list[tuple[float, str]] = []
+    for candidate in _SEPARATORS:
+        rows = [split_line(line, candidate) for line in tail]
+        width, votes = Counter(map(len, rows)).most_common(1)[0]
+        if width < 2 or votes < 0.5 * len(rows):
+            continue
+        cells = [cell for row in rows if len(row) == width for cell in row]
+        typed = sum(map(_typed, cells)) / len(cells)
+        # Blanks also stand inside stamps and names: they separate only where everything then falls into place.
+        if candidate != " " or (typed > MIN_TYPED_BLANKS and not any(score > MIN_SURE_SCORE for score, _ in scores)):
+            scores.append((round(min(votes / len(rows), 0.95) * (0.2 + typed), 2), candidate))
+    if not scores:
+        raise DataError(
+            f"{name} has one column: line {len(lines)} is {_short(tail[-1])!r}",
+            "export time and tags side by side, or name the separator with --separator",
+        )
+    best = max(score for score, _ in scores)
+    return next(candidate for score, candidate in scores if score == best)
+
+
+def _typed(cell: str) -> bool:
+    return not cell or _value(cell)
+
+
+@functools.lru_cache(maxsize=20_000)
+def _value(cell: str) -> bool:
+    """Whether a cell holds a number, a time or a system state."""
+    return bool(cell) and (bool(_NUMBER.match(cell)) or bool(_TIME.match(cell)) or is_state(cell))
+
+
+def _width(cells: list[list[str]]) -> int:
+    rows = [len(row) for row in cells[len(cells) // 3 :] if row and any(row)]
+    return Counter(rows).most_common(1)[0][0] if rows else max(map(len, cells))
+
+
+def _data_start(cells: list[list[str]], width: int, name: str) -> int:
+    """Index of the first data line: the first of the file's width that holds values and is followed by more."""
+    good = [_is_data(row, width) for row in cells]
+    for i, fine in enumerate(good):
+        following = [g for g, row in zip(good[i : i + 8], cells[i : i + 8], strict=True) if any(row)]
+        if fine and sum(following) >= 0.6 * len(following):
+            return i
+    raise DataError(
+        f"{name} has no rows of numbers (line 1 is {_short(' '.join(cells[0]))!r})",
+        "check that it is a table of time and values; --header and --separator say how it is built",
+    )
+
+
+def _damaged_first(cells: list[list[str]], start: int, width: int) -> int:
+    """Where data begin when their first rows are damaged: right below the names, unless more header lines follow."""
+    for i in range(start):
+        if len(cells[i]) == width and _filled(cells[i]) >= 0.6 * width and _named(cells[i]) >= 2:
+            below = [j for j in range(i + 1, start) if any(cells[j]) and (cells[j] == cells[i] or _numeric(cells[j]))]
+            return min(below, default=start)
+    return start
+
+
+def _numeric(row: list[str]) -> bool:
+    """Whether a line of any width looks like numbers: most cells typed, or most characters digits from the first on."""
+    text = "".join(row)
+    digits = sum(c.isdigit() for c in text)
+    return sum(map(_typed, row)) > MIN_TYPED_CELLS * len(row) or (
+        text[0] in "+-0123456789" and digits > 0.5 * len(text)
+    )
+
+
+def _is_data(row: list[str], width: int) -> bool:
+    if len(row) != width or not any(row):
+        return False
+    typed = sum(map(_typed, row))
+    values = sum(map(_value, row))
+    first_texts = sum(not _typed(cell) for cell in row)
+    return typed >= MIN_TYPED_CELLS * len(row) and values >= 1 and first_texts <= len(row) // 2
+
+
+def _header(
+    rows: list[list[str]], width: int
+) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], list[list[str]]]:
+    """Names, units and descriptions among the lines above the data; lines of another width are preamble."""
+    blank = ("",) * width
+    fit = [
+        row
+        for row in rows
+        if any(row)
+        and len(row) > 1
+        and width - 1 <= len(row) <= width + 1
+        and sum(bool(c) for c in row) >= min(2, width)
+    ]
+    fit = [([*row, ""])[:width] if len(row) <= width else row[:width] for row in fit]
+    texts = [row for row in fit if not all(_UNIT.match(c) for c in row[1:] if c)]
+    if not texts:
+        return blank, blank, blank, []
+    names = next(
+        (row for row in texts if re.fullmatch(r"tag\s?names?|tags?|names?", row[0], re.IGNORECASE)),
+        max(texts, key=lambda row: (_filled(row) >= 0.6 * width, _named(row))),
+    )
+    if not any(_looks_named(c) for c in names):
+        return blank, blank, blank, []
+    rest = [row for row in fit if row is not names]
+    units = next((row for row in rest if _units_row(row)), list(blank))
+    described = next((row for row in rest if row is not units), list(blank))
+    inside = [unit_in(c) for c in names]
+    return (tuple(names), tuple(_bare(a) or b for a, b in zip(units, inside, strict=True)), tuple(described), fit)
+
+
+def _filled(row: list[str]) -> int:
+    return len({c for c in row if c})
+
+
+def _named(row: list[str]) -> int:
+    """How many cells of a header line carry a known role: the line with tags beats the line with descriptions."""
+    from ..words.roles import role_of
+
+    return sum(role_of(c) is not None for c in row)
+
+
+def _looks_named(cell: str) -> bool:
+    return any(c.isalpha() for c in cell)
+
+
+def _units_row(row: list[str]) -> bool:
+    filled = [c for c in row if c]
+    return bool(filled) and sum(bool(_UNIT.match(c)) for c in filled) >= 0.5 * len(filled)
+
+
+def _bare(unit: str) -> str:
+    return unit.strip().strip("[](){}<>").strip()
+
+
+def unit_in(name: str) -> str:
+    """The unit inside a column name: "FIC-101.PV (m3/h)" has m3/h."""
+    match = re.search(r"[\[(]([^\])]{1,15})[\])]\s*$", name)
+    return match.group(1).strip() if match else ""
+
+
+def _refuse_comma_in_comma(header: list[list[str]], width: int, separator: str, name: str) -> None:
+    """Decimal commas in a file separated by commas can't be taken apart again."""
+    texts = [row for row in header if any(row) and len(row) > 1]
+    if separator == "," and texts and width >= 2 * len(texts[-1]) - 1 and len(texts[-1]) >= 2:
+        raise DataError(
+            f"{name}: its header has {len(texts[-1])} cells and its rows have {width}: "
+            "decimal commas between separating commas can't be told apart",
+            "export it with semicolons, tabs or quotes",
+        )
+
+
+def _decimal(
+    rows: list[list[str]], start: int, names: tuple[str, ...], separator: str, name: str
+) -> tuple[str, tuple[str, ...]]:
+    """The decimal mark, by the cells of the sample: a comma not followed by exactly three digits is decimal."""
+    from ..words.cells import decimal_evidence, shown
+
+    cells = [cell for row in rows[start:] for cell in row if "," in cell and not _TIME.match(cell)]
+    if not cells:
+        return ".", ()
+
+    def place(cell: str) -> str:
+        line, row = next((i, row) for i, row in enumerate(rows) if i >= start and cell in row)
+        column = row.index(cell)
+        tag = names[column] if column < len(names) and names[column] else str(column + 1)
+        return f"{name}, line {line + 1}, column {shown(tag)}"
+
+    point, comma, either = decimal_evidence(cells)
+    if comma and not point:
+        return ",", ()
+    if point and not comma:
+        return ".", ()
+    if point and comma:
+        raise DataError(
+            f"{place(comma)}: {shown(comma)} has a decimal comma where {shown(point)} has a point",
+            "say --decimal . or --decimal ,",
+        )
+    if either and separator == ";":
+        return ",", (
+            f"decimal comma, because cells are separated by semicolons ({shown(either)} could also be thousands; "
+            "--decimal . or --decimal ,)",
+        )
+    if either:
+        raise DataError(
+            f"{place(either)}: {shown(either)} may be a thousand or a decimal fraction",
+            "say --decimal . or --decimal ,",
+        )
+    return ".", ()
+
+
+def _offset(data: bytes, lines: int) -> int:
+    position = 0
+    for _ in range(lines):
+        position = data.index(b"\n", position) + 1
+    return position
+
+
+def _short(text: str, limit: int = 60) -> str:
+    return text if len(text) <= limit else text[:limit] + "…"

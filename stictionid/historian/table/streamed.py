@@ -1,0 +1,138 @@
+"""Large text files in pieces: only the wanted columns are kept, so that memory follows the rows and not the file."""
+
+from __future__ import annotations
+
+import codecs
+from dataclasses import replace
+from typing import Any
+
+from ...errors import DataError
+from ..bytes.encoding import to_utf8
+from ..bytes.limits import Limits
+from ..bytes.options import ReadOptions
+from ..bytes.source import Source, pieces
+from ..series.columns import kind_of
+from ..series.wanted import by_rows, wanted_columns, without_others
+from .layout import find_layout
+from .table import Table, as_table, parse, refuse_damage, text_table
+
+HEAD_BYTES = 4 << 20
+"""First bytes of a large file by which its layout and its wanted columns are found."""
+_UTF8 = ("ascii", "utf-8")
+
+
+def read_streamed(source: Source, options: ReadOptions, limits: Limits, *, loops: bool = False) -> Table:
+    """The table in a large text file, with only the columns that the loop needs; with `loops` see `read_parquet`.
+
+    DataError where its encoding or its separator can't be read in pieces and it is too large to be held whole.
+    """
+    assert source.path is not None
+    with open(source.path, "rb") as stream:
+        head = stream.read(HEAD_BYTES)
+    head = head[: head.rfind(b"\n") + 1] or head
+    text = to_utf8(head, source.name, options.encoding)
+    layout = find_layout(
+        text.data, source.name, separator=options.separator, header=options.header, decimal=options.decimal
+    )
+    if text.encoding not in _UTF8 or layout.separator == " " or b"<table" in head[:2000].lower() or b"\n" not in head:
+        return _whole(source, options, limits)
+    limits.check("columns", len(layout.names), source.name)
+    first, _ = parse(text.data, layout, source.name)
+    part = as_table(source, layout, tuple(first.columns), (), text)
+    if loops and not by_rows(part):
+        return part
+    wanted: set[int] | None
+    if loops:
+        wanted, kinds = None, [kind_of(part, i) for i in range(len(part.names))]
+    else:
+        wanted, kinds = wanted_columns(part, options)
+    columns = sorted(range(len(layout.names)) if wanted is None else wanted)
+    return _pieces(source, limits, columns, kinds, part, len(head) - len(text.data))
+
+
+def _whole(source: Source, options: ReadOptions, limits: Limits) -> Table:
+    """What can't be read in pieces, read at once."""
+    assert source.path is not None
+    limits.check("unpacked", source.path.stat().st_size, source.name,
+                 "convert it to UTF-8 text with commas, semicolons or tabs, which is read in pieces")
+    parts, digest = [], ""
+    for piece, so_far in pieces(source, limits):
+        parts.append(piece)
+        digest = so_far
+    return replace(text_table(replace(source, data=b"".join(parts)), options, limits), sha256=digest)
+
+
+def _pieces(
+    source: Source, limits: Limits, columns: list[int], kinds: list[str], head: Table, mark: int
+) -> Table:
+    """All pieces parsed alike and put together; `mark` is the length of a byte-order mark."""
+    layout = replace_layout(head)
+    found: dict[int, list[Any]] = {i: [] for i in columns}
+    types: dict[str, Any] | None = None
+    dropped: list[tuple[int, str, str]] = []
+    rows, lines, digest = 0, 0, ""
+    for piece, so_far in pieces(source, limits):
+        piece, digest = (piece[mark:], so_far) if not lines else (piece, so_far)
+        _check_text(piece, source.name, lines)
+        skip = 0
+        if not lines:
+            for _ in range(layout.header_lines):
+                skip = piece.index(b"\n", skip) + 1
+        here = replace(layout, offset=skip, first_line=lines + 1 + (layout.header_lines if not lines else 0))
+        table, bad = parse(piece, here, source.name, columns, types)
+        dropped += bad
+        rows += table.num_rows
+        lines += piece.count(b"\n")
+        limits.check("rows", rows, source.name, "cut it into pieces, or thin it")
+        limits.check("unpacked", 8 * len(dropped) + 8 * rows * len(columns), source.name, "name fewer --extra columns")
+        for i in columns:
+            found[i].append(table.column(str(i)))
+        types = {f.name: f.type for f in table.schema if str(f.type) != "null"}
+    refuse_damage(rows, tuple(dropped), layout, source.name)
+    joined = {i: _joined(parts, layout.decimal) for i, parts in found.items()}
+    table = without_others(replace(head, dropped=tuple(dropped), sha256=digest), joined, kinds, rows)
+    return table
+
+
+def replace_layout(head: Table) -> Any:
+    """The layout of a table, for its pieces."""
+    from .layout import Layout
+
+    return Layout(head.separator, head.names, head.units, head.descriptions, 0, head.first_line, head.decimal,
+                  head.header_lines, head.assumptions, head.header_cells)
+
+
+def _check_text(piece: bytes, name: str, lines: int) -> None:
+    if piece.isascii():
+        return
+    try:
+        codecs.utf_8_decode(piece, "strict", True)
+    except UnicodeDecodeError as error:
+        line = lines + piece.count(b"\n", 0, error.start) + 1
+        raise DataError(f"{name}, line {line:,}: byte {piece[error.start : error.start + 1].hex()} is not UTF-8, "
+                        "though the file begins so", "convert it to UTF-8, or name its --encoding") from None
+
+
+def _joined(parts: list[Any], decimal: str) -> Any:
+    """One column of all pieces; where their types differ it becomes floats, time stamps or text."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    kinds = {part.type for part in parts if not pa.types.is_null(part.type)}
+    if len(kinds) <= 1:
+        kind = next(iter(kinds), pa.null())
+    elif all(pa.types.is_integer(k) or pa.types.is_floating(k) for k in kinds):
+        kind = pa.float64()
+    elif all(pa.types.is_timestamp(k) and k.tz is None for k in kinds):
+        kind = pa.timestamp("ns")
+    else:
+        kind = pa.string()
+    flat = []
+    for part in parts:
+        if part.type != kind:
+            number = pa.types.is_floating(part.type)
+            part = part.cast(kind)
+            if number and kind == pa.string() and decimal == ",":
+                part = pc.replace_substring(part, ".", ",")
+        flat += part.chunks
+    return pa.chunked_array(flat, type=kind)

@@ -1,0 +1,1 @@
+"""Time of an export: stamps, dates as text, zones, order of rows."""

@@ -1,0 +1,1 @@
+"""Words of an export: roles, units, modes, quality, states, numbers as text."""

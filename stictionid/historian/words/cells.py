@@ -1,0 +1,217 @@
+"""Cells to numbers: decimal comma, thousands marks, Unicode minus, units and per cent signs, states as words.
+
+Whole columns at a time with pyarrow's string functions; a cell that is no number becomes NaN and its text
+is counted.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...errors import DataError
+from ...record.loop import LARGEST
+from ...typing import BoolArray, FloatArray
+from ..table.arrow import booleans, floats, indices, texts
+
+NULLS = ("", "NaN", "nan", "NAN", "null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a")
+"""Cells that stand for "nothing here"; other states are counted by their own word."""
+
+_POINT = re.compile(r"\d{1,3}(?:,\d{3})+\.\d|\d{1,3}(?:,\d{3}){2,}(?!\d)|[1-9]\d*\.\d+")
+_COMMA = re.compile(
+    r"(?:^|[^\d,])0,\d|\d,(?:\d{1,2}|\d{4,})(?!\d)|\d{4,},\d|\d\.\d{3},\d|,\d+[eE]|[\d'\u00a0\u202f ]{4,},\d{1,2}(?!\d)"
+)
+_OPEN = re.compile(r"[1-9]\d{0,2},\d{3}(?!\d)")
+_CLEAN = r"^[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?$"
+# No unit begins with x (0x10), and none with e and a digit (1e5).
+_UNIT = r"[A-DF-WYZa-df-wyz][\w/³²°]{0,7}|[eE][A-Za-z][\w/³²°]{0,6}"
+_UNIT_TAIL = rf"^([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*(?:%|°\s?[CFK]|{_UNIT})$"
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """A column as numbers: `values` (n,) with NaN where there is none; `words` counts the texts found instead."""
+
+    values: FloatArray
+    words: dict[str, int] = field(default_factory=dict)
+    first_word_row: int = -1
+
+
+def shown(cell: object, limit: int = 60) -> str:
+    """A cell as it stands, in quotes, cut where it is too long for a sentence."""
+    text = str(cell)
+    return repr(text if len(text) <= limit else text[:limit] + "…")
+
+
+def brief(name: str, limit: int = 60) -> str:
+    """A name as it stands, on one line, cut where it is too long for a sentence."""
+    text = " ".join(name.split())
+    return text if len(text) <= limit else text[:limit] + "…"
+
+
+def decimal_evidence(cells: list[str]) -> tuple[str, str, str]:
+    """One example each of a cell with a decimal point, with a decimal comma, and of one that may be either."""
+    found = {"point": "", "comma": "", "open": ""}
+    for cell in cells:
+        if _COMMA.search(cell):
+            found["comma"] = found["comma"] or cell
+        elif _POINT.search(cell):
+            found["point"] = found["point"] or cell
+        elif _OPEN.search(cell):
+            found["open"] = found["open"] or cell
+    return found["point"], found["comma"], found["open"]
+
+
+def to_numbers(column: Any, decimal: str = ".") -> Numbers:
+    """A pyarrow column of any type as numbers; infinities and absurd magnitudes become NaN."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    if pa.types.is_boolean(column.type):
+        column = column.cast(pa.int8())
+    if pa.types.is_floating(column.type) or pa.types.is_integer(column.type) or pa.types.is_decimal(column.type):
+        return _numbers(floats(column))
+    if pa.types.is_null(column.type):
+        return Numbers(np.full(len(column), np.nan))
+    if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
+        return Numbers(np.full(len(column), np.nan), {str(column.type): len(column)}, 0)
+    text = pc.utf8_trim_whitespace(column)
+    if len(column) <= FEW_CELLS or pc.count_distinct(text).as_py() <= FEW_CELLS:
+        return _few(text, decimal)
+    clean = _normalised(text, decimal)
+    numeric = pc.fill_null(pc.match_substring_regex(clean, _CLEAN), False)
+    values = floats(pc.if_else(numeric, clean, pa.scalar(None, pa.string())).cast(pa.float64()))
+    words_mask = pc.and_(pc.and_(pc.invert(numeric), pc.is_valid(text)), pc.invert(pc.is_in(text, texts(NULLS))))
+    if not pc.any(words_mask).as_py():
+        return _numbers(values)
+    words = pc.value_counts(text.filter(words_mask)).to_pylist()
+    first = int(np.argmax(booleans(words_mask)))
+    ranked = sorted(words, key=lambda w: (-w["counts"], w["values"]))
+    return _numbers(values, {w["values"]: w["counts"] for w in ranked}, first)
+
+
+FEW_CELLS = 2000
+"""Different cells up to which each is looked at by itself; Arrow compiles its patterns anew for every column."""
+_BLANK = "[\u00a0\u202f\u2009 '’]"
+_STEPS = {
+    mark: tuple((re.compile(pattern), new, count) for pattern, new, count in steps)
+    for mark, steps in {
+        ".": ((r"([0-9]),([0-9]{3})", r"\1\2", 0), (r"([0-9]),([0-9]{3})", r"\1\2", 0)),
+        ",": ((r"([0-9])\.([0-9]{3})", r"\1\2", 0), (",", ".", 1)),
+    }.items()
+}
+_GROUPS = re.compile(rf"([0-9]){_BLANK}([0-9])")
+_NUMBER = re.compile(_CLEAN.replace("$", r"\Z"), re.ASCII)
+_TAIL = re.compile(_UNIT_TAIL.replace("$", r"\Z"), re.ASCII)
+_EXCEL = re.compile(r'="?([^"]*)"?\Z')
+
+
+def _few(text: Any, decimal: str) -> Numbers:
+    """A column of few different cells as numbers, each of them looked at once."""
+    import pyarrow as pa
+
+    encoded = text.dictionary_encode()
+    encoded = encoded.combine_chunks() if isinstance(encoded, pa.ChunkedArray) else encoded
+    cells = encoded.dictionary.to_pylist()
+    found = np.array([*(_number(str(c), decimal) for c in cells), np.nan])
+    code = indices(encoded, len(cells))
+    counts = np.bincount(code, minlength=len(cells) + 1)
+    words = {c: int(counts[i]) for i, c in enumerate(cells) if np.isnan(found[i]) and c not in NULLS}
+    if not words:
+        return _numbers(found[code])
+    odd = np.isin(code, [i for i, c in enumerate(cells) if c in words])
+    ranked = dict(sorted(words.items(), key=lambda w: (-w[1], w[0])))
+    return _numbers(found[code], ranked, int(np.argmax(odd)))
+
+
+def _number(cell: str, decimal: str) -> float:
+    """The number in one cell, NaN where there is none: the same steps as `_normalised`."""
+    if not _NUMBER.match(cell):
+        cell = "-" + cell[1:] if cell[:1] in "−–" and cell else cell
+        cell = cell.replace("e−", "e-").replace("E−", "e-")
+        match = _EXCEL.match(cell)
+        cell = match.group(1) if match else cell
+        cell = _GROUPS.sub(r"\1\2", _GROUPS.sub(r"\1\2", cell))
+        for pattern, new, count in _STEPS[decimal]:
+            cell = pattern.sub(new, cell, count=count)
+        cell = _TAIL.sub(r"\1", cell.replace("\u00a0", " ").replace("\u202f", " "))
+    elif decimal == ",":
+        cell = _STEPS[","][0][0].sub(r"\1\2", cell)
+    return float(cell) if _NUMBER.match(cell) else float("nan")
+
+
+def _normalised(text: Any, decimal: str) -> Any:
+    """Number texts in the plain form "-1234.5e-3"; texts that are no numbers stay what they are."""
+    import pyarrow.compute as pc
+
+    text = pc.replace_substring_regex(text, "^[−–]", "-")
+    text = pc.replace_substring_regex(text, r"[eE]−", "e-")
+    text = pc.replace_substring_regex(text, r'^="?([^"]*)"?$', r"\1")
+    text = pc.replace_substring_regex(text, r"(\d)[\x{00A0}\x{202F}\x{2009} '’](\d)", r"\1\2")
+    text = pc.replace_substring_regex(text, r"(\d)[\x{00A0}\x{202F}\x{2009} '’](\d)", r"\1\2")
+    if decimal == ",":
+        text = pc.replace_substring_regex(text, r"(\d)\.(\d{3})", r"\1\2")
+        text = pc.replace_substring(text, ",", ".", max_replacements=1)
+    else:
+        # Twice, because neighbouring groups of three share their border digit.
+        text = pc.replace_substring_regex(text, r"(\d),(\d{3})", r"\1\2")
+        text = pc.replace_substring_regex(text, r"(\d),(\d{3})", r"\1\2")
+    text = pc.replace_substring_regex(text, r"[\x{00A0}\x{202F}]", " ")
+    return pc.replace_substring_regex(text, _UNIT_TAIL, r"\1")
+
+
+def check_thousands(column: Any, decimal: str, place: Any) -> None:
+    """Refuse a text column whose commas may be thousands or decimals, when the sample did not settle it.
+
+    `place` turns a row into the words for file, line and column.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if decimal != "." or not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
+        return
+    commas = column.filter(pc.fill_null(pc.match_substring(column, ","), False))
+    if not len(commas):
+        return
+    point, comma, unclear = decimal_evidence([str(c) for c in commas.slice(0, 20000).to_pylist()])
+    if comma:
+        raise DataError(
+            f"{place(_row_of(column, comma))}: {shown(comma)} has a decimal comma where other cells have none",
+            "say --decimal ,",
+        )
+    dotted = pc.any(pc.fill_null(pc.match_substring_regex(column, r"\d\.\d"), False)).as_py()
+    if unclear and not point and not dotted:
+        raise DataError(
+            f"{place(_row_of(column, unclear))}: {shown(unclear)} may be a thousand or a decimal fraction",
+            "say --decimal . or --decimal ,",
+        )
+
+
+def _row_of(column: Any, cell: str) -> int:
+    import pyarrow.compute as pc
+
+    return int(pc.index(column, cell).as_py())
+
+
+SMALLEST = 1e-100
+"""Magnitude below which a number is zero; above `LARGEST` it is no value. Squares and ratios of what remains stay
+inside double precision."""
+
+
+def _numbers(values: FloatArray, words: dict[str, int] | None = None, first: int = -1) -> Numbers:
+    """Numbers without absurd magnitudes; those too large are counted among the words found instead of numbers."""
+    size = np.abs(values)
+    large: BoolArray = size > LARGEST
+    small: BoolArray = (size < SMALLEST) & (size > 0)
+    if not (large.any() or small.any()):
+        return Numbers(values, words or {}, first)
+    values = np.where(large, np.nan, np.where(small, 0.0, values))
+    if not large.any():
+        return Numbers(values, words or {}, first)
+    first = int(np.argmax(large)) if first < 0 else min(int(np.argmax(large)), first)
+    return Numbers(values, {**(words or {}), f"beyond {LARGEST:g}": int(large.sum())}, first)

@@ -1,0 +1,107 @@
+"""Numbers that are no measurements: sentinels, and system states that a collector wrote as their code."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...record.loop import Finding
+from ...typing import BoolArray
+from ..grid.grid import Frame, runs_of
+from .cells import shown
+from .states import NUMERIC_STATES, SENTINELS
+
+FAR = 5.0
+"""A sentinel or code lies at least this many times the spread of the rest away from it."""
+DROPOUTS = (0.0, -1.0)
+"""Numbers that collectors write when a read fails."""
+MAX_DROPOUT_RUN = 3
+"""Samples in a row at 0 or -1 that may be a failed read; longer is a process that stood still."""
+MAX_CODE_SHARE = 0.2
+"""Share of samples above which a number is data, not a code."""
+
+
+def blank_codes(
+    frame: Frame, said: tuple[float, ...], guesses: list[str], *, findings_of_words: dict[str, dict[str, int]]
+) -> list[Finding]:
+    """Turn sentinels and codes into "no value", in place; a finding for each kind, and one for states as words."""
+    findings = []
+    for role in ("process_value", "output", "setpoint", "position"):
+        values = frame.values.get(role)
+        words = findings_of_words.get(role, {})
+        if words:
+            findings.append(_words_finding(role, words))
+        if values is None:
+            continue
+        hits = np.isin(values, said) if said else np.zeros(values.size, np.bool_)
+        guessed = (_guessed(values) | _dropouts(values, role)) & ~hits
+        hits |= guessed
+        if not hits.any():
+            continue
+        seen = {f"{v:g}": int(c) for v, c in zip(*np.unique(values[hits], return_counts=True), strict=True)}
+        frame.values[role] = np.where(hits, np.nan, values)
+        listed = ", ".join(f"{v} ({c})" for v, c in list(seen.items())[:5])
+        findings.append(
+            Finding(
+                "code-as-number",
+                "warning",
+                f"{role.replace('_', ' ')}: {int(hits.sum()):,} values are codes, not "
+                f"measurements, and were blanked: {listed}",
+                {"values": seen},
+                source="HISTORIAN.md 3.2 and 3.3",
+            )
+        )
+        if guessed.any():
+            guesses.append(f"{role.replace('_', ' ')}: {listed} taken for codes (--sentinel VALUE)")
+    return findings
+
+
+def _guessed(values: np.ndarray) -> BoolArray:
+    """Where a value is a well-known sentinel or a state code, isolated and far outside the rest."""
+    none: BoolArray = np.zeros(values.size, np.bool_)
+    low, high = (float(f(values)) for f in (np.nanmin, np.nanmax)) if not np.isnan(values).all() else (0.0, 0.0)
+    if high < NUMERIC_STATES.start and low > max(s for s in SENTINELS if s < 0):
+        return none
+    whole = values == np.rint(values)
+    suspects = np.isin(values, SENTINELS) | (whole & (values >= NUMERIC_STATES.start) & (values < NUMERIC_STATES.stop))
+    share = float(suspects.mean())
+    if share == 0 or share > MAX_CODE_SHARE:
+        return none
+    rest = values[~suspects & ~np.isnan(values)]
+    if rest.size < 10:
+        return none
+    low, high = float(rest.min()), float(rest.max())
+    margin = FAR * max(float(rest.std()), 1e-12)
+    result: BoolArray = suspects & ((values > high + margin) | (values < low - margin))
+    return result
+
+
+def _dropouts(values: np.ndarray, role: str) -> BoolArray:
+    """Where a measurement falls to exactly 0 or -1 for a few samples, far from everything else: a failed read."""
+    none: BoolArray = np.zeros(values.size, np.bool_)
+    if role not in ("process_value", "position"):
+        return none
+    here = np.isin(values, DROPOUTS)
+    share = float(here.mean()) if here.size else 0.0
+    if not 0 < share <= MAX_CODE_SHARE:
+        return none
+    first, end = runs_of(here)
+    for a, b in zip(first[end - first > MAX_DROPOUT_RUN], end[end - first > MAX_DROPOUT_RUN], strict=True):
+        here[a:b] = False
+    rest = values[~np.isin(values, DROPOUTS) & ~np.isnan(values)]
+    if rest.size < 10 or not here.any():
+        return none
+    low, high = float(rest.min()), float(rest.max())
+    far = (high - low) + 1e-12
+    return np.asarray(here & ((values < low - far) | (values > high + far)))
+
+
+def _words_finding(role: str, words: dict[str, int]) -> Finding:
+    listed = ", ".join(f"{shown(w)} ({c})" for w, c in list(words.items())[:5])
+    total = sum(words.values())
+    return Finding(
+        "state-as-text",
+        "info",
+        f"{role.replace('_', ' ')}: {total:,} cells hold no number that can be used: {listed}",
+        {"texts": dict(list(words.items())[:20]), "cells": total},
+        source="HISTORIAN.md 3.1",
+    )

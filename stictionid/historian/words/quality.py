@@ -1,0 +1,104 @@
+"""Quality columns: OPC codes, words, PHD confidence, PI flags; good, uncertain or bad per row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...typing import BoolArray
+from ..table.arrow import booleans, indices
+from .cells import to_numbers
+
+OPC_MASK, OPC_GOOD, OPC_UNCERTAIN = 0xC0, 0xC0, 0x40
+"""Quality bits of OPC DA: 0xC0 good, 0x40 uncertain, 0 bad (216 = good, local override)."""
+MIN_PHD_CONFIDENCE = 50.0
+"""Confidence of Honeywell PHD, 0 to 100, from which a value is kept."""
+_IP21_GOOD = (0.0, 4.0)
+"""IP.21 status: 0 good, 1 suspect, 2 bad, 4 good but modified, 5 and 6 suspect and bad but modified."""
+_GOOD_WORDS = """
+    0xc0, 1, annotated, bon, bueno, buono, c0, g, good, good (192), good local override, good-modified,
+    good_localoverride, goodlocaloverride, gut, ok, snapshot, substituted, true, valid, y, yes, достоверно, норма,
+    хорошее, 好, 正常, 良, 良好
+"""
+_GOOD = frozenset(w.strip() for w in _GOOD_WORDS.split(","))
+_UNCERTAIN_WORDS = """
+    incertain, interpolated, q, questionable, substitute, suspect, u, uncertain, unsicher, недостоверно?, 不确定, 可疑
+"""
+_UNCERTAIN = frozenset(w.strip() for w in _UNCERTAIN_WORDS.split(","))
+
+KINDS = ("opc", "phd", "ip21", "flag", "words", "used")
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """Per row (n,): `bad` True where the value must not be used, `uncertain` True where it is kept but doubted."""
+
+    bad: BoolArray
+    uncertain: BoolArray
+    kind: str
+    guessed: bool = False
+
+
+def read_quality(column: Any, name: str, kind: str | None) -> Quality:
+    """A quality column; `kind` overrides the guess by its values."""
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    if pa.types.is_boolean(column.type):
+        good = booleans(column)
+        inverted = name.strip().lower() in ("questionable", "bad", "q")
+        bad = good if inverted else ~good
+        return Quality(
+            np.zeros(bad.size, np.bool_) if inverted else bad, bad if inverted else np.zeros(bad.size, np.bool_), "flag"
+        )
+    numbers = to_numbers(column)
+    if numbers.words or kind == "words":
+        return _by_words(column, name)
+    values = numbers.values
+    kind = kind or _kind_of(values, name)
+    empty = np.isnan(values)
+    none = np.zeros(values.size, np.bool_)
+    if kind == "opc":
+        bits = np.where(empty | (values < 0) | (values > 0xFFFF), 0, values).astype(np.int64) & OPC_MASK
+        return Quality((bits != OPC_GOOD) & (bits != OPC_UNCERTAIN), bits == OPC_UNCERTAIN, "OPC codes", kind is None)
+    if kind == "phd":
+        return Quality(~(values >= MIN_PHD_CONFIDENCE), none, "PHD confidence")
+    if kind == "ip21":
+        return Quality(np.isin(values, (2.0, 6.0)) | empty, np.isin(values, (1.0, 5.0)), "IP.21 status", True)
+    return Quality(~(values > 0), none, "flag, 1 good", True)
+
+
+def _kind_of(values: Any, name: str) -> str:
+    """The code a number column uses, by its values: OPC has 192, confidence reaches 100, flags are 0 and 1."""
+    seen = np.unique(values[~np.isnan(values)])
+    if name.strip().lower() in ("confidence", "conf"):
+        return "phd"
+    if seen.size and seen.max() > 100:
+        return "opc"
+    if seen.size and seen.max() > 6:
+        return "phd"
+    if seen.size and seen.max() <= 1 and "status" not in name.lower():
+        return "flag"
+    return "ip21"
+
+
+def _by_words(column: Any, name: str) -> Quality:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    text = pc.utf8_lower(pc.utf8_trim_whitespace(column.cast(pa.string())))
+    encoded = text.dictionary_encode()
+    if isinstance(encoded, pa.ChunkedArray):
+        encoded = encoded.combine_chunks()
+    words = [str(w) for w in encoded.dictionary.to_pylist()]
+    index = indices(encoded, len(words))
+    grade = [0 if _is(w, _GOOD) else 1 if _is(w, _UNCERTAIN) else 2 for w in words] + [2]
+    grades = np.array(grade, np.int8)[index]
+    return Quality(grades == 2, grades == 1, "words")
+
+
+def _is(word: str, group: frozenset[str]) -> bool:
+    return word in group or word.split(",")[0].split(" ")[0].split(":")[0].rstrip(";") in group

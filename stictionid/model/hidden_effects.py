@@ -1,0 +1,124 @@
+"""The effects inside a simulated loop: the same files that the model is fitted with, called one step at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effects import get
+from ..effects.contract import Effect, Place
+from ..errors import UsageError
+from ..process.linear import Dynamics
+from ..typing import FloatArray
+
+Given = Sequence[tuple[str, Mapping[str, float | str]]]
+
+
+@dataclass(slots=True)
+class Hidden:
+    """What a simulation needs of its effects. `output` and `load` are disturbances at the samples (n,)."""
+
+    S: float
+    J: float
+    lags: tuple[float, float]
+    valve: list[tuple[Effect, FloatArray]]
+    movers: list[tuple[Effect, FloatArray, FloatArray]]
+    drifting: Effect | None
+    output: FloatArray
+    load: FloatArray
+    extras: dict[str, FloatArray]
+
+    def friction(self, table: FloatArray, command_step_s: float, held: bool) -> FloatArray:
+        """The friction table with every friction effect in it."""
+        for effect, theta in self.valve:
+            assert effect.friction is not None
+            table = effect.friction(table, theta, command_step_s, held)
+        return table
+
+    def drift(self, time_s: float) -> float:
+        """Value of the drift profile at one time."""
+        if self.drifting is None or self.drifting.profile is None:
+            return 0.0
+        return float(self.drifting.profile(np.array([time_s]))[0])
+
+    def move(self, position: float, y: float, part_s: float, *, arrived: bool = False) -> float:
+        """The position after stem and trim effects or, once it has `arrived` at the process, after gain effects.
+
+        `y` is the distance of the process value from its centre at that time.
+        """
+        movers = [m for m in self.movers if (m[0].place is Place.PROCESS) == arrived]
+        if not movers:
+            return position
+        signal, here = np.full((1, 1), position), np.array([[y]])
+        for effect, theta, state in movers:
+            out = np.empty((1, 1))
+            assert effect.run is not None
+            effect.run(signal, here, theta, part_s, state, out)
+            signal = out
+        return float(signal[0, 0])
+
+
+def hide(given: Given, *, S: float, J: float, lags: tuple[float, float], time_s: FloatArray, start: float,
+         rng: np.random.Generator) -> Hidden:
+    """Check the effects and prepare them for one simulation; `lags` are T1 and T2 in seconds, `start` the position.
+
+    Raises UsageError for an unknown effect or parameter, a value out of range, or the same effect twice.
+    """
+    zero = np.zeros(time_s.size)
+    hidden = Hidden(S, J, lags, [], [], None, zero, zero.copy(), {})
+    seen: set[str] = set()
+    for name, values in given:
+        effect = get(name)
+        if name in seen:
+            raise UsageError(f"effect {name} is given twice", "give it once, with all its parameters")
+        seen.add(name)
+        _place(hidden, effect, _checked(effect, values), time_s, start, rng)
+    return hidden
+
+
+def _checked(effect: Effect, values: Mapping[str, float | str]) -> dict[str, float]:
+    known = {p.name: p for p in effect.parameters}
+    out: dict[str, float] = {p.name: p.neutral for p in effect.parameters}
+    for key, value in values.items():
+        if key == "at" and effect.variants:
+            if value not in effect.variants:
+                raise UsageError(f"{effect.name}: at={value} is unknown", "use at=" + " or at=".join(effect.variants))
+            out[key] = value  # type: ignore[assignment]
+            continue
+        if key not in known:
+            raise UsageError(f"effect {effect.name} has no parameter '{key}'",
+                             "its parameters: " + ", ".join(known | ({"at": None} if effect.variants else {})))
+        p = known[key]
+        if isinstance(value, str) or not p.low <= value <= p.high:
+            raise UsageError(f"{effect.name}: {key} = {value} is outside {p.low:g} to {p.high:g} {p.unit}",
+                             f"give a number from {p.low:g} to {p.high:g}")
+        out[key] = value
+    return out
+
+
+def _place(hidden: Hidden, effect: Effect, values: dict[str, float], time_s: FloatArray, start: float,
+           rng: np.random.Generator) -> None:
+    theta = np.array([[values[p.name]] for p in effect.parameters
+                      if effect.searched is None or p.name in effect.searched])
+    if effect.setting:
+        theta, hidden.S, hidden.J = effect.setting(values, hidden.S, hidden.J)
+    if effect.friction:
+        hidden.valve.append((effect, theta))
+        if effect.profile:
+            hidden.drifting = effect
+    if effect.run:
+        first = np.full((1, 1), start)
+        hidden.movers.append((effect, theta, effect.start(first, theta) if effect.start
+                              else np.zeros((max(effect.states, 1), 1))))
+        hidden.movers.sort(key=lambda m: m[0].place.value)
+    if effect.dynamics:
+        T1, T2 = hidden.lags
+        changed = effect.dynamics(Dynamics(np.array([T1]), np.zeros(1), np.array([T2]), False), theta)
+        hidden.lags = (T1, float(changed.second_time_constant_s[0]))
+    if effect.disturb:
+        output, load, extras = effect.disturb(values, time_s, rng)
+        hidden.output = hidden.output + output
+        hidden.load = hidden.load + load
+        hidden.extras |= extras

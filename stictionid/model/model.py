@@ -1,0 +1,324 @@
+"""The model of a loop from command to measurement: stiction law, effects, process, and what stays linear.
+
+command -> [law with friction effects] -> [stem and trim effects] -> [process] -> gain * response + shared columns
+
+`Model` evaluates many candidates at once (points of the unit cube) and describes one of them fully. Gain, offset,
+start-up transient and the sizes of linear effects never join the search: they are fitted by separable least squares
+in `numerics.varpro`. For integrators, and where a noise model says so, response, columns and data are prewhitened
+alike.
+Source: paper Eq. 7 to 19; METHODS.md section 4, traps 1, 2, 4 and 5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..effects.contract import Context, Record
+from ..numerics.autoregression import first_rows
+from ..numerics.jit import FULL, LANES, output
+from ..numerics.varpro import REJECTED, Shared, whiten
+from ..numerics.varpro_segments import Blockwise
+from ..process.intersample import rebuild
+from ..process.linear import free_run
+from ..process.scan import DECIMATED, scanned
+from ..record.loop import Loop
+from ..typing import BoolArray, FloatArray
+from .response import Response
+from .spec import Evaluated, Spec
+
+# Candidates evaluated together are limited so that their positions take 8 MB. Fewer, which would stay in the cache,
+# cost a quarter more: every row of a kernel has costs of its own (measured at 1,000 to 40,000 rows). Unit: numbers.
+_BLOCK = 1 << 20
+_FEWEST_LANES = 16
+# Samples left out of the cost at the start, as a share of the record and at most this many periods.
+_SKIP_SHARE, _SKIP_PERIODS = 0.05, 0.5
+# Initial residual forces tried for a model that guides another one's command.
+_GUIDE_FORCES = 13
+# Rounds after which the model's own y, which some effects follow, has settled.
+_FOLLOWED, _STILL = 40, 3e-3
+# A start-up transient below this share of its first value on all counted samples is gone. Unit: 1. Any higher, and the
+# model that is run in full lacks a column that the cost has: 24 % of the squared error with lags of 4 and 6 s.
+_DEAD = 1e-8
+
+
+class Model(Response):
+    """A `Spec` bound to one record: maps points of the unit cube to costs. Not changed after it is made."""
+
+    def __init__(self, loop: Loop, spec: Spec, *, s_max: float, period_s: float,
+                 residual: FloatArray | None = None, command: FloatArray | None = None,
+                 record: Record | None = None) -> None:
+        # `residual` (n,) is that of the model so far: what effects are looked for in, and what y is cleaned by.
+        self._name(loop, spec, s_max, period_s)
+        self.thinned = command is not None
+        y = _filled(loop.process_value)
+        if command is None:
+            command = self._commanded()
+        self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
+                               dict(loop.extras), residual, None if residual is None else y - residual, record,
+                               spec.held)
+        self._profile = self._drift_profile()
+        self._range()
+        self.skip = skipped(loop.samples, loop.step_s, period_s)
+        self.weight = self._weights()
+        self.target = whiten(y[:, None], self.taps)[:, 0]
+        columns = whiten(self.shared_columns(), self.taps)
+        self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight)
+
+    def _commanded(self) -> FloatArray:
+        """The command on the grid of the valve, as the spec says it went between samples."""
+        spec = self.spec
+        if spec.between != DECIMATED:
+            return rebuild(_filled(self.loop.output), spec.substeps, spec.between, self.loop.setpoint)
+        if not spec.guides:
+            return scanned(self.loop, spec.substeps)
+        *before, last = spec.guides
+        guide = Model(self.loop, replace(spec, law=last["law"], process=last["process"], effects=tuple(last["effects"]),
+                                         increments=bool(last["increments"]), taps=tuple(last["taps"]),
+                                         friction_free=False, guides=tuple(before)),
+                      s_max=self.s_max, period_s=self.period_s)
+        # On another record, or a part of this one, the valve starts elsewhere.
+        trial = guide.vector(last["values"])[:, None].repeat(_GUIDE_FORCES + 1, axis=1)
+        trial[2, 1:] = np.linspace(-0.95, 0.95, _GUIDE_FORCES)
+        best = int(np.argmin(guide.costs_of(trial)))
+        return scanned(self.loop, spec.substeps, guide._course(trial[:, best]))
+
+    def _course(self, values: FloatArray) -> FloatArray:
+        """What the valve of values (d,) makes of y at every value of the command (n*parts,), its start left out."""
+        column = values.reshape(-1, 1)
+        response = free_run(self.positions(column), self._dynamics(column), step_s=self.step_s / self.parts)
+        return self.evaluate(values).gain * response[:, 0]
+
+    def guide(self, values: FloatArray) -> dict[str, Any]:
+        """What a later model must know of this one, values (d,), to rebuild a decimated command better."""
+        known = self.describe(values)
+        return {key: known[key] for key in ("law", "process", "effects", "increments", "taps", "values")}
+
+    @property
+    def pieces(self) -> tuple[Model, ...]:
+        """The models of the record's segments: this one alone, unless it is restarted (segments.py)."""
+        return (self,)
+
+    def of(self, piece: int, values: FloatArray) -> FloatArray:
+        """The values (d, P) of one segment's model, out of those of all."""
+        return values
+
+    def starting(self, extra: int = 0) -> BoolArray:
+        """Samples (n,) whose unknown start still shows: the first `skip` and `extra` more of every segment."""
+        return np.concatenate([np.arange(m.loop.samples) < m.skip + extra for m in self.pieces])
+
+    def _weights(self) -> FloatArray:
+        good = self.good()
+        weight = good.copy()
+        for lag in range(1, self.taps.size + 1):
+            weight[lag:] &= good[:-lag]
+        weight[:max(self.skip, self.taps.size)] = False
+        return weight.astype(np.float64)
+
+    def blocks(self, values: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
+        """Values (d, P) in blocks that are evaluated together: where each belongs, and its values (d, >= its width).
+
+        A block is filled up with copies of its last candidate to a width that the kernels like. All are about as wide:
+        eight candidates alone take nearly half as long as 64.
+        """
+        count = values.shape[1]
+        most = min(max(_BLOCK // (self.loop.samples * self.parts) // 16 * 16, _FEWEST_LANES), LANES)
+        lanes = -(-count // max(-(-count // most), 1) // FULL) * FULL
+        for a in range(0, count, max(lanes, 1)):
+            part = values[:, a:a + lanes]
+            missing = -part.shape[1] % FULL
+            if missing:
+                part = np.concatenate([part, part[:, -1:].repeat(missing, axis=1)], axis=1)
+            yield slice(a, min(a + lanes, count)), part
+
+    def costs(self, cube: FloatArray) -> FloatArray:
+        """Sum of squared residuals (P,) of points (P, d) of the unit cube; inf for a valve that never moves."""
+        return self.costs_of(self.values(cube))
+
+    def costs_of(self, values: FloatArray, position: FloatArray | None = None) -> FloatArray:
+        """The same for physical values (d, P), which may all share one valve path (rows, 1) that is known."""
+        out = np.empty(values.shape[1])
+        for rows, part in self.blocks(values):
+            base, offsets = self.responses(part, position, lent=True)
+            costs = (self._fixed_gain_costs(base, offsets) if "gain" in self.spec.fixed
+                     else self.shared.costs(base, offsets))
+            out[rows] = costs[:rows.stop - rows.start]
+        return out
+
+    def residuals(self, cube: FloatArray, *, lent: bool = False) -> FloatArray:
+        """Weighted residuals (n, P) of points (P, d) after their linear part was fitted; what descent is made of.
+
+        Zero where a sample does not count; not a number for a valve that never moves. `lent` ones hold until the next
+        call (see `kernels.scratch`).
+        """
+        values = self.values(cube)
+        out: FloatArray | None = None
+        for rows, part in self.blocks(values):
+            base, offsets = self.responses(part, lent=True)
+            found = (self._fixed_gain_residuals(base, offsets) if "gain" in self.spec.fixed
+                     else self.shared.residuals(base, offsets, lent=True))
+            if lent and found.shape[1] == values.shape[1]:
+                return found
+            if out is None:
+                out = output("all residuals", self.loop.samples, values.shape[1], lent)
+            out[:, rows] = found[:, :rows.stop - rows.start]
+        return np.empty((self.loop.samples, 0)) if out is None else out
+
+    def _fixed_gain_residuals(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
+        """Residuals with the gain of the process given: the response joins the target instead of the columns."""
+        n, w = self.loop.samples, self.weight
+        out = np.full((n, base.shape[1]), REJECTED)
+        own = self.own_columns(base, offsets)
+        for p in range(base.shape[1]):
+            if np.ptp(base[:n, p][w > 0]) > 0:
+                rest = self.target - self.spec.fixed["gain"] * base[:n, p]
+                # The transient joins the shared columns: it is the only other column of this candidate's own.
+                columns = np.concatenate([self.shared.basis, np.ascontiguousarray(own[1:, :, p].T)], axis=1)
+                out[:, p] = Shared.prepare(rest, columns, w).target
+        return out
+
+    def _fixed_gain_costs(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
+        return np.einsum("np,np->p", r := self._fixed_gain_residuals(base, offsets), r)
+
+    def evaluate(self, values: FloatArray) -> Evaluated:
+        """One candidate in full, physical values (d,); an effect that follows y follows the model's own.
+
+        A disturbance at the output is in the process, or behind it (a sensor that shifts), where it changes no gain:
+        what explains y better is taken.
+        """
+        return min(self.readings(values), key=lambda e: e.sse)
+
+    def readings(self, values: FloatArray) -> list[Evaluated]:
+        """One candidate with its disturbances at the output in the process, and behind it where that may differ."""
+        if not self.follows_y:
+            return [self._evaluate(values)]
+        found = [self._following(values, behind=False)]
+        if any(e.columns and o != "load" for e, o in zip(self.effects, self.options, strict=True)):
+            found.append(self._following(values, behind=True))
+        return found
+
+    def _following(self, values: FloatArray, behind: bool) -> Evaluated:
+        """One candidate whose effects follow the model's own y, less what disturbs the output where that is `behind`
+        the process."""
+        # Where it starts nothing is known of y: a guess that knows the record could be handed on as its own prediction.
+        guide = np.full(self.loop.samples, self.context.centre)
+        found = self.guided(guide)._evaluate(values)
+        for _ in range(_FOLLOWED):
+            # Half a step at a time: a strong effect would swing past its own y and back.
+            step = 0.5 * (self._felt(found, values, behind) - guide)
+            guide = guide + step
+            found = self.guided(guide)._evaluate(values)
+            if np.sqrt(np.mean(step**2)) < _STILL * max(found.rmse, 1e-300):
+                break
+        return replace(found, followed=self._felt(found, values, behind)) if behind else found
+
+    def _felt(self, found: Evaluated, values: FloatArray, behind: bool) -> FloatArray:
+        """The y (n,) of a candidate that its effects follow: without what is added `behind` the process."""
+        return found.model - self.disturbance(values, found.own, loads=False) if behind else found.model
+
+    def guided(self, guide: FloatArray) -> Model:
+        """The same model with effects that follow a given y (n,)."""
+        other = copy(self)
+        other.context = replace(self.context, guide=guide)
+        return other
+
+    def _evaluate(self, values: FloatArray) -> Evaluated:
+        values = np.asarray(values, dtype=np.float64)
+        column = values.reshape(-1, 1)
+        position = self.positions(column)
+        level, offsets = self.responses(column, position, filtered=False)
+        own = np.ascontiguousarray(self.own_columns(level, offsets)[:, :, 0].T)
+        shared = self.shared_columns()
+        y = self.context.process_value
+        w = self.weight > 0
+        design = np.concatenate([own, shared], axis=1)
+        fixed_gain = self.spec.fixed.get("gain")
+        target = y - (fixed_gain * own[:, 0] if fixed_gain is not None else 0.0)
+        free = design[:, 1:] if fixed_gain is not None else design
+        filtered, goal = self.filtered(free), self.filtered(target[:, None])[:, 0]
+        k = own.shape[1]
+        lags = (1 + int(bool(self._dynamics(column).second_time_constant_s.any()))) * len(self.pieces)
+        # A transient that died before the first counted sample can't be fitted: it would be noise, blown up backwards.
+        dead = [i for i in range(k - lags, k) if np.abs(own[w, i]).max(initial=0.0) < _DEAD]
+        filtered[:, [i - (fixed_gain is not None) for i in dead]] = 0.0
+        scale = np.linalg.norm(filtered[w], axis=0)
+        scale[scale < 1e-12 * max(scale.max(initial=0.0), 1e-300)] = np.inf
+        solution, *_ = np.linalg.lstsq(filtered[w] / scale, goal[w], rcond=1e-12)
+        solution = solution / scale
+        innovation = goal - filtered @ solution
+        sse = float(np.sum(innovation[w] ** 2))
+        if self.spec.taps and not self.spec.increments:
+            solution = self._started(solution, slice(k - lags - (fixed_gain is not None), k - (fixed_gain is not None)),
+                                     free, target, filtered[w], goal[w])
+        coefficients = np.concatenate([[fixed_gain], solution]) if fixed_gain is not None else solution
+        model = design @ coefficients
+        if self.taps.size and self.spec.increments:
+            # Differences say nothing about the level: offset and drift come from the level itself.
+            level_w = self._level_weight() > 0
+            rest = (y - own @ coefficients[:k])[level_w]
+            tail, *_ = np.linalg.lstsq(shared[level_w], rest, rcond=1e-12)
+            coefficients = np.concatenate([coefficients[:k], tail])
+            model = design @ coefficients
+        # It is shown as what takes the model to the first measured value of its segment.
+        for piece, first in enumerate(self.loop.starts if len(self.pieces) > 1 else (0,)):
+            mine = [i for i in dead if (i - k + lags) % len(self.pieces) == piece]
+            if mine and np.isfinite(self.loop.process_value[first]):
+                coefficients[mine[0]] = y[first] - model[first]
+                model = model + coefficients[mine[0]] * own[:, mine[0]]
+        sampled = position[::self.parts, 0]
+        means = np.concatenate([_interval_means(part, self.parts) for part in self.split(position[:, 0])])
+        return Evaluated(self.named(values), float(coefficients[0]), float(coefficients[k]),
+                         coefficients[:k], own[:, k - lags:] @ coefficients[k - lags:k], lags, model,
+                         np.where(np.isfinite(self.loop.process_value), y - model, np.nan),
+                         innovation, sampled, means, int(w.sum()), sse, self._level_weight())
+
+    def _started(self, solution: FloatArray, starts: slice, design: FloatArray, y: FloatArray, white: FloatArray,
+                 goal: FloatArray) -> FloatArray:
+        """Coefficients (c,) of a design (n, c) with those of the start-up transients (`starts`) from the level, too.
+
+        The noise filter removes what decays like the noise, so `white` rows and their `goal` may let a transient be
+        anything; the first samples of every segment, which know its level, settle it.
+        """
+        head, at, long = first_rows(self.taps), 0, np.ones(self.taps.size)
+        rows, wanted = [white], [goal]
+        for piece in self.pieces:
+            runs = np.convolve(piece._level_weight(), long, "valid") > long.size - 0.5
+            if runs.any():
+                first = slice(at + int(np.argmax(runs)), at + int(np.argmax(runs)) + long.size)
+                rows.append(head @ design[first])
+                wanted.append(head @ y[first])
+            at += piece.loop.samples
+        known, settled = np.where(white.any(axis=0), np.concatenate(rows), 0.0), solution.copy()
+        rest = np.concatenate(wanted) - known @ solution + known[:, starts] @ solution[starts]
+        settled[starts] = np.linalg.lstsq(known[:, starts], rest, rcond=1e-12)[0]
+        return settled
+
+    def _level_weight(self) -> FloatArray:
+        return (self.good() & ~self.starting()).astype(np.float64)
+
+
+
+
+
+
+
+def skipped(samples: int, step_s: float, period_s: float) -> int:
+    """Samples left out of the cost at the start of a segment, where the unknown initial state still shows."""
+    return max(2, int(min(_SKIP_SHARE * samples, _SKIP_PERIODS * period_s / step_s)))
+
+
+def _filled(signal: FloatArray) -> FloatArray:
+    """The signal with gaps (NaN) bridged, so that filters run; bridged samples must carry no weight."""
+    good = np.isfinite(signal)
+    if good.all():
+        return np.ascontiguousarray(signal, dtype=np.float64)
+    return np.interp(np.arange(signal.size), np.flatnonzero(good), signal[good])
+
+
+def _interval_means(position: FloatArray, parts: int) -> FloatArray:
+    """Mean position (n,) over the interval that each sample begins, the last held."""
+    return np.append(position[1:], position[-1]).reshape(-1, parts).mean(axis=1)

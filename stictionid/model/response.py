@@ -1,0 +1,297 @@
+"""The part of a model that runs: from named values to valve positions, process responses and disturbances.
+
+command -> [law with friction effects] -> [stem and trim effects] -> [process] -> responses
+
+Nothing here is fitted: sizes of linear effects, gain, level and start-up transients belong to `model.Model`.
+Source: paper Eq. 7 to 19; METHODS.md section 4, traps 1, 2 and 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .. import effects as effect_room
+from .. import laws as law_room
+from ..effects.contract import Context, Effect
+from ..errors import ModelError
+from ..numerics.parameters import Parameter, Space
+from ..numerics.varpro import whiten, whiten_stack
+from ..process.intersample import interval_means
+from ..process.linear import Dynamics, free_run, transient
+from ..record.loop import Loop
+from ..typing import BoolArray, FloatArray
+from .spec import BASE, FIRST_ORDER, INTEGRATOR, Spec
+
+# Limits of the search, METHODS.md section 4: sampled peaks are clipped, so S may exceed S_max by a fifth.
+S_OVER_S_MAX = 1.2
+J_OVER_S = 1.5
+# Below this share of S_max a stickband moves nothing that could be told from a linear valve. Unit: 1.
+_SMALLEST_S = 0.01
+# Parts of a sample where an effect moves the stem between two values of a held command.
+_FINE_PARTS = 4
+
+
+class Response:
+    """A `Spec` with the space of its numbers; a subclass binds it to a record (`context`, `loop`, `target`)."""
+
+    # Where a point holds the initial residual force, one for each segment; the other columns every model shares.
+    forces: tuple[int, ...] = (BASE.index("initial_residual_force"),)
+    context: Context
+    taps: FloatArray
+    _profile: FloatArray
+
+    def _name(self, loop: Loop, spec: Spec, s_max: float, period_s: float) -> None:
+        """What the spec says, without looking at the record."""
+        self.loop, self.spec, self.s_max, self.period_s = loop, spec, s_max, period_s
+        self.law = law_room.get(spec.law)
+        ordered = effect_room.in_order(spec.effects)
+        self.names = tuple(name for name, _, _ in ordered)
+        self.effects: tuple[Effect, ...] = tuple(effect for _, effect, _ in ordered)
+        self.options = tuple(option for _, _, option in ordered)
+        # A valve without friction is where the command is, unless something else is in its way.
+        self._follows = (spec.friction_free and self.law.supply is None
+                         and not any(e.run or e.friction for e in self.effects))
+        self.step_s = loop.step_s
+        fine = any(effect.fine for effect in self.effects)
+        # Each command lasts a whole number of parts, of a thinned record too, whose samples hold several.
+        self.parts = spec.substeps * (-(-_FINE_PARTS // spec.substeps) if fine and spec.held else 1)
+        self.taps = spec.whitening()
+
+    def _range(self) -> None:
+        """The space of the search, in the record that the context holds."""
+        self.space = Space(self._axes())
+        self._scales = self.space.scales()
+        self._logarithmic = np.flatnonzero(self._scales[2]).tolist()
+        self._powers = self.space.powers()
+        self.effect_rows = self._effect_rows()
+
+    @property
+    def head(self) -> int:
+        """How many numbers of a point stand before those of the effects."""
+        return len(BASE) + len(self.forces) - 1
+
+    def filtered(self, columns: FloatArray) -> FloatArray:
+        """Columns (n, c) passed through the noise filter of the model, which starts anew with every segment."""
+        return whiten(columns, self.taps)
+
+    def own_columns(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
+        """What `responses` stacked as columns (k, n, P); a segment's own ones are zero everywhere else."""
+        n = self.loop.samples
+        return np.stack([base[o:o + n] for o in offsets])
+
+    def _axes(self) -> tuple[Parameter, ...]:
+        step, period, fixed = self.step_s, self.period_s, self.spec.fixed
+        hi_T = 20.0 * period if self.spec.process == FIRST_ORDER else 2.0 * period
+        reach = S_OVER_S_MAX * self.s_max * max((e.reach for e in self.effects), default=1.0)
+        base = [
+            Parameter("S", "%", _SMALLEST_S * self.s_max, reach, 0.0, "stickband plus deadband"),
+            Parameter("J", "S", 0.0, 1.0 if self.law.one_parameter else J_OVER_S, 0.0, "slip jump, as a share of S"),
+            Parameter("initial_residual_force", "f_s", -1.0, 1.0, 0.0, "e(0) as a share of f_s"),
+            Parameter("time_constant_s", "s", 0.02 * step, hi_T, 0.0, "lag of the process", log=True),
+            Parameter("dead_time_s", "s", 0.0, max(0.6 * period, 5.0 * step), 0.0, "dead time of the process"),
+        ]
+        base = [replace(p, low=fixed[p.name], high=fixed[p.name], log=False) if p.name in fixed else p for p in base]
+        if self.spec.friction_free:
+            base[:3] = [replace(p, low=0.0, high=0.0) for p in base[:3]]
+        further = [replace(base[2], name=name) for name in self._further_forces()]
+        return tuple(base) + tuple(further) + tuple(p for e in self.effects for p in e.parameters_for(self.context))
+
+    def _further_forces(self) -> list[str]:
+        """Names of the initial residual forces of the second segment on."""
+        return [f"{BASE[2]}_{i + 1}" for i in range(1, len(self.forces))]
+
+    def _drift_profile(self) -> FloatArray:
+        """How friction changes along the record, per unit of the drift rows; at most one effect may say so."""
+        drifting = [effect for effect in self.effects if effect.profile]
+        if len(drifting) > 1:
+            raise ModelError(f"{drifting[0].name} and {drifting[1].name} both change friction with time",
+                             "keep one of them")
+        command = self.context.command
+        if not drifting:
+            return np.zeros(command.size)
+        assert drifting[0].profile is not None
+        return drifting[0].profile(self.context.start_s + np.arange(command.size) * self.context.command_step_s)
+
+    def context_of(self, option: str) -> Context:
+        """The context as an effect sees it: a measured disturbance sees its own tag only."""
+        if option in self.context.extras:
+            return replace(self.context, extras={option: self.context.extras[option]})
+        return self.context
+
+    def _effect_rows(self) -> list[slice]:
+        at, rows = self.head, []
+        for effect in self.effects:
+            count = len(effect.parameters_for(self.context))
+            rows.append(slice(at, at + count))
+            at += count
+        return rows
+
+    def good(self) -> BoolArray:
+        """Samples (n,) that may count: used, and with a finite process value."""
+        used = self.loop.used if self.loop.used is not None else np.ones(self.loop.samples, bool)
+        return used & np.isfinite(self.loop.process_value)
+
+    def shared_columns(self) -> FloatArray:
+        """Columns that all candidates share (n, q): the level, and the drift of an integrator out of balance."""
+        t = self.loop.time_s
+        columns = [np.ones_like(t)]
+        if self.spec.process == INTEGRATOR:
+            columns.append(t / max(t[-1], 1.0))
+        return np.stack(columns, axis=1)
+
+    def values(self, cube: FloatArray) -> FloatArray:
+        """Physical values (d, P) of points (P, d) in the unit cube; J in %, within the law's validity."""
+        low, span, _ = self._scales
+        cube = np.atleast_2d(cube)
+        # Row by row in memory: every kernel takes whole rows.
+        values = np.empty((span.size, cube.shape[0]))
+        values[:] = cube.T
+        for row, power in self._powers:
+            values[row] **= power
+        values *= span[:, None]
+        values += low[:, None]
+        for row in self._logarithmic:
+            np.exp(values[row], out=values[row])
+        values[1] = values[0] if self.law.one_parameter else values[1] * values[0]
+        return values
+
+    def cube(self, values: FloatArray) -> FloatArray:
+        """Points of the unit cube for physical values (d, P) with J in %."""
+        moved = np.array(values, dtype=np.float64)
+        moved[1] = moved[1] / np.maximum(moved[0], 1e-12)
+        return self.space.to_cube(moved)
+
+    def positions(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
+        """Valve positions (n*substeps, P) in % of travel, stem and trim effects included.
+
+        `lent` ones hold until the next call (see `kernels.scratch`).
+        """
+        if self._follows:
+            return self._followed()[:, None].repeat(values.shape[1], axis=1)
+        table = self.law.searched_friction(values[0], values[1])
+        for effect, rows in zip(self.effects, self.effect_rows, strict=True):
+            if effect.friction:
+                table = effect.friction(table, values[rows], self.context.command_step_s,
+                                        self.spec.held)
+        position = self.law.positions(self.context.command, table, profile=self._profile, share=values[2],
+                                      lent=lent)
+        if not self.spec.held:
+            interval_means(self.context.command, table, self._profile, position)
+        repeat = self.loop.samples * self.parts // position.shape[0]
+        if repeat > 1:
+            position = np.repeat(position, repeat, axis=0)
+        for effect, rows in zip(self.effects, self.effect_rows, strict=True):
+            if effect.run:
+                position = effect.transformed(position, values[rows], self.context, values[4])
+        return position
+
+    def _followed(self) -> FloatArray:
+        """The path (n*substeps,) of a valve that is where the command is: its mean over each part where it moves."""
+        command = self.context.command
+        return command if self.spec.held else np.append(command[:1], 0.5 * (command[1:] + command[:-1]))
+
+    def _dynamics(self, values: FloatArray) -> Dynamics:
+        dynamics = Dynamics(values[3], values[4], np.zeros(values.shape[1]), self.spec.process == INTEGRATOR)
+        for effect, rows in zip(self.effects, self.effect_rows, strict=True):
+            if effect.dynamics:
+                dynamics = effect.dynamics(dynamics, values[rows])
+        return dynamics
+
+    def responses(self, values: FloatArray, position: FloatArray | None = None, *,
+                  filtered: bool = True, lent: bool = False) -> tuple[FloatArray, tuple[int, ...]]:
+        """Own columns of every candidate stacked in one array (rows, P), with the first row of each column.
+
+        The response of the process comes first, then the columns of linear effects, then start-up transients. A `lent`
+        stack holds until the next call (see `kernels.scratch`).
+        """
+        if position is None:
+            position = self._followed()[:, None] if self._follows else self.positions(values, lent=True)
+        settings = {"step_s": self.step_s, "substeps": self.parts, "ahead": not self.spec.held}
+        dynamics = self._dynamics(values)
+        n = self.loop.samples
+        columns: list[FloatArray] = []
+        for effect, rows, option in zip(self.effects, self.effect_rows, self.options, strict=True):
+            if effect.columns:
+                for column in effect.columns(values[rows], self.context_of(option)):
+                    if option == "load":
+                        column = free_run(np.repeat(column, self.parts, axis=0), dynamics, **settings)
+                    columns.append(column)
+        # An unknown start dies away with every lag.
+        lags = [lag for lag in (dynamics.time_constant_s, dynamics.second_time_constant_s) if np.count_nonzero(lag)]
+        count = 1 + len(columns) + len(lags)
+        base = free_run(position, dynamics, room=(count - 1) * n, lent=lent, **settings)
+        for i, column in enumerate(columns, 1):
+            base[i * n:(i + 1) * n] = column
+        for i, lag in enumerate(lags, 1 + len(columns)):
+            transient(lag, base[i * n:(i + 1) * n], step_s=self.step_s)
+        if filtered and self.taps.size:
+            whiten_stack(base, n, self.taps)
+        return base, tuple(i * n for i in range(count))
+
+    def disturbance(self, values: FloatArray, own: FloatArray, *, loads: bool = True) -> FloatArray:
+        """What the linear effects add to y (n,), for values (d,) and the coefficients of all own columns.
+
+        Without `loads` only what they add behind the process.
+        """
+        base, offsets = self.responses(values[:, None], filtered=False)
+        columns, at = self.own_columns(base, offsets)[:, :, 0], 1
+        total = np.zeros(self.loop.samples)
+        for effect, rows, option in zip(self.effects, self.effect_rows, self.options, strict=True):
+            if effect.columns:
+                count = len(effect.columns(values[rows, None], self.context_of(option)))
+                if loads or option != "load":
+                    total += own[at:at + count] @ columns[at:at + count]
+                at += count
+        return total
+
+    def sizes_of(self, name: str, values: FloatArray, own: FloatArray) -> FloatArray:
+        """The linear coefficients that belong to one effect, out of all own coefficients of values (d,)."""
+        at = 1
+        for have, effect, rows, option in zip(self.names, self.effects, self.effect_rows, self.options, strict=True):
+            count = len(effect.columns(values[rows, None], self.context_of(option))) if effect.columns else 0
+            if have == name:
+                return own[at:at + count]
+            at += count
+        raise ModelError(f"the model has no effect {name}", "stictionid effects lists them")
+
+    def split(self, rows: FloatArray) -> list[FloatArray]:
+        """An array (n * parts, …) cut at the segments."""
+        return [rows]
+
+    def named(self, values: FloatArray) -> dict[str, float]:
+        """Physical values (d,) by name; an effect's parameters carry the effect's name before a colon."""
+        names = [*BASE, *self._further_forces()]
+        for name, effect in zip(self.names, self.effects, strict=True):
+            names += [f"{name}:{p.name}" for p in effect.parameters_for(self.context)]
+        return {name: float(v) for name, v in zip(names, values, strict=True)}
+
+    @property
+    def follows_y(self) -> bool:
+        """Whether an effect of the model follows y."""
+        return any(effect.follows_y for effect in self.effects)
+
+    def rows_of(self, name: str) -> slice:
+        """Where the numbers of the effect of that name stand in values (d,)."""
+        return self.effect_rows[self.names.index(name)]
+
+    def vector(self, named: dict[str, float]) -> FloatArray:
+        """The inverse of `named`; parameters that are missing take their neutral value."""
+        neutral = dict.fromkeys(self._further_forces(), 0.0)
+        neutral |= {f"{name}:{p.name}": p.neutral for name, effect in zip(self.names, self.effects, strict=True)
+                    for p in effect.parameters_for(self.context)}
+        names = [*BASE, *neutral]
+        missing = [name for name in BASE if name not in named]
+        if missing:
+            raise ModelError(f"the model lacks a value for {missing[0]}", "run stictionid identify again")
+        return np.array([named.get(name, neutral.get(name, 0.0)) for name in names])
+
+    def describe(self, values: FloatArray) -> dict[str, Any]:
+        """Everything needed to run this model again without a search (see `rerun`)."""
+        s = self.spec
+        return {"law": s.law, "process": s.process, "effects": list(s.effects), "between": s.between,
+                "substeps": s.substeps, "increments": s.increments, "taps": list(s.taps), "fixed": dict(s.fixed),
+                "friction_free": s.friction_free, "guides": list(s.guides), "s_max": self.s_max,
+                "period_s": self.period_s, "values": self.named(values)}

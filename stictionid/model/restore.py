@@ -1,0 +1,84 @@
+"""A described model on its record again: one run, no search."""
+
+from __future__ import annotations
+
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from ..errors import DataError, UsageError
+from ..record.loop import Loop
+from ..record.segments import described
+from ..typing import FloatArray
+from .model import Model
+from .segments import bound
+from .spec import FIRST_ORDER, INTEGRATOR, Curves, Spec
+
+# Most parts of a sampling interval and terms of a noise model that are taken from a study, and its largest number: more
+# than any search makes, and little enough that a study edited by hand can't fill memory or leave an array.
+_MOST_PARTS, _MOST_TAPS, _LARGEST = 64, 1000, 1e15
+
+
+def _check(loop: Loop, description: dict[str, Any]) -> None:
+    """DataError for what no search writes: models are run by compiled code, which looks at no limits."""
+    def refuse(words: str) -> None:
+        raise DataError(f"the study's model can't be rebuilt: {words}", "run stictionid identify again")
+
+    def within(name: str, value: Any, low: float, high: float) -> None:
+        if isinstance(value, bool) or not isinstance(value, Real) or not low <= value <= high:
+            refuse(f"{name} is {value!r:.40}, not a number from {low:g} to {high:g}")
+
+    effects = description["effects"]
+    if description["process"] not in (FIRST_ORDER, INTEGRATOR):
+        refuse(f"the process is {description['process']!r:.40}, not {FIRST_ORDER} or {INTEGRATOR}")
+    if len(set(effects)) != len(effects):
+        refuse("an effect is in it twice")
+    within("substeps", description["substeps"], 1, _MOST_PARTS)
+    within("the number of taps", len(description["taps"]), 0, _MOST_TAPS)
+    positive, force = (1.0 / _LARGEST, _LARGEST), "initial_residual_force"
+    limits = {"time_constant_s": positive, "dead_time_s": (0.0, loop.samples * loop.step_s), "S": (0.0, _LARGEST),
+              "J": (0.0, _LARGEST), "period_s": positive, "s_max": (0.0, _LARGEST)}
+    for name, value in {**description["values"], **{k: description[k] for k in ("period_s", "s_max")}}.items():
+        within(name, value, *(-1.001, 1.001) if name.startswith(force) else limits.get(name, (-_LARGEST, _LARGEST)))
+    for value in (*description["taps"], *dict(description["fixed"]).values()):
+        within("a tap or a fixed value", value, -_LARGEST, _LARGEST)
+
+
+def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, FloatArray]:
+    """The model and values (d,) that `describe` wrote down; DataError where something is missing or impossible."""
+    try:
+        _check(loop, description)
+        spec = Spec(description["law"], description["process"], tuple(description["effects"]),
+                    description["between"], int(description["substeps"]), bool(description["increments"]),
+                    tuple(description["taps"]), dict(description["fixed"]),
+                    bool(description.get("friction_free", False)), tuple(description.get("guides", ())))
+        model = bound(loop, spec, s_max=description["s_max"], period_s=description["period_s"])
+        return model, model.vector(description["values"])
+    except UsageError as error:
+        # A law, an effect or a way between samples that is not there: said by the study, not by who runs it.
+        raise DataError(f"the study's model can't be rebuilt: {error.message}", error.hint) from None
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise DataError(f"the study's model can't be rebuilt: {error}", "run stictionid identify again") from None
+
+
+def rerun(loop: Loop, description: dict[str, Any]) -> Curves:
+    """Run a described model over its record once, without any search.
+
+    NaN in segments that the model was not fitted to, and before the first sample that counts in each of the others.
+    """
+    piece, rows = described(loop, description)
+    model, values = rebuild_model(piece, description)
+    e = model.evaluate(values)
+    start = model.starting()
+
+    def shown(curve: FloatArray, *, hide: bool = True) -> FloatArray:
+        curve = np.where(start, np.nan, curve) if hide else curve
+        if piece.samples == loop.samples:
+            return curve
+        whole = np.full(loop.samples, np.nan)
+        whole[np.concatenate([np.arange(p.start, p.stop) for p in rows])] = curve
+        return whole
+
+    return Curves(loop.time_s, loop.setpoint, loop.output, loop.process_value, shown(e.model), shown(e.residual),
+                  shown(e.position, hide=False), shown(e.innovation), loop.position)

@@ -1,0 +1,166 @@
+"""A model over several segments of a record: restarted in each, with one valve and one process for all.
+
+S, J, the process and the effects are common. Each segment has an initial residual force of its own in the search, and
+a level, a drift (integrators) and start-up transients of its own in the least squares (blockwise.py). Filters, the
+rebuilt command and the rows left out at the start begin anew with every segment: nothing reaches across a gap.
+Effects that run by the clock (drifts, sine waves, ramps) see the clock, gaps included.
+
+Wrong where the valve or the process was changed during a gap: then each segment is a record of its own.
+Source: METHODS.md section 4, trap 1; HISTORIAN.md item 3.12.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from ..effects.contract import Context, Record
+from ..numerics.jit import output
+from ..numerics.varpro import Shared
+from ..numerics.varpro_segments import Blockwise, block_columns
+from ..record.loop import Loop
+from ..typing import FloatArray
+from .model import Model
+from .spec import BASE, Spec
+
+
+def bound(loop: Loop, spec: Spec, *, s_max: float, period_s: float, residual: FloatArray | None = None,
+          command: FloatArray | None = None, record: Record | None = None) -> Model:
+    """The spec bound to a record: a plain model for one segment, a restarted one for several.
+
+    `record` says where the segment of a plain model stands in a longer record.
+    """
+    if len(loop.starts) > 1:
+        return Restarted(loop, spec, s_max=s_max, period_s=period_s, residual=residual, command=command)
+    return Model(loop, spec, s_max=s_max, period_s=period_s, residual=residual, command=command, record=record)
+
+
+class Restarted(Model):
+    """A `Spec` bound to several segments. Not changed after it is made."""
+
+    def __init__(self, loop: Loop, spec: Spec, *, s_max: float, period_s: float,
+                 residual: FloatArray | None = None, command: FloatArray | None = None) -> None:
+        self._name(loop, spec, s_max, period_s)
+        self.thinned = command is not None
+        self.forces = (*Model.forces, *range(len(BASE), len(BASE) + len(loop.starts) - 1))
+        clock = loop.clock_s
+        centre = float(np.mean(loop.setpoint if loop.setpoint is not None
+                               else loop.process_value[np.isfinite(loop.process_value)]))
+        m = 1 if command is None else command.size // loop.samples
+        self._pieces = tuple(
+            Model(loop.cut(p.start, p.stop), _of_segment(spec, i), s_max=s_max, period_s=period_s,
+                  residual=None if residual is None else residual[p],
+                  command=None if command is None else command[p.start * m:p.stop * m],
+                  record=Record(float(clock[p.start]), float(clock[-1]) + loop.step_s, centre))
+            for i, p in enumerate(loop.segments))
+        parts = [piece.context for piece in self._pieces]
+        self.context = Context(np.concatenate([c.command for c in parts]),
+                               np.concatenate([c.process_value for c in parts]), loop.setpoint, loop.step_s,
+                               self.parts, period_s, s_max, dict(loop.extras), residual,
+                               None if residual is None else np.concatenate([c.guide for c in parts]),
+                               Record(0.0, float(clock[-1]) + loop.step_s, centre), spec.held)
+        self._range()
+        self.skip = min(piece.skip for piece in self._pieces)
+        self.weight = np.concatenate([piece.weight for piece in self._pieces])
+        self.target = np.concatenate([piece.target for piece in self._pieces])
+        middle = self.values(np.full((1, self.space.size), 0.5))
+        common = 1 + sum(len(effect.columns(middle[rows], piece.context_of(option)))
+                         for piece in self._pieces[:1] for effect, rows, option in
+                         zip(self.effects, self.effect_rows, self.options, strict=True) if effect.columns)
+        self.shared = Blockwise(tuple(p.shared for p in self._pieces if isinstance(p.shared, Shared)), common)
+
+    @property
+    def pieces(self) -> tuple[Model, ...]:
+        """The models of the segments."""
+        return self._pieces
+
+    def of(self, piece: int, values: FloatArray) -> FloatArray:
+        """The values (d, P) of one segment's model, out of those of all."""
+        rows = [0, 1, self.forces[piece], 3, 4, *range(self.head, values.shape[0])]
+        return values[rows]
+
+    def split(self, rows: FloatArray) -> list[FloatArray]:
+        """An array (n * parts, …) cut at the segments."""
+        return np.split(rows, [start * (len(rows) // self.loop.samples) for start in self.loop.starts[1:]])
+
+    def filtered(self, columns: FloatArray) -> FloatArray:
+        """Columns (n, c) passed through the noise filter of the model, which starts anew with every segment."""
+        return np.concatenate([piece.filtered(part) for piece, part in zip(self._pieces, self.split(columns),
+                                                                           strict=True)])
+
+    def shared_columns(self) -> FloatArray:
+        """Level and drift of every segment (n, q): all levels first."""
+        return block_columns([piece.shared_columns() for piece in self._pieces])
+
+    def positions(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
+        """Valve positions (n*parts, P) in % of travel, restarted in every segment; never lent."""
+        return np.concatenate([piece.positions(self.of(i, values)) for i, piece in enumerate(self._pieces)])
+
+    def responses(self, values: FloatArray, position: FloatArray | None = None, *,
+                  filtered: bool = True, lent: bool = False) -> tuple[FloatArray, tuple[int, ...]]:
+        """Own columns of every candidate stacked in one array (rows, P), with the first row of each column.
+
+        Column i of the whole record is made of column i of every segment. A `lent` stack holds until the next call.
+        """
+        given = [None] * len(self._pieces) if position is None else self.split(position)
+        n, base, count = self.loop.samples, np.empty((0, 0)), 0
+        for i, (piece, rows, known) in enumerate(zip(self._pieces, self.loop.segments, given, strict=True)):
+            own, offsets = piece.responses(self.of(i, values), known, filtered=filtered, lent=True)
+            if not count:
+                count = len(offsets)
+                base = output("segments", count * n, values.shape[1], lent)
+            for j, o in enumerate(offsets):
+                base[j * n + rows.start:j * n + rows.stop] = own[o:o + rows.stop - rows.start]
+        return base, tuple(j * n for j in range(count))
+
+    def piece_costs(self, values: FloatArray, shifts: int = 0) -> FloatArray:
+        """Sums of squared residuals (shifts + 1, segments, P) of every segment as if it were alone.
+
+        For a dead time 0, 1, … `shifts` samples longer. Lower than its part in `costs_of` by what a gain of its own
+        gains it.
+        """
+        out = np.empty((shifts + 1, len(self._pieces), values.shape[1]))
+        for lanes, part in self.blocks(values):
+            base, offsets = self.responses(part, lent=True)
+            for (i, (one, rows)), s in product(enumerate(zip(self.shared.blocks, self.loop.segments, strict=True)),
+                                               range(shifts + 1)):
+                cost = one.costs(base, tuple(o - s + rows.start for o in offsets))[:lanes.stop - lanes.start]
+                # A valve that rests through one segment explains nothing of it, but may move in another.
+                out[s, i, lanes] = np.where(np.isfinite(cost), cost, one.target_energy)
+        return out
+
+    def own_columns(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
+        """What `responses` stacked as columns (k, n, P): common ones first, then every transient segment by segment."""
+        whole = super().own_columns(base, offsets)
+        common = self.shared.common
+        local = np.zeros((len(whole) - common, len(self._pieces), *whole.shape[1:]))
+        for i, part in enumerate(self.loop.segments):
+            local[:, i, part] = whole[common:, part]
+        return np.concatenate([whole[:common], local.reshape(-1, *whole.shape[1:])])
+
+    def guided(self, guide: FloatArray) -> Model:
+        """The same model with effects that follow a given y (n,)."""
+        other = copy(self)
+        other.context = replace(self.context, guide=guide)
+        other._pieces = tuple(piece.guided(part) for piece, part in zip(self._pieces, self.split(guide), strict=True))
+        return other
+
+    def describe(self, values: FloatArray) -> dict[str, Any]:
+        """Everything needed to run this model again without a search, the segments among it."""
+        sizes = [p.stop - p.start for p in self.loop.segments]
+        return {**super().describe(values),
+                "segments": [[first, size] for first, size in zip(self.loop.picked, sizes, strict=True)]}
+
+
+def _of_segment(spec: Spec, segment: int) -> Spec:
+    """The spec of one segment's model: models that guide it start there as that segment does."""
+    if not segment or not spec.guides:
+        return spec
+    name = BASE[2]
+    guides = tuple({**guide, "values": {**guide["values"], name: guide["values"].get(f"{name}_{segment + 1}", 0.0)}}
+                   for guide in spec.guides)
+    return replace(spec, guides=guides)

@@ -1,0 +1,98 @@
+"""What a model is made of, before it meets a record, and what one run of it gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..typing import FloatArray
+
+FIRST_ORDER, INTEGRATOR = "first-order", "integrator"
+BASE = ("S", "J", "initial_residual_force", "time_constant_s", "dead_time_s")
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """What a model is made of, without its numbers: what `identify` chooses and a study remembers.
+
+    `fixed` holds values the user knows ("gain", "time_constant_s", "dead_time_s"). `taps` is the autoregressive
+    noise model (coefficients after the leading 1); `increments` fits differences, for integrators.
+    `guides` are models found before (see `Model.guide`), whose y between samples helps to rebuild a decimated command.
+    """
+
+    law: str = "chen"
+    process: str = FIRST_ORDER
+    effects: tuple[str, ...] = ()
+    between: str = "hold"
+    substeps: int = 1
+    increments: bool = False
+    taps: tuple[float, ...] = ()
+    fixed: dict[str, float] = field(default_factory=dict)
+    friction_free: bool = False
+    guides: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def held(self) -> bool:
+        """Whether the command is held from one of its values to the next: by the sample, or by the scan."""
+        return self.between != "corner"
+
+    def whitening(self) -> FloatArray:
+        """All taps of the prewhitening filter, the difference for integrators included."""
+        polynomial = np.concatenate([[1.0], self.taps])
+        if self.increments:
+            polynomial = np.convolve(polynomial, [1.0, -1.0])
+        return polynomial[1:]
+
+
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """One model run against its record, arrays (n,): what pictures are drawn from. NaN where not defined."""
+
+    time_s: FloatArray
+    setpoint: FloatArray | None
+    output: FloatArray
+    process_value: FloatArray
+    model: FloatArray
+    residual: FloatArray
+    position: FloatArray
+    innovation: FloatArray
+    measured_position: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluated:
+    """One candidate in full: named values, linear coefficients, curves in the unit of y, and the sums behind them."""
+
+    values: dict[str, float]
+    gain: float
+    offset: float
+    own: FloatArray
+    transient: FloatArray
+    transients: int
+    model: FloatArray
+    residual: FloatArray
+    innovation: FloatArray
+    position: FloatArray
+    position_means: FloatArray
+    rows: int
+    sse: float
+    counted: FloatArray
+    # What effects that follow y followed (n,), where there are any.
+    followed: FloatArray | None = None
+
+    @property
+    def guide(self) -> FloatArray:
+        """The y (n,) that a later model is to follow."""
+        return self.model if self.followed is None else self.followed
+
+    @property
+    def left(self) -> FloatArray:
+        """What this model leaves for a later one (n,): y less the y that it is to follow, 0 where nothing is known."""
+        return np.nan_to_num(self.residual if self.followed is None else self.residual + self.model - self.followed)
+
+    @property
+    def rmse(self) -> float:
+        """Free-run error over the samples that count, in the unit of y."""
+        return float(np.sqrt(np.mean(self.residual[self.counted > 0] ** 2)))

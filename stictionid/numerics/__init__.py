@@ -1,0 +1,1 @@
+"""Numerical methods that know nothing of valves: kernels, searches, least squares, autoregression."""

@@ -1,0 +1,195 @@
+"""Costs of valve paths whatever the process does: a few lags and delays whose best sum stands for any process.
+
+Every path goes through the same lags, which are fitted together with a level and the decay of an unknown start, once
+for each delay; the best delay counts. What the candidates share is done once for all of them: products with y are the
+paths' own products with a y that went through the lags backwards, and the sums of squares of one delay are those of the
+one before but for the rows that enter and leave the window. One pass over a path does the rest.
+
+Wrong where a process is faster than the shortest lag by much, or later than the longest delay.
+Source: normal equations as in `regression`; adjoint of a filter: Claerbout 1992, chapter 5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..typing import BoolArray, FloatArray
+from .jit import LANES, LINE, kernel
+from .varpro import Shared
+
+# Sums that a pass forms: products of four lags with each other, with a constant, and with a decay.
+_LAGS, _SUMS = 4, 18
+
+
+class LagBank:
+    """What y (n,) asks of valve paths on the rows (n,) that `count`; lags and the decay in seconds, delays in samples.
+
+    There are four lags, the shortest last. No row up to the longest delay may count, and delays ascend. Where the sign
+    of the process's gain is known (`direction` 1 or -1, 0 where not) its first answer must have it: in a closed loop y
+    also follows from u by the controller's inverse, which answers the other way and asks for no friction.
+    """
+
+    def __init__(self, y: FloatArray, count: BoolArray, lags_s: Sequence[float], decay_s: float,
+                 delays: Sequence[int], *, step_s: float, parts: int, direction: float = 0.0) -> None:
+        n = y.size
+        self._direction = direction
+        decay = np.exp(-np.arange(n) * step_s / decay_s)
+        self.shared = Shared.prepare(y, np.stack([np.ones(n), decay], axis=1), count)
+        self.delays = np.asarray(delays, np.int64)
+        self._parts = parts
+        self._decays = np.exp(-step_s / (parts * np.asarray(lags_s)))
+        self._decay = decay
+        w = count.astype(np.int8)
+        # Whether a row of a path counts for the first delay, and how that changes from each delay to the next.
+        moved = np.array([np.append(w[d:], np.zeros(d, np.int8)) for d in delays])
+        self._enters = np.concatenate([moved[:1], np.diff(moved, axis=0)])
+        edges = np.abs(self._enters[1:]).sum(axis=0) > 0
+        self._edges = edges
+        # The orthonormal columns of `shared` by level and decay of a path's own rows, which are later by the delay.
+        mix = np.linalg.lstsq(np.stack([np.ones(n), decay], axis=1)[count], self.shared.basis[count], rcond=None)[0]
+        later = np.exp(-self.delays * step_s / decay_s)
+        self._mix = np.stack([np.ones((self.delays.size, 1)) * mix[0], later[:, None] * mix[1]], axis=1)
+        self._adjoint, self._first = _backwards(self.shared.target, self.delays, self._decays, parts)
+
+    def costs(self, position: FloatArray) -> FloatArray:
+        """Sum of squared errors (P,) of paths (n*parts, P), each with its best delay; inf for one that never moves."""
+        lanes, many, q = position.shape[1], self.delays.size, self.shared.freedom
+        sums = np.empty((many, _SUMS, lanes))
+        _sums(position, self._parts, self._decays, self._enters, self._edges, self._decay, sums)
+        squares, cross = np.empty((_LAGS, _LAGS, many, lanes)), np.empty((_LAGS, q + 1, many, lanes))
+        shown = (self._adjoint @ position).reshape(_LAGS, many, lanes)
+        _normals(sums, self._mix, shown, self._first, position[0], squares, cross)
+        squares = squares.reshape(_LAGS, _LAGS, -1)
+        cost, sizes = self.shared.solved(squares, cross.reshape(_LAGS, q + 1, -1))
+        if self._direction:
+            # The shortest lag is left out where it answers the wrong way: the last pivot says what that costs.
+            wrong = self._direction * sizes[-1] < 0.0
+            cost[wrong] += sizes[-1, wrong] ** 2 * squares[-1, -1, wrong]
+        return cost.reshape(many, lanes).min(axis=0)
+
+
+def _backwards(y: FloatArray, delays: FloatArray, decays: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
+    """Rows (lags*delays, n*parts) whose products with a path are those of y (n,) with the path's lags, and their sums.
+
+    y is 0 where no row counts.
+    """
+    n = y.size
+    out = np.empty((decays.size, delays.size, n, parts))
+    _filter_backwards(y, delays, decays, out)
+    rows = out.reshape(decays.size * delays.size, n * parts)
+    return rows, rows.sum(axis=1).reshape(decays.size, delays.size)
+
+
+@kernel
+def _filter_backwards(y, delays, decays, out):
+    n, parts = out.shape[2:]
+    for i in range(decays.size):
+        a = decays[i]
+        for t in range(delays.size):
+            total = 0.0
+            # The last part of the record moves nothing that is measured.
+            for s in range(parts):
+                out[i, t, n - 1, s] = 0.0
+            for k in range(n - 1, 0, -1):
+                row = k + delays[t]
+                total = a**parts * total + (y[row] if row < n else 0.0)
+                for s in range(parts):
+                    out[i, t, k - 1, s] = (1.0 - a) * a ** (parts - 1 - s) * total
+
+
+@kernel
+def _sums(position, parts, decays, enters, edges, decay, sums):
+    """Fill sums (delays, 18, P): those of the first delay, then what each delay adds to the one before."""
+    samples, lanes = edges.size, position.shape[1]
+    many = enters.shape[0]
+    # States of the lags, first positions, and the sums of the first delay, each for all lanes.
+    work = np.empty((5 + _SUMS) * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
+    a0, a1, a2, a3 = decays[0], decays[1], decays[2], decays[3]
+    for first in range(0, lanes, LANES):
+        width = min(LANES, lanes - first)
+        last = first + width
+        work[:] = 0.0
+        for t in range(many):
+            for x in range(_SUMS):
+                for p in range(first, last):
+                    sums[t, x, p] = 0.0
+        for p in range(width):
+            work[4 * LANES + p] = position[0, first + p]
+        for k in range(1, samples):
+            for s in range(parts):
+                row = position[(k - 1) * parts + s, first:last]
+                for p in range(width):
+                    u = row[p] - work[4 * LANES + p]
+                    work[p] = a0 * (work[p] - u) + u
+                    work[LANES + p] = a1 * (work[LANES + p] - u) + u
+                    work[2 * LANES + p] = a2 * (work[2 * LANES + p] - u) + u
+                    work[3 * LANES + p] = a3 * (work[3 * LANES + p] - u) + u
+            e = decay[k]
+            if enters[0, k]:
+                for p in range(width):
+                    v0, v1, v2, v3 = work[p], work[LANES + p], work[2 * LANES + p], work[3 * LANES + p]
+                    work[5 * LANES + p] += v0 * v0
+                    work[6 * LANES + p] += v1 * v0
+                    work[7 * LANES + p] += v1 * v1
+                    work[8 * LANES + p] += v2 * v0
+                    work[9 * LANES + p] += v2 * v1
+                    work[10 * LANES + p] += v2 * v2
+                    work[11 * LANES + p] += v3 * v0
+                    work[12 * LANES + p] += v3 * v1
+                    work[13 * LANES + p] += v3 * v2
+                    work[14 * LANES + p] += v3 * v3
+                    work[15 * LANES + p] += v0
+                    work[16 * LANES + p] += v1
+                    work[17 * LANES + p] += v2
+                    work[18 * LANES + p] += v3
+                    work[19 * LANES + p] += v0 * e
+                    work[20 * LANES + p] += v1 * e
+                    work[21 * LANES + p] += v2 * e
+                    work[22 * LANES + p] += v3 * e
+            if edges[k]:
+                for t in range(1, many):
+                    if enters[t, k]:
+                        sign = float(enters[t, k])
+                        at = 0
+                        for i in range(_LAGS):
+                            for j in range(i + 1):
+                                sink = sums[t, at, first:last]
+                                for p in range(width):
+                                    sink[p] += sign * (work[i * LANES + p] * work[j * LANES + p])
+                                at += 1
+                            level, decayed = sums[t, 10 + i, first:last], sums[t, 14 + i, first:last]
+                            for p in range(width):
+                                level[p] += sign * work[i * LANES + p]
+                                decayed[p] += sign * e * work[i * LANES + p]
+        for x in range(_SUMS):
+            for p in range(width):
+                sums[0, x, first + p] = work[(5 + x) * LANES + p]
+
+
+@kernel
+def _normals(sums, mix, shown, first, start, squares, cross):
+    """Normal equations of every delay and lane from the sums of `_sums`, which become those of every delay."""
+    many, _, lanes = sums.shape
+    q = mix.shape[2]
+    for t in range(many):
+        if t:
+            for x in range(_SUMS):
+                for p in range(lanes):
+                    sums[t, x, p] += sums[t - 1, x, p]
+        at = 0
+        for i in range(_LAGS):
+            for j in range(i + 1):
+                for p in range(lanes):
+                    squares[i, j, t, p] = sums[t, at, p]
+                    squares[j, i, t, p] = sums[t, at, p]
+                at += 1
+            for c in range(q):
+                one, two = mix[t, 0, c], mix[t, 1, c]
+                for p in range(lanes):
+                    cross[i, c, t, p] = one * sums[t, 10 + i, p] + two * sums[t, 14 + i, p]
+            offset = first[i, t]
+            for p in range(lanes):
+                cross[i, q, t, p] = shown[i, t, p] - offset * start[p]

@@ -1,0 +1,82 @@
+"""One fold of a hold-out: many candidates, each solved by separable least squares on the rows that train.
+
+Either the best of them answers for the rows held out, or all of them, each as likely as its cost on the training rows
+says. Source: CRITICISM.md section 7, step 6; Hoeting et al. 1999 for averages over models.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..typing import BoolArray, FloatArray
+
+# Candidates less likely than this share of the best one have no part in an average. Unit: 1.
+_UNLIKELY = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class _Solved:
+    """Costs (P,) and sizes of the own columns (P, k) of candidates; the shared columns as q r, and the target."""
+
+    costs: FloatArray
+    sizes: FloatArray
+    q: FloatArray
+    r: FloatArray
+    target: FloatArray
+
+    def tail(self, own: FloatArray, p: int) -> FloatArray:
+        """Sizes (c,) of the shared columns beside candidate `p`, whose own columns on the training rows are (k, m)."""
+        return np.linalg.lstsq(self.r, self.q.T @ (self.target - own.T @ self.sizes[p]), rcond=1e-12)[0]
+
+
+def best_of_fold(own: FloatArray, columns: FloatArray, goal: FloatArray, train: BoolArray,
+                 fixed_gain: float | None) -> tuple[int, FloatArray, FloatArray]:
+    """The candidate that fits the training rows (n,) best, with the sizes of its own (k,) and of the shared columns.
+
+    `own` is (k, n, P), `columns` (n, q), `goal` (n,); a `fixed_gain` is the size of the first own column.
+    """
+    solved = _solved(own, columns, goal, train, fixed_gain)
+    p = int(np.argmin(solved.costs))
+    return p, solved.sizes[p], solved.tail(own[:, train, p], p)
+
+
+def mean_of_fold(own: FloatArray, columns: FloatArray, goal: FloatArray, train: BoolArray,
+                 fixed_gain: float | None) -> FloatArray:
+    """What all candidates predict (n,), each as likely as its cost on the training rows says; shapes as `best_of_fold`.
+
+    Many places of a plateau fit the training rows alike and slip at another sample in the block: one of them, picked
+    by chance, would answer for all. Wrong where the errors of the training rows are far from independent.
+    """
+    solved = _solved(own, columns, goal, train, fixed_gain)
+    ratio = np.maximum(solved.costs, 1e-300) / max(float(solved.costs.min()), 1e-300)
+    weight = np.exp(-0.5 * float(train.sum()) * np.log(ratio))
+    counted = np.flatnonzero(weight > _UNLIKELY)
+    told = np.zeros(goal.size)
+    for p in counted:
+        told += weight[p] * (own[:, :, p].T @ solved.sizes[p] + columns @ solved.tail(own[:, train, p], p))
+    return told / weight[counted].sum()
+
+
+def _solved(own: FloatArray, columns: FloatArray, goal: FloatArray, train: BoolArray,
+            fixed_gain: float | None) -> _Solved:
+    k = own.shape[0]
+    q, r = np.linalg.qr(columns[train])
+    y = goal[train]
+    mine = own[:, train]
+    rest = mine - np.einsum("ic,kcp->kip", q, np.einsum("ic,kip->kcp", q, mine))
+    left = y - q @ (q.T @ y)
+    cross = np.einsum("kip,i->pk", rest, left)
+    squares = np.einsum("kip,jip->pkj", rest, rest)
+    if fixed_gain is not None:
+        sizes = np.zeros((own.shape[2], k))
+        sizes[:, 0] = fixed_gain
+        if k > 1:
+            cut = squares[:, 1:, 1:] + 1e-12 * np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(k - 1)
+            sizes[:, 1:] = np.linalg.solve(cut, (cross[:, 1:] - fixed_gain * squares[:, 1:, 0])[:, :, None])[:, :, 0]
+    else:
+        ridge = 1e-12 * np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(k) + 1e-300 * np.eye(k)
+        sizes = np.linalg.solve(squares + ridge, cross[:, :, None])[:, :, 0]
+    costs = left @ left - 2.0 * (sizes * cross).sum(axis=1) + np.einsum("pk,pkj,pj->p", sizes, squares, sizes)
+    return _Solved(costs, sizes, q, r, y)

@@ -1,0 +1,207 @@
+"""Local descent for many starts at once: Gauss-Newton with differences of the residuals, a ladder of dampings a turn.
+
+The free-run cost is a sum of squares that is smooth but for the instants where the valve breaks away. Along its narrow
+valleys (S against dead time, J against gain) a population needs hundreds of evaluations to learn a direction that
+the derivatives of the residuals show at once. Differences are taken over a share of the range that shrinks only when
+nothing is gained, so that small steps of the cost are looked across. Works in the unit cube, like `search`.
+
+Wrong where the cost has steps larger than the differences (S under a held command): search there first.
+Source: Levenberg 1944, Marquardt 1963; residuals after the linear part was fitted are those of variable projection
+(Golub and Pereyra 1973).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..typing import FloatArray
+from .jit import FULL, LANES, kernel
+from .population import Cost, Found
+
+Residuals = Callable[[FloatArray], FloatArray]
+# Dampings tried in every turn, as shares of the diagonal. Unit: 1.
+_DAMPINGS = np.array([1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0])
+# Differences shrink by this factor after a turn that gains nothing; after so many such turns in a row a start is done.
+_SHRINK, _IDLE = 0.03, 2
+
+
+def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: FloatArray | float = 1e-3,
+            turns: int = 20, settle: float = 1e-5) -> Found:
+    """Polish every start (k, d); best points and costs (k,), best first.
+
+    `residuals` maps points (P, d) to (n, P), `cost` to (P,). `spread` is the first difference as a share of the range,
+    for all or per dimension; a start whose cost falls by less than the share `settle` with finer differences, too, is
+    done. Dimensions of spread 0 stay as they are.
+    """
+    points = np.clip(starts, 0.0, 1.0).copy()
+    k, d = points.shape
+    spread = np.broadcast_to(np.asarray(spread, float), d)
+    free = np.flatnonzero(spread > 0)
+    costs = cost(points)
+    spent = k
+    if not free.size:
+        order = np.argsort(costs, kind="stable")
+        return Found(points[order], costs[order], spent)
+    step = spread[free] * np.ones((k, 1))
+    idle = np.zeros(k, np.int64)
+    live = np.flatnonzero(np.isfinite(costs))
+    for _ in range(turns):
+        if not live.size:
+            break
+        normals, gradients = normals_at(residuals, points[live], free, step[live])
+        spent += live.size * (2 * free.size + 1)
+        trial = points[live, None, :].repeat(_DAMPINGS.size, axis=1)
+        trial[:, :, free] += damped_moves(normals, gradients)
+        np.clip(trial, 0.0, 1.0, out=trial)
+        c = cost(trial.reshape(-1, d)).reshape(live.size, -1)
+        spent += c.size
+        best = c.argmin(axis=1)
+        least = c[np.arange(live.size), best]
+        gained = np.where(np.isfinite(least), costs[live] - least, 0.0)
+        better = gained > 0.0
+        points[live[better]] = trial[better, best[better]]
+        costs[live[better]] = least[better]
+        small = gained <= settle * costs[live]
+        step[live[small]] *= _SHRINK
+        idle[live] = np.where(small, idle[live] + 1, 0)
+        live = live[idle[live] < _IDLE]
+    order = np.argsort(costs, kind="stable")
+    return Found(points[order], costs[order], spent)
+
+
+def slopes_at(residuals: Residuals, points: FloatArray, free: FloatArray,
+              step: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (k, n, f) of the residuals along the free dimensions, by central differences, and residuals (k, n).
+
+    At a bound the difference is taken to the inside only.
+    """
+    k, f = points.shape[0], free.size
+    trial, width = beside(points, free, step)
+    r = residuals(trial)
+    r = np.where(np.isfinite(r), r, 0.0).reshape(r.shape[0], k, 2 * f + 1)
+    slopes = (r[:, :, 1:f + 1] - r[:, :, f + 1:]) / width
+    return np.moveaxis(slopes, 1, 0), np.ascontiguousarray(r[:, :, 0].T)
+
+
+def normals_at(residuals: Residuals, points: FloatArray, free: FloatArray,
+               step: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Products (k, f, f) of the slopes of `slopes_at` with each other and (k, f) with the residuals, summed over n.
+
+    As many points at a time as the kernels take together, filled up: their residuals are used up before the next ones.
+    """
+    k, f = points.shape[0], free.size
+    trial, width = beside(points, free, step)
+    normals, gradients = np.zeros((k, f, f)), np.zeros((k, f))
+    together = max(LANES // (2 * f + 1), 1)
+    together = -(-k // max(-(-k // together), 1))
+    for a in range(0, k, max(together, 1)):
+        starts = slice(a, min(a + together, k))
+        part = trial[a * (2 * f + 1):starts.stop * (2 * f + 1)]
+        missing = -len(part) % FULL
+        if missing:
+            part = np.concatenate([part, part[-1:].repeat(missing, axis=0)])
+        _normals(residuals(part), 1.0 / width[starts], normals[starts], gradients[starts])
+    return normals, gradients
+
+
+def beside(points: FloatArray, free: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (k (2f+1), d) for the differences of points (k, d), themselves first, and the widths (k, f)."""
+    (k, d), f = points.shape, free.size
+    trial, width = points[:, None, :].repeat(2 * f + 1, axis=1), np.empty((k, f))
+    _fill(trial, free, step, width)
+    return trial.reshape(-1, d), width
+
+
+@kernel
+def _fill(trial, free, step, width):
+    """Move the free numbers of points, one by one up and then down, in trial (k, 2f+1, d) that holds them unmoved."""
+    k, f = width.shape
+    for g in range(k):
+        for j in range(f):
+            column = free[j]
+            now = trial[g, 0, column]
+            up, down = min(now + step[g, j], 1.0), max(now - step[g, j], 0.0)
+            trial[g, 1 + j, column] = up
+            trial[g, 1 + f + j, column] = down
+            width[g, j] = max(up - down, 1e-300)
+
+
+@kernel
+def _normals(r, factor, normals, gradients):
+    """Sums over the rows of r (n, k (2f+1)); what is not finite counts as 0."""
+    starts, f = factor.shape
+    slope = np.empty(f)
+    for row in range(r.shape[0]):
+        values = r[row]
+        for g in range(starts):
+            at = g * (2 * f + 1)
+            now = values[at]
+            now = now if np.isfinite(now) else 0.0
+            for j in range(f):
+                up, down = values[at + 1 + j], values[at + 1 + f + j]
+                up = up if np.isfinite(up) else 0.0
+                down = down if np.isfinite(down) else 0.0
+                slope[j] = (up - down) * factor[g, j]
+            for j in range(f):
+                s = slope[j]
+                gradients[g, j] += s * now
+                for i in range(j + 1):
+                    normals[g, j, i] += s * slope[i]
+    for g in range(starts):
+        for j in range(f):
+            for i in range(j):
+                normals[g, i, j] = normals[g, j, i]
+
+
+def principal(normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Eigenvalues (…, f), vectors (…, f, f) of normal matrices of slopes, scaled to a diagonal of 1, and scales."""
+    size = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
+    size = np.maximum(size, 1e-9 * size.max(axis=-1, initial=0.0, keepdims=True) + 1e-100)
+    values, vectors = np.linalg.eigh(normal / (size[..., None] * size[..., None, :]))
+    return values, vectors, size
+
+
+def damped_moves(normal: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Steps (…, dampings, f) that lower the squared residuals, by their slopes' products with each other and them."""
+    f = gradient.shape[-1]
+    moves = np.empty((gradient.size // f, _DAMPINGS.size, f))
+    _moves(np.ascontiguousarray(normal).reshape(-1, f, f), np.ascontiguousarray(gradient).reshape(-1, f), _DAMPINGS,
+           moves)
+    return moves.reshape(*gradient.shape[:-1], _DAMPINGS.size, f)
+
+
+@kernel
+def _moves(normal, gradient, dampings, moves):
+    """Every damped system by a Cholesky factor, its slopes scaled to a length of 1 as in `principal`."""
+    k, f = gradient.shape
+    size, x = np.empty(f), np.empty(f)
+    root = np.empty((f, f))
+    for g in range(k):
+        largest = 0.0
+        for i in range(f):
+            largest = max(largest, normal[g, i, i])
+        for i in range(f):
+            size[i] = max(np.sqrt(normal[g, i, i]), 1e-9 * np.sqrt(largest) + 1e-100)
+        for m in range(dampings.size):
+            for i in range(f):
+                x[i] = -gradient[g, i] / size[i]
+                for j in range(i + 1):
+                    total = normal[g, i, j] / (size[i] * size[j])
+                    for n in range(j):
+                        total -= root[i, n] * root[j, n]
+                    if i == j:
+                        root[i, i] = np.sqrt(max(total + dampings[m], 0.5 * dampings[m]))
+                    else:
+                        root[i, j] = total / root[j, j]
+            for i in range(f):
+                for n in range(i):
+                    x[i] -= root[i, n] * x[n]
+                x[i] /= root[i, i]
+            for i in range(f - 1, -1, -1):
+                for n in range(i + 1, f):
+                    x[i] -= root[n, i] * x[n]
+                x[i] /= root[i, i]
+            for i in range(f):
+                moves[g, m, i] = x[i] / size[i]

@@ -1,0 +1,88 @@
+"""A noise model with a resonance: white noise plus a band whose phase wanders, fitted to a residual's spectrum.
+
+f(w) = level (1 + strength g(w) / mean g), g the spectrum of an AR(2) with poles r exp(±i w0); fitted by Whittle's
+likelihood and returned as a long autoregression, so that it prewhitens like any other noise model. Three numbers and a
+level, where a free autoregression would need many. Source: METHODS.md section 5; Whittle 1953.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..typing import BoolArray, FloatArray
+from .population import refine
+
+# Order of the autoregression that stands for the spectrum. Unit: samples.
+_ORDER = 24
+# Limits of coherence in cycles and of the band's power over the white one, searched on logarithms.
+_COHERENCE, _STRENGTH = (0.3, 60.0), (0.02, 100.0)
+_PEAKS = 6
+NUMBERS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Resonance:
+    """A fitted band: period and coherence, share of the residual's variance in the band (0..1), and taps (k,)."""
+
+    period: float
+    coherence: float
+    share: float
+    taps: FloatArray
+
+
+def shape(w: FloatArray, w0: FloatArray, coherence: FloatArray, strength: FloatArray) -> FloatArray:
+    """Spectrum (k, P) with white level 1 at angular frequencies (k,) per sample, for P bands."""
+    r = np.exp(-w0 / (2.0 * np.pi * coherence))
+    a1, a2 = 2.0 * r * np.cos(w0), -r * r
+    z = np.exp(-1j * w)[:, None]
+    g = 1.0 / np.abs(1.0 - a1 * z - a2 * z * z) ** 2
+    # Mean over all frequencies: the variance of an AR(2) with unit innovations.
+    mean = (1.0 - a2) / ((1.0 + a2) * ((1.0 - a2) ** 2 - a1**2))
+    return 1.0 + strength * g / mean
+
+
+def resonance(residual: FloatArray, good: BoolArray, rng: np.random.Generator) -> Resonance | None:
+    """The band that fits a residual (n,) best, None where the record is too short; periods in samples."""
+    x = np.where(good, residual, 0.0)
+    n = x.size
+    if good.sum() < 100:
+        return None
+    x = np.where(good, x - x[good].mean(), 0.0)
+    power = np.abs(np.fft.rfft(x)[1:]) ** 2 / n
+    w = 2.0 * np.pi * np.arange(1, power.size + 1) / n
+    low, high = 2.0 * np.pi * 4.0 / n, 0.8 * np.pi
+
+    def costs(cube: FloatArray) -> FloatArray:
+        w0 = np.exp(np.log(low) + cube[:, 0] * np.log(high / low))
+        q, s = (np.exp(np.log(a) + cube[:, i] * np.log(b / a)) for i, (a, b) in ((1, _COHERENCE), (2, _STRENGTH)))
+        f = shape(w, w0, q, s)
+        return w.size * np.log(np.mean(power[:, None] / f, axis=0)) + np.log(f).sum(axis=0) + 1e6
+
+    smooth = np.convolve(power, np.ones(5) / 5, "same")
+    smooth[(w < low) | (w > high)] = 0.0
+    starts = []
+    for _ in range(_PEAKS):
+        k = int(smooth.argmax())
+        at = np.clip(np.log(max(w[k], low) / low) / np.log(high / low), 0.0, 1.0)
+        starts += [[at, c, s] for c in (0.3, 0.6, 0.9) for s in (0.3, 0.6, 0.85)]
+        smooth[max(k - 8, 0):k + 9] = 0.0
+    grid = np.array(starts)
+    best = grid[np.argsort(costs(grid), kind="stable")[:3]]
+    point = refine(costs, best, rng, spread=0.03, rounds=40, population=12).points[0]
+    w0 = float(np.exp(np.log(low) + point[0] * np.log(high / low)))
+    q, s = (float(np.exp(np.log(a) + point[i] * np.log(b / a))) for i, (a, b) in ((1, _COHERENCE), (2, _STRENGTH)))
+    size = 1 << max(12, (8 * n - 1).bit_length())
+    f = shape(2.0 * np.pi * np.arange(size // 2 + 1) / size, *(np.array([v]) for v in (w0, q, s)))[:, 0]
+    return Resonance(2.0 * np.pi / w0, q, s / (1.0 + s), levinson(np.fft.irfft(f, size)[:_ORDER + 1]))
+
+
+def levinson(covariance: FloatArray) -> FloatArray:
+    """Taps (k,) of the autoregression with these autocovariances (k + 1,)."""
+    a, error = np.empty(0), covariance[0]
+    for order in range(1, covariance.size):
+        reflection = -(covariance[order] + (a @ covariance[order - 1:0:-1][:a.size] if a.size else 0.0)) / error
+        a = np.concatenate([a + reflection * a[::-1], [reflection]])
+        error *= 1.0 - reflection**2
+    return a

@@ -1,0 +1,93 @@
+"""Parameters with names, units, limits and a neutral value, and the map between names and search vectors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..typing import FloatArray
+
+# A value closer than this share of the range to a limit counts as lying on it. Unit: 1; chosen so that a
+# converged polish (last step 1e-4 of the range) can't hide on the limit.
+AT_BOUND_SHARE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One number of a law, an effect or a process: what it is called, its unit, its limits, where it vanishes.
+
+    `log` says that the search moves it on a logarithmic scale (time constants, rates), `power` that it moves a root:
+    for small values in a wide range that begins at 0.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    neutral: float
+    meaning: str
+    log: bool = False
+    power: float = 1.0
+
+    def at_bound(self, value: float) -> bool:
+        """True when `value` lies on one of the limits, where an estimate means "at least" or "at most"."""
+        share = self.share(value)
+        return share <= AT_BOUND_SHARE or share >= 1.0 - AT_BOUND_SHARE
+
+    def share(self, value: float) -> float:
+        """Where `value` lies in the range as the search moves it, 0 to 1 (there, too, beyond it); 0 where fixed."""
+        if not self.high > self.low:
+            return 0.0
+        value = min(max(value, self.low), self.high)
+        if self.log:
+            return float(np.log(value / self.low) / np.log(self.high / self.low))
+        return float(((value - self.low) / (self.high - self.low)) ** (1.0 / self.power))
+
+
+@dataclass(frozen=True, slots=True)
+class Space:
+    """An ordered set of parameters: a search vector has one entry for each, in this order."""
+
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names in the order of the vector."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def size(self) -> int:
+        """How many numbers a vector has."""
+        return len(self.parameters)
+
+    def index(self, name: str) -> int:
+        """Position of `name` in the vector; KeyError where there is none."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise KeyError(name) from None
+
+    def to_cube(self, values: FloatArray) -> FloatArray:
+        """Points in the unit cube (P, d) of physical values (d, P), clipped to the limits; fixed ones sit at 0."""
+        low, span, log = self.scales()
+        moved = np.array(values, dtype=np.float64, copy=True)
+        moved[log] = np.log(np.maximum(moved[log], 1e-300))
+        moved = (moved - low[:, None]) / np.where(span > 0, span, 1.0)[:, None]
+        moved[span == 0] = 0.0
+        points = np.clip(moved.T, 0.0, 1.0)
+        for row, power in self.powers():
+            points[:, row] **= 1.0 / power
+        return points
+
+    def powers(self) -> list[tuple[int, float]]:
+        """Positions and powers of the parameters whose root is searched."""
+        return [(i, p.power) for i, p in enumerate(self.parameters) if p.power != 1.0]
+
+    def scales(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Lower limits, spans and logarithmic flags (d,), limits of logarithmic parameters as logarithms."""
+        log = np.array([p.log for p in self.parameters], dtype=bool)
+        low = np.array([np.log(p.low) if p.log else p.low for p in self.parameters])
+        high = np.array([np.log(p.high) if p.log else p.high for p in self.parameters])
+        return low, high - low, log

@@ -1,0 +1,236 @@
+"""Separable least squares for many candidates at once: the one cost, and the information criteria.
+
+For each candidate the columns that differ between candidates (valve position, or response of the process) are
+fitted together with the columns that all share. Sums of products are collected with the candidates as the fast axis
+(`products`), and so are the small normal equations solved. Shared columns are made orthonormal first, so that the sums
+stay well conditioned. Source: paper Eq. 16 to 19 (squared norm), variable projection.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..typing import BoolArray, FloatArray, IntArray
+from .cross_products import products
+from .jit import kernel, output
+
+# A candidate whose own columns carry less than this share of the energy of what they were before the shared
+# columns were taken out never moved: it is rejected. Unit: 1.
+DEPENDENT = 1e-10
+REJECTED = np.inf
+# Share of the largest direction below which columns have none of their own: shared ones, and a model's responses, whose
+# rounding is larger. Unit: 1.
+_SHARED, SAME = 1e-10, 1e-8
+
+
+@kernel
+def _whiten(base, taps, out):
+    """out[k] = base[k] + taps[0] * base[k-1] + ...; the first rows use what is there."""
+    rows, lanes = base.shape
+    for k in range(rows):
+        sink = out[k]
+        source = base[k]
+        for p in range(lanes):
+            sink[p] = source[p]
+        for i in range(min(taps.size, k)):
+            t = taps[i]
+            source = base[k - 1 - i]
+            for p in range(lanes):
+                sink[p] += t * source[p]
+
+
+def whiten(columns: FloatArray, taps: FloatArray) -> FloatArray:
+    """Columns (n, c) passed through 1 + taps[0] q^-1 + …; the first len(taps) rows are start-up and must not count."""
+    columns = np.ascontiguousarray(columns, dtype=np.float64)
+    if taps.size == 0:
+        return columns
+    out = np.empty_like(columns)
+    _whiten(columns, np.ascontiguousarray(taps), out)
+    return out
+
+
+@kernel
+def _whiten_stack(base, samples, taps):
+    """Filter each stretch of `samples` rows in place, last row first, so that no copy is needed."""
+    lanes = base.shape[1]
+    for first in range(0, base.shape[0], samples):
+        for k in range(samples - 1, 0, -1):
+            sink = base[first + k]
+            for i in range(min(taps.size, k)):
+                t = taps[i]
+                source = base[first + k - 1 - i]
+                for p in range(lanes):
+                    sink[p] += t * source[p]
+
+
+def whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
+    """Pass every column of a stack (columns*samples, P) through the filter of `whiten`, in place."""
+    _whiten_stack(base, samples, np.ascontiguousarray(taps))
+
+
+def axes(columns: FloatArray, least: float) -> FloatArray:
+    """Orthonormal axes (n, k) of what columns (n, c) span, each column as long as any other.
+
+    Directions that carry less than the share `least` of the largest are left out.
+    """
+    norms = np.linalg.norm(columns, axis=0)
+    columns = columns[:, norms > 0] / norms[norms > 0]
+    if not columns.shape[1]:
+        return columns
+    found, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return found[:, size > least * size[0]]
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """What all candidates share in a least squares: rows (n,) that count, orthonormal columns, target without them.
+
+    `runs` (2, r) are first and last row + 1 of every stretch that counts; `right` (n, even) holds the orthonormal
+    columns, the target without them, and zeros where that makes an odd number.
+    """
+
+    weight: FloatArray
+    basis: FloatArray
+    target: FloatArray
+    target_energy: float
+    rows: int
+    freedom: int
+    right: FloatArray
+    runs: IntArray
+
+    @classmethod
+    def prepare(cls, target: FloatArray, columns: FloatArray, weight: BoolArray | FloatArray) -> Shared:
+        """Target (n,), shared columns (n, q) and weights (n,) 0 or 1; rows of weight 0 are never looked at."""
+        w = np.asarray(weight, dtype=np.float64)
+        columns = np.where(w[:, None] > 0, columns, 0.0) if columns.size else np.empty((target.size, 0))
+        # Rounding leaves 1e-17 in rows that don't count, where a start-up transient is still 1: its whole energy
+        # in the rows that do count may be smaller, and the cost then came out as 0.
+        columns = np.where(w[:, None] > 0, axes(columns, _SHARED), 0.0)
+        y = np.where(w > 0, target, 0.0)
+        y = y - columns @ (columns.T @ y)
+        none = np.zeros((y.size, 1 - columns.shape[1] % 2))
+        right = np.ascontiguousarray(np.concatenate([columns, y[:, None], none], axis=1))
+        return cls(w, np.ascontiguousarray(columns), y, float(y @ y), int((w > 0).sum()), columns.shape[1], right,
+                   _runs(w > 0))
+
+    def costs(self, base: FloatArray, offsets: tuple[int, ...] = (0,)) -> FloatArray:
+        """Sum of squared residuals (P,) of each candidate; `inf` where a candidate's columns never move."""
+        return self.solve(base, offsets)[0]
+
+    def solve(self, base: FloatArray, offsets: tuple[int, ...] = (0,)) -> tuple[FloatArray, FloatArray]:
+        """Sum of squared residuals (P,) and own coefficients (own, P) of each candidate.
+
+        `base` is (rows, P): column i of candidate p is base[offsets[i] : offsets[i] + n, p].
+        """
+        return self.solved(*products(base, offsets, self.right, *self.runs))
+
+    def solved(self, squares: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same from products (own, own, P) and (own, freedom + 1 or more, P).
+
+        Overwrites the squares, and of the others those with the target.
+        """
+        own, _, lanes = cross.shape
+        cost, sizes = np.empty(lanes), np.empty((own, lanes))
+        _solve(squares, cross, self.freedom, self.target_energy, cost, sizes)
+        return cost, sizes
+
+    def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,), *, lent: bool = False) -> FloatArray:
+        """Residuals (n, P) of each candidate after the fit of `solve`, 0 where a row does not count.
+
+        `lent` ones hold until the next call (see `kernels.scratch`).
+        """
+        squares, cross = products(base, offsets, self.right, *self.runs)
+        cost, sizes = self.solved(squares, cross)
+        out = output("residuals", self.target.size, base.shape[1], lent)
+        _residuals(base, np.asarray(offsets, np.int64), sizes, cross, self.weight, self.target, self.basis, out)
+        still = ~np.isfinite(cost)
+        if still.any():
+            out[:, still] = REJECTED
+        return out
+
+
+@kernel
+def _residuals(base, offsets, sizes, cross, weight, target, basis, out):
+    """Target less own columns times sizes, and what the shared columns then give back: their products are known."""
+    own, lanes = sizes.shape
+    q = basis.shape[1]
+    back = np.zeros((q, lanes))
+    for i in range(own):
+        for c in range(q):
+            for p in range(lanes):
+                back[c, p] += sizes[i, p] * cross[i, c, p]
+    for k in range(out.shape[0]):
+        sink = out[k]
+        if weight[k] > 0.0:
+            t = target[k]
+            for p in range(lanes):
+                sink[p] = t
+            for i in range(own):
+                row = base[offsets[i] + k]
+                for p in range(lanes):
+                    sink[p] -= sizes[i, p] * row[p]
+            for c in range(q):
+                b = basis[k, c]
+                for p in range(lanes):
+                    sink[p] += b * back[c, p]
+        else:
+            for p in range(lanes):
+                sink[p] = 0.0
+
+
+@kernel
+def _solve(squares, cross, q, energy, cost, sizes):
+    """Normal equations of every candidate, shared columns (orthonormal) taken out first; by elimination, in place."""
+    own, lanes = sizes.shape
+    for p in range(lanes):
+        cost[p] = energy
+    least = np.empty((own, lanes))
+    for i in range(own):
+        for p in range(lanes):
+            least[i, p] = DEPENDENT * squares[i, i, p]
+        for j in range(i + 1):
+            for c in range(q):
+                for p in range(lanes):
+                    squares[i, j, p] -= cross[i, c, p] * cross[j, c, p]
+    for p in range(lanes):
+        cost[p] = cost[p] if squares[0, 0, p] > least[0, p] else np.inf
+    for i in range(own):
+        for p in range(lanes):
+            # A further column that says nothing new (a transient long gone, say) gets no coefficient.
+            new = squares[i, i, p] > least[i, p]
+            squares[i, i, p] = squares[i, i, p] if new else 1.0
+            cross[i, q, p] = cross[i, q, p] if new else 0.0
+            for j in range(i + 1, own):
+                squares[j, i, p] = squares[j, i, p] if new else 0.0
+        for j in range(i + 1, own):
+            for p in range(lanes):
+                factor = squares[j, i, p] / squares[i, i, p]
+                cross[j, q, p] -= factor * cross[i, q, p]
+                squares[i, j, p] = factor
+            for m in range(i + 1, j + 1):
+                for p in range(lanes):
+                    squares[j, m, p] -= squares[i, j, p] * squares[m, i, p]
+        for p in range(lanes):
+            cost[p] -= cross[i, q, p] * cross[i, q, p] / squares[i, i, p]
+    for p in range(lanes):
+        value = max(cost[p], 0.0)
+        cost[p] = value if np.isfinite(value) else np.inf
+    for i in range(own - 1, -1, -1):
+        for p in range(lanes):
+            sizes[i, p] = cross[i, q, p] / squares[i, i, p]
+        for j in range(i + 1, own):
+            for p in range(lanes):
+                sizes[i, p] -= squares[i, j, p] * sizes[j, p]
+
+
+def _runs(counts: BoolArray) -> IntArray:
+    """First row and last row + 1 (2, r) of every stretch of rows (n,) that count."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], counts, [False]]).astype(np.int8)))
+    return np.ascontiguousarray(edges.reshape(-1, 2).T.astype(np.int64))
+
+
+def bic(sse: float, rows: float, parameters: int) -> float:
+    """Bayesian information criterion n ln(SSE/n) + k ln n, for `rows` effective samples."""
+    return rows * float(np.log(max(sse, 1e-300) / rows)) + parameters * float(np.log(rows))

@@ -1,0 +1,157 @@
+"""What the controller output did between its samples.
+
+* `hold`: the output was held from one sample to the next (a DCS whose scan is the historian's step): exact.
+* `corner`: the output moved continuously; its corners and peaks lie between samples and are rebuilt. Each interval
+  takes the smoother of the two parabolas through its neighbours; where the curvature is concentrated in one
+  interval, both flanks are extended into it and the corner is where they meet. A setpoint that moves kicks the output
+  by the controller's gain: the output is continuous but for these kicks.
+
+Wrong for a noisy continuous output (the flanks then follow the noise) and for a held output of an unknown scan.
+Source: METHODS.md section 4, trap 4; the reconstruction is the essentially non-oscillatory scheme with subcell
+resolution of Harten (1989), reduced to parabolas. Measured on the presets of Table 1 (1 s samples): rms error
+5e-5 % on foptd against 4e-3 % for straight lines.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import UsageError
+from ..laws.contract import FS_DOWN, FS_DRIFT, FS_UP
+from ..numerics.jit import LANES, LINE, kernel
+from ..typing import FloatArray
+
+MODES = ("hold", "corner")
+# Curvature in an interval must exceed its neighbours' by this factor to be a corner. Unit: 1.
+_CONCENTRATED = 3.0
+# A setpoint that moves at more than this share of the samples comes from another controller. Unit: 1.
+MOVES_ALWAYS = 0.3
+
+
+def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray | None = None) -> FloatArray:
+    """The command (n,) on a grid `substeps` times finer, shape (n*substeps,); the last sample is held.
+
+    `setpoint` (n,) tells kicks from corners. Raises UsageError for an unknown mode.
+    """
+    if mode not in MODES:
+        raise UsageError(f"unknown way between samples '{mode}'", "choose one of auto, " + ", ".join(MODES))
+    if mode == "hold" or substeps == 1:
+        return np.repeat(command, substeps)
+    n = command.size
+    if n < 6:
+        return np.interp(np.arange(n * substeps) / substeps, np.arange(n), command)
+    jumps = kicks(command, setpoint)
+    if not jumps.any():
+        return _smooth(command, substeps, jumps)
+    # A kick at sample k came between the one before and this one. What the output was just before it is where the
+    # valve turned, and is met one step of the grid early rather than not at all.
+    fine = _smooth(command - np.cumsum(jumps), substeps, jumps) + np.repeat(np.cumsum(jumps), substeps)
+    at = np.flatnonzero(jumps)
+    fine[at * substeps - 1] = command[at] - jumps[at]
+    return fine
+
+
+def kicks(command: FloatArray, setpoint: FloatArray | None) -> FloatArray:
+    """How far each move of the setpoint kicks the command (n,): the gain that most moves agree on times the move.
+
+    The gain is read from the command alone (the rest of it is smooth): y has noise that a continuous controller may
+    not see. At each move the flank before it, extended as a parabola, says how far the command jumped; behind it the
+    integral part has another slope at once.
+    """
+    none = np.zeros(command.size)
+    if setpoint is None:
+        return none
+    moves = np.diff(setpoint, prepend=setpoint[0])
+    moves[~np.isfinite(moves)] = 0.0
+    at = np.flatnonzero(moves)
+    known = at[at >= 3]
+    if at.size > MOVES_ALWAYS * command.size or not known.size:
+        return none
+    jump = command[known] - (3.0 * (command[known - 1] - command[known - 2]) + command[known - 3])
+    said = jump / moves[known]
+    order = np.argsort(said)
+    share = np.cumsum(np.abs(moves[known])[order])
+    return moves * float(said[order][np.searchsorted(share, 0.5 * share[-1])])
+
+
+def _smooth(command: FloatArray, substeps: int, jumps: FloatArray) -> FloatArray:
+    """A command whose kicks, `jumps` (n,), were taken out on the finer grid: parabolas, and corners where their flanks
+    meet.
+
+    The corner of a kick came with it, before its sample: one put just behind would show a valve that slides the old,
+    slower pace once more, at which it may stick again.
+    """
+    n = command.size
+    curve = np.zeros(n)
+    curve[1:-1] = command[2:] - 2.0 * command[1:-1] + command[:-2]
+    curve[0], curve[-1] = curve[1], curve[-2]
+    s = np.arange(substeps) / substeps
+    left, right = curve[:-1], curve[1:]
+    smooth = np.where(np.abs(left) <= np.abs(right), left, right)
+    start, rise = command[:-1, None], np.diff(command)[:, None]
+    out = start + rise * s + 0.5 * smooth[:, None] * s * (s - 1.0)
+    k = np.arange(2, n - 3)
+    beside = np.maximum(np.abs(curve[k - 1]), np.abs(curve[k + 2]))
+    inside = np.abs(curve[k]) + np.abs(curve[k + 1])
+    corner = (inside > 2.0 * _CONCENTRATED * beside + 1e-12) & (jumps[k] == 0.0)
+    k = k[corner]
+    from_left = (command[k] + np.outer(s, command[k] - command[k - 1])
+                 + np.outer(s * (s + 1.0), 0.5 * curve[k - 1])).T
+    from_right = (command[k + 1] + np.outer(s - 1.0, command[k + 2] - command[k + 1])
+                  + np.outer((s - 1.0) * (s - 2.0), 0.5 * curve[k + 2])).T
+    end_left = 2.0 * command[k] - command[k - 1] + curve[k - 1]
+    gap_start = command[k] - (2.0 * command[k + 1] - command[k + 2] + curve[k + 2])
+    gap_end = end_left - command[k + 1]
+    meet = gap_start * gap_end <= 0.0
+    before = (from_left - from_right) * np.where(gap_start == 0.0, -gap_end, gap_start)[:, None] >= 0.0
+    out[k[meet]] = np.where(before, from_left, from_right)[meet]
+    return np.concatenate([out.ravel(), np.full(substeps, command[-1])])
+
+
+@kernel
+def _means(command, fs_up, fs_down, drift, profile, position):
+    rows, lanes = position.shape
+    # Rows: f_s up and down, its drift, and the position before.
+    work = np.empty(4 * LANES + LINE)
+    work = work[-(work.ctypes.data // 8) % LINE:]
+    for first in range(0, lanes, LANES):
+        width = min(LANES, lanes - first)
+        last = first + width
+        for p in range(width):
+            work[p] = fs_up[first + p]
+            work[LANES + p] = fs_down[first + p]
+            work[2 * LANES + p] = drift[first + p]
+            work[3 * LANES + p] = position[0, first + p]
+        for j in range(1, rows):
+            du = command[j] - command[j - 1]
+            part = 1.0 / abs(du) if du != 0.0 else 1.0
+            before_u = command[j - 1]
+            w = profile[j]
+            row = position[j, first:last]
+            for p in range(width):
+                before = work[3 * LANES + p]
+                now = row[p]
+                moved = now - before
+                e = before_u - before
+                up_left = work[p] - e
+                down_left = work[LANES + p] + e
+                left = (up_left if moved > 0.0 else down_left) + work[2 * LANES + p] * w
+                share = left * part
+                share = 0.0 if share < 0.0 else share
+                share = 1.0 if share > 1.0 else share
+                share = 0.0 if abs(moved - du) < 1e-9 else share
+                share = 1.0 if moved == 0.0 else share
+                rest = 1.0 - share
+                row[p] = share * before + rest * (now - 0.5 * rest * du)
+                work[3 * LANES + p] = now
+
+
+def interval_means(command: FloatArray, table: FloatArray, profile: FloatArray, position: FloatArray) -> None:
+    """Replace each position (rows, P) by its mean over the part that ends there, the break-away at its instant in it.
+
+    A valve at rest breaks away when |e| reaches f_s, which a command moving in a straight line does at a known share
+    of the part; before it the position is the old one, after it the new. That makes the cost continuous in S, which
+    a break-away on the next grid point does not (the jaggedness of METHODS.md section 4, trap 3). A second array of
+    this size would leave the cache (an eighth of the time of both, measured).
+    """
+    _means(command, table[FS_UP], table[FS_DOWN], table[FS_DRIFT], profile, position)

@@ -1,0 +1,212 @@
+"""One control loop's record: read-only arrays on an even time grid, with what is known about where it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DataError
+from ..typing import BoolArray, FloatArray
+
+LARGEST = 1e38
+"""Magnitude beyond which a number is no measurement, in any unit: what single precision holds; squares stay finite."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something noticed about data or model: a code for scripts, a sentence for people, the evidence as numbers.
+
+    `severity` is "info", "warning" or "serious"; `suggests` names catalogue effects; `source` the test or rule.
+    """
+
+    code: str
+    severity: str
+    statement: str
+    evidence: dict[str, Any] = field(default_factory=dict)
+    suggests: tuple[str, ...] = ()
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a loop came from and how it was understood; everything `report` needs to find and re-read it.
+
+    `segment_starts` are the stamps of the first sample of every segment: a Loop's own time leaves the gaps out.
+    """
+
+    file: str | None = None
+    sha256: str | None = None
+    columns: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    rows: int = 0
+    start: str | None = None
+    end: str | None = None
+    findings: tuple[Finding, ...] = ()
+    options: dict[str, Any] = field(default_factory=dict)
+    segment_starts: tuple[str, ...] = ()
+
+
+def _frozen(values: Any, dtype: type = np.float64) -> NDArray[Any]:
+    if isinstance(values, np.ndarray) and values.dtype == dtype and values.ndim == 1 and values.flags.c_contiguous \
+            and not values.flags.writeable and not _writable(values.base):
+        return values  # already ours, or nobody's to change
+    array = np.array(values, dtype=dtype, order="C", copy=True).reshape(-1)
+    array.setflags(write=False)
+    return array
+
+
+def _writable(base: Any) -> bool:
+    return base is not None and not (isinstance(base, np.ndarray) and not base.flags.writeable)
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """Setpoint r, controller output u and process value y sampled every `step_s` seconds.
+
+    Shapes: all arrays (n,). Units: u in % of OP span unless `units["output"]` says otherwise, r and y in the
+    unit of `units["process_value"]`, position in the unit of `units["position"]`. `setpoint` and `position` may
+    be None. `used` (n,) marks samples that count; a False sample still drives the valve but enters no cost.
+    `starts` holds the first index of every segment: nothing is continuous across a segment boundary. `begins_s` are
+    the times of those samples in seconds since the first one, gaps included; none given, no time passed in a gap.
+    `picked` are their indices in the record that the segments were picked from, where they were.
+    Raises DataError when lengths differ or a used sample is not finite.
+    """
+
+    output: FloatArray
+    process_value: FloatArray
+    setpoint: FloatArray | None = None
+    position: FloatArray | None = None
+    extras: dict[str, FloatArray] = field(default_factory=dict)
+    step_s: float = 1.0
+    used: BoolArray | None = None
+    starts: tuple[int, ...] = (0,)
+    begins_s: tuple[float, ...] = ()
+    picked: tuple[int, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
+    name: str = "loop"
+    origin: Origin = field(default_factory=Origin)
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "output", _frozen(self.output))
+        put(self, "process_value", _frozen(self.process_value))
+        n = self.output.size
+        for role in ("setpoint", "position"):
+            if getattr(self, role) is not None:
+                put(self, role, _frozen(getattr(self, role)))
+        put(self, "extras", {tag: _frozen(values) for tag, values in self.extras.items()})
+        put(self, "used", _frozen(np.ones(n) if self.used is None else self.used, np.bool_))
+        lengths = {"output": n, "process value": self.process_value.size, "used": self.used.size}
+        lengths |= {r: getattr(self, r).size for r in ("setpoint", "position") if getattr(self, r) is not None}
+        lengths |= {tag: values.size for tag, values in self.extras.items()}
+        if len(set(lengths.values())) > 1:
+            raise DataError(f"signals of one loop differ in length: {lengths}", "give arrays of one length")
+        if self.begins_s and len(self.begins_s) != len(self.starts):
+            raise DataError(f"{len(self.starts)} segments, but {len(self.begins_s)} times at which they begin",
+                            "give one time in seconds for each segment")
+        if not (np.isfinite(self.step_s) and self.step_s > 0):
+            raise DataError(f"sampling time {self.step_s} s is not a positive number", "give --step SECONDS")
+        for tag, values in self.extras.items():
+            if (np.abs(values[np.isfinite(values)]) > LARGEST).any():
+                raise DataError(f"the further tag {tag} goes beyond {LARGEST:g}: no number there is a measurement",
+                                "mask it first; read_loop does so")
+        for role in ("output", "process_value", "setpoint"):
+            values = getattr(self, role)
+            if values is not None and not np.isfinite(values[self.used]).all():
+                bad = int(np.flatnonzero(self.used & ~np.isfinite(values))[0])
+                raise DataError(f"{role.replace('_', ' ')} is not a finite number at sample {bad}",
+                                "mask or fill it first; read_loop does so")
+            if values is not None and (large := self.used & ~(np.abs(values) <= LARGEST)).any():
+                bad = int(np.flatnonzero(large)[0])
+                raise DataError(f"{role.replace('_', ' ')} is {values[bad]:g} at sample {bad}: beyond {LARGEST:g} no "
+                                "number is a measurement", "mask it first; read_loop does so")
+
+    @property
+    def moving_extras(self) -> tuple[str, ...]:
+        """Further tags whose values that count differ: one that rests disturbs nothing."""
+        seen = {tag: values[self.used & np.isfinite(values)] for tag, values in self.extras.items()}
+        return tuple(tag for tag, values in seen.items() if values.size and values.min() < values.max())
+
+    @property
+    def samples(self) -> int:
+        """How many samples the record has, used or not."""
+        return int(self.output.size)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Seconds since the first sample without the gaps, shape (n,)."""
+        return np.arange(self.samples) * self.step_s
+
+    @property
+    def clock_s(self) -> FloatArray:
+        """Seconds since the first sample by the clock, gaps included, shape (n,)."""
+        clock = self.time_s
+        for part, begin in zip(self.segments, self.begins_s, strict=False):
+            clock[part] += begin - part.start * self.step_s
+        return clock
+
+    @property
+    def segments(self) -> tuple[slice, ...]:
+        """Stretches without a gap, in order."""
+        ends = (*self.starts[1:], self.samples)
+        return tuple(slice(a, b) for a, b in zip(self.starts, ends, strict=True))
+
+    def unit(self, role: str, default: str = "") -> str:
+        """Unit of a role ("output", "process_value", "setpoint", "position"), or `default` where unknown."""
+        return self.units.get(role) or default
+
+    @property
+    def longest(self) -> slice:
+        """The samples of the longest stretch without a gap."""
+        return max(self.segments, key=lambda s: s.stop - s.start)
+
+    def longest_segment(self) -> Loop:
+        """The longest stretch without a gap, as a loop of its own."""
+        piece = self.longest
+        return self if len(self.starts) == 1 else self.cut(piece.start, piece.stop)
+
+    def cut(self, first: int, last: int) -> Loop:
+        """Samples first..last-1 as a loop of their own."""
+        def part(a: NDArray[Any] | None) -> Any:
+            return None if a is None else a[first:last]
+
+        return self._of([slice(first, last)], part, (first, *(s for s in self.starts if first < s < last)))
+
+    def pick(self, pieces: Sequence[slice]) -> Loop:
+        """Segments of this loop, in order, as a loop of their own that keeps their times on the clock."""
+        def part(a: NDArray[Any] | None) -> Any:
+            return None if a is None else np.concatenate([a[p] for p in pieces])
+
+        return self._of(pieces, part, tuple(p.start for p in pieces))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Loop], *, begins_s: tuple[float, ...] = ()) -> Loop:
+        """Loops of one step and the same tags as the segments of one, not continuous from one to the next."""
+        first = parts[0]
+
+        def all_of(arrays: list[Any]) -> Any:
+            return None if arrays[0] is None else np.concatenate(arrays)
+
+        starts = tuple(np.cumsum([0, *(part.samples for part in parts[:-1])]).tolist())
+        return replace(first, output=all_of([p.output for p in parts]),
+                       process_value=all_of([p.process_value for p in parts]),
+                       setpoint=all_of([p.setpoint for p in parts]), position=all_of([p.position for p in parts]),
+                       used=all_of([p.used for p in parts]), starts=starts, begins_s=begins_s,
+                       extras={tag: all_of([p.extras[tag] for p in parts]) for tag in first.extras})
+
+    def _of(self, pieces: Sequence[slice], part: Callable[[Any], Any], firsts: tuple[int, ...]) -> Loop:
+        sizes = np.cumsum([0, *(p.stop - p.start for p in pieces)])
+        starts = tuple(int(size) + first - p.start for size, p in zip(sizes, pieces, strict=False)
+                       for first in firsts if p.start <= first < p.stop)
+        begins: tuple[float, ...] = ()
+        if len(starts) > 1 and (self.begins_s or len(pieces) > 1):
+            clock = self.clock_s
+            begins = tuple(float(clock[first] - clock[firsts[0]]) for first in firsts)
+        return replace(self, output=part(self.output), process_value=part(self.process_value),
+                       setpoint=part(self.setpoint), position=part(self.position), used=part(self.used),
+                       extras={tag: part(v) for tag, v in self.extras.items()}, starts=starts, begins_s=begins,
+                       picked=firsts if len(pieces) > 1 else ())

@@ -1,0 +1,160 @@
+"""Does the loop oscillate, how fast, and how far does the command swing: period (Eq. 20) and S_max (Eq. 21).
+
+Cycles are counted on up-crossings of the deviation e = r - y through its mean, with hysteresis against noise; only
+whole cycles count, and the first one is left out when enough remain, because it still holds the start. M in Eq. 20
+counts cycles, and the two equations numbered 21 in the paper are this one and the tank's transfer function.
+Without a setpoint the mean of y is the reference, and the result says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ..typing import FloatArray
+from .loop import Loop
+from .study import Cycle, Range
+
+# Half-width of the hysteresis band as a share of the deviation's standard deviation. Unit: 1.
+_HYSTERESIS = 0.3
+# The band is at least this many standard deviations of the sample-to-sample noise.
+_HYSTERESIS_NOISE = 3.0
+# Share of samples at either end of the deviation that sets neither level nor band.
+_TRIM = 0.05
+# Fewer whole cycles than this are no oscillation to judge (gate 0 of CRITICISM.md).
+FEWEST_CYCLES = 3
+# Cycle lengths that scatter more than this around their median are no one oscillation (coefficient of variation).
+_REGULAR = 0.6
+# A swing of y below this share of its size, or of u below this share, is no variation. Unit: 1.
+FLAT = 1e-9
+
+
+def deviation(loop: Loop) -> FloatArray:
+    """Control error (n,), from the mean of y without a setpoint; the setpoint's mean offset does not matter."""
+    if loop.setpoint is not None:
+        return loop.setpoint - loop.process_value
+    level = float(loop.process_value[loop.used].mean()) if loop.used.any() else 0.0
+    return level - loop.process_value
+
+
+def noise_of(signal: FloatArray) -> float:
+    """Standard deviation of sample-to-sample noise, from third differences (a smooth signal leaves little in them)."""
+    if signal.size < 8:
+        return 0.0
+    third = np.diff(signal, 3)
+    return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
+
+
+def crossings(signal: FloatArray, band: float) -> FloatArray:
+    """Times (in samples, fractional) where the signal crosses zero upwards after having been below -band.
+
+    The crossing counts once the signal has also risen above +band, so noise near zero counts once.
+    """
+    low = False
+    found: list[float] = []
+    last_up = -1.0
+    for k, (a, b) in enumerate(pairwise(signal.tolist()), 1):
+        if b < -band:
+            low = True
+            last_up = -1.0
+        if a < 0.0 <= b and low and last_up < 0.0:
+            last_up = k - 1 + a / (a - b)
+        if b > band and low:
+            found.append(last_up)
+            low = False
+    return np.array([t for t in found if t >= 0.0])
+
+
+def reversals(command: FloatArray, threshold: float) -> list[int]:
+    """Samples at which the command has turned by more than `threshold` and it is sure."""
+    turns: list[int] = []
+    direction, extreme = 0, float(command[0]) if command.size else 0.0
+    for k, value in enumerate(command.tolist()):
+        if (direction >= 0 and value > extreme) or (direction <= 0 and value < extreme):
+            if direction == 0 and abs(value - extreme) > threshold:
+                direction = 1 if value > extreme else -1
+                extreme = value
+            elif direction != 0:
+                extreme = value
+        elif direction != 0 and abs(value - extreme) > threshold:
+            direction, extreme = -direction, value
+            turns.append(k)
+    return turns
+
+
+def count_reversals(command: FloatArray, threshold: float) -> int:
+    """How often the command turns by more than `threshold` (zigzag count)."""
+    return len(reversals(command, threshold))
+
+
+@dataclass(frozen=True, slots=True)
+class _Swings:
+    """The cycles of one segment and how often its output turns; `reason` says why there is nothing to count."""
+
+    cycles: tuple[Cycle, ...] = ()
+    reversals: int = 0
+    reason: str = ""
+
+
+def find_range(loop: Loop) -> Range:
+    """Period, S_max and the cycles behind them; never raises, a record that does not oscillate says why.
+
+    Cycles are whole inside one segment of the record; their starts are seconds of the record without its gaps.
+    """
+    unit = loop.unit("output", "%")
+    parts = [loop] if len(loop.starts) == 1 else [loop.cut(p.start, p.stop) for p in loop.segments]
+    found = [_swings(part, start * loop.step_s) for part, start in zip(parts, loop.starts, strict=False)]
+    longest = found[int(np.argmax([part.samples for part in parts]))]
+    cycles = tuple(cycle for swings in found for cycle in swings.cycles)
+    turns = sum(swings.reversals for swings in found)
+    reference = "mean of y" if loop.setpoint is None else "setpoint"
+    if not cycles:
+        return _none(longest.reason or "the deviation never completes a cycle", unit, reference, turns)
+    counted = cycles[1:] if len(cycles) > FEWEST_CYCLES else cycles
+    periods = np.array([c.period_s for c in counted])
+    scatter = float(periods.std() / periods.mean())
+    enough = len(counted) >= FEWEST_CYCLES
+    regular = scatter <= _REGULAR
+    if not enough:
+        reason = f"only {len(counted)} whole cycle{'s' * (len(counted) != 1)}, {FEWEST_CYCLES} are needed"
+    elif not regular:
+        reason = f"the cycles are irregular: their lengths scatter by {100 * scatter:.0f} % of the mean"
+    else:
+        reason = (f"{len(counted)} whole cycles"
+                  + (f" in {sum(bool(s.cycles) for s in found)} segments" if len(parts) > 1 else "")
+                  + f", lengths within {100 * scatter:.0f} % of the mean"
+                  + ("" if reference == "setpoint" else "; no setpoint, so deviations are from the mean of y"))
+    return Range(enough and regular, float(periods.max()), float(np.median(periods)),
+                 float(max(c.u_swing for c in counted)), cycles, reason, unit, reference, turns)
+
+
+def _swings(loop: Loop, start_s: float) -> _Swings:
+    """The cycles of one segment that starts at `start_s` of its record."""
+    u, used = loop.output, loop.used
+    if used.sum() < 8:
+        return _Swings(reason=f"only {int(used.sum())} usable samples")
+    e = deviation(loop)
+    # A start-up or a setpoint step must neither shift the level of the crossings nor widen the band.
+    low, high = np.quantile(e[used], [_TRIM, 1.0 - _TRIM])
+    core = e[used][(e[used] >= low) & (e[used] <= high)]
+    e = e - core.mean()
+    spread = float(core.std())
+    swing_y = float(np.ptp(loop.process_value[used]))
+    if swing_y <= FLAT * max(float(np.abs(loop.process_value[used]).max()), 1e-30) or swing_y < 1e-30:
+        return _Swings(reason=f"the process value does not vary (its whole span is {swing_y:.3g})")
+    if float(np.ptp(u[used])) <= FLAT * max(float(np.abs(u[used]).max()), 1e-30):
+        return _Swings(reason=f"the controller output is constant at {u[used][0]:g} {loop.unit('output', '%')}")
+    band = max(_HYSTERESIS * spread, _HYSTERESIS_NOISE * noise_of(e[used]))
+    turns = count_reversals(u[used], max(0.1 * float(np.ptp(u[used])), 4.0 * noise_of(u[used])))
+    cycles = tuple(
+        Cycle(float(start_s + a * loop.step_s), float((b - a) * loop.step_s),
+              float(np.ptp(u[int(np.ceil(a)):int(b) + 1])))
+        for a, b in pairwise(crossings(e, band).tolist()) if b - a >= 2
+    )
+    return _Swings(cycles, turns)
+
+
+def _none(reason: str, unit: str, reference: str, reversals: int = 0) -> Range:
+    return Range(False, None, None, None, (), reason, unit, reference, reversals)

@@ -1,0 +1,124 @@
+"""Gate 0: what a record must hold before S and J can be asked for; everything else is an abstention with its reason.
+
+Source: CRITICISM.md section 7, gate 0; METHODS.md section 4, identifiability.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import CannotTell
+from .loop import Loop
+from .oscillation import FEWEST_CYCLES, FLAT, count_reversals, noise_of
+from .study import Range
+
+FEWEST_SAMPLES = 60
+# Without enough cycles, setpoint moves must make the valve reverse at least this often.
+FEWEST_REVERSALS = 4
+# Fewer samples than this in one period hide the slips. Unit: samples.
+SAMPLES_PER_PERIOD = 10
+# An output beyond this is no valve position in %. Unit: %.
+_HIGHEST_OUTPUT = 110.0
+# Process value and output that differ by less than this share of the span are one signal: no process is that exact.
+_SAME = 1e-9
+# More than this share of samples at the output's own limit is a saturated loop.
+_SATURATED_SHARE = 0.2
+# A record that starts this share of its span away from the setpoint starts with a setpoint step.
+_STEPPED = 0.5
+# Parts of a period over which y is averaged before its slope is taken.
+_PARTS = 60
+
+
+def check(loop: Loop, found: Range) -> None:
+    """Raise CannotTell where the record can't hold S and J; the message is the reason in one sentence."""
+    used = loop.used
+    u, y = loop.output[used], loop.process_value[used]
+    if u.size < FEWEST_SAMPLES:
+        raise CannotTell(f"only {u.size} usable samples, {FEWEST_SAMPLES} are needed", "give a longer record",
+                         code="too-short")
+    span = float(np.ptp(y))
+    if span <= FLAT * float(np.abs(y).max()) or span < 1e-30:
+        raise CannotTell(f"the process value does not vary: its whole span is {span:.3g} at a value of {y[0]:.3g}",
+                         "check the transmitter; choose another stretch with --start and --end", code="dead-signal")
+    swing = float(np.ptp(u))
+    if swing <= FLAT * float(np.abs(u).max()) or swing < 1e-30:
+        raise CannotTell(f"the controller output is constant at {u[0]:g}: manual, or saturated",
+                         "choose a stretch in automatic with --start and --end", code="constant-output")
+    high = float(np.abs(u).max())
+    if high > _HIGHEST_OUTPUT and loop.unit("output", "%") != "%":
+        raise CannotTell(
+            f"the controller output reaches {high:.4g}: that is no valve position in % but the setpoint of another "
+            "loop (cascade master), or needs its span", "identify the slave loop, or give --span-op LO,HI",
+            code="output-not-a-valve")
+    tight = 1e-9 * max(swing, 1e-30)
+    limited = float(np.mean((u >= u.max() - tight) | (u <= u.min() + tight)))
+    if limited > max(_SATURATED_SHARE, 10.0 / u.size):
+        raise CannotTell(f"the controller output sits at its limit in {100 * limited:.0f} % of the samples "
+                         f"({100 * _SATURATED_SHARE:.0f} % is the most)",
+                         "choose a stretch without saturation with --start and --end", code="saturated-output")
+    tie = (u - u.mean()) * (float((y - y.mean()) @ (u - u.mean())) / float((u - u.mean()) @ (u - u.mean())))
+    if float(np.abs(y - y.mean() - tie).max()) < _SAME * span:
+        raise CannotTell("the process value is the controller output, times a number plus a number, to the last digit: "
+                         "one signal was given twice", "give the process value with --pv, the output with --op",
+                         code="identical-signals")
+    counted = found.cycles[1:] if len(found.cycles) > FEWEST_CYCLES else found.cycles
+    enough = len(counted) >= FEWEST_CYCLES
+    if not enough and _driven_reversals(loop) < FEWEST_REVERSALS:
+        raise CannotTell(
+            f"too little movement: {len(counted)} whole cycles ({FEWEST_CYCLES} are needed) and no setpoint moves that "
+            f"make the valve reverse {FEWEST_REVERSALS} times", "give a longer record", code="too-few-cycles")
+    turns = max(found.reversals, _driven_reversals(loop))
+    if turns < FEWEST_REVERSALS:
+        raise CannotTell(
+            f"the controller output reverses only {turns} times by more than its noise, {FEWEST_REVERSALS} are needed: "
+            "a valve that hardly reverses shows no friction", "give a longer record, or one with setpoint moves",
+            code="hardly-reverses")
+    if enough and found.period_median_s is not None:
+        per = found.period_median_s / loop.step_s
+        if per < SAMPLES_PER_PERIOD:
+            raise CannotTell(
+                f"sampled too slowly: {per:.1f} samples a period, {SAMPLES_PER_PERIOD} are needed "
+                f"(period {found.period_median_s:.4g} s, step {loop.step_s:g} s)",
+                f"export at {found.period_median_s / SAMPLES_PER_PERIOD:.3g} s or faster", code="too-slow-sampling")
+
+
+def _driven_reversals(loop: Loop) -> int:
+    """Reversals of the output in a record whose setpoint moves, or that starts away from it; 0 elsewhere."""
+    r = loop.setpoint
+    if r is None:
+        return 0
+    still = np.ptp(r[loop.used]) <= FLAT * max(float(np.abs(r[loop.used]).max()), 1e-30)
+    y = loop.process_value[loop.used]
+    if still and abs(float(r[loop.used][0] - y[0])) < _STEPPED * float(np.ptp(y)):
+        return 0
+    u = loop.output[loop.used]
+    threshold = max(0.05 * float(np.ptp(u)), 4.0 * noise_of(u))
+    return sum(count_reversals(loop.output[part][loop.used[part]], threshold) for part in loop.segments)
+
+
+def time_scale_s(loop: Loop, found: Range) -> float:
+    """The time scale of the record's swings in seconds: the median period, or less where the loop rests in between.
+
+    A loop that rests between its swings has a long period and fast swings, and these are what a search must resolve:
+    the scale is at most the period of the sine that moves as fast as y does on average. Without two cycles the mean
+    time between reversals takes the place of the period. How fast y moves is seen in the longest segment.
+    """
+    length = loop.samples * loop.step_s
+    if found.period_median_s is not None and len(found.cycles) >= 2:
+        period = found.period_median_s
+    else:
+        turns = max(_driven_reversals(loop), 1)
+        period = float(np.clip(2.0 * length / (turns + 1), 10 * loop.step_s, length / 2))
+    loop = loop.longest_segment()
+    block = max(int(period / loop.step_s / _PARTS), 1)
+    y = np.interp(np.arange(loop.samples), np.flatnonzero(loop.used), loop.process_value[loop.used])
+    y = y[:y.size // block * block].reshape(-1, block).mean(axis=1)
+    slope = float(np.std(np.diff(y))) / (block * loop.step_s) if y.size > 2 else 0.0
+    swing = 2.0 * np.pi * float(np.std(y)) / slope if slope else period
+    return float(np.clip(swing, SAMPLES_PER_PERIOD * loop.step_s, period)) if swing < period else period
+
+
+def swing_of(loop: Loop, found: Range) -> float:
+    """Upper limit for S in the unit of u: S_max (Eq. 21), or the whole swing of u where there are no cycles."""
+    swing = float(np.ptp(loop.output[loop.used]))
+    return float(found.s_max) if found.s_max else swing

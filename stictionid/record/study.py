@@ -1,0 +1,407 @@
+"""Frozen results and their JSON form: range, estimate, verdict, steps, candidates, and the study that holds them.
+
+Field names are the field names of the contract's JSON, so that one reading serves both. Numbers are written at
+full precision; what does not exist (or is not finite) is null. Files of older schemas load; newer ones are refused.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import types
+import typing
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from ..errors import DataError
+from .loop import Finding
+
+SCHEMA = "stictionid.study/1"
+_SCHEMA_NUMBER = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """One whole oscillation: start and length in seconds, peak-to-peak swing of the controller output."""
+
+    start_s: float
+    period_s: float
+    u_swing: float
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Oscillation of a record: period (Eq. 20, the longest cycle), S_max (Eq. 21), and the cycles behind them.
+
+    `reference` says what the deviation was taken from ("setpoint" or "mean of y"); `reason` is one sentence.
+    """
+
+    oscillating: bool
+    period_s: float | None
+    period_median_s: float | None
+    s_max: float | None
+    cycles: tuple[Cycle, ...]
+    reason: str
+    unit: str = "%"
+    reference: str = "setpoint"
+    reversals: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class CreatedBy:
+    """Versions and seed behind a study."""
+
+    version: str
+    seed: int
+    python: str
+    numpy: str
+    numba: str
+
+
+@dataclass(frozen=True, slots=True)
+class DataRecord:
+    """What a study remembers of its data: enough to find, check and re-read them."""
+
+    file: str | None
+    sha256: str | None
+    columns: dict[str, str]
+    units: dict[str, str]
+    rows: int
+    rows_used: int
+    step_s: float
+    start: str | None
+    end: str | None
+    findings: tuple[Finding, ...] = ()
+    name: str = "loop"
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether the valve sticks: "stiction", "no stiction" or "undecided", with the reason and a confidence 0..1."""
+
+    stiction: str
+    reason: str
+    confidence: float = 0.0
+    evidence: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class PositionEstimate:
+    """S and J read from a measured valve position, with the error of that fit in the unit of the position.
+
+    `rmse_proportional` is the error of a position in proportion to the output, as that of a valve without friction;
+    `shows_stiction` whether the difference is beyond what the resolution of the position could make.
+    """
+
+    S: float
+    J: float
+    rmse: float
+    gain: float | None = None
+    offset: float | None = None
+    rmse_proportional: float | None = None
+    shows_stiction: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """The last step's main numbers; S and J in `unit`, intervals at `interval_level`, null where unknown.
+
+    The longest time constant comes first; `time_constants_intervals` has one interval, or null, for each.
+    """
+
+    S: float
+    J: float
+    unit: str
+    S_interval: tuple[float, float] | None
+    J_interval: tuple[float, float] | None
+    interval_level: float
+    law: str
+    gain: float
+    time_constants_s: tuple[float, ...]
+    dead_time_s: float
+    integrating: bool
+    initial_residual_force: float
+    from_position: PositionEstimate | None = None
+    gain_interval: tuple[float, float] | None = None
+    time_constants_intervals: tuple[tuple[float, float] | None, ...] = ()
+    dead_time_interval: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Severity:
+    """What the friction means for the plant: band of S (and the bands its interval touches), and the loop repaired.
+
+    `pv_sd` and `pv_sd_repaired` in the unit of y, `share_of_pv_variance` what the valve causes, travel in % a day,
+    the PI law read from the record; null where the loop could not be run again, and `statement` says why.
+    """
+
+    band: str | None
+    band_interval: tuple[str, ...]
+    pv_sd: float
+    pv_sd_repaired: float | None
+    share_of_pv_variance: float | None
+    travel_per_day: float
+    travel_per_day_repaired: float | None
+    controller_gain: float | None
+    integral_time_s: float | None
+    statement: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterValue:
+    """One fitted number; `effect` is null for the base model (valve law and process)."""
+
+    effect: str | None
+    name: str
+    value: float
+    unit: str
+    interval: tuple[float, float] | None = None
+    at_bound: bool = False
+    identifiable: bool = True
+    meaning: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSummary:
+    """How far model and measurement are apart, in the unit of y; see the contract for each field."""
+
+    rmse: float
+    rmse_holdout: float | None = None
+    rmse_one_step: float | None = None
+    rmse_one_step_holdout: float | None = None
+    noise_sd: float | None = None
+    fit_percent: float | None = None
+    bic: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Restarts:
+    """How many independent searches ran and how many ended in the best optimum found."""
+
+    runs: int
+    agree: int
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One stage of a study: the model so far, its parameters and its errors.
+
+    `model` is the full description from which the model runs again without a search (see model.describe); `variant`
+    says where an added disturbance enters ("output" or "load"), or which tag it is.
+    """
+
+    added: str | None
+    effects: tuple[str, ...]
+    parameters: tuple[ParameterValue, ...]
+    error: ErrorSummary
+    restarts: Restarts
+    findings: tuple[Finding, ...] = ()
+    model: dict[str, Any] = field(default_factory=dict)
+    variant: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LawResult:
+    """One law of `--law all`."""
+
+    law: str
+    S: float
+    J: float
+    rmse_holdout: float | None
+    rmse: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One effect of the catalogue refitted into the model, with what it gained and whether it was accepted.
+
+    `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
+    """
+
+    effect: str
+    accepted: bool
+    rmse: float | None
+    rmse_holdout: float | None
+    rmse_one_step_holdout: float | None
+    error_drop_percent: float | None
+    one_step_drop_percent: float | None
+    delta_bic: float | None
+    equivalent_to: tuple[str, ...] = ()
+    detectable_from: str | None = None
+    parameters: tuple[ParameterValue, ...] = ()
+    statement: str = ""
+    variant: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CostMap:
+    """Free-run error over a grid of S (rows) and J (columns), the rest held, for the S-J picture.
+
+    `step` is the index of the step whose model it maps (None: not written down, as older versions did).
+    """
+
+    S: tuple[float, ...]
+    J: tuple[float, ...]
+    rmse: tuple[tuple[float | None, ...], ...]
+    searched: tuple[tuple[float, float], ...] = ()
+    step: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """Everything one identification found out, step by step; the only thing commands hand to each other."""
+
+    created_by: CreatedBy
+    data: DataRecord
+    range: Range
+    verdict: Verdict
+    estimate: Estimate | None
+    steps: tuple[Step, ...] = ()
+    laws: tuple[LawResult, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
+    missing: tuple[str, ...] = ()
+    adequate: bool | None = None
+    adequate_reason: str = ""
+    cost_map: CostMap | None = None
+    command: str = ""
+    severity: Severity | None = None
+    schema: str = SCHEMA
+
+    @property
+    def interval_caution(self) -> str:
+        """What to know of the intervals of a model that misses something, as a sentence; empty for an adequate one."""
+        if self.adequate is not False or self.estimate is None or self.estimate.S_interval is None:
+            return ""
+        return "The intervals hold only as far as this model does; what it misses may move S and J out of them."
+
+
+_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
+
+
+def plain(value: Any) -> Any:
+    """A result as plain JSON types: dataclasses to dicts, tuples and arrays to lists, non-finite numbers to None."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        if set(map(type, value)) == {float}:
+            return [v if math.isfinite(v) else None for v in value]  # in one pass, as below
+        return [plain(v) for v in value]
+    if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
+        return value
+    if hasattr(value, "tolist"):
+        values = value.tolist()
+        if getattr(value, "ndim", 0) == 1 and value.dtype.kind == "f":
+            # Records have millions of numbers: one pass without a call for each.
+            return [v if math.isfinite(v) else None for v in values]
+        return plain(values)
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def to_json(value: Any) -> str:
+    """A result as JSON text that ends in a newline; `schema` comes first in a study."""
+    content = plain(value)
+    if isinstance(content, dict) and "schema" in content:
+        content = {"schema": content.pop("schema"), **content}
+    text = _indented(content, "\n") + "\n"
+    # A file name that is not valid UTF-8 reaches Python as lone surrogates; as JSON escapes they are legal text.
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def _indented(content: Any, line: str) -> str:
+    """JSON text with a line for every item but those of lists of numbers and words; `line` begins one.
+
+    The library would write a line for every number, item by item in Python.
+    """
+    inner = line + " "
+    if isinstance(content, dict) and content:
+        items = (f"{_ENCODER.encode(key)}: {_indented(value, inner)}" for key, value in content.items())
+        return "{" + inner + ("," + inner).join(items) + line + "}"
+    if isinstance(content, list) and any(isinstance(value, (dict, list)) for value in content):
+        return "[" + inner + ("," + inner).join(_indented(value, inner) for value in content) + line + "]"
+    return _ENCODER.encode(content)
+
+
+def study_from_json(text: str) -> Study:
+    """The study written in `text`; DataError where it is none, is damaged, or has a newer schema."""
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"not a study: {error}", "give a file written by stictionid identify -o") from None
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if not isinstance(schema, str) or not schema.startswith("stictionid.study/"):
+        raise DataError("not a study: it has no schema 'stictionid.study/…'",
+                        "give a file written by stictionid identify -o")
+    number = schema.rpartition("/")[2]
+    if not number.isdigit() or int(number) > _SCHEMA_NUMBER:
+        raise DataError(f"the study has schema {schema}, newer than {SCHEMA} that this version reads",
+                        "update stictionid")
+    try:
+        return typing.cast(Study, _build(Study, content, "study"))
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
+        raise DataError(f"the study is damaged: {error}", "run stictionid identify again") from None
+
+
+def _build(kind: Any, content: Any, where: str) -> Any:
+    """`content` as an instance of the annotation `kind`; unknown fields are ignored, missing ones need a default."""
+    origin = typing.get_origin(kind)
+    if kind is Any:
+        return content
+    if origin in (typing.Union, types.UnionType):
+        choices = typing.get_args(kind)
+        if content is None and type(None) in choices:
+            return None
+        return _build(next(c for c in choices if c is not type(None)), content, where)
+    if origin is tuple:
+        if not isinstance(content, list):
+            raise ValueError(f"{where} is not a list")
+        inner = typing.get_args(kind)
+        kinds = [inner[0]] * len(content) if inner[-1] is Ellipsis else list(inner)
+        if len(kinds) != len(content):
+            raise ValueError(f"{where} has {len(content)} entries, not {len(kinds)}")
+        return tuple(_build(k, c, f"{where}[{i}]") for i, (k, c) in enumerate(zip(kinds, content, strict=True)))
+    if origin is dict:
+        if not isinstance(content, dict):
+            raise ValueError(f"{where} is not an object")
+        return {k: _build(typing.get_args(kind)[1], v, f"{where}.{k}") for k, v in content.items()}
+    if dataclasses.is_dataclass(kind):
+        if not isinstance(content, dict):
+            raise ValueError(f"{where} is not an object")
+        hints = _hints(kind)
+        known = {f.name for f in dataclasses.fields(kind)}
+        values = {k: _build(hints[k], v, f"{where}.{k}") for k, v in content.items() if k in known}
+        return kind(**values)
+    if kind is float:
+        if isinstance(content, bool) or not isinstance(content, (int, float)):
+            raise ValueError(f"{where} is {content!r}, not a number")
+        return float(content)
+    if kind in (int, bool, str):
+        if not isinstance(content, kind) or (kind is int and isinstance(content, bool)):
+            raise ValueError(f"{where} is {content!r}, not {kind.__name__}")
+        return content
+    raise TypeError(f"{where}: no reading for {kind}")
+
+
+_HINTS: dict[Any, dict[str, Any]] = {}
+
+
+def _hints(kind: Any) -> dict[str, Any]:
+    if kind not in _HINTS:
+        _HINTS[kind] = typing.get_type_hints(kind)
+    return _HINTS[kind]
+
+
+def intervals_withheld(steps: Iterable[Step]) -> bool:
+    """Whether a finding of some step says that no intervals can be given (`no_intervals` in its evidence)."""
+    return any(finding.evidence.get("no_intervals") for step in steps for finding in step.findings)
+
+
+def without_intervals(steps: Iterable[Step]) -> tuple[Step, ...]:
+    """The steps with no interval of any number."""
+    return tuple(replace(step, parameters=tuple(replace(p, interval=None) for p in step.parameters)) for step in steps)

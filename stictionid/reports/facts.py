@@ -1,0 +1,237 @@
+"""Study → facts: the verdict in one sentence, the numbers that matter, and the sections every renderer prints.
+
+This file and its two helpers (`wording` for digits, `sections` for the drier half) are the only place that words and
+rounds what a study holds, so terminal, markdown, HTML and JSON can't disagree.
+"""
+
+from __future__ import annotations
+
+from ..record.study import Estimate, Study
+from . import sections, wording
+from .document import Facts, KeyNumber, Section, Table
+
+# J is called weakly known when its interval is wider than this share of its value. Unit: 1; half the value either way.
+WEAK_J_SHARE = 0.5
+# Free-run error up to this many times the noise counts as the noise floor. Unit: 1; METHODS.md section 6 measured
+# 0.95 to 1.04 for the right model, and 1.4 and more with an effect missing.
+NOISE_FLOOR_RATIO = 1.1
+
+_HEADINGS = {"stiction": "The valve sticks", "no stiction": "No stiction found", "undecided": "Undecided"}
+
+
+def facts(study: Study, *, no_pictures: str = "") -> Facts:
+    """All facts of one study in reading order; `no_pictures` says why there are none (data not found)."""
+    order = (_size, _ladder, _pictures_note(no_pictures), _trends, _valve, _map, _fit, sections.candidates,
+             sections.laws, sections.next_steps, sections.oscillation, sections.data, sections.parameters,
+             sections.method)
+    made = tuple(s for make in order if (s := make(study)) is not None)
+    name = wording.name(study.data.name)
+    return Facts(name, f"Valve stiction: {name}", study.verdict.stiction, headline(study), _reason(study),
+                 _numbers(study), made)
+
+
+def _reason(study: Study) -> str:
+    """Why the verdict; where it was reached before the last effects were added, its numbers are of that model."""
+    reason = wording.sentence(study.verdict.reason)
+    added = sections.added_later(study)
+    judged = study.verdict.evidence.get("effects")
+    if not reason or not added or (judged is not None and set(judged) == set(study.steps[-1].effects)):
+        return reason
+    names = wording.listed([wording.name(s.added) for s in added])
+    return (f"Before {names} {'was' if len(added) == 1 else 'were'} added: {wording.clean(study.verdict.reason)}. Now "
+            f"the free-run error is {wording.number(study.steps[-1].error.rmse, 4)}.")
+
+
+def adds(facts: Facts) -> bool:
+    """Whether the reason says more than the headline, which an abstention's does not."""
+    return bool(facts.reason) and facts.reason[:-1].casefold() not in facts.headline.casefold()
+
+
+def headline(study: Study) -> str:
+    """The verdict in one sentence with the number that matters."""
+    e = study.estimate
+    word = _HEADINGS.get(study.verdict.stiction, wording.name(study.verdict.stiction))
+    if e is None:
+        if study.verdict.stiction == "undecided":
+            return f"Can't tell from this record: {_tail(study.verdict.reason)}"
+        return f"{word}: {_tail(study.verdict.reason)}"
+    size = wording.estimate(e.S, e.S_interval, e.unit)
+    if study.verdict.stiction == "stiction":
+        span = " of OP span" if e.unit == "%" else ""
+        return f"{word}: S is {size}{span}, {_band(e)}."
+    if study.verdict.stiction == "no stiction":
+        return f"{word}: a model without friction does as well; with friction the best S would be {size}."
+    return f"{word}: S would be {size} ({_band(e)}), but this record does not prove that the valve sticks."
+
+
+def _tail(reason: str) -> str:
+    reason = wording.clean(reason).strip() or "no reason given"
+    return reason if reason[-1] in ".!?" else reason + "."
+
+
+def _band(e: Estimate) -> str:
+    if e.unit != "%":
+        return "no severity band, because the controller output is not in % of its span"
+    return wording.severity_sentence(e.S, e.S_interval)
+
+
+def _numbers(study: Study) -> tuple[KeyNumber, ...]:
+    e, found = study.estimate, []
+    if e is not None:
+        level = f"{wording.number(100 * e.interval_level, 2)} % interval"
+        found = [_key("S, stickband plus deadband", e.S, e.S_interval, e.unit, level, _band(e)),
+                 _key("J, slip jump", e.J, e.J_interval, e.unit, level, _jump_note(e))]
+    if study.range.period_median_s is not None:
+        found.append(KeyNumber("Oscillation period", wording.duration(study.range.period_median_s),
+                               "oscillating" if study.range.oscillating else "not a regular oscillation"))
+    found.append(KeyNumber("Confidence in the verdict", wording.number(study.verdict.confidence, 2), "0 to 1"))
+    return tuple(found)
+
+
+def _key(label: str, value: float, interval: tuple[float, float] | None, unit: str, level: str,
+         meaning: str) -> KeyNumber:
+    """A number large, its interval and its meaning beside it."""
+    shown, ends = wording.apart(value, interval)
+    about = "no interval" if ends == wording.NOTHING else f"{ends}, {level}"
+    return KeyNumber(label, f"{shown} {wording.name(unit)}".rstrip(), f"{about}; {meaning}")
+
+
+def _jump_note(e: Estimate) -> str:
+    if e.J_interval is not None and e.J_interval[1] - e.J_interval[0] > WEAK_J_SHARE * max(e.J, 1e-12):
+        return "weakly known: only J times the process gain is fixed"
+    return f"J/S {wording.number(e.J / e.S, 2) if e.S else wording.NOTHING}"
+
+
+def _size(study: Study) -> Section | None:
+    e = study.estimate
+    if e is None:
+        return None
+    rows = [("S, stickband plus deadband", *_value_row(e.S, e.S_interval, e.unit), _band(e)),
+            ("J, slip jump", *_value_row(e.J, e.J_interval, e.unit), "")]
+    percent = e.unit == "%"
+    text = [f"Intervals hold {wording.number(100 * e.interval_level, 2)} % of the probability"
+            + ("; the severity band is judged by the interval of S." if percent else ".")]
+    text += [study.interval_caution] if study.interval_caution else []
+    for label, value in (("f_s = (S+J)/2, static friction", (e.S + e.J) / 2),
+                         ("f_d = (S-J)/2, kinetic friction", (e.S - e.J) / 2)):
+        rows.append((label, wording.number(value), wording.NOTHING, wording.name(e.unit), ""))
+    if e.from_position is not None:
+        p = e.from_position
+        rows += [("S read from the measured position", wording.number(p.S), wording.NOTHING, wording.name(e.unit),
+                  f"error of that fit {wording.number(p.rmse)}"),
+                 ("J read from the measured position", wording.number(p.J), wording.NOTHING, wording.name(e.unit), "")]
+        text.append("The measured valve position was not used for S and J above; it is the check on them.")
+    text += severity_sentences(study)
+    bands = " · ".join(f"{word} {'above 5' if limit > 1e9 else f'below {limit:g}'} %"
+                       for limit, word in wording.SEVERITY_BANDS)
+    if percent:
+        text.append(f"Severity bands of S (configurable, no standard fixes them): {bands}.")
+    table = Table("Size of the stiction", ("quantity", "value", "interval", "unit", "meaning"), tuple(rows), (1, 2))
+    return Section("size", "How big it is", tuple(text), (), (table,))
+
+
+def severity_sentences(study: Study) -> list[str]:
+    """What the friction does to the loop (by the damage, not by S alone); none where the study does not say."""
+    return [wording.sentence(study.severity.statement)] if study.severity is not None else []
+
+
+def _value_row(value: float, interval: tuple[float, float] | None, unit: str) -> tuple[str, str, str]:
+    return *wording.apart(value, interval), wording.name(unit)
+
+
+def ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:
+    """One row per step: model, free-run error, change, held out, times the noise, one step ahead, fit, agreement."""
+    rows = []
+    before: float | None = None
+    for step in study.steps:
+        e = step.error
+        label = "base model" if step.added is None else f"+ {wording.name(step.added)}"
+        change = wording.NOTHING if not before else f"{100 * (e.rmse / before - 1):+.0f} %"
+        times = wording.number(e.rmse / e.noise_sd, 3) if e.noise_sd else wording.NOTHING
+        rows.append((label, wording.number(e.rmse), change, wording.number(e.rmse_holdout), times,
+                     wording.number(e.rmse_one_step), wording.percent(e.fit_percent, 3),
+                     f"{step.restarts.agree} of {step.restarts.runs}"))
+        before = e.rmse
+    return tuple(rows)
+
+
+def _ladder(study: Study) -> Section | None:
+    if not study.steps:
+        return None
+    unit = _pv_unit(study)
+    table = Table(f"Error after each step, in {unit}",
+                  ("model", "error", "change", "held out", "x noise", "one step", "fit", "searches agree"),
+                  ladder_rows(study), tuple(range(1, 8)))
+    text = [_ladder_sentence(study, unit)]
+    if study.adequate is not None:
+        word = "adequate" if study.adequate else "not adequate"
+        text.append(f"The model is {word}: {_tail(study.adequate_reason)}")
+    if study.missing:
+        text.append("Effects named by the search: " + ", ".join(wording.name(m) for m in study.missing) + ".")
+    text.append("Error is the free-run error of the model (RMS); held out means on stretches not used in the fit.")
+    return Section("ladder", "Error ladder", tuple(text), (), (table,), ("ladder",))
+
+
+def _ladder_sentence(study: Study, unit: str) -> str:
+    first, last = study.steps[0].error, study.steps[-1].error
+    moved = f"The free-run error is {wording.with_unit(last.rmse, unit)}"
+    if len(study.steps) > 1:
+        moved = (f"The free-run error went from {wording.with_unit(first.rmse, unit)} to "
+                 f"{wording.with_unit(last.rmse, unit)} with {len(study.steps) - 1} added effect"
+                 f"{'s' if len(study.steps) > 2 else ''}")
+    if not last.noise_sd:
+        return moved + "."
+    ratio = last.rmse / last.noise_sd
+    where = "at the noise floor" if ratio <= NOISE_FLOOR_RATIO else "above the noise: something is still unexplained"
+    return f"{moved}, {wording.number(ratio)} times the measurement noise: {where}."
+
+
+def _pv_unit(study: Study) -> str:
+    return wording.name(study.data.units.get("process_value") or "units of PV")
+
+
+def _pictures_note(reason: str):
+    def note(study: Study) -> Section | None:
+        if not reason:
+            return None
+        return Section("no-pictures", "No pictures", (wording.sentence(reason),))
+    return note
+
+
+def _trends(study: Study) -> Section:
+    findings = [f for s in study.steps[-1:] for f in s.findings]
+    return Section("trends", "Trends", (), tuple(wording.sentence(f.statement) for f in findings), (), ("trend",))
+
+
+def _valve(study: Study) -> Section:
+    return Section("valve", "Valve characteristic and phase plot", (), (), (), ("characteristic", "phase"))
+
+
+def _map(study: Study) -> Section | None:
+    if study.cost_map is None:
+        return None
+    return Section("map", "How sharply the record fixes S and J", (), (), (), ("cost_map",))
+
+
+def _fit(study: Study) -> Section | None:
+    if not study.steps:
+        return None
+    return Section("fit", "Model against measurement", (), (), (),
+                   ("fit", "closeup", "acf", "spectrum"))
+
+
+def comparison(studies: list[Study]) -> Table:
+    """One row per study, for a report that holds several."""
+    rows = []
+    for study in studies:
+        e, last = study.estimate, study.steps[-1].error if study.steps else None
+        ratio = wording.number(last.rmse / last.noise_sd) if last and last.noise_sd else wording.NOTHING
+        rows.append((
+            wording.name(study.data.name), wording.name(study.verdict.stiction),
+            wording.estimate(e.S, e.S_interval, e.unit) if e else wording.NOTHING,
+            wording.severity(e.S) if e and e.unit == "%" else wording.NOTHING,
+            wording.estimate(e.J, e.J_interval, e.unit) if e else wording.NOTHING,
+            f"{wording.number(study.range.period_median_s)} s" if study.range.period_median_s else wording.NOTHING,
+            ratio, {None: wording.NOTHING, True: "yes", False: "no"}[study.adequate]))
+    return Table("Loops compared", ("loop", "verdict", "S", "severity", "J", "period", "x noise", "adequate"),
+                 tuple(rows), (2, 4, 5, 6))

@@ -1,0 +1,126 @@
+"""Agreement over records as markdown with its picture beside it, or as JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...record.study import to_json
+from ...system.files import ensure_writable, write_whole
+from ...typing import FloatArray
+from ...verbs.agree import Agreement, Drift, Record
+from .. import wording
+from ..document import Table
+from ..pictures import svg
+from ..pictures.figures import PNG_KIND, figure_bytes
+from ..pictures.picture import Line, Panel, Picture
+from ..pictures.study_pictures import time_unit
+from .markdown import escape, table_text
+from .place import refuse_other_kinds
+
+MARK = "<!-- stictionid agreement -->"
+KINDS = {".md": MARK.encode(), ".json": b'{\n "schema": "stictionid.agreement/'}
+FIGURES = {"svg": svg.SVG_KIND, "png": PNG_KIND}
+# Room beside the first and the last record. Unit: share of the span.
+_MARGIN = 0.06
+
+
+def check_place(out: Path, *, figures: str = "svg", force: bool = False) -> None:
+    """Refuse an unknown extension or figure kind, or a place that can't be written, before any work is done."""
+    refuse_other_kinds("agreement", out, KINDS, " or ".join(KINDS), figures)
+    ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
+    if out.suffix.lower() == ".md":
+        ensure_writable(_beside(out, figures), force=force, kind=FIGURES[figures])
+
+
+def write_agreement(found: Agreement, out: Path, *, figures: str = "svg", force: bool = False) -> list[Path]:
+    """Write the page and, for markdown, its picture beside it; the files written, the page last."""
+    check_place(out, figures=figures, force=force)
+    kind = KINDS[out.suffix.lower()]
+    if out.suffix.lower() == ".json":
+        write_whole(out, to_json(found), force=force, kind=kind)
+        return [out]
+    picture, place = drift_picture(found), _beside(out, figures)
+    if picture is not None:
+        write_whole(place, figure_bytes(picture, figures), force=force, kind=FIGURES[figures])
+    write_whole(out, _markdown(found, picture, place.name), force=force, kind=kind)
+    return [*([place] if picture is not None else []), out]
+
+
+def _beside(out: Path, figures: str) -> Path:
+    return out.with_name(f"{out.stem}-drift.{figures}")
+
+
+def record_table(found: Agreement) -> Table:
+    """One row for each record: when, verdict, S and J with intervals, or why it does not count."""
+    unit = wording.name(found.unit)
+    rows = tuple((wording.name(r.label), wording.name(r.middle or wording.NOTHING), r.verdict, *_numbers(r),
+                  "yes" if r.counted else "no") for r in found.records)
+    return Table(f"records of the loop; S and J in {unit}, {100 * found.interval_level:.0f} % intervals",
+                 ("record", "middle", "verdict", "S", "J", "counts"), rows, (3, 4))
+
+
+def _numbers(r: Record) -> tuple[str, ...]:
+    if not r.counted or r.S is None or r.J is None:
+        return wording.NOTHING, wording.NOTHING
+    return wording.estimate(r.S, r.S_interval, ""), wording.estimate(r.J, r.J_interval, "")
+
+
+def left_out(found: Agreement) -> list[str]:
+    """A sentence for each record that does not count."""
+    return [f"{wording.name(r.label)}: {wording.clean(r.reason)}" for r in found.records if not r.counted]
+
+
+def _markdown(found: Agreement, picture: Picture | None, name: str) -> str:
+    parts = [MARK, "", "# Agreement over records", "", f"**{escape(wording.sentence(found.statement))}**", ""]
+    parts += [f"- {escape(wording.sentence(s.statement))}" for s in (*found.spreads, *found.drifts)]
+    parts += ["", table_text(record_table(found)), ""]
+    if picture is not None:
+        parts += [f"![{escape(picture.title)}. {escape(picture.alt)}]({_link(name)})", "",
+                  f"*{escape(picture.caption)}*", ""]
+    missing = left_out(found)
+    if missing:
+        parts += ["## Records that do not count", "", *(f"- {escape(line)}" for line in missing), ""]
+    return "\n".join(parts).rstrip("\n") + "\n"
+
+
+def _link(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_." else "".join(f"%{b:02X}" for b in c.encode("utf-8", "replace"))
+                   for c in name)
+
+
+def drift_picture(found: Agreement) -> Picture | None:
+    """S and J of the records over time with their intervals and the drift; None without a record that counts."""
+    counted = [r for r in found.records if r.counted]
+    if not counted:
+        return None
+    clock = all(r.at_s is not None for r in counted)
+    t = np.array([r.at_s if clock else k for k, r in enumerate(counted, 1)], dtype=float)
+    per, unit = time_unit(float(np.ptp(t))) if clock else (1.0, "")
+    label = f"time since the first record, {unit}" if clock else "record, in the order given"
+    panels = tuple(_panel(name, found, counted, t / per, label if name == "J" else "") for name in ("S", "J"))
+    said = " ".join(wording.sentence(d.statement) for d in found.drifts) or wording.sentence(found.statement)
+    return Picture("drift", "S and J over the records", said,
+                   f"S above, J below, with {100 * found.interval_level:.0f} % intervals; the dashed line is the drift "
+                   "where there are three records or more.", panels, wide=True)
+
+
+def _panel(name: str, found: Agreement, counted: list[Record], t: FloatArray, x_label: str) -> Panel:
+    values = np.array([getattr(r, name) for r in counted])
+    ends = [(at, *span) for at, r in zip(t, counted, strict=True) if (span := getattr(r, f"{name}_interval"))]
+    x = np.array([v for at, _, _ in ends for v in (at, at, np.nan)])
+    y = np.array([v for _, low, high in ends for v in (low, high, np.nan)])
+    room = _MARGIN * (float(np.ptp(t)) or 1.0)
+    edge = np.array([t.min() - room, t.max() + room])
+    lines = [Line("interval", "mark", x, y)] if ends else []
+    drift = next((d for d in found.drifts if d.name == name), None)
+    lines.append(Line("drift", "model", edge, _line(drift, np.array([e[0] for e in ends]), edge)) if drift else
+                 Line("mean", "guide", edge, np.full(2, values.mean())))
+    return Panel(x_label, f"{name}, {wording.clean(found.unit, 24)}", (*lines, Line(name, "pv", t, values, "points")))
+
+
+def _line(drift: Drift, t: FloatArray, at: FloatArray) -> FloatArray:
+    """The drift's line at times `at` of the axis on which the records it was drawn through stand at `t`."""
+    known = float(np.ptp(t)) or 1.0
+    return drift.start + drift.change * (at - t.min()) / known

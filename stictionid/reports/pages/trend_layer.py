@@ -1,0 +1,110 @@
+"""The interactive trend of a page: a record's signals as data for the page's script, and the controls around it.
+
+The script (page.js) draws them on a canvas, thinned to the lowest and highest value of each pixel column and thinned
+again on every zoom. Without script, and on paper, the static picture stands in its place.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from datetime import datetime
+from html import escape
+
+import numpy as np
+
+from ...typing import FloatArray
+from .. import wording
+from ..pictures import palette
+from ..pictures.curves import Case
+from ..pictures.study_pictures import shading
+
+# Panels of the layer, by index: SP, PV and model above, OP and positions below.
+_UPPER, _LOWER = 0, 1
+
+
+def trend_layer(case: Case, name: str) -> str:
+    """The controls and the data of one study's trend as HTML; `name` keeps its ids apart. Needs `case.loop`."""
+    data = json.dumps(layer_data(case), ensure_ascii=True, separators=(",", ":"), allow_nan=False)
+    # As JSON, < > & stand only inside strings, where their escapes mean the same; no tag can end the data block.
+    data = data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    toggles = "".join(f'<label><input type="checkbox" checked value="{k}">{_swatch(role)}{escape(label)}</label>'
+                      for k, (label, role, _, _, _) in enumerate(_signals(case)))
+    roles = {b.role for b in shading(case.study, case.loop, _last(case), 1.0)} if case.loop is not None else set()
+    keys = ('<span class="key"><i></i>model fails</span>' if "failing" in roles else "") \
+        + ('<span class="key off"><i></i>not used</span>' if "unused" in roles else "")
+    buttons = "".join(f'<button type="button" data-do="{do}">{text}</button>' for do, text in (
+        ("in", "Zoom in"), ("out", "Zoom out"), ("left", "Earlier"), ("right", "Later"), ("all", "Whole record")))
+    return (f'<div class="trend" id="{name}" hidden><fieldset class="bar"><legend>Show</legend>{toggles}{keys}'
+            f'</fieldset><div class="bar">{buttons}</div>'
+            f'<div class="plot" tabindex="0" role="group" aria-label="Trend, zoomable" aria-describedby="{name}-keys">'
+            f'<canvas role="img" aria-label="Trends over time"></canvas></div>'
+            f'<output aria-live="polite"></output><p class="keys" id="{name}-keys">Drag over a stretch to zoom in, '
+            "double-click for the whole record. Keys: arrows move the cursor, + and - zoom, Page Up and Page Down "
+            f'move the view, Home shows all.</p><script type="application/json">{data}</script></div>')
+
+
+def layer_data(case: Case) -> dict:
+    """What the script draws: signals as base64 of little-endian float32 (n,), bands in s, names and looks."""
+    loop = case.loop
+    if loop is None:
+        return {}
+    signals = []
+    for label, role, panel, unit, values in _signals(case):
+        look = palette.LOOKS[role]
+        encoded = base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
+        signals.append({"name": label, "role": role, "panel": panel, "unit": unit, "dash": list(look.dash),
+                        "width": look.width, "data": encoded})
+    bands = [{"from": b.start, "to": b.end, "role": b.role} for b in shading(case.study, loop, _last(case), 1.0)]
+    return {"step": loop.step_s, "samples": loop.samples, "starts": list(loop.starts), "clock": _clock(case),
+            "panels": [{"label": _axis("PV", case, "process_value")}, {"label": _axis("OP", case, "output", "%")}],
+            "signals": signals, "bands": bands}
+
+
+def _last(case: Case):
+    return case.curves[-1] if case.curves else None
+
+
+def _axis(what: str, case: Case, role: str, default: str = "") -> str:
+    unit = _unit(case, role, default)
+    return f"{what}, {unit}" if unit else what
+
+
+def _unit(case: Case, role: str, default: str = "") -> str:
+    return wording.clean(case.loop.unit(role, default), 24) if case.loop is not None else ""
+
+
+def _signals(case: Case) -> list[tuple[str, str, int, str, FloatArray]]:
+    """Name, role, panel, unit and values (n,) of every signal there is."""
+    loop, last = case.loop, _last(case)
+    if loop is None:
+        return []
+    pv, op = _unit(case, "process_value"), _unit(case, "output", "%")
+    found: list[tuple[str, str, int, str, FloatArray]] = []
+    if loop.setpoint is not None:
+        found.append(("SP", "sp", _UPPER, pv, loop.setpoint))
+    found.append(("PV", "pv", _UPPER, pv, loop.process_value))
+    if last is not None and np.isfinite(last.model).any():
+        found.append(("model", "model", _UPPER, pv, last.model))
+    found.append(("OP", "op", _LOWER, op, loop.output))
+    if loop.position is not None:
+        found.append(("measured position", "position", _LOWER, _unit(case, "position", "%"), loop.position))
+    if last is not None and np.isfinite(last.position).any():
+        found.append(("inferred position", "bound", _LOWER, op, last.position))
+    return found
+
+
+def _clock(case: Case) -> int | None:
+    """Wall clock of the first sample in s since 1970 as the plant's clock showed it; None where unknown or gapped."""
+    if case.loop is None or len(case.loop.starts) > 1 or not case.study.data.start:
+        return None
+    try:
+        start = datetime.fromisoformat(case.study.data.start).replace(tzinfo=None)
+    except ValueError:
+        return None
+    return round((start - datetime(1970, 1, 1)).total_seconds())
+
+
+def _swatch(role: str) -> str:
+    return ('<svg class="pic" viewBox="0 0 30 10" aria-hidden="true" focusable="false">'
+            f'<path class="r-{role}" d="M0 5h30"/></svg>')

@@ -1,0 +1,90 @@
+"""Cases → files: picks the renderer by the extension and writes all files of a report, or none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ...system.files import ensure_writable, write_whole
+from .. import wording
+from ..pictures.curves import Case
+from .place import refuse_other_kinds
+
+Progress = Callable[[str, float], None]
+
+EXTENSIONS = (".md", ".html", ".json")
+# First bytes of each kind of report, by which an older report may be replaced without --force.
+KINDS = {".md": b"<!-- stictionid report -->", ".html": b"<!doctype html>\n<!-- stictionid report -->",
+         ".json": b'{\n "schema": "stictionid.report/'}
+
+
+def check_target(out: Path, *, figures: str = "svg", force: bool = False) -> None:
+    """Refuse an unknown extension or figure kind, or a place that can't be written, before any work is done."""
+    refuse_other_kinds("report", out, EXTENSIONS, ", ".join(EXTENSIONS), figures)
+    ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
+
+
+def write_report(cases: Sequence[Case], out: str | Path, *, figures: str = "svg", force: bool = False,
+                 progress: Progress | None = None) -> list[Path]:
+    """Write the report of `cases` to `out` (.md, .html or .json) and return the files written, `out` last.
+
+    Markdown gets its pictures beside it, named after `out`. `progress` hears what is done and the share that is.
+    Raises UsageError where a file can't be written.
+    """
+    from ..pictures.study_pictures import pictures
+
+    out = Path(out)
+    check_target(out, figures=figures, force=force)
+    kind = out.suffix.lower()
+    tell = progress or (lambda text, share: None)
+    drawn = []
+    for i, case in enumerate(cases):
+        tell(f"drawing {wording.name(case.study.data.name)}", 0.7 * i / len(cases))
+        drawn.append(pictures(case))
+    tell(f"writing {out.name}", 0.7)
+    if kind == ".html":
+        from .html import html
+
+        write_whole(out, html(cases, drawn), force=force, kind=KINDS[kind])
+        return [out]
+    if kind == ".json":
+        from .json import report_json
+
+        write_whole(out, report_json(cases, drawn), force=force, kind=KINDS[kind])
+        return [out]
+    return _write_markdown(cases, drawn, out, figures, force)
+
+
+def _write_markdown(cases: Sequence[Case], drawn: list, out: Path, figures: str, force: bool) -> list[Path]:
+    from ..pictures.figures import PNG_KIND, figure_bytes
+    from ..pictures.study_pictures import comparison
+    from ..pictures.svg import SVG_KIND
+    from .markdown import markdown
+
+    files: dict[Path, bytes] = {}
+
+    def place(key: str, picture) -> str:
+        path = out.with_name(f"{out.stem}-{key.replace('_', '-')}.{figures}")
+        files[path] = figure_bytes(picture, figures)
+        return path.name
+
+    compared = comparison([c.study for c in cases]) if len(cases) > 1 else None
+    several = len(cases) > 1
+    names = [{key: place(f"{i}-{key}" if several else key, p) for key, p in one.items()}
+             for i, one in enumerate(drawn, 1)]
+    text = markdown(cases, drawn, names, (compared, place("comparison", compared)) if compared else None)
+    figure_kind = PNG_KIND if figures == "png" else SVG_KIND
+    for path in files:
+        ensure_writable(path, force=force, kind=figure_kind)
+    written: list[Path] = []
+    try:
+        for path, content in files.items():
+            new = not path.exists()
+            write_whole(path, content, force=force, kind=figure_kind)
+            written += [path] if new else []
+        write_whole(out, text, force=force, kind=KINDS[".md"])
+    except BaseException:
+        for path in written:
+            path.unlink(missing_ok=True)
+        raise
+    return [*files, out]

@@ -1,0 +1,1 @@
+"""Pictures of a study: numbers to draw, and their renderers."""

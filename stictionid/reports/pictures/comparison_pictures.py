@@ -1,0 +1,138 @@
+"""Pictures of a comparison, one for each question: where the model fails, seen at a glance.
+
+Only arranges numbers that `compare` found; drawing is done by the house's renderers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...comparison import Comparison
+from ...comparison.cells import Cell
+from .. import wording
+from .measures import thin
+from .picture import Band, Line, Panel, Picture, Rule
+
+# Points of a trend and of a cloud. Unit: 1.
+_BINS, _POINTS = 600, 1500
+# A stretch is shaded where the running error of a quarter period exceeds this many times that of the record.
+_STANDS_OUT = 1.6
+_TITLES = {"time": "Error along the record", "phase": "Error while the valve sticks, slips and slides",
+           "direction": "Error by direction of travel", "output": "Error over the controller output",
+           "value": "Error over the process value", "cycle": "Error over the phase of the cycle",
+           "setpoint": "Error around setpoint moves"}
+
+
+def comparison_pictures(c: Comparison) -> dict[str, Picture]:
+    """Every picture by key, in reading order."""
+    found = [_fit(c), *(_cells(c, name, cells) for name, cells in c.tables.items() if cells), _cycle(c),
+             _cloud(c, "op"), _cloud(c, "pv"), _correlations(c), _bands(c)]
+    return {p.key: p for p in found if p is not None}
+
+
+def _unit(c: Comparison) -> str:
+    return wording.clean(c.ground.loop.unit("process_value", "unit of y"), 24)
+
+
+def _shading(c: Comparison) -> tuple[Band, ...]:
+    g = c.ground
+    width = min(int(max(0.25 * g.period_s / g.step_s, 8)), g.residual.size)
+    window = np.ones(width)
+    mean = np.convolve(g.residual**2, window, "same") / np.maximum(np.convolve(g.good.astype(float), window, "same"), 1)
+    bad = np.concatenate([[False], (mean > (_STANDS_OUT * g.rmse) ** 2) & g.good, [False]])
+    turns = np.flatnonzero(bad[1:] != bad[:-1])
+    return tuple(Band(float(a * g.step_s), float(b * g.step_s), "failing")
+                 for a, b in zip(turns[::2], turns[1::2], strict=True))
+
+
+def _fit(c: Comparison) -> Picture:
+    g = c.ground
+    t = g.loop.time_s
+    bands = _shading(c)
+    model = np.where(g.good, g.evaluated.model, np.nan)
+    residual = np.where(g.good, g.residual, np.nan)
+    said = f"The free-run error is {wording.number(c.error.rmse)} {_unit(c)}"
+    said += f", {wording.number(c.error.rmse / c.error.noise_sd)} times the noise." if c.error.noise_sd else "."
+    return Picture("fit", "Model against measurement", said,
+                   "Measured PV and the model's free run, their difference below; shaded where it stands out.",
+                   (Panel("", f"PV, {_unit(c)}", (Line("PV measured", "pv", *thin(t, g.loop.process_value, _BINS)),
+                                                  Line("model", "model", *thin(t, model, _BINS))), bands, height=1.5),
+                    Panel("time, s", f"residual, {_unit(c)}",
+                          (Line("residual", "residual", *thin(t, residual, _BINS)),), bands,
+                          rules=(Rule("y", 0.0),), height=0.8)), wide=True)
+
+
+def _cells(c: Comparison, name: str, cells: tuple[Cell, ...]) -> Picture:
+    at = np.arange(len(cells), dtype=float)
+    failing = [cell for cell in cells if cell.fails]
+    names = tuple(wording.clean(cell.label, 30) + (" (fails)" if cell.fails else "") for cell in cells)
+    alt = ("No part stands out." if not failing else
+           f"The model fails in {len(failing)} of {len(cells)} parts, most at "
+           f"{wording.clean(max(failing, key=lambda x: x.weight).label, 30)}.")
+    return Picture(f"by_{name}", _TITLES.get(name, name), alt,
+                   "Bars: free-run error of each part; dots: its mean; dashed: the error of the whole record.",
+                   (Panel(f"error, {_unit(c)}", "",
+                          (Line("error", "residual", np.array([x.rms for x in cells]), at, "bars"),
+                           Line("mean", "model", np.array([x.mean for x in cells]), at, "points")),
+                          rules=(Rule("x", c.error.rmse, "all", "bound"),), names=names),))
+
+
+def _cycle(c: Comparison) -> Picture | None:
+    """Residual against the phase of the cycle, every cycle on top of the other."""
+    g = c.ground
+    t = g.loop.time_s
+    phase = np.full(t.size, np.nan)
+    for cycle in g.found.cycles:
+        inside = (t >= cycle.start_s) & (t < cycle.start_s + cycle.period_s)
+        phase[inside] = (t[inside] - cycle.start_s) / cycle.period_s
+    keep = np.flatnonzero(np.isfinite(phase) & g.good)
+    if keep.size < 30:
+        return None
+    keep = keep[::max(1, keep.size // _POINTS)]
+    return Picture("over_cycle", "Residual over the phase of the cycle",
+                   f"The residual of {len(g.found.cycles)} cycles laid on top of each other.",
+                   "Each dot is a sample; a band that leaves zero is an error that every cycle repeats.",
+                   (Panel("phase of the cycle", f"residual, {_unit(c)}",
+                          (Line("residual", "residual", phase[keep], g.residual[keep], "points"),),
+                          rules=(Rule("y", 0.0),)),))
+
+
+def _cloud(c: Comparison, what: str) -> Picture:
+    g = c.ground
+    keep = np.flatnonzero(g.good)
+    keep = keep[::max(1, keep.size // _POINTS)]
+    x = g.loop.output if what == "op" else g.evaluated.model
+    label = f"OP, {wording.name(c.ground.loop.unit('output', '%'))}" if what == "op" else f"PV of the model, {_unit(c)}"
+    return Picture(f"over_{what}", f"Residual over {what.upper()}", f"Residual of {keep.size} samples over "
+                   f"{what.upper()}.", "Each dot is a sample; a slope or a bend is a gain that changes.",
+                   (Panel(label, f"residual, {_unit(c)}", (Line("residual", "residual", x[keep], g.residual[keep],
+                                                               "points"),), rules=(Rule("y", 0.0),)),))
+
+
+def _correlations(c: Comparison) -> Picture:
+    s = c.spectra
+    bounds = (Rule("y", 0.0), Rule("y", s.bound, "99 %", "bound"), Rule("y", -s.bound, "", "bound"))
+    outside = float((np.abs(s.autocorrelation) > s.bound).mean()) if s.lag_s.size else 0.0
+    return Picture("correlation", "Correlation of the one-step errors",
+                   f"{wording.number(100 * outside, 2)} % of the lags lie outside the 99 % bounds.",
+                   "Above with their own past, below with past moves of the valve; dashed: 99 % bounds of one lag.",
+                   (Panel("", "autocorrelation", (Line("errors", "residual", s.lag_s, s.autocorrelation, "stems"),),
+                          rules=bounds),
+                    Panel("lag, s", "with valve moves", (Line("valve", "position", s.lag_s, s.cross, "stems"),),
+                          rules=bounds)), wide=True)
+
+
+def _bands(c: Comparison) -> Picture | None:
+    bands = c.spectra.bands
+    if not bands:
+        return None
+    at = np.arange(len(bands), dtype=float)
+    names = tuple(f"{wording.number(b[0])} to {wording.number(b[1])} s" for b in bands)
+    top = max(range(len(bands)), key=lambda i: bands[i][2])
+    return Picture("by_frequency", "Power of the residual by period",
+                   f"Most of the power, {wording.percent(100 * bands[top][2])}, lies at periods of {names[top]}.",
+                   "Bars: share of the residual's power in each band of periods; dots: its share of all lines, which "
+                   "white noise would fill.",
+                   (Panel("share", "", (Line("power", "residual", np.array([b[2] for b in bands]), at, "bars"),
+                                        Line("white noise", "model", np.array([b[3] for b in bands]), at, "points")),
+                          names=names),))

@@ -1,0 +1,125 @@
+"""What stands between a picture's title and its frame, as SVG: names of lines, bands and marks, and labels of rules.
+
+Names go outside the frame, so that they never cover a curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .. import wording
+from . import palette
+from .axes import Axis
+from .picture import Panel
+
+# Height of one row of names and of one row of rule labels, and width of a sample with its gaps. Unit: px.
+ROW, RULE_ROW = 18, 15
+_SAMPLE, _BETWEEN = 30, 14
+# Side of one swatch of a cost map's scale. Unit: px.
+_SWATCH = 13
+_BANDS = (("failing", "model fails"), ("unused", "not used"))
+
+Cut = Callable[[str, float], str]
+
+
+def entries(panel: Panel) -> list[tuple[str, str, str]]:
+    """Name, role and kind of sample of everything a panel shows that needs a name, each once."""
+    found = [(line.name, line.role, {"points": "dot", "bars": "bar"}.get(line.style, "line")) for line in panel.lines]
+    seen = {b.role for b in panel.bands}
+    found += [(word, role, "band") for role, word in _BANDS if role in seen]
+    found += [(r.label, r.role, "line") for r in panel.rules if r.axis == "y"]
+    found += [(b.label, "mark", "box") for b in panel.boxes]
+    found += [(m.label, m.role, "mark") for m in panel.marks]
+    found = [e for e in found if e[0]]
+    if len(found) == 1 and found[0][2] in ("bar", "line") and panel.names:
+        return []  # one kind of bar, which the axis names
+    return list(dict.fromkeys(found))
+
+
+def legend(panel: Panel, left: float, width: int, top: float, character: float, cut: Cut) -> tuple[str, int]:
+    """Samples of each entry with its name from `left` on, wrapped; and how many rows that took."""
+    parts, at, row = [], left, 0
+    for name, role, kind in entries(panel):
+        size = _SAMPLE + character * min(len(name), wording.LONGEST_NAME) + _BETWEEN
+        if at + size > width and at > left:
+            at, row = left, row + 1
+        y = top + 13 + ROW * row
+        parts.append(_sample(kind, role, at, y))
+        parts.append(f'<text x="{at + _SAMPLE:.0f}" y="{y + 4:.0f}">{cut(name, width - at - _SAMPLE)}</text>')
+        at += size
+    rows = row + 1 if parts else 0
+    scale = _scale(panel, left, top + 13 + ROW * rows, character, cut)
+    return "".join(parts) + scale, rows + bool(scale)
+
+
+def _scale(panel: Panel, left: float, y: float, character: float, cut: Cut) -> str:
+    """The classes of a cost map between its smallest and its largest value."""
+    span = palette.map_span(panel.cells.values) if panel.cells is not None else None
+    if panel.cells is None or span is None:
+        return ""
+    low = f"{panel.cells.label} {wording.number(span[0])}"
+    at = left + character * len(low) + 6
+    swatches = "".join(f'<rect class="m{i}" x="{at + _SWATCH * i:.1f}" y="{y - 6:.1f}" width="{_SWATCH}" '
+                       f'height="12"/>' for i in range(len(palette.MAP_LIGHT)))
+    end = at + _SWATCH * len(palette.MAP_LIGHT) + 6
+    high = f"{wording.number(span[1])} {panel.cells.unit}"
+    return (f'<text x="{left:.0f}" y="{y + 4:.0f}">{cut(low, 400)}</text>{swatches}'
+            f'<text x="{end:.0f}" y="{y + 4:.0f}">{cut(high, 400 - end + left)}</text>')
+
+
+def rule_labels(panel: Panel, x: Axis, bottom: float, character: float, cut: Cut) -> str:
+    """Labels of the vertical rules above the frame, whose top is at `bottom`; crowded ones climb to higher rows."""
+    placed = _rule_places(panel, x, character)
+    return "".join(f'<text x="{start:.1f}" y="{bottom - 4 - RULE_ROW * row:.1f}">{cut(label, 400)}</text>'
+                   f'<path class="r-{role}" d="M{at:.1f} {bottom:.1f}V{bottom - 3 - RULE_ROW * row:.1f}"/>'
+                   for label, role, at, start, row in placed)
+
+
+def rule_rows(panel: Panel, x: Axis, character: float) -> int:
+    """Rows that the labels of the vertical rules take."""
+    return max((row + 1 for *_, row in _rule_places(panel, x, character)), default=0)
+
+
+def _rule_places(panel: Panel, x: Axis, character: float) -> list[tuple[str, str, float, float, int]]:
+    """Label, role, place of the rule, start of the text and row, from right to left, so that no rule crosses a label.
+
+    Rules out of sight have none.
+    """
+    starts: list[float] = []
+    placed = []
+    low, high = min(x.start, x.end), max(x.start, x.end)
+    shown = [(float(x.at(r.value)), r.label, r.role) for r in panel.rules if r.axis == "x" and r.label]
+    for at, label, role in sorted(shown, reverse=True):
+        if not low - 0.5 <= at <= high + 0.5:
+            continue
+        size = character * len(label)
+        start = max(min(at + 3, high - size), low)
+        row = next((k for k, taken in enumerate(starts) if start + size < taken - 6), len(starts))
+        starts[row:row + 1] = [min(start, at)]
+        placed.append((label, role, at, start, row))
+    return placed
+
+
+def _sample(kind: str, role: str, at: float, y: float) -> str:
+    if kind == "band":
+        return f'<rect class="b-{role}" x="{at:.0f}" y="{y - 6:.0f}" width="24" height="12"/>'
+    if kind == "bar":
+        return f'<rect class="f-{role}" x="{at:.0f}" y="{y - 5:.0f}" width="24" height="10"/>'
+    if kind == "dot":
+        return f'<circle class="f-{role}" cx="{at + 12:.0f}" cy="{y:.0f}" r="4"/>'
+    if kind == "box":
+        return f'<rect class="r-{role}" x="{at:.0f}" y="{y - 6:.0f}" width="24" height="12"/>'
+    if kind == "mark":
+        return mark(role, at + 12, y, 6)
+    return f'<path class="r-{role}" d="M{at:.0f} {y:.0f}h24"/>'
+
+
+def mark(role: str, x: float, y: float, r: float) -> str:
+    """A point's sign: a ring for searches, a slanting cross for the last model, an upright one for the rest."""
+    if role == "search":
+        return f'<circle class="r-{role}" cx="{x:.1f}" cy="{y:.1f}" r="3"/>'
+    if role == "last":
+        d = f"M{x - r:.1f} {y - r:.1f}l{2 * r} {2 * r}M{x - r:.1f} {y + r:.1f}l{2 * r} {-2 * r}"
+    else:
+        d = f"M{x - r:.1f} {y:.1f}h{2 * r}M{x:.1f} {y - r:.1f}v{2 * r}"
+    return f'<path class="under" d="{d}"/><path class="r-{role}" d="{d}"/>'

@@ -1,0 +1,107 @@
+"""What a picture consists of before any drawing: panels of lines, bands, marks and cells, all of them numbers.
+
+The pictures module fills these; the SVG and the matplotlib renderer only draw them, and the JSON report writes them
+out, so whatever a picture shows exists as numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...typing import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A curve or a cloud of points; `role` picks colour and dash the same way in every picture.
+
+    `x` and `y` have shape (k,), NaN breaks the line. `style` is "line", "points", "bars" or "arrows" (a line with
+    arrow heads along it).
+    """
+
+    name: str
+    role: str
+    x: FloatArray
+    y: FloatArray
+    style: str = "line"
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A shaded stretch of the x axis; `role` is "failing", "unused" or "bound"."""
+
+    start: float
+    end: float
+    role: str
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A labelled point."""
+
+    x: float
+    y: float
+    label: str
+    role: str = "mark"
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A straight line across the panel at a value of "x" or "y"."""
+
+    axis: str
+    value: float
+    label: str = ""
+    role: str = "rule"
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A labelled rectangle, for intervals of two numbers."""
+
+    x0: float
+    x1: float
+    y0: float
+    y1: float
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """A map of values (rows of y, columns of x); `x` and `y` are cell centres. `unit` belongs to the values."""
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    values: tuple[tuple[float | None, ...], ...]
+    label: str
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One pair of axes; `height` is its share among the picture's panels, `ticks` names positions on the x axis."""
+
+    x_label: str
+    y_label: str
+    lines: tuple[Line, ...] = ()
+    bands: tuple[Band, ...] = ()
+    marks: tuple[Mark, ...] = ()
+    rules: tuple[Rule, ...] = ()
+    boxes: tuple[Box, ...] = ()
+    cells: Cells | None = None
+    log_x: bool = False
+    height: float = 1.0
+    y_from_zero: bool = False
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One figure: `alt` states its finding for those who can't see it, `caption` says what is drawn."""
+
+    key: str
+    title: str
+    alt: str
+    caption: str
+    panels: tuple[Panel, ...]
+    wide: bool = False

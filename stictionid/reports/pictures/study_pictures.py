@@ -1,0 +1,342 @@
+"""Study and curves → pictures as numbers: the paper's Figures 8 to 11 and what engineers look at beside them.
+
+Each function makes one picture or None where the case has no numbers for it. Source: paper Fig. 8 to 11; the other
+pictures from the conventions in HISTORIAN.md section 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...record.loop import Loop
+from ...record.study import Study
+from ...typing import FloatArray
+from .. import wording
+from ..sections import added_later, mapped_step
+from . import measures, residual_pictures
+from .curves import Case
+from .picture import Band, Box, Cells, Line, Mark, Panel, Picture, Rule
+
+if TYPE_CHECKING:
+    from ...model.spec import Curves
+
+# Bins of the min-max thinning of a static trend. Unit: 1; about two per 3 pixels of a page-wide picture.
+TREND_BINS = 600
+# Periods drawn in phase plots and close-ups, and the most points of such a plot. Unit: periods, points.
+CLOSE_PERIODS = 6
+_CLOSE_POINTS = 1500
+# Records longer than this many periods get a close-up beside the whole record. Unit: periods.
+_CLOSE_FROM = 12
+# Gaps of a record that are marked on its trend; more would be a hatching.
+_MOST_GAPS = 20
+
+
+def pictures(case: Case) -> dict[str, Picture]:
+    """Every picture of one case by key, in reading order; empty without data except for ladder and cost map."""
+    from_study = (ladder(case.study), cost_map(case.study), candidates(case.study))
+    found = [p for p in from_study if p is not None]
+    if case.loop is not None and case.loop.samples > 1:
+        last = case.curves[-1] if case.curves else None
+        found.append(trend(case.study, case.loop, last))
+        if np.ptp(case.loop.output[window(case.study, case.loop)]) > 0:  # else it is a line that says nothing
+            found.append(phase(case.study, case.loop))
+        if last is not None:
+            found += [p for p in (characteristic(case.study, case.loop, last), fit(case.study, case.loop, last),
+                                  closeup(case.study, case.loop, last),
+                                  *residual_pictures.both(case.study, case.loop, last)) if p is not None]
+    return {p.key: p for p in found}
+
+
+def time_unit(span_s: float) -> tuple[float, str]:
+    """Seconds per unit and the unit that keeps a time axis of `span_s` seconds readable."""
+    for limit, size, unit in ((3 * 86400, 86400.0, "days"), (3 * 3600, 3600.0, "h"), (600, 60.0, "min")):
+        if span_s > limit:
+            return size, unit
+    return 1.0, "s"
+
+
+def shading(study: Study, loop: Loop, last: Curves | None, per: float) -> tuple[Band, ...]:
+    """Bands of unused samples and failing stretches, in units of `per` seconds."""
+    bad = measures.failing(study, loop, last.residual) if last is not None else ()
+    return (*(Band(s.start_s / per, s.end_s / per, "unused") for s in measures.unused(loop)),
+            *(Band(s.start_s / per, s.end_s / per, "failing") for s in bad))
+
+
+def _line(name: str, role: str, x: FloatArray, y: FloatArray, bins: int = TREND_BINS) -> Line:
+    return Line(name, role, *measures.thin(x, y, bins))
+
+
+def trend(study: Study, loop: Loop, last: Curves | None) -> Picture:
+    """Fig. 8 and 9: r and y above, u below, over the whole record, with the model and the valve positions."""
+    per, unit = time_unit(loop.samples * loop.step_s)
+    t = loop.time_s / per
+    upper = [_line("PV", "pv", t, loop.process_value)]
+    if loop.setpoint is not None:
+        upper.insert(0, _line("SP", "sp", t, loop.setpoint))
+    if last is not None:
+        upper.append(_line("model", "model", t, last.model))
+    lower = [_line("OP", "op", t, loop.output)]
+    if loop.position is not None:
+        lower.append(_line("measured position", "position", t, loop.position))
+    if last is not None and np.isfinite(last.position).any():
+        lower.append(_line("inferred position", "bound", t, last.position))
+    bands = shading(study, loop, last, per)
+    gaps = tuple(Rule("x", start * loop.step_s / per, "gap" if k == 0 else "")
+                 for k, start in enumerate(loop.starts[1:_MOST_GAPS + 1]))
+    failing = [b for b in bands if b.role == "failing"]
+    finding = ("" if last is None else " No stretch stands out with a larger error." if not failing else
+               f" The model fails on {len(failing)} stretch{'es' if len(failing) > 1 else ''}, the first from "
+               f"{wording.number(failing[0].start)} to {wording.number(failing[0].end)} {unit}.")
+    return Picture("trend", "Trends of SP, PV and OP (Fig. 8 and 9)",
+                   f"PV runs from {_extent(loop.process_value, loop, 'process_value')}, OP from "
+                   f"{_extent(loop.output, loop, 'output', '%')} over {wording.duration(loop.samples * loop.step_s)}."
+                   + finding, f"{wording.listed([line.name for line in upper])} above, "
+                   f"{wording.listed([line.name for line in lower])} below." + _shaded_words(bands),
+                   (Panel("", _axis("PV", loop, "process_value"), tuple(upper), bands, rules=gaps, height=1.2),
+                    Panel(f"time, {unit}", _axis("OP", loop, "output", "%"), tuple(lower), bands, rules=gaps)),
+                   wide=True)
+
+
+def _shaded_words(bands: Sequence[Band]) -> str:
+    """What the shading means, where there is any."""
+    roles = {b.role for b in bands}
+    said = [word for role, word in (("failing", "shaded: where the model fails"), ("unused", "hatched: samples not "
+                                    "used")) if role in roles]
+    return f" {'; '.join(said).capitalize()}." if said else ""
+
+
+def _extent(values: FloatArray, loop: Loop, role: str, default: str = "") -> str:
+    good = values[np.isfinite(values)]
+    if not good.size:
+        return "nothing finite"
+    unit = wording.name(loop.unit(role, default))
+    return f"{wording.number(float(good.min()), 4)} to {wording.number(float(good.max()), 4)} {unit}".rstrip()
+
+
+def _axis(what: str, loop: Loop, role: str, default: str = "") -> str:
+    unit = wording.clean(loop.unit(role, default), 24)
+    return f"{what}, {unit}" if unit else what
+
+
+def window(study: Study, loop: Loop) -> slice:
+    """The last CLOSE_PERIODS periods of the longest used stretch, or its last points where there is no period."""
+    good = loop.used & np.isfinite(loop.process_value) & np.isfinite(loop.output)
+    runs = [(part.start, measures.longest_run(good[part])) for part in loop.segments]
+    run = max((slice(at + r.start, at + r.stop) for at, r in runs), key=lambda r: r.stop - r.start)
+    period = study.range.period_median_s
+    size = round(CLOSE_PERIODS * period / loop.step_s) + 1 if period else _CLOSE_POINTS
+    return slice(max(run.start, run.stop - max(size, 16)), run.stop)
+
+
+def _every(part: slice) -> slice:
+    """`part` with a stride that keeps at most _CLOSE_POINTS points."""
+    return slice(part.start, part.stop, max(1, -(-(part.stop - part.start) // _CLOSE_POINTS)))
+
+
+def _when(part: slice, loop: Loop) -> str:
+    return f"{wording.number(part.start * loop.step_s)} s to {wording.number(part.stop * loop.step_s)} s"
+
+
+def characteristic(study: Study, loop: Loop, last: Curves) -> Picture | None:
+    """Fig. 10: controller output against valve position, inferred and measured, with the sliding lines."""
+    e = study.estimate
+    if e is None or not np.isfinite(last.position).any():
+        return None
+    part = window(study, loop)
+    k = _every(part)
+    u, v = last.output[k], last.position[k]
+    lines = []
+    ends = np.array([float(np.nanmin(u)), float(np.nanmax(u))]) if u.size else np.array([0.0, 1.0])
+    half = (e.S - e.J) / 2
+    lines += [Line("sliding up, OP - f_d", "guide", ends, ends - half),
+              Line("sliding down, OP + f_d", "guide", ends, ends + half)]
+    if loop.position is not None:
+        lines.append(Line("measured position", "position", u, _as_travel(study, loop.position[k])))
+    lines.append(Line("inferred position", "model", u, v, "arrows"))
+    size = f"S {wording.estimate(e.S, e.S_interval, e.unit)}, J {wording.estimate(e.J, e.J_interval, e.unit)}"
+    beside = ""
+    if e.from_position is not None:
+        beside = (f" Read from the measured position: S {wording.number(e.from_position.S)}, "
+                  f"J {wording.number(e.from_position.J)} {wording.name(e.unit)}.")
+    return Picture("characteristic", "Valve characteristic (Fig. 10)",
+                   f"Controller output against valve position: {size}.{beside}",
+                   f"Inferred valve position over OP, {_when(part, loop)}, arrows in the direction of time; dashed: "
+                   f"where the stem slides. {size}.{beside}",
+                   (Panel(_axis("OP", loop, "output", "%"), _axis("valve position", loop, "output", "%"),
+                          tuple(lines)),))
+
+
+def _as_travel(study: Study, position: FloatArray) -> FloatArray:
+    """Measured position (k,) on the scale of the inferred one: gain, offset and direction of its fit taken out."""
+    p = study.estimate.from_position if study.estimate else None
+    if p is None or not p.gain or p.offset is None:
+        return position
+    return (position - p.offset) / p.gain
+
+
+def phase(study: Study, loop: Loop) -> Picture:
+    """OP against PV with the direction of time: an ellipse is linear, sharp corners are friction."""
+    part = window(study, loop)
+    k = _every(part)
+    return Picture("phase", "Phase plot OP-PV",
+                   f"Process value against controller output from {_when(part, loop)}.",
+                   f"PV over OP, {_when(part, loop)}, arrows in the direction of time. A smooth ellipse is a linear "
+                   "loop, sharp corners or a parallelogram point to friction.",
+                   (Panel(_axis("OP", loop, "output", "%"), _axis("PV", loop, "process_value"),
+                          (Line("PV over OP", "pv", loop.output[k], loop.process_value[k], "arrows"),)),))
+
+
+def fit(study: Study, loop: Loop, last: Curves) -> Picture | None:
+    """Fig. 11: free-run model output and measurement over the whole record, residual below."""
+    return _fit(study, loop, last, slice(0, loop.samples), "fit", "Model against measurement (Fig. 11)")
+
+
+def closeup(study: Study, loop: Loop, last: Curves) -> Picture | None:
+    """The same over a few periods, where the record is too long to see them."""
+    period = study.range.period_median_s
+    if not period or loop.samples * loop.step_s < _CLOSE_FROM * period:
+        return None
+    return _fit(study, loop, last, window(study, loop), "closeup", "Close-up of the last periods")
+
+
+def _fit(study: Study, loop: Loop, last: Curves, part: slice, key: str, title: str) -> Picture | None:
+    if not np.isfinite(last.model[part]).any():
+        return None
+    per, unit = time_unit(loop.samples * loop.step_s if key == "fit" else (part.stop - part.start) * loop.step_s)
+    t = loop.time_s[part] / per
+    bands = tuple(b for b in shading(study, loop, last, per)
+                  if key == "fit" or (b.end > t[0] and b.start < t[-1]))
+    error = study.steps[-1].error
+    residual = last.residual[part]
+    good = residual[np.isfinite(residual)]
+    pv_unit = loop.unit("process_value")
+    alt = (f"The model follows PV with a free-run error of {wording.with_unit(error.rmse, pv_unit)}"
+           + (f", {wording.number(error.rmse / error.noise_sd)} times the noise" if error.noise_sd else "")
+           + (f"; the largest residual here is {wording.with_unit(float(np.abs(good).max()), pv_unit)}."
+              if good.size else "."))
+    rules = [Rule("y", 0.0)]
+    if error.noise_sd:
+        rules += [Rule("y", s * 2 * error.noise_sd, "±2 noise" if s > 0 else "", "bound") for s in (1, -1)]
+    return Picture(key, title, alt, "Measured PV and the model's free run; below, their difference with twice the "
+                   "noise either way." if error.noise_sd else "Measured PV and the model's free run; below, their "
+                   "difference.",
+                   (Panel("", _axis("PV", loop, "process_value"),
+                          (_line("PV measured", "pv", t, loop.process_value[part]),
+                           _line("model", "model", t, last.model[part])), bands, height=1.5),
+                    Panel(f"time, {unit}", _axis("residual", loop, "process_value"),
+                          (_line("residual", "residual", t, residual),), bands, rules=tuple(rules), height=0.8)),
+                   wide=True)
+
+
+def cost_map(study: Study) -> Picture | None:
+    """Free-run error over S and J with the optimum, its intervals and where the searches ended."""
+    m, e = study.cost_map, study.estimate
+    if m is None or not m.S or not m.J or not m.rmse:
+        return None
+    across = tuple(tuple(row[j] if j < len(row) else None for row in m.rmse) for j in range(len(m.J)))
+    marks = [Mark(s, j, "searches ended", "search") for s, j in m.searched]
+    boxes: list[Box] = []
+    unit = wording.name(e.unit) if e is not None else "%"
+    error_unit = wording.name(study.data.units.get("process_value") or "units of PV")
+    known = [v for row in m.rmse for v in row if v is not None]
+    alt = "Free-run error over a grid of S and J" + (
+        f", from {wording.number(min(known))} to {wording.number(max(known))} {error_unit}." if known else ".")
+    title = "Cost map of S and J"
+    optimum = _mapped_optimum(study)
+    if optimum is not None:
+        S, J, S_interval, J_interval = optimum
+        marks.append(Mark(S, J, "optimum", "optimum"))
+        alt += f" The optimum lies at S {wording.number(S)}, J {wording.number(J)} {unit}."
+        if S_interval is not None and J_interval is not None and e is not None:
+            boxes.append(Box(*S_interval, *J_interval, f"{wording.number(100 * e.interval_level, 2)} % intervals"))
+    later = added_later(study)
+    if later and e is not None:
+        title += " before effects were added"
+        marks.append(Mark(e.S, e.J, "last model", "last"))
+        alt += f" With {wording.listed([wording.name(s.added) for s in later])} the model ends at S " \
+               f"{wording.number(e.S)}, J {wording.number(e.J)} {unit}."
+    return Picture("cost_map", title, alt,
+                   f"Free-run error, {error_unit}, for each pair of S and J with lags, dead time and start force held "
+                   "at their best and the gain refitted; the fuller the colour, the smaller the error, in equal steps "
+                   "of its logarithm. Empty: J above 2 S, which no valve has.",
+                   (Panel(f"S, {unit}", f"J, {unit}", marks=tuple(marks), boxes=tuple(boxes),
+                          cells=Cells(m.S, m.J, across, "error", error_unit)),))
+
+
+_Interval = tuple[float, float] | None
+
+
+def _mapped_optimum(study: Study) -> tuple[float, float, _Interval, _Interval] | None:
+    """S, J and their intervals in the model that the map shows, which an effect added later leaves behind."""
+    k = mapped_step(study)
+    if k is not None and k < len(study.steps) - 1:
+        found = {p.name: p for p in study.steps[k].parameters if p.effect is None}
+        if "S" in found and "J" in found:
+            return found["S"].value, found["J"].value, found["S"].interval, found["J"].interval
+    e = study.estimate
+    return None if e is None else (e.S, e.J, e.S_interval, e.J_interval)
+
+
+def ladder(study: Study) -> Picture | None:
+    """Error after each step, in sample and held out, with the noise floor; None for a single step."""
+    if len(study.steps) < 2:
+        return None
+    names = tuple("base model" if s.added is None else f"+ {wording.name(s.added)}" for s in study.steps)
+    at = np.arange(len(names), dtype=float)
+    held = [(i, s.error.rmse_holdout) for i, s in enumerate(study.steps) if s.error.rmse_holdout is not None]
+    lines = [Line("error", "model", np.array([s.error.rmse for s in study.steps]), at, "bars")]
+    if held:
+        lines.append(Line("held out", "position", np.array([h for _, h in held]),
+                          np.array([float(i) for i, _ in held]), "points"))
+    noise = study.steps[-1].error.noise_sd
+    rules = (Rule("x", noise, "noise", "bound"),) if noise else ()
+    unit = wording.name(study.data.units.get("process_value") or "units of PV")
+    return Picture("ladder", "Error after each added effect",
+                   f"The free-run error goes from {wording.number(study.steps[0].error.rmse)} to "
+                   f"{wording.number(study.steps[-1].error.rmse)} {unit} with {len(names) - 1} added "
+                   f"effect{'s' if len(names) > 2 else ''}.",
+                   "Bars: free-run error; dots: the same on data held out; dashed: measurement noise.",
+                   (Panel(f"error, {unit}", "", tuple(lines), rules=rules, names=names),))
+
+
+def candidates(study: Study) -> Picture | None:
+    """Drop of the held-out one-step error for each effect tried."""
+    shown = [c for c in study.candidates if c.one_step_drop_percent is not None]
+    if not shown:
+        return None
+    names = tuple(wording.clean(c.effect, 30) + (" (accepted)" if c.accepted else "") for c in shown)
+    drops = np.array([float(c.one_step_drop_percent or 0.0) for c in shown])
+    best = names[int(drops.argmax())]
+    return Picture("candidates", "Effects tried", f"{best} lowers the one-step error most, by "
+                   f"{wording.percent(float(drops.max()))}.",
+                   "How much each effect of the catalogue lowers the one-step error of the model before it.",
+                   (Panel("drop of the one-step error, %", "",
+                          (Line("drop", "model", drops, np.arange(len(names), dtype=float), "bars"),), names=names),))
+
+
+def _severity_rules(largest: float) -> tuple[Rule, ...]:
+    """Where each severity band begins, up to a little above the largest S."""
+    begins = zip(wording.SEVERITY_BANDS[:-1], wording.SEVERITY_BANDS[1:], strict=True)
+    return tuple(Rule("x", limit, word, "bound") for (limit, _), (_, word) in begins if limit < 1.2 * largest)
+
+
+def comparison(studies: Sequence[Study]) -> Picture | None:
+    """S of several loops with its interval, on one axis."""
+    known = [(wording.clean(s.data.name, 30), s.estimate) for s in studies if s.estimate is not None]
+    if len(known) < 2:
+        return None
+    lines, marks = [], []
+    for i, (_, e) in enumerate(known):
+        marks.append(Mark(e.S, float(i), "S", "optimum"))
+        if e.S_interval is not None:
+            lines.append(Line("interval of S", "model", np.array(e.S_interval), np.array([float(i)] * 2)))
+    worst = max(known, key=lambda pair: pair[1].S)
+    return Picture("comparison", "S of all loops", f"{worst[0]} has the largest S, {wording.number(worst[1].S)} "
+                   f"{wording.name(worst[1].unit)}.", "Cross: S, line: its interval (where wider than the "
+                   "cross); dashed: where each severity band begins.",
+                   (Panel("S, % of OP span", "", tuple(lines), marks=tuple(marks),
+                          rules=(Rule("x", 0.0), *_severity_rules(max(e.S for _, e in known))),
+                          names=tuple(n for n, _ in known)),))

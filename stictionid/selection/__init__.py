@@ -1,0 +1,1 @@
+"""Selection of the model that a record asks for: structures, effects and noise models tried and judged."""

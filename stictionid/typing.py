@@ -1,0 +1,10 @@
+"""Names for the arrays that every room handles; shapes and units stand in the docstrings of the functions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]

@@ -1,0 +1,1 @@
+"""Workflows behind the commands: identify, diagnose, add, agree, screen, selftest, long records."""

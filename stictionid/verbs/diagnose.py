@@ -1,0 +1,21 @@
+"""The verb `diagnose`: the effects that the model of a study misses, ranked, and added on request."""
+
+from __future__ import annotations
+
+from ..record.loop import Loop
+from ..record.study import Study
+from ..selection.run import walk
+from ..selection.steps import Progress
+from .add import judged_anew
+
+
+def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool = False, seed: int = 0, jobs: int = 1,
+             bootstrap: int = 0, progress: Progress | None = None) -> Study:
+    """The study with ranked candidates and the effect to add next; `apply` adds one after the other until none helps.
+
+    `everything` refits the whole catalogue even where the model is adequate, `jobs` processes share the refits, and
+    `bootstrap` replicates give the named effect a p-value. Raises DataError for an abstained study, and for one whose
+    model can't be built again.
+    """
+    return walk(loop, study, judged_anew, everything=everything, apply=apply, seed=seed, jobs=jobs,
+                bootstrap=bootstrap, progress=progress)

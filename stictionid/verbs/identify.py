@@ -1,0 +1,185 @@
+"""From a record to S and J, or to the reason why they can't be told.
+
+`identify` checks what the record can hold (gates), finds period and S_max, hands the record (of a long one
+an excerpt) to a method (see methods/), and judges what comes back: does the valve stick, what does a measured position
+say, where does the cost lie. With the law "all" it does so for every law that can be searched and ranks them.
+Source: METHODS.md section 4.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from .. import methods as method_room
+from .._version import __version__
+from ..errors import CannotTell
+from ..fit.context import ADEQUATE, Run, process_numbers
+from ..fit.fit import Fitted
+from ..fit.intervals.assemble import INTERVAL_LEVEL
+from ..fit.moves import search_model
+from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
+from ..methods.contract import Method, Outcome
+from ..methods.option_check import check_options
+from ..record.loop import Finding, Loop
+from ..record.oscillation import find_range
+from ..record.preconditions import check, swing_of
+from ..record.segments import chosen
+from ..record.study import (
+    CostMap,
+    CreatedBy,
+    DataRecord,
+    Estimate,
+    LawResult,
+    PositionEstimate,
+    Range,
+    Study,
+    Verdict,
+    intervals_withheld,
+    without_intervals,
+)
+from ..verdict import law_ranking
+from ..verdict.from_position import from_position
+from ..verdict.judge import ASK, UNANSWERED, capped, judge
+from ..verdict.severity import severity_of
+from .long_records import excerpt, judged
+
+_MAP_S, _MAP_J = 41, 31
+
+Progress = Callable[[str, float], None]
+
+
+def identify(loop: Loop, *, options: Options | None = None, progress: Progress | None = None) -> Study:
+    """S, J, process, errors and verdict of one loop as a study; an abstention is a study too, with its reason.
+
+    Deterministic for a seed. Raises UsageError for options that do not exist or do not apply to the method. Needs u
+    and y; r where it is given.
+    """
+    options = options or Options()
+    check_options(options)
+    tell = progress or (lambda text, share: None)
+    tell("looking for the oscillation", 0.02)
+    method = method_room.get(options.method)
+    piece, notes = chosen(loop, restarts=method.restarts)
+    options.check_record(piece)
+    found = find_range(piece)
+    notes += options.notes
+    laws: tuple[LawResult, ...] = ()
+    try:
+        check(piece, found)
+        view = excerpt(piece, found, options)
+        near = piece if view is None else view.loop
+        if options.law == ALL_LAWS:
+            run, outcome, laws = _every_law(near, found, options, method, tell)
+        else:
+            run = _run_of(near, found, options, method, tell)
+            outcome = method.run(run)
+    except CannotTell as reason:
+        return abstained(loop, found, options, reason)
+    if outcome.verdict is not None:
+        return Study(made_by(options), data_record(loop, piece, notes), found, capped(outcome.verdict, loop), None,
+                     command=options.command)
+    near_fit = last = outcome.fits[-1]
+    if view is not None:
+        outcome, note = judged(view, _run_of(piece, found, run.options, method, tell), outcome)
+        last, notes = outcome.fits[-1], (*notes, note)
+    if intervals_withheld(outcome.steps):
+        outcome, last = replace(outcome, steps=without_intervals(outcome.steps)), replace(last, intervals={})
+    unit = loop.unit("output", "%")
+    position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),
+                             rng=np.random.default_rng(run.options.seed))
+    verdict = judge(run, near_fit, loop, position)
+    if verdict.stiction == "undecided" and verdict.evidence.get("code") == UNANSWERED:
+        return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
+    estimate = _estimate(last, unit, outcome, position)
+    meaning = severity_of(piece, estimate, last)
+    tell("done", 1.0)
+    return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
+                 adequate=outcome.adequate, adequate_reason=outcome.reason,
+                 cost_map=_cost_map(near_fit, len(outcome.steps) - 1), command=options.command, severity=meaning)
+
+
+def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:
+    return Run(piece, found, options, law=options.law or method.law, order=options.order or method.order,
+               rng=np.random.default_rng(options.seed), tell=tell)
+
+
+def _every_law(piece: Loop, found: Range, options: Options, method: Method,
+               tell: Progress) -> tuple[Run, Outcome, tuple[LawResult, ...]]:
+    """The method with every searchable law: run and outcome of the one to keep, and all laws ranked, best first.
+
+    A law whose valve never moves drops out; CannotTell where all do. Every law starts from the same seed.
+    """
+    names = searchable()
+    tried: dict[str, tuple[Run, Outcome]] = {}
+    failed: CannotTell | None = None
+    for i, name in enumerate(names):
+        tell(f"law {name}", (i + 0.1) / (len(names) + 1))
+        run = _run_of(piece, found, replace(options, law=name), method, lambda text, share: None)
+        try:
+            tried[name] = run, method.run(run)
+        except CannotTell as reason:
+            failed = reason
+    if not tried:
+        raise failed or CannotTell("no law could be fitted", "look at the trend with stictionid read")
+    ranking = law_ranking.rank({name: (o.steps[-1], o.fits[-1]) for name, (_, o) in tried.items()},
+                           period=max(int(found.period_median_s / piece.step_s), 1) if found.period_median_s else 1)
+    run, outcome = tried[ranking.keep]
+    last = replace(outcome.steps[-1], findings=(*outcome.steps[-1].findings, ranking.finding))
+    return run, replace(outcome, steps=(*outcome.steps[:-1], last)), ranking.laws
+
+
+def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstimate | None) -> Estimate:
+    v = fit.best.values
+    process = process_numbers(fit)
+    if outcome.process is not None:
+        p = outcome.process
+        process = {"gain": p.gain, "time_constants_s": p.time_constants_s, "dead_time_s": p.dead_time_s,
+                   "integrating": p.integrating}
+    # What is not estimated is anywhere in its range, which an interval can say and a number can't.
+    J_interval = fit.intervals.get("J") if outcome.gives_jump else (0.0, v["S"])
+    return Estimate(v["S"], v["J"], unit, fit.intervals.get("S"), J_interval, INTERVAL_LEVEL, fit.model.spec.law,
+                    initial_residual_force=v["initial_residual_force"], from_position=position, **process)
+
+
+def _cost_map(fit: Fitted, step: int) -> CostMap:
+    """Free-run error over S and J with everything else held at its best, for the picture."""
+    S = np.linspace(0.05 * fit.model.s_max, 1.2 * fit.model.s_max, _MAP_S)
+    share = np.linspace(0.0, 1.5, _MAP_J)
+    J = share * min(float(fit.best.values["S"]) * 1.4, fit.model.s_max)
+    grid = np.stack([S.repeat(J.size), np.tile(J, S.size)])
+    valid = grid[1] <= 2.0 * grid[0]
+    values = fit.values[:, None].repeat(int(valid.sum()), axis=1)
+    values[:2] = grid[:, valid]
+    rmse = np.full(grid.shape[1], np.nan)
+    rmse[valid] = np.sqrt(search_model(fit.model).costs_of(values) / max(fit.best.rows, 1))
+    rows = [tuple(None if not np.isfinite(x) else float(x) for x in row) for row in rmse.reshape(S.size, J.size)]
+    return CostMap(tuple(S.tolist()), tuple(J.tolist()), tuple(rows),
+                   tuple((float(a), float(b)) for a, b in fit.searched), step)
+
+
+def made_by(options: Options) -> CreatedBy:
+    """Versions and seed for a study."""
+    import numba
+
+    return CreatedBy(__version__, options.seed, platform.python_version(), np.__version__, numba.__version__)
+
+
+def data_record(loop: Loop, piece: Loop, notes: tuple[Finding, ...] = ()) -> DataRecord:
+    o = loop.origin
+    return DataRecord(o.file, o.sha256, dict(o.columns), dict(o.units or loop.units), o.rows or loop.samples,
+                      int(piece.used.sum()), loop.step_s, o.start, o.end, (*o.findings, *notes), loop.name,
+                      dict(o.options))
+
+
+def abstained(loop: Loop, found: Range, options: Options, reason: CannotTell) -> Study:
+    finding = Finding(reason.code, "serious", reason.message, {}, (), reason.hint)
+    return Study(made_by(options), data_record(loop, loop, (finding,)), found,
+                 Verdict("undecided", reason.message + (f"; {reason.hint}" if reason.hint else ""), 0.0,
+                         {"code": reason.code}), None, command=options.command)
+
+
+__all__ = ["ADEQUATE", "BETWEEN", "Options", "identify"]

@@ -1,0 +1,316 @@
+"""Does the valve stick: the best model without friction against the best with it, noise model included.
+
+Both models are fitted by free run, completed with an autoregression of their residual and refitted in prewhitened
+form, because a friction-free model with coloured noise explains every smooth oscillation (a sine from elsewhere, tight
+tuning) as well as a valve does; only the slips of a sticking valve stay unpredicted. The friction-free model has a
+second lag more, so that friction is not taken for a process of higher order, and the structure of its own.
+
+Compared: the log likelihood ratio of the one-step errors on common samples, on how many of five blocks it falls, the
+one-step errors on blocks that neither model was fitted to (no stiction without a gain there; a record too short for
+them is judged by the rest alone, and trusted less), and what friction explains of the free-run error. Thresholds were
+set on benchmarks/loops.py seeds 0 to 99 and on the known real records; benchmarks/verdicts.py reports other seeds.
+Wrong where the record holds few reversals: the confidence says so.
+Source: METHODS.md section 4 ("stiction or not"); CRITICISM.md sections 3 to 7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..effects import parse
+from ..fit.context import Run
+from ..fit.cross_validation import held_out_of
+from ..fit.fit import Fitted
+from ..fit.moves import descended, search_model
+from ..fit.noise.prewhitening import SETTLE, TURNS, WORTH, Whitened, noise_taps, whitened, with_taps, without_noise
+from ..fit.starts.basins import process_grid
+from ..model.model import Model
+from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from ..numerics.varpro import SAME, axes
+from ..record.loop import Loop
+from ..record.study import PositionEstimate, Verdict
+from ..selection.structure import LAG
+from ..typing import FloatArray
+from .causes import looks_like
+
+_BLOCKS = 5
+# Likelihood ratio and blocks won above which friction is in the record, below which it is not; and the share of the
+# variance of y that it must explain (or, for a clear ratio, the share by which the one-step error must fall).
+_STICKS, _CLEAN, _WON = 40.0, 15.0, 4
+_EXPLAINED, _CLEAR, _CLEAR_DROP = 0.03, 200.0, 0.08
+# Below these shares friction explains nothing that matters.
+_NOTHING, _NOTHING_DROP = 0.02, 0.05
+# Below this share it does not matter, whatever the one-step errors say short of a clear ratio; unless it makes this
+# share of the free-run error: a linear model follows a smooth cycle by the output alone, what it lacks is the valve.
+_IRRELEVANT, _MOST_OF_THE_ERROR = 0.005, 0.5
+# Which processes of a grid, best first, are polished: neighbours of the best would end where it does.
+_STARTS = (0, 3, 10)
+# So many of its best processes are asked again with a noise model.
+_NEAREST = 64
+# Turns of descent that tell which of them go on: those whose cost is within this factor of the least.
+_GLANCE, _RIVAL = 4, 1.5
+# A held command is searched beside a moving one where its one-step error is within this factor, from dead times this
+# many samples earlier; but not from this likelihood ratio on.
+_NEAR, _EARLIER, _NO_DOUBT = 1.02, (0.0, 0.5, 1.0), 1000.0
+# Fewer reversals of the output than this cap the confidence (CRITICISM.md section 7, gate 0).
+_FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
+# Code of a verdict on a record that can't tell, and what to do about it.
+UNANSWERED = "valve-hardly-moves"
+ASK = "give a record in which the output moves further, or one with setpoint moves; check that OP drives this PV"
+# The confidence where only a measured position shows it: its transmitter may stick, too.
+_SEEN = 0.9
+
+
+def judge(run: Run, fit: Fitted, loop: Loop, seen: PositionEstimate | None) -> Verdict:
+    """The verdict on one fit of a loop, beside its measured position if there is one."""
+    return capped(with_position(_from_process_value(run, fit), seen), loop)
+
+
+def _from_process_value(run: Run, fit: Fitted) -> Verdict:
+    """The verdict on one fit by y alone."""
+    run.tell("comparing with a valve that does not stick", 0.85)
+    sticking = whitened(fit.model, fit.values)
+    if fit.model.spec.taps:
+        # A model with a noise of its own does not aim at the free run; the one without friction is given its best.
+        sticking = replace(sticking, rmse=min(sticking.rmse, without_noise(fit.model, fit.values)))
+    verdict = compared(run, sticking)
+    clear = (verdict.evidence["likelihood_ratio"] >= _CLEAR
+             and verdict.evidence["share_of_pv_variance"] >= _EXPLAINED)
+    if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _scattered(fit):
+        return replace(verdict, stiction="undecided", confidence=0.3, reason=f"the restarts disagree; {verdict.reason}")
+    return verdict
+
+
+def _scattered(fit: Fitted) -> bool:
+    """Whether some restart ended at an S outside the interval of S.
+
+    Inside, they differ by no more than the answer says it may be wrong: a flat valley, not another basin.
+    """
+    low, high = fit.intervals.get("S", (np.inf, -np.inf))
+    return bool(((fit.searched[:, 0] < low) | (fit.searched[:, 0] > high)).any())
+
+
+def compared(run: Run, sticking: Whitened) -> Verdict:
+    """The verdict on one model with friction, completed with its noise, against the best one without."""
+    free = friction_free(run, sticking)
+    ratio, won, explained, drop, one_step = _measured(run, sticking, free)
+    gain = _held_out_gain(sticking, free)
+    evidence: dict[str, Any] = {
+        "rmse_without_friction": free.rmse, "rmse_with_friction": sticking.rmse, "share_of_pv_variance": explained,
+        "error_drop": drop, "one_step_without": free.innovation_sd, "one_step_with": sticking.innovation_sd,
+        "one_step_drop": one_step, "likelihood_ratio": ratio, "blocks_won": won, "blocks": _BLOCKS,
+        "effects": [effect.name for effect in sticking.model.effects],
+        "held_out_gain": None if gain is None else gain.share, "held_out_won": None if gain is None else gain.won}
+    # (A free run that leaves y errs by more than y moves.)
+    share = f", {100 * explained:.1f} % of the variance of y" if explained <= 1.0 else ""
+    said = (f"friction lowers the free-run error from {free.rmse:.4g} to {sticking.rmse:.4g}{share}" if drop > 0 else
+            f"friction does not lower the free-run error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
+    said += f"; {_predicts(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
+    answer, confidence = _answer(ratio, won, explained, drop, one_step)
+    if answer == "stiction" and gain is not None and not gain.share > 0.0:
+        answer, confidence = "undecided", 0.4
+    instead = looks_like(run.loop, free) if answer != "stiction" else ""
+    if answer == "no stiction" and (answered := _answered(free)) < _CLEAN:
+        swing = float(np.ptp(run.loop.output[run.loop.used]))
+        answer, confidence, instead = "undecided", 0.3, ""
+        evidence |= {"code": UNANSWERED, "answered": answered}
+        said = (f"y does not answer the output, which moves over {swing:.3g} {run.loop.unit('output', '%')} "
+                f"(likelihood ratio {answered:.0f}, {_CLEAN:.0f} are needed): a valve whose stickband is about as wide "
+                "rests, and can't be told from one without friction that moves too little")
+    if instead:
+        said += f"; {instead}"
+        evidence["looks_like"] = instead
+    few = run.found.reversals < _FEWEST_FOR_TRUST
+    if few and answer != "undecided":
+        times = "once" if run.found.reversals == 1 else f"{run.found.reversals} times"
+        said += f"; the output reverses only {times}, so this is not sure"
+    return Verdict(answer, said, min(confidence, _CAPPED if few or gain is None else _SUREST), evidence)
+
+
+def _answered(free: Whitened) -> float:
+    """Twice the log-likelihood by which y speaks for a process that answers the output at all; infinite where its gain
+    is given."""
+    model = free.model
+    if "gain" in model.spec.fixed:
+        return np.inf
+    used = model.weight > 0
+    own = model.own_columns(*model.responses(free.values[:, None]))[:, used, 0]
+    others = np.concatenate([own[1:].T, model.shared.basis[used]], axis=1)
+    known = axes(others, SAME)
+    y, response = (x - known @ (known.T @ x) for x in (model.target[used], own[0]))
+    energy = float(response @ response) * float(y @ y)
+    return -y.size * float(np.log1p(-min(float(response @ y)**2 / energy, 1.0 - 1e-15))) if energy else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Gain:
+    """By what share friction lowers the one-step error on blocks that were not fitted, and on how many of them."""
+
+    share: float
+    won: int
+    blocks: int
+
+
+def _held_out_gain(sticking: Whitened, free: Whitened) -> _Gain | None:
+    """The gain on blocks held out of both models alike; None where the record is too short to hold any out."""
+    a, b = (held_out_of(w.model, w.values, w.evaluated) for w in (sticking, free))
+    if a is None or b is None or not b.rmse_one_step > 0.0:
+        return None
+    won = a.one_step / a.rows < b.one_step / b.rows
+    return _Gain(1.0 - a.rmse_one_step / b.rmse_one_step, int(won.sum()), won.size)
+
+
+def _predicts(one_step: float, won: int, gain: _Gain | None) -> str:
+    """What friction does to the prediction of the next sample, in words."""
+    if gain is None:
+        share, where, blocks = one_step, "the samples it was fitted to", _BLOCKS
+        tail = "; no blocks could be held out of this record, so this is weaker"
+    else:
+        share, where, won, blocks, tail = gain.share, "blocks it was not fitted to", gain.won, gain.blocks, ""
+    word = "better" if share > 0.0 else "worse"
+    size = f"{100 * abs(share):.{0 if abs(share) >= 0.01 else 1}f} %" if share > -1.0 else f"{1.0 - share:.2g} times"
+    return f"noise model included, it predicts the next sample {size} {word} on {where} ({won} of {blocks}){tail}"
+
+
+def with_position(verdict: Verdict, seen: PositionEstimate | None) -> Verdict:
+    """The verdict beside a measured position: one that rests and jumps is a valve that sticks, whatever y shows."""
+    if verdict.stiction == "stiction" or seen is None or not seen.shows_stiction:
+        return verdict
+    said = (f"the measured position rests and jumps: by it alone S is {seen.S:.4g}, J {seen.J:.4g}, and the law leaves "
+            f"{seen.rmse:.3g} where a position in proportion to the output leaves {seen.rmse_proportional:.3g}; from "
+            f"the process value alone: {verdict.stiction}, {verdict.reason}")
+    return replace(verdict, stiction="stiction", confidence=_SEEN, reason=said,
+                   evidence={**verdict.evidence, "without_position": verdict.stiction})
+
+
+def capped(verdict: Verdict, loop: Loop) -> Verdict:
+    """No sure verdict where reading found what forbids one: compressed, averaged, re-ranged, irregular records."""
+    why = next((f for f in loop.origin.findings if f.severity == "serious" or f.evidence.get("caps_verdict")), None)
+    if why is None or verdict.stiction == "undecided":
+        return verdict
+    return replace(verdict, stiction="undecided", reason=f"{why.statement}; otherwise: {verdict.reason}",
+                   confidence=min(verdict.confidence, 0.4), evidence={**verdict.evidence, "capped_by": why.code})
+
+
+def _answer(ratio: float, won: int, explained: float, drop: float, one_step: float) -> tuple[str, float]:
+    """The answer and its confidence from the evidence."""
+    # A model that runs away freely (slips of an integrator add up) may still predict a step well: no proof of a valve.
+    enough = explained >= _EXPLAINED or (ratio >= _CLEAR and one_step >= _CLEAR_DROP and drop > 0.0)
+    if ratio >= _STICKS and won >= _WON and enough:
+        return "stiction", 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
+    nothing = explained < _NOTHING or drop < _NOTHING_DROP
+    # Where friction makes the free run worse, that run is of something else, and says nothing of what friction matters.
+    irrelevant = abs(explained) < _IRRELEVANT and ratio < _CLEAR and (ratio < _STICKS or drop < _MOST_OF_THE_ERROR)
+    if ((ratio < _CLEAN or won < _WON) and nothing) or irrelevant:
+        return "no stiction", 0.6 + 0.4 * float(np.clip(1.0 - ratio / _CLEAN, 0.0, 0.9))
+    return "undecided", 0.4
+
+
+def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int, float, float, float]:
+    """What speaks for friction: likelihood ratio and blocks won by the one-step errors on common samples, share of the
+    variance of y explained, shares by which the free-run and the one-step error fall.
+    """
+    good = sticking.good & free.good
+    a, b = sticking.innovation[good], free.innovation[good]
+    ratio = a.size * float(np.log(max(float(b @ b), 1e-300) / max(float(a @ a), 1e-300)))
+    won = sum(float(b[p] @ b[p]) > float(a[p] @ a[p]) for p in np.array_split(np.arange(a.size), _BLOCKS))
+    variance = float(np.var(run.used_y()))
+    explained = (free.rmse**2 - sticking.rmse**2) / variance if variance else 0.0
+    drop = 1.0 - sticking.rmse / free.rmse if free.rmse else 0.0
+    return ratio, won, explained, drop, 1.0 - float(np.sqrt((a @ a) / max(float(b @ b), 1e-300)))
+
+
+def friction_free(run: Run, sticking: Whitened) -> Whitened:
+    """The best model without friction: first order or the structure of the sticking one, whichever predicts better."""
+    spec = sticking.model.spec
+    effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" and name != LAG)
+    lag = () if spec.fixed else (LAG,)
+    tried = []
+    for process in dict.fromkeys((FIRST_ORDER, spec.process)):
+        bare = replace(spec, process=process, effects=(*effects, *lag), friction_free=True, taps=(),
+                       increments=process == INTEGRATOR or (spec.increments and process == spec.process))
+        held = replace(bare, between="hold", substeps=1)
+        if spec.held:
+            tried.append(_whitened_free(run, held, sticking))
+            continue
+        # Under a command that moves between samples the valve must not be the only one to know how it moved.
+        tried.append(_whitened_free(run, bare, sticking))
+        other = _held_beside(run, held, tried[-1], sticking)
+        if other is not None:
+            tried.append(other)
+    return min(tried, key=lambda w: w.innovation_sd)
+
+
+def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) -> Whitened | None:
+    """The rival with a held command beside one with a moving command that was searched; None where it is no rival.
+
+    It is none where friction has lost already, since another rival can only take more from it, and where a descent
+    from the process and with the noise of the moving one comes out clearly worse. Where that descent leaves no doubt
+    that the valve sticks it will do: what a search and a noise of its own could gain would not change the answer.
+    """
+    measured = _measured(run, sticking, moving)
+    if measured[0] < _CLEAN and _answer(*measured)[0] == "no stiction":
+        return None
+    taps = moving.model.spec.taps
+    model = run.model(replace(spec, taps=taps))
+    starts = moving.values[:, None].repeat(len(_EARLIER), axis=1)
+    starts[4] = np.maximum(starts[4] - np.array(_EARLIER) * model.step_s, 0.0)
+    found = descended(model, model.cube(starts), turns=_GLANCE, settle=SETTLE)
+    near = with_taps(model, model.values(found.points[:1])[:, 0], np.asarray(taps))
+    if near.innovation_sd > _NEAR * moving.innovation_sd:
+        return None
+    if _measured(run, sticking, near)[0] < _NO_DOUBT:
+        return _whitened_free(run, spec, sticking)
+    return replace(near, rmse=min(near.rmse, moving.rmse))
+
+
+def _whitened_free(run: Run, spec: Spec, sticking: Whitened) -> Whitened:
+    """Whitened and searched anew in turns: a wrong noise model bends the process of a model that lacks something."""
+    model, values, near = _free(run, spec, sticking)
+    best = with_taps(model, values, np.empty(0))
+    for _ in range(TURNS):
+        taps = noise_taps(best)
+        if np.array_equal(taps, best.model.spec.taps):
+            break
+        model, values, _ = _free(run, replace(spec, taps=tuple(taps)), sticking, best.values, near)
+        now = with_taps(model, values, taps)
+        if now.innovation_sd > WORTH * best.innovation_sd:
+            break
+        best = replace(now, rmse=best.rmse)
+    return best
+
+
+def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = None,
+          near: FloatArray | None = None) -> tuple[Model, FloatArray, FloatArray]:
+    """The friction-free model of a spec, its best values (d,), and the best points (m, d) of the grid of time constants
+    and dead times that it starts from.
+
+    Effects start as the `sticking` model has them: what it knows of a disturbance the rival knows, too. `known` (d,)
+    are the values with another noise model, from which it is polished as well as from the best of the grid's points
+    `near` that did best with that one.
+    """
+    model = run.model(spec)
+    if known is not None and near is not None:
+        starts = np.stack([model.cube(known[:, None])[0], near[model.costs(near).argmin()]])
+        return model, _descended(model, starts), near
+    start = np.full(model.space.size, 0.5)
+    start[:3] = 0.0
+    found = model.cube(model.vector(sticking.model.named(sticking.values))[:, None])[0]
+    for rows in (model.rows_of(name) for name in model.names if name in sticking.model.names):
+        start[rows] = found[rows]
+    points, costs = process_grid(search_model(model), start)
+    points = points[np.argsort(costs, kind="stable")[:_NEAREST]]
+    return model, _descended(model, points[list(_STARTS)]), points
+
+
+def _descended(model: Model, starts: FloatArray) -> FloatArray:
+    """The best values (d,) that descents from several starts (k, d) come to."""
+    first = descended(model, starts, turns=_GLANCE, settle=SETTLE)
+    # The others have come to the same optimum or are far from it.
+    other = (first.costs > first.costs[0] * (1.0 + SETTLE)) & (first.costs < _RIVAL * first.costs[0])
+    other[0] = True
+    found = descended(model, first.points[other])
+    return model.values(found.points[:1])[:, 0]

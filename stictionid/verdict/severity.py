@@ -1,0 +1,164 @@
+"""What the friction costs: the loop as it is against the same loop with a valve that does not stick.
+
+The controller is read from r, y and u (a PI law); the process is the estimate's; everything the model
+does not explain stays as the disturbance it was. Then the same loop runs again with S = J = 0. Bands of S are
+those of the shared conventions (no standard fixes them; EnTech's specification asks for 1 % or less, Ruel sees
+cycling from 0.5 %). Wrong where the controller is not PI, or the disturbance was itself the friction's doing.
+Source: HISTORIAN.md section 1 (bands); paper Fig. 1 (the loop).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fit.fit import Fitted
+from ..numerics.jit import kernel
+from ..record.loop import Loop
+from ..record.study import Estimate, Severity
+from ..typing import FloatArray
+
+BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (float("inf"), "severe"))
+BANDS_SOURCE = ("bands 0.5, 1, 2, 5 % of travel are conventions of this tool; EnTech (1998) asks for backlash plus "
+                "stiction of 1 % or less, Ruel (2000) sees cycling from 0.5 %")
+# Below this share of the variance of u explained, the controller is no PI law. Unit: 1.
+_PI_FITS = 0.9
+_DAY_S = 86400.0
+# A simulated loop that swings this many times wider than the record has not been understood.
+_RUNAWAY = 3.0
+_PARTS = 6
+# A process value beyond this has run away. Unit: that of y.
+_LOST = 1e12
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerLaw:
+    """A PI law read from r, y and u: gain in % per unit of y, integral time in s, share of u's variance explained."""
+
+    gain: float
+    integral_time_s: float
+    fit: float
+
+
+def controller_law(loop: Loop, *, held: bool = True) -> ControllerLaw | None:
+    """The PI law behind r, y and u by least squares; None without r, or where it is no PI law.
+
+    A `held` output comes from a scanning controller, which adds the whole error of its scan to the integral.
+    """
+    if loop.setpoint is None:
+        return None
+    e = np.nan_to_num(loop.setpoint - loop.process_value)
+    good = loop.used
+    # In levels, not in changes: a continuous controller never saw the noise of the samples.
+    total = (np.cumsum(e) - (0.0 if held else 0.5 * e)) * loop.step_s
+    columns = np.stack([e, total, np.ones_like(e)], axis=1)[good]
+    u = loop.output[good]
+    if u.size < 10 or not np.ptp(u) > 0:
+        return None
+    sizes, *_ = np.linalg.lstsq(columns, u, rcond=None)
+    rest = u - columns @ sizes
+    fit = 1.0 - float(rest @ rest) / float(np.sum((u - u.mean()) ** 2))
+    if fit < _PI_FITS or sizes[0] == 0.0 or sizes[1] / sizes[0] <= 0.0:
+        return None
+    return ControllerLaw(float(sizes[0]), float(sizes[0] / sizes[1]), fit)
+
+
+def band(S: float) -> str:
+    """The word for a stickband plus deadband S in % of travel."""
+    return next(word for limit, word in BANDS if limit > S)
+
+
+def severity_of(loop: Loop, estimate: Estimate, fit: Fitted) -> Severity:
+    """What S and J of a fit mean for the plant; of several segments the longest is asked, where the loop ran on."""
+    best, part = fit.best, loop.longest
+    return severity(loop.longest_segment(), estimate, np.where(best.counted > 0, best.residual, np.nan)[part],
+                    best.position[part], held=fit.model.spec.between == "hold")
+
+
+def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: FloatArray, *,
+             held: bool = True) -> Severity:
+    """What S, J mean for the plant. `residual` (n,) is the model's free-run error, `position` (n,) the valve's.
+
+    `residual` is not a number where the model says nothing; `held` says whether the output was held between samples.
+    """
+    percent = estimate.unit == "%"
+    hours = max(float(loop.used.sum()) * loop.step_s, 1e-9)
+    now = _travel(position[loop.used]) / hours * _DAY_S
+    low, high = estimate.S_interval or (estimate.S, estimate.S)
+    words = sorted({band(low), band(estimate.S), band(high)}, key=[w for _, w in BANDS].index)
+    law = controller_law(loop, held=held)
+    sd = float(np.std(loop.process_value[loop.used]))
+    after = None if law is None else _repaired(loop, estimate, law, np.nan_to_num(residual))
+    if after is not None:
+        y, u = after
+        sd_after = float(np.std(y[loop.used]))
+        if sd_after > _RUNAWAY * sd:
+            after = None
+    if after is None:
+        why = ("no setpoint" if loop.setpoint is None else
+               "the controller is no PI law" if law is None else "the loop without friction can't be rebuilt")
+        return Severity(band(estimate.S) if percent else None, tuple(words) if percent else (), sd, None, None, now,
+                        None, None, None, f"not simulated: {why}", BANDS_SOURCE)
+    assert law is not None
+    share = max(1.0 - (sd_after / sd) ** 2, 0.0) if sd else 0.0
+    later = _travel(u[loop.used]) / hours * _DAY_S
+    digits, u = (0 if now >= 10.0 else 2), estimate.unit
+    said = (f"without friction the process value would scatter by {sd_after:.3g} instead of {sd:.3g} "
+            f"({100 * share:.0f} % of its variance is the valve's doing) and the valve travel {later:,.{digits}f} {u} "
+            f"a day instead of {now:,.{digits}f} {u}")
+    return Severity(band(estimate.S) if percent else None, tuple(words) if percent else (), sd, sd_after, share, now,
+                    later, law.gain, law.integral_time_s, said, BANDS_SOURCE)
+
+
+def _travel(position: FloatArray) -> float:
+    return float(np.abs(np.diff(position)).sum())
+
+
+def _repaired(loop: Loop, estimate: Estimate, law: ControllerLaw,
+              residual: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """y and u (n,) of the same loop with a valve that follows its command: PI law, process and residual as they are."""
+    assert loop.setpoint is not None
+    lags = [t for t in estimate.time_constants_s if t > 0]
+    fastest = min([*lags, estimate.dead_time_s or np.inf, loop.step_s * _PARTS])
+    parts = int(np.clip(np.ceil(_PARTS * loop.step_s / max(fastest, 1e-9)), 1, 20)) if loop.samples < 50_000 else 1
+    h = loop.step_s / parts
+    r = np.where(np.isfinite(loop.setpoint), loop.setpoint, loop.process_value)
+    y, u = np.empty(loop.samples), np.empty(loop.samples)
+    fine = _closed(r, residual, parts, h, np.exp(-h / np.array(lags)), round(estimate.dead_time_s / h),
+                   estimate.gain, estimate.integrating, law.gain, law.gain / law.integral_time_s * h,
+                   float(loop.output[0]), float(loop.process_value[0]), y, u)
+    return (y, u) if fine else None
+
+
+@kernel
+def _closed(r, residual, parts, h, decays, delay, gain, integrating, proportional, integral, start_u, start_y, y, u):
+    """Fill y and u (n,) of the closed loop, a command, `delay` parts, lags, an integrator; False where it runs away."""
+    states = np.zeros(decays.size)
+    queue = np.zeros(delay + 1)
+    level, total, at = 0.0, 0.0, 0
+    for k in range(r.size):
+        now, command = 0.0, 0.0
+        for _ in range(parts):
+            if integrating:
+                out = level
+            elif decays.size:
+                out = states[-1]
+            else:
+                out = queue[at % (delay + 1)]
+            now = start_y + gain * out + residual[k]
+            e = r[k] - now
+            total += integral * e
+            command = start_u + proportional * e + total
+            queue[at % (delay + 1)] = command - start_u
+            at += 1
+            x = queue[at % (delay + 1)]
+            for i in range(decays.size):
+                states[i] = x + (states[i] - x) * decays[i]
+                x = states[i]
+            if integrating:
+                level += h * x
+        y[k], u[k] = now, command
+        if not np.isfinite(now) or abs(now) > _LOST:
+            return False
+    return True

@@ -1,0 +1,142 @@
+"""Reads the imports of a package and lists the faults of its layout; the rules stand in architecture.toml."""
+
+from __future__ import annotations
+
+import ast
+import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+RULES = tomllib.loads((Path(__file__).parent / "architecture.toml").read_text(encoding="utf-8"))
+
+
+@dataclass(frozen=True)
+class Import:
+    """A module that takes a name from another; `name` is None where it takes the module itself."""
+
+    by: str
+    of: str
+    name: str | None
+
+
+def modules_of(package: Path) -> dict[str, Path]:
+    """Dotted name, the package's own first, of every module; an `__init__` bears the name of its folder."""
+    found = {}
+    for path in sorted(package.rglob("*.py")):
+        parts = (package.name, *path.relative_to(package).with_suffix("").parts)
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports_of(name: str, path: Path, modules: dict[str, Path]) -> Iterator[Import]:
+    """Imports of the package's own modules, wherever in the file."""
+    folder = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
+    own = name.split(".")[0]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                if alias.name.split(".")[0] == own:
+                    yield Import(name, alias.name, None)
+        elif isinstance(node, ast.ImportFrom):
+            above = folder[: len(folder) - node.level + 1] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            if base.split(".")[0] != own:
+                continue
+            for alias in node.names:
+                inside = f"{base}.{alias.name}"
+                yield Import(name, inside, None) if inside in modules else Import(name, base, alias.name)
+
+
+def faults(package: Path, rules: dict[str, object] = RULES) -> list[str]:
+    """One line a fault: imports up, circles, private names across files, long modules, crowded folders."""
+    modules = modules_of(package)
+    taken = [each for name, path in modules.items() for each in imports_of(name, path, modules)]
+    return [*_unknown(taken, modules), *_upward(taken, list(rules["order"])), *_circles(taken),  # type: ignore[call-overload]
+            *_private(taken, modules), *_large(package, modules, rules)]
+
+
+def room_of(name: str) -> str:
+    """Folder or top-level module in which a module stands; "" for the package itself."""
+    return (*name.split("."), "")[1]
+
+
+def _unknown(taken: list[Import], modules: dict[str, Path]) -> list[str]:
+    return [f"{each.by} imports {each.of}, which is not there" for each in taken if each.of not in modules]
+
+
+def _upward(taken: list[Import], order: list[str]) -> list[str]:
+    found = []
+    for each in taken:
+        by, of = room_of(each.by), room_of(each.of)
+        if by in ("", "__main__") or by == of:
+            continue
+        if by not in order or of not in order:
+            found.append(f"{each.by} imports {each.of}: no place in the order for {(by if by not in order else of)!r}")
+        elif order.index(of) > order.index(by):
+            found.append(f"{each.by} imports {each.of}, which stands above it")
+    return found
+
+
+def _circles(taken: list[Import]) -> list[str]:
+    """Sets of modules that import each other, directly or around (Tarjan's strongly connected components)."""
+    after: dict[str, set[str]] = {}
+    for each in taken:
+        after.setdefault(each.by, set()).add(each.of)
+    number: dict[str, int] = {}
+    low: dict[str, int] = {}
+    open_: list[str] = []
+    found: list[str] = []
+
+    def visit(module: str) -> None:
+        number[module] = low[module] = len(number)
+        open_.append(module)
+        for other in sorted(after.get(module, ())):
+            if other == module:
+                continue
+            if other not in number:
+                visit(other)
+                low[module] = min(low[module], low[other])
+            elif other in open_:
+                low[module] = min(low[module], number[other])
+        if low[module] == number[module]:
+            members = open_[open_.index(module):]
+            del open_[open_.index(module):]
+            if len(members) > 1:
+                found.append("circle: " + ", ".join(sorted(members)))
+
+    for module in sorted(after):
+        if module not in number:
+            visit(module)
+    return found
+
+
+def _private(taken: list[Import], modules: dict[str, Path]) -> list[str]:
+    """Names that begin with one underscore and are imported, or taken from an imported module, in another file."""
+    found = [f"{each.by} imports the private {each.name} of {each.of}" for each in taken
+             if each.name and each.name.startswith("_") and not each.name.startswith("__")]
+    for name, path in modules.items():
+        aliases = {}
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                own = {each.of.rpartition(".")[2] for each in imports_of(name, path, modules) if each.name is None}
+                aliases.update({a.asname or a.name: a.name for a in node.names if a.name in own})
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in aliases \
+                    and node.attr.startswith("_") and not node.attr.startswith("__"):
+                found.append(f"{name} takes the private {node.attr} of {aliases[node.value.id]}")
+    return found
+
+
+def _large(package: Path, modules: dict[str, Path], rules: dict[str, object]) -> list[str]:
+    free = {package / file for file in rules["policy"]}  # type: ignore[attr-defined]
+    longest, most = int(rules["longest_module"]), int(rules["most_modules"])  # type: ignore[call-overload]
+    counted = [path for path in modules.values() if path not in free]
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in counted}
+    found = [f"{path.relative_to(package)} has {n} lines, more than {longest}" for path, n in lines.items()
+             if n > longest]
+    crowd = Counter(path.parent for path in counted if path.name != "__init__.py")
+    return found + [f"{folder.name}/ has {n} modules, more than {most}" for folder, n in crowd.items()
+                    if n > most and folder.name not in rules["catalogues"]]  # type: ignore[operator]
