@@ -17,7 +17,7 @@ from stictionid.record.loop import Loop, Origin
 from stictionid.record.study import CreatedBy
 from stictionid.reports.facts import facts
 from stictionid.reports.pages.agreement import drift_picture
-from stictionid.verbs.agree import Record, agreement, cannot, compare_records, windows
+from stictionid.verbs.agree import RecordResult, agreement, cannot, compare_records, windows
 from stictionid.verbs.identify import Options, identify
 
 SAMPLE = Path(__file__).parent.parent / "sample_data"
@@ -26,9 +26,9 @@ DAY = 86400.0
 Z = 1.6448536269514722
 
 
-def record(S: float, half: float | None = 0.1, *, day: float | None = 0.0, J: float = 2.0, **more) -> Record:
+def record(S: float, half: float | None = 0.1, *, day: float | None = 0.0, J: float = 2.0, **more) -> RecordResult:
     span = None if half is None else (S - half, S + half)
-    return Record(f"r{S}", None, None, None if day is None else day * DAY, "stiction", 0.9, S, J, span,
+    return RecordResult(f"r{S}", None, None, None if day is None else day * DAY, "stiction", 0.9, S, J, span,
                   None if half is None else (J - half, J + half), 60.0, True, "because", **more)
 
 

@@ -18,7 +18,7 @@ from stictionid.batch.plan.tasks import plan
 from stictionid.batch.summary.rank import rank_key
 from stictionid.batch.summary.rows import COLUMNS, rows_of
 from stictionid.batch.summary.write import write_summary
-from stictionid.batch.task import FAILED, OK, Outcome, Task, Work
+from stictionid.batch.task import FAILED, OK, Task, TaskOutcome, Work
 from stictionid.batch.work import store as store_room
 from stictionid.batch.work.crew import Processes, crew_for
 from stictionid.batch.work.drive import drive
@@ -194,7 +194,7 @@ def test_a_study_of_another_version_is_done_again_and_left_out_of_the_summary(to
 # Deaths -----------------------------------------------------------------------------------------------------------
 
 
-def dying(task: Task, work: Work) -> Outcome:
+def dying(task: Task, work: Work) -> TaskOutcome:
     """FIC100 kills its worker every time, FIC101 the first time."""
     once = Path(os.environ["STICTIONID_TEST_ONCE"])
     if task.loop == "FIC100" or (task.loop == "FIC101" and not once.exists()):
@@ -248,12 +248,12 @@ def test_a_loop_has_one_answer_at_any_time(tmp_path) -> None:
     store.begin()
     task = Task("A", "file", "a.csv", ReadOptions(), "A", "c")
     study = json.dumps({"created_by": {"version": store_room.__version__}, "data": {"name": "A"}, "verdict": {}})
-    store.keep(task, Outcome("A", OK, study))
+    store.keep(task, TaskOutcome("A", OK, study))
     assert [r["status"] for r in rows_of(store)] == [OK]
-    store.keep(task, Outcome("A", FAILED, message="no"))
+    store.keep(task, TaskOutcome("A", FAILED, message="no"))
     assert [(r["status"], r["message"]) for r in rows_of(store)] == [(FAILED, "no")]
     assert (store.studies / "A.json").exists(), "an older study is not thrown away"
-    store.keep(task, Outcome("A", OK, study))
+    store.keep(task, TaskOutcome("A", OK, study))
     assert [r["status"] for r in rows_of(store)] == [OK]
     store.close()
 

@@ -18,7 +18,7 @@ from stictionid.effects.contract import Context
 from stictionid.errors import DataError, UsageError
 from stictionid.fit.cross_validation import Held
 from stictionid.fit.noise.completion import complete, own_taps, quick
-from stictionid.fit.noise.whiteness import noise_alone, only_noise
+from stictionid.fit.noise.whiteness import noise_alone, passes_tests
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -180,8 +180,8 @@ def test_a_further_tag_is_seen_in_innovations_unless_it_is_in_the_model() -> Non
     seen = {known: 0, unknown: 0}
     for e in rng.normal(size=(25, loop.samples)):
         assert loop.position is not None
-        seen[known] += only_noise(known, walk, 0, loop.position, e, good)
-        seen[unknown] += only_noise(unknown, walk, 0, loop.position, e + 2.0 * size * np.roll(moves, 2), good)
+        seen[known] += passes_tests(known, walk, 0, loop.position, e, good)
+        seen[unknown] += passes_tests(unknown, walk, 0, loop.position, e + 2.0 * size * np.roll(moves, 2), good)
     assert seen[known] >= 23 and seen[unknown] <= 2
 
 

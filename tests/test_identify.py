@@ -253,11 +253,10 @@ def test_a_load_that_steps_under_an_integrator_is_a_step_of_its_own_where_the_ba
 def test_a_held_search_that_ended_beside_its_basin_is_looked_at_again_from_where_the_moving_one_ended() -> None:
     from stictionid.fit.context import Run
     from stictionid.fit.starts.intersample import SUBSTEPS
-    from stictionid.methods import catalogue
-    from stictionid.selection.structure import Tried, _looked_again
+    from stictionid.selection.structure import TriedStructure, _looked_again
 
     loop = read_loop(Path(__file__).parents[1] / "sample_data" / "foptd_scanned.parquet")
-    run = Run(loop, find_range(loop), Options(), catalogue()["auto"], rng=np.random.default_rng(0),
+    run = Run(loop, find_range(loop), Options(), law="chen", rng=np.random.default_rng(0),
               tell=lambda *_: None)
     # Where both searches ended with numpy 2.5 and seed 0: dead time off by a sample, 1.5 times the noise.
     ends = {"hold": (Spec(), [0.5793609, 0.32886129, 0.8675, 0.4708931, 0.08516798]),
@@ -267,7 +266,7 @@ def test_a_held_search_that_ended_beside_its_basin_is_looked_at_again_from_where
     for name, (spec, point) in ends.items():
         cube = np.array(point)
         cost = float(run.model(spec).costs(cube[None])[0])
-        tried[name] = Tried(spec, cube, cost, None, np.inf)
+        tried[name] = TriedStructure(spec, cube, cost, None, np.inf)
     again = _looked_again(run, tried["hold"], tried["corner"])
     assert again.cost < 0.5 * tried["hold"].cost and again.evaluated is not None
     assert again.evaluated.values["dead_time_s"] == pytest.approx(5.0, abs=0.05)

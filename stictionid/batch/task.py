@@ -43,7 +43,7 @@ class Work:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class TaskOutcome:
     """What became of a task: the study's text, or why there is none; `kept` when the study at hand still holds.
 
     `page` is its HTML page, where one was wanted; `seconds` is the time by stage; `detail` the traceback of a defect;

@@ -14,7 +14,7 @@ from .common.output import ForceOption, JsonOption, QuietOption, out_console, pr
 
 if TYPE_CHECKING:
     from ..laws.contract import Law
-    from ..model.valve_bench import Outcome
+    from ..model.valve_bench import BenchOutcome
 
 _KINDS = (".png", ".svg")
 
@@ -193,7 +193,8 @@ def _bench(law: Law, tests: tuple[str, ...], values: dict[str, float], *, S: flo
         say(f"wrote {out}", quiet=quiet)
 
 
-def _print_bench(law: Law, S: float, J: float, newton: tuple[float, float] | None, outcomes: list[Outcome]) -> None:
+def _print_bench(law: Law, S: float, J: float, newton: tuple[float, float] | None,
+                 outcomes: list[BenchOutcome]) -> None:
     console = out_console()
     console.print(f"{law.name}: S = {S:.4g} %, J = {J:.4g} %" + (" (one parameter, J = S)" if law.one_parameter else "")
                   + (f"; F_s = {newton[0]:.4g} N, F_c = {newton[1]:.4g} N" if newton else ""))

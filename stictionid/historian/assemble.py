@@ -15,7 +15,7 @@ from .checks import notes
 from .checks.spoilt import ladder, spoilt_findings
 from .checks.texture import Signals
 from .grid.align import Aligned, resample
-from .grid.grid import Frame, Step, fill, find_step, insert_missing, place_on_grid, split
+from .grid.grid import Frame, GridStep, fill, find_step, insert_missing, place_on_grid, split
 from .grid.masks import frozen, manual, saturated, startup
 from .grid.window import cut_window, stamp_text
 from .series.shaped import Shaped
@@ -89,7 +89,7 @@ def _even_grid(
     book: RowBook,
     guesses: list[str],
     findings: list[Finding],
-) -> Step:
+) -> GridStep:
     """Samples on an even grid, with what had to be done for it."""
     step = find_step(frame.ns)
     if step.kind == "irregular":
@@ -101,7 +101,7 @@ def _even_grid(
         for rows in old_rows:
             gone = rows[left_out]
             book.mark(gone[gone >= 0], "resampled")
-        step = Step(honest, "irregular")
+        step = GridStep(honest, "irregular")
     elif step.kind != "even":
         findings.append(notes.jitter(step))
     step = _thin(frame, step, options, book, findings)
@@ -119,7 +119,7 @@ def _even_grid(
     return step
 
 
-def _thin(frame: Frame, step: Step, options: ReadOptions, book: RowBook, findings: list[Finding]) -> Step:
+def _thin(frame: Frame, step: GridStep, options: ReadOptions, book: RowBook, findings: list[Finding]) -> GridStep:
     """Every k-th sample where all signals repeat k times, or where --step asks for a longer step."""
     every, reason, phase = 1, "repeat", 0
     if options.step_s is not None and abs(options.step_s * 1e9 / step.ns - 1) > 0.01:
@@ -141,7 +141,7 @@ def _thin(frame: Frame, step: Step, options: ReadOptions, book: RowBook, finding
     for rows in frame.rows:
         book.mark(rows[gone][rows[gone] >= 0], reason)
     frame.take(keep)
-    return Step(step.ns * every, step.kind, step.worst, step.fitting)
+    return GridStep(step.ns * every, step.kind, step.worst, step.fitting)
 
 
 def _scale(frame: Frame, shaped: Shaped, options: ReadOptions) -> Finding | None:
@@ -221,7 +221,7 @@ def _finish(
     shaped: Shaped,
     options: ReadOptions,
     book: RowBook,
-    step: Step,
+    step: GridStep,
     guesses: list[str],
     findings: list[Finding],
     kept: tuple[IntArray, list[int], int],

@@ -57,7 +57,7 @@ class Expectation:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class BenchOutcome:
     """One test of one law: signals (n,) in % over time in s, the three figures (None: not a matter of this test)."""
 
     test: str
@@ -209,7 +209,7 @@ def _held_by_friction(u: FloatArray, x: FloatArray, scale: _Scale, slack: float 
                        force, scale.fs)
 
 
-def _ramp(run: _Run, scale: _Scale) -> Outcome:
+def _ramp(run: _Run, scale: _Scale) -> BenchOutcome:
     path = _Path(scale).ramp(2 * scale.W).ramp(-4 * scale.W).ramp(4 * scale.W)
     u, x = run(path.command(), False)
     found = []
@@ -225,7 +225,7 @@ def _ramp(run: _Run, scale: _Scale) -> Outcome:
         _slides(x, k, path.at[2], scale), _held_by_friction(u, x, scale), *_calm(overshoot)))
 
 
-def _staircase(run: _Run, scale: _Scale) -> Outcome:
+def _staircase(run: _Run, scale: _Scale) -> BenchOutcome:
     stair, rest = scale.W / 20.0, 20
     path = _Path(scale).ramp(-scale.W).ramp(2 * scale.W).hold(rest)
     for count, by in ((20, stair), (80, -stair)):
@@ -243,7 +243,7 @@ def _staircase(run: _Run, scale: _Scale) -> Outcome:
         _held_by_friction(u[ends], x[ends], scale)))
 
 
-def _steps(run: _Run, scale: _Scale) -> Outcome:
+def _steps(run: _Run, scale: _Scale) -> BenchOutcome:
     rest = 50
     path = _Path(scale)
     tried = []
@@ -271,7 +271,7 @@ def _first(what: str, found: float | None, wanted: float | None, width: float, s
     return Expectation(what, found == wanted or ties, found, wanted)
 
 
-def _turns(run: _Run, scale: _Scale, test: str, hold: int) -> Outcome:
+def _turns(run: _Run, scale: _Scale, test: str, hold: int) -> BenchOutcome:
     path = _Path(scale).ramp(2 * scale.W)
     if hold:
         path.hold(hold)
@@ -283,15 +283,15 @@ def _turns(run: _Run, scale: _Scale, test: str, hold: int) -> Outcome:
         _close("dead band is S", band, scale.S, scale), _unbroken(x, k, scale)))
 
 
-def _turn_after_hold(run: _Run, scale: _Scale) -> Outcome:
+def _turn_after_hold(run: _Run, scale: _Scale) -> BenchOutcome:
     return _turns(run, scale, "reversal-after-hold", _STEPS_PER_W)
 
 
-def _turn_at_once(run: _Run, scale: _Scale) -> Outcome:
+def _turn_at_once(run: _Run, scale: _Scale) -> BenchOutcome:
     return _turns(run, scale, "reversal-at-once", 0)
 
 
-def _resume(run: _Run, scale: _Scale) -> Outcome:
+def _resume(run: _Run, scale: _Scale) -> BenchOutcome:
     # 2.3, so that laws that move in stairs rest somewhere between two of them.
     path = _Path(scale).ramp(-2 * scale.W).ramp(2.3 * scale.W).hold(_STEPS_PER_W).ramp(2 * scale.W)
     u, x = run(path.command(), False)
@@ -309,7 +309,7 @@ def _wave(scale: _Scale) -> FloatArray:
     return _CENTRE + height * np.sin(2.0 * math.pi * np.arange(0.0, 2.5 * period_s, scale.step_s) / period_s)
 
 
-def _sine(run: _Run, scale: _Scale) -> Outcome:
+def _sine(run: _Run, scale: _Scale) -> BenchOutcome:
     u, x = run(_wave(scale), False)
     turns = np.flatnonzero(np.diff(np.sign(np.diff(u))) != 0) + 1
     bands, jumps = [], []
@@ -327,7 +327,7 @@ def _sine(run: _Run, scale: _Scale) -> Outcome:
         _held_by_friction(u, x, scale, scale.step)))
 
 
-def _noisy_sine(run: _Run, scale: _Scale) -> Outcome:
+def _noisy_sine(run: _Run, scale: _Scale) -> BenchOutcome:
     clean = _wave(scale)
     noise = 0.01 * scale.W * np.random.default_rng(0).standard_normal(clean.size)
     u, x = run(clean + noise, False)
@@ -338,7 +338,7 @@ def _noisy_sine(run: _Run, scale: _Scale) -> Outcome:
         _held_by_friction(u, x, scale, scale.step)))
 
 
-TESTS: Mapping[str, tuple[str, Callable[[_Run, _Scale], Outcome]]] = {
+TESTS: Mapping[str, tuple[str, Callable[[_Run, _Scale], BenchOutcome]]] = {
     "ramp": ("ramp up, down and up again", _ramp),
     "staircase": ("small stairs with a hold on each, up then down", _staircase),
     "steps": ("steps of 0.1 to 10 % on in the direction of travel, then back", _steps),
@@ -363,14 +363,14 @@ class _Run:
         return command, self.law.positions(command, table)[:, 0]
 
     def outcome(self, test: str, u: FloatArray, x: FloatArray, dead_band: float | None, resolution: float | None,
-                overshoot: float | None, expectations: tuple[Expectation, ...]) -> Outcome:
+                overshoot: float | None, expectations: tuple[Expectation, ...]) -> BenchOutcome:
         """The signals and figures of a test, with its name."""
-        return Outcome(test, TESTS[test][0], np.arange(float(u.size)) * self.scale.step_s, u, x, dead_band, resolution,
-                       overshoot, expectations)
+        return BenchOutcome(test, TESTS[test][0], np.arange(float(u.size)) * self.scale.step_s, u, x, dead_band,
+                            resolution, overshoot, expectations)
 
 
 def put_on_bench(law: Law, *, S: float = 5.0, J: float = 3.0, tests: tuple[str, ...] = tuple(TESTS),
-                 values: Mapping[str, float] | None = None) -> list[Outcome]:
+                 values: Mapping[str, float] | None = None) -> list[BenchOutcome]:
     """Run `tests` on a law with S and J in % (and `values` of its own parameters); one-parameter laws take J = S.
 
     Raises ModelError for numbers the law refuses, UsageError for an unknown test and where the larger of S and J

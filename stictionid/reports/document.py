@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class PageTable:
     """Rows of text under column names; `numeric` holds the indexes of columns set flush right."""
 
     caption: str
@@ -27,7 +27,7 @@ class Section:
     title: str
     text: tuple[str, ...] = ()
     bullets: tuple[str, ...] = ()
-    tables: tuple[Table, ...] = ()
+    tables: tuple[PageTable, ...] = ()
     pictures: tuple[str, ...] = ()
     commands: tuple[str, ...] = ()
 

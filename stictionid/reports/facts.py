@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from ..record.study import Estimate, Study
 from . import sections, wording
-from .document import Facts, KeyNumber, Section, Table
+from .document import Facts, KeyNumber, PageTable, Section
 
 # J is called weakly known when its interval is wider than this share of its value. Unit: 1; half the value either way.
 WEAK_J_SHARE = 0.5
@@ -126,7 +126,7 @@ def _size(study: Study) -> Section | None:
                        for limit, word in wording.SEVERITY_BANDS)
     if percent:
         text.append(f"Severity bands of S (configurable, no standard fixes them): {bands}.")
-    table = Table("Size of the stiction", ("quantity", "value", "interval", "unit", "meaning"), tuple(rows), (1, 2))
+    table = PageTable("Size of the stiction", ("quantity", "value", "interval", "unit", "meaning"), tuple(rows), (1, 2))
     return Section("size", "How big it is", tuple(text), (), (table,))
 
 
@@ -159,7 +159,7 @@ def _ladder(study: Study) -> Section | None:
     if not study.steps:
         return None
     unit = _pv_unit(study)
-    table = Table(f"Error after each step, in {unit}",
+    table = PageTable(f"Error after each step, in {unit}",
                   ("model", "error", "change", "held out", "x noise", "one step", "fit", "searches agree"),
                   ladder_rows(study), tuple(range(1, 8)))
     text = [_ladder_sentence(study, unit)]
@@ -220,7 +220,7 @@ def _fit(study: Study) -> Section | None:
                    ("fit", "closeup", "acf", "spectrum"))
 
 
-def comparison(studies: list[Study]) -> Table:
+def comparison(studies: list[Study]) -> PageTable:
     """One row per study, for a report that holds several."""
     rows = []
     for study in studies:
@@ -233,5 +233,5 @@ def comparison(studies: list[Study]) -> Table:
             wording.estimate(e.J, e.J_interval, e.unit) if e else wording.NOTHING,
             f"{wording.number(study.range.period_median_s)} s" if study.range.period_median_s else wording.NOTHING,
             ratio, {None: wording.NOTHING, True: "yes", False: "no"}[study.adequate]))
-    return Table("Loops compared", ("loop", "verdict", "S", "severity", "J", "period", "x noise", "adequate"),
+    return PageTable("Loops compared", ("loop", "verdict", "S", "severity", "J", "period", "x noise", "adequate"),
                  tuple(rows), (2, 4, 5, 6))

@@ -8,7 +8,7 @@ from itertools import zip_longest
 
 from ..record.study import Estimate, Step, Study
 from . import wording
-from .document import Section, Table
+from .document import PageTable, Section
 
 # Samples per period below which the slips can't be resolved. Unit: samples; METHODS.md section 4.
 FEWEST_SAMPLES_PER_PERIOD = 10
@@ -61,7 +61,7 @@ def candidates(study: Study) -> Section | None:
                      wording.percent(c.error_drop_percent), wording.percent(c.one_step_drop_percent),
                      wording.number(c.delta_bic), ", ".join(map(wording.name, c.equivalent_to)) or wording.NOTHING,
                      wording.clean(c.detectable_from or wording.NOTHING, 80)))
-    table = Table("Effects tried, best first", ("effect", "accepted", "error", "error drop", "one-step drop",
+    table = PageTable("Effects tried, best first", ("effect", "accepted", "error", "error drop", "one-step drop",
                                                 "delta BIC", "can't be told from", "would have shown from"),
                   tuple(rows), (2, 3, 4, 5))
     bullets = tuple(wording.sentence(c.statement) for c in study.candidates if c.statement and c.accepted)
@@ -74,7 +74,7 @@ def laws(study: Study) -> Section | None:
         return None
     rows = tuple((wording.name(w.law), wording.number(w.S), wording.number(w.J), wording.number(w.rmse),
                   wording.number(w.rmse_holdout)) for w in study.laws)
-    table = Table("Stiction laws on the same record", ("law", "S", "J", "error", "held out"), rows, (1, 2, 3, 4))
+    table = PageTable("Stiction laws on the same record", ("law", "S", "J", "error", "held out"), rows, (1, 2, 3, 4))
     return Section("laws", "Other stiction laws", ("The spread of S over the laws is a doubt no interval holds.",),
                    (), (table,))
 
@@ -154,11 +154,11 @@ def oscillation(study: Study) -> Section:
             ("largest swing of OP, S_max (Eq. 21)", wording.with_unit(r.s_max, r.unit)),
             ("whole cycles", wording.count(len(r.cycles))), ("reversals of OP", wording.count(r.reversals)),
             ("deviations taken from", wording.name(r.reference)))
-    tables = [Table("Oscillation", ("quantity", "value"), rows, (1,))]
+    tables = [PageTable("Oscillation", ("quantity", "value"), rows, (1,))]
     if r.cycles:
         shown = r.cycles[:_CYCLES_SHOWN]
         rest = "" if len(shown) == len(r.cycles) else f", first {len(shown)} of {len(r.cycles)}"
-        tables.append(Table(f"Cycles{rest}", ("starts at", "length", "swing of OP"), tuple(
+        tables.append(PageTable(f"Cycles{rest}", ("starts at", "length", "swing of OP"), tuple(
             (f"{wording.number(c.start_s, 4)} s", f"{wording.number(c.period_s, 4)} s",
              wording.with_unit(c.u_swing, r.unit)) for c in shown), (0, 1, 2)))
     return Section("range", "Oscillation and search range", (wording.sentence(r.reason),), (), tuple(tables))
@@ -176,11 +176,11 @@ def data(study: Study) -> Section:
              for key, value in sorted(d.options.items())]
     columns = tuple((_ROLE_NAMES.get(role, wording.name(role)), wording.name(tag),
                      wording.name(d.units.get(role) or wording.NOTHING)) for role, tag in d.columns.items())
-    tables = [Table("The record", ("what", "value"), tuple(rows))]
+    tables = [PageTable("The record", ("what", "value"), tuple(rows))]
     if columns:
-        tables.append(Table("Columns", ("role", "column in the file", "unit"), columns))
+        tables.append(PageTable("Columns", ("role", "column in the file", "unit"), columns))
     if d.findings:
-        tables.append(Table("Noticed while reading", ("severity", "what", "code"), tuple(
+        tables.append(PageTable("Noticed while reading", ("severity", "what", "code"), tuple(
             (wording.name(f.severity), wording.sentence(f.statement), wording.name(f.code)) for f in d.findings)))
     return Section("data", "How the data were read", (), (), tuple(tables))
 
@@ -197,7 +197,7 @@ def parameters(study: Study) -> Section | None:
                      wording.name(p.unit or wording.NOTHING),
                      "; ".join([wording.clean(p.meaning, 120)] * bool(p.meaning) + notes)))
     text = [_process_sentence(study.estimate)] if study.estimate is not None else []
-    table = Table("Parameters of the last model", ("part", "name", "value", "interval", "unit", "meaning"),
+    table = PageTable("Parameters of the last model", ("part", "name", "value", "interval", "unit", "meaning"),
                   tuple(rows), (2, 3))
     return Section("parameters", "Parameters", tuple(text), (), (table,))
 
@@ -222,9 +222,9 @@ def method(study: Study) -> Section:
     c, d = study.created_by, study.data
     rows = [("stictionid", wording.name(c.version)), ("seed", str(c.seed)), ("Python", wording.name(c.python)),
             ("NumPy", wording.name(c.numpy)), ("Numba", wording.name(c.numba)), ("study schema", study.schema)]
-    tables = [Table("Made by", ("what", "value"), tuple(rows))]
+    tables = [PageTable("Made by", ("what", "value"), tuple(rows))]
     if study.verdict.evidence:
-        tables.append(Table("Evidence behind the verdict", ("quantity", "value"), tuple(
+        tables.append(PageTable("Evidence behind the verdict", ("quantity", "value"), tuple(
             (wording.name(k), _evidence(v)) for k, v in study.verdict.evidence.items())))
     file = wording.clean(d.file, 400) if d.file else "FILE"
     commands = []

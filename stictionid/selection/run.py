@@ -47,7 +47,7 @@ _BLURRED = 3.0
 _FAR = 50.0
 
 
-def walk(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, apply: bool = False, seed: int = 0,
+def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, apply: bool = False, seed: int = 0,
          jobs: int = 1, bootstrap: int = 0, progress: Progress | None = None) -> Study:
     """The study with ranked candidates and the effect to add next; with `apply` added, and so on until none helps.
 

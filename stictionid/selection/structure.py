@@ -73,7 +73,7 @@ _ANY_LAG, _FAR = 0.2, 2.5
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
+class TriedStructure:
     """One search with one structure: its best point of the unit cube (d,), cost and curves.
 
     One that was left early, since a command that moves between samples did clearly better, has that one's `rival`
@@ -99,7 +99,7 @@ class Known:
     rmse: float
     at_noise: bool
 
-    def beats(self, tried: Tried, times: float = _WORSE) -> bool:
+    def beats(self, tried: TriedStructure, times: float = _WORSE) -> bool:
         """Whether a search leaves so many `times` more that this law can't be the better one."""
         return tried.evaluated is None or tried.evaluated.rmse > times * self.rmse
 
@@ -122,7 +122,7 @@ def choose(run: Run, spec: Spec) -> tuple[Spec, tuple[FloatArray, FloatArray], t
             corner = structure(run, moving, starts=best.rival)
             if not _clearly(corner, best):
                 best = structure(run, spec)
-        if smooth and (corner is not None or not at_noise(run, best) or _moves_better(run, best, moving)):
+        if smooth and (corner is not None or not near_noise(run, best) or _moves_better(run, best, moving)):
             run.tell("rebuilding the command between samples", 0.3)
             corner = structure(run, moving) if corner is None else corner
             if _of_two(run, corner, best):
@@ -151,7 +151,7 @@ def _scans(run: Run) -> int:
     return scans
 
 
-def _scanned(run: Run, spec: Spec) -> Tried:
+def _scanned(run: Run, spec: Spec) -> TriedStructure:
     """The search with the command rebuilt at the scans, twice more with the course of y that it found in between."""
     tried = structure(run, spec)
     if len(run.loop.starts) > 1:
@@ -165,7 +165,7 @@ def _scanned(run: Run, spec: Spec) -> Tried:
     return tried if tried.evaluated is None else _beside(run, tried)
 
 
-def _beside(run: Run, tried: Tried) -> Tried:
+def _beside(run: Run, tried: TriedStructure) -> TriedStructure:
     """A search with a guide, or what a scan of dead time away does better with the course of y that belongs there.
 
     With the guide of a wrong dead time the wrong one stays the best.
@@ -187,11 +187,11 @@ def _beside(run: Run, tried: Tried) -> Tried:
             point, cost = found.points[0], float(found.costs[0])
         if cost < best.cost:
             e = there.evaluate(there.values(point[None])[:, 0])
-            best = Tried(spec, point, cost, e, increment_error(e))
+            best = TriedStructure(spec, point, cost, e, increment_error(e))
     return best
 
 
-def _held_out(run: Run, tried: Tried) -> float:
+def _held_out(run: Run, tried: TriedStructure) -> float:
     """Held-out error of a search in the unit of y."""
     if tried.evaluated is None:
         return np.inf
@@ -265,14 +265,14 @@ def check_scans(run: Run, fit: Fitted) -> None:
             f"export at {per * run.loop.step_s / SAMPLES_PER_PERIOD:.3g} s or faster", code="moves-between-samples")
 
 
-def _moves_better(run: Run, held: Tried, moving: Spec) -> bool:
+def _moves_better(run: Run, held: TriedStructure, moving: Spec) -> bool:
     """Whether a command that moves between samples does better from the point where the held one ended."""
     assert held.evaluated is not None
     model = run.model(held.spec)
     return float(moved(model, model.vector(held.evaluated.values), moving).costs[0]) < held.cost
 
 
-def _looked_again(run: Run, held: Tried, corner: Tried) -> Tried:
+def _looked_again(run: Run, held: TriedStructure, corner: TriedStructure) -> TriedStructure:
     """The search for a held command, or what it misses: the point beside the end of the moving one, if that is better.
 
     A held search that ended beside its basin would lose to a moving command that can't reach the noise either. Met on
@@ -286,17 +286,17 @@ def _looked_again(run: Run, held: Tried, corner: Tried) -> Tried:
     if not found.costs[0] < held.cost:
         return held
     e = model.evaluate(model.values(found.points[:1])[:, 0])
-    return Tried(held.spec, found.points[0], float(found.costs[0]), e, increment_error(e))
+    return TriedStructure(held.spec, found.points[0], float(found.costs[0]), e, increment_error(e))
 
 
-def _of_two(run: Run, corner: Tried, held: Tried) -> bool:
+def _of_two(run: Run, corner: TriedStructure, held: TriedStructure) -> bool:
     """Whether the moving command is the better of two searches.
 
     Where neither reaches the noise, a second lag, not yet in the model, may round the slips and speak for the wrong
     one, so both may have it.
     """
     error = _yardstick(corner, held)
-    if at_noise(run, corner) or at_noise(run, held):
+    if near_noise(run, corner) or near_noise(run, held):
         return (corner.evaluated is not None and held.evaluated is not None
                 and error(corner.evaluated) < error(held.evaluated))
     if _clearly(corner, held) or _clearly(held, corner):
@@ -304,7 +304,7 @@ def _of_two(run: Run, corner: Tried, held: Tried) -> bool:
     return _with_lag(run, corner, error) < (1.0 - _CORNER_GAIN) * _with_lag(run, held, error)
 
 
-def _yardstick(corner: Tried, held: Tried) -> Callable[[Evaluated], float]:
+def _yardstick(corner: TriedStructure, held: TriedStructure) -> Callable[[Evaluated], float]:
     """The error by which two searches are compared."""
     if corner.spec.process == held.spec.process == FIRST_ORDER:
         return lambda e: e.rmse
@@ -312,7 +312,7 @@ def _yardstick(corner: Tried, held: Tried) -> Callable[[Evaluated], float]:
     return _soft_error if corner.spec.taps or held.spec.taps else increment_error
 
 
-def _clearly(better: Tried, worse: Tried) -> bool:
+def _clearly(better: TriedStructure, worse: TriedStructure) -> bool:
     """Whether one search leaves so much less than another that no further lag could turn that round."""
     if better.evaluated is None or worse.evaluated is None:
         return False
@@ -327,7 +327,7 @@ def _soft_error(e: Evaluated) -> float:
     return float(np.sqrt(np.mean(soft[good] ** 2)))
 
 
-def _with_lag(run: Run, tried: Tried, error: Callable[[Evaluated], float]) -> float:
+def _with_lag(run: Run, tried: TriedStructure, error: Callable[[Evaluated], float]) -> float:
     """Error of a search, a second lag allowed where it helps."""
     if tried.evaluated is None:
         return np.inf
@@ -338,7 +338,7 @@ def _with_lag(run: Run, tried: Tried, error: Callable[[Evaluated], float]) -> fl
 
 
 def _first(run: Run, spec: Spec, known: FloatArray | None = None, starts: FloatArray | None = None,
-           rival: Spec | None = None) -> Tried:
+           rival: Spec | None = None) -> TriedStructure:
     """One search from the basins, or from `starts`; a `known` point (d,) of a similar model is polished beside it.
 
     It ends early where a `rival` whose command moves between samples does clearly better from the same point.
@@ -360,13 +360,13 @@ def _first(run: Run, spec: Spec, known: FloatArray | None = None, starts: FloatA
         if again.costs[0] < cost:
             point, cost = again.points[0], float(again.costs[0])
     if not np.isfinite(cost):
-        return Tried(spec, point, cost, None, np.inf)
+        return TriedStructure(spec, point, cost, None, np.inf)
     e = model.evaluate(model.values(point[None])[:, 0])
-    return Tried(spec, point, cost, e, increment_error(e), rivals[0] if rivals else None)
+    return TriedStructure(spec, point, cost, e, increment_error(e), rivals[0] if rivals else None)
 
 
 def structure(run: Run, spec: Spec, starts: FloatArray | None = None, rival: Spec | None = None,
-              known: Known | None = None) -> Tried:
+              known: Known | None = None) -> TriedStructure:
     """First order or integrator: where the lag is long, or leaves errors, the smaller one-step error decides.
 
     Each is completed with a noise model of its own, so that neither wins by its own yardstick. Where measurement noise
@@ -382,10 +382,10 @@ def structure(run: Run, spec: Spec, starts: FloatArray | None = None, rival: Spe
     if known is not None and known.beats(first):
         return first
     lag = first.evaluated.values["time_constant_s"] if first.evaluated else np.inf
-    if "time_constant_s" in spec.fixed or (lag < LONG_LAG * run.period_s and at_noise(run, first)):
+    if "time_constant_s" in spec.fixed or (lag < LONG_LAG * run.period_s and near_noise(run, first)):
         return first
     # Far from the noise a short lag says little: the valve may be in a wrong basin, and the lag with it.
-    if lag < _ANY_LAG * run.period_s and at_noise(run, first, _FAR):
+    if lag < _ANY_LAG * run.period_s and near_noise(run, first, _FAR):
         return first
     run.tell("trying an integrating process", 0.2)
     second = integrating(run, plain)
@@ -398,27 +398,27 @@ def structure(run: Run, spec: Spec, starts: FloatArray | None = None, rival: Spe
     return second if _one_step(run, second) < (1.0 - gain) * _one_step(run, first) else first
 
 
-def integrating(run: Run, plain: Spec) -> Tried:
+def integrating(run: Run, plain: Spec) -> TriedStructure:
     """The search with an integrator in place of a `plain` first-order process."""
     found = _first(run, replace(plain, process=INTEGRATOR, increments=True))
     if _noise_fills(run, found):
         found = _first(run, replace(found.spec, taps=SOFT))
     # Slips add up: the basin is narrow, and the ARX cost of a valve far from it misleads.
     for _ in range(_GROWS if run.model(found.spec).law.sliding_state is None else 1):
-        if at_noise(run, found, _FAR):
+        if near_noise(run, found, _FAR):
             break
         again = _first(run, found.spec, starts=grown(search_model(run.model(found.spec)), run.rng))
         found = again if again.cost < found.cost else found
     return found
 
 
-def other_process(run: Run, spec: Spec) -> Tried:
+def other_process(run: Run, spec: Spec) -> TriedStructure:
     """The search with the process that a spec does not have: an integrator for a first order, or the other way."""
     plain = replace(spec, process=FIRST_ORDER, increments=False, taps=(), guides=())
     return integrating(run, plain) if spec.process == FIRST_ORDER else _first(run, plain)
 
 
-def _of_resting(run: Run, first: Tried, known: Known | None = None) -> Tried:
+def _of_resting(run: Run, first: TriedStructure, known: Known | None = None) -> TriedStructure:
     """A search for a valve that rests at every sample, or what a record that grows finds, where the first is not at
     the noise; it grows but once where what is `known` of another law stays clearly better.
 
@@ -428,19 +428,19 @@ def _of_resting(run: Run, first: Tried, known: Known | None = None) -> Tried:
     """
     model = run.model(first.spec)
     if model.law.sliding_state is not None or first.spec.between != "hold" or first.evaluated is None \
-            or at_noise(run, first):
+            or near_noise(run, first):
         return first
     small = thinned(model, max(thinning(model) // 2, 1))
     for _ in range(_GROWS):
         found = grown(small, run.rng, first.evaluated.values["time_constant_s"])
         again = _first(run, first.spec, starts=model.cube(small.values(found)))
         first = again if again.cost < first.cost else first
-        if at_noise(run, first, _FAR) or first.evaluated is None or (known is not None and known.beats(first)):
+        if near_noise(run, first, _FAR) or first.evaluated is None or (known is not None and known.beats(first)):
             break
     return first
 
 
-def _runs_away(run: Run, integrator: Tried, first: Tried) -> bool:
+def _runs_away(run: Run, integrator: TriedStructure, first: TriedStructure) -> bool:
     """Whether the integrator's free run leaves y altogether, and that of the first order does not."""
     if integrator.evaluated is None or first.evaluated is None:
         return False
@@ -450,7 +450,7 @@ def _runs_away(run: Run, integrator: Tried, first: Tried) -> bool:
                                                                        error < _CLOSELY * moves)
 
 
-def _one_step(run: Run, tried: Tried) -> float:
+def _one_step(run: Run, tried: TriedStructure) -> float:
     """One-step error of a search with a noise model of its own: what levels and differences can be compared by.
 
     An autoregression on differences can't undo the differencing of white noise, so integrators may stay in levels.
@@ -463,7 +463,7 @@ def _one_step(run: Run, tried: Tried) -> float:
     return min(whitened(m, m.vector(tried.evaluated.values)).innovation_sd for m in models)
 
 
-def _noise_fills(run: Run, tried: Tried) -> bool:
+def _noise_fills(run: Run, tried: TriedStructure) -> bool:
     """Whether the differences of the residual are mostly those of white measurement noise.
 
     Seen at the residual (correlation -1/2) where the search ended in the right basin, else at the record itself: a
@@ -477,7 +477,7 @@ def _noise_fills(run: Run, tried: Tried) -> bool:
     return bool(r[0] > 0 and (r[1] < _NOISY * r[0] or 2.0 * noise**2 > _NOISE_SHARE * tried.increments**2))
 
 
-def at_noise(run: Run, tried: Tried, factor: float = ADEQUATE) -> bool:
+def near_noise(run: Run, tried: TriedStructure, factor: float = ADEQUATE) -> bool:
     return tried.evaluated is not None and _is_noise(run, tried.evaluated, factor)
 
 

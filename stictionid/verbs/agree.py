@@ -47,7 +47,7 @@ Span = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class RecordResult:
     """One record: what it is, when its middle was (seconds after the first record's), and what it says.
 
     `counted` records enter spread and drift; the others say in `reason` why not. `at_s` is None without a common clock.
@@ -117,7 +117,7 @@ class Agreement:
     """Several records of one loop held against each other; `agree` is None where fewer than two can be compared."""
 
     created_by: CreatedBy
-    records: tuple[Record, ...]
+    records: tuple[RecordResult, ...]
     spreads: tuple[Spread, ...]
     drifts: tuple[Drift, ...]
     agree: bool | None
@@ -173,12 +173,12 @@ def compare_records(loops: Sequence[Loop], *, count: int = 1, options: Options |
     first = pieces[0][3] if pieces else 0.0
     records = [_record(label, study, _stamp(loop, at), at - first if common else None)
                for (label, study), (loop, _, _, at) in zip(studies, pieces, strict=True)]
-    records += [Record(name, name, None, None, "undecided", 0.0, None, None, None, None, None, False, why, "unreadable")
-                for name, why in unreadable]
+    records += [RecordResult(name, name, None, None, "undecided", 0.0, None, None, None, None, None, False, why,
+                             "unreadable") for name, why in unreadable]
     return agreement(records, units[0] if units else "%", made_by(options), options.command)
 
 
-def agreement(records: Sequence[Record], unit: str, created_by: CreatedBy, command: str = "") -> Agreement:
+def agreement(records: Sequence[RecordResult], unit: str, created_by: CreatedBy, command: str = "") -> Agreement:
     """Spread, drift and the statement about records that are already identified."""
     counted = [r for r in records if r.counted]
     spreads = tuple(_spread(name, unit, counted) for name in ("S", "J")) if counted else ()
@@ -197,7 +197,7 @@ def cannot(found: Agreement) -> CannotTell | None:
                       code="too-few-records")
 
 
-def _said(records: Sequence[Record], counted: Sequence[Record], spreads: Sequence[Spread],
+def _said(records: Sequence[RecordResult], counted: Sequence[RecordResult], spreads: Sequence[Spread],
           drifts: Sequence[Drift]) -> str:
     tally = {word: sum(r.verdict == word for r in records) for word in ("stiction", "no stiction", "undecided")}
     said = (f"{len(records)} records: " + ", ".join(f"{n} {word}" for word, n in tally.items() if n)
@@ -213,16 +213,16 @@ def _said(records: Sequence[Record], counted: Sequence[Record], spreads: Sequenc
     return "; ".join([said, *(d.statement for d in drifts if d.drifts)])
 
 
-def _record(label: str, study: Study, middle: str | None, at_s: float | None) -> Record:
+def _record(label: str, study: Study, middle: str | None, at_s: float | None) -> RecordResult:
     e, v = study.estimate, study.verdict
     counted = e is not None and v.stiction != "no stiction"
     why = v.reason if counted or e is None else f"no stiction, so there is no S to compare; {v.reason}"
     numbers = (e.S, e.J, e.S_interval, e.J_interval) if e else (None, None, None, None)
-    return Record(label, study.data.file, middle, at_s, v.stiction, v.confidence, *numbers,
+    return RecordResult(label, study.data.file, middle, at_s, v.stiction, v.confidence, *numbers,
                   study.range.period_median_s, counted, why, str(v.evidence.get("code", "")))
 
 
-def _known(name: str, records: Sequence[Record]) -> tuple[list[Record], FloatArray, FloatArray]:
+def _known(name: str, records: Sequence[RecordResult]) -> tuple[list[RecordResult], FloatArray, FloatArray]:
     """Records with an interval of S or J, the values (k,), and the standard deviation (2, k) below and above each."""
     have = [r for r in records if getattr(r, f"{name}_interval") is not None]
     values = np.array([getattr(r, name) for r in have])
@@ -249,7 +249,7 @@ def _common(values: FloatArray, sides: FloatArray) -> float:
     return 0.5 * (low + high)
 
 
-def _spread(name: str, unit: str, records: Sequence[Record]) -> Spread:
+def _spread(name: str, unit: str, records: Sequence[RecordResult]) -> Spread:
     from scipy.special import chdtrc
 
     everything = np.array([getattr(r, name) for r in records])
@@ -276,7 +276,7 @@ def _spread(name: str, unit: str, records: Sequence[Record]) -> Spread:
     return Spread(name, unit, everything.size, low, high, sd, common, overlap, chi, freedom, chance, agree, said)
 
 
-def _drift(name: str, unit: str, records: Sequence[Record]) -> Drift | None:
+def _drift(name: str, unit: str, records: Sequence[RecordResult]) -> Drift | None:
     """Weighted straight line through the records that have an interval; None for fewer than three of them."""
     from scipy.special import stdtrit
 
@@ -366,4 +366,4 @@ def _stamp(loop: Loop, at: float) -> str | None:
     return datetime.fromtimestamp(at, UTC).isoformat(timespec="seconds").removesuffix("+00:00")
 
 
-__all__ = ["Agreement", "Drift", "Record", "Spread", "agreement", "cannot", "compare_records", "windows"]
+__all__ = ["Agreement", "Drift", "RecordResult", "Spread", "agreement", "cannot", "compare_records", "windows"]

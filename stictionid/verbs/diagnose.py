@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..record.loop import Loop
 from ..record.study import Study
-from ..selection.run import walk
+from ..selection.run import select
 from ..selection.steps import Progress
 from .add import judged_anew
 
@@ -17,5 +17,5 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     `bootstrap` replicates give the named effect a p-value. Raises DataError for an abstained study, and for one whose
     model can't be built again.
     """
-    return walk(loop, study, judged_anew, everything=everything, apply=apply, seed=seed, jobs=jobs,
+    return select(loop, study, judged_anew, everything=everything, apply=apply, seed=seed, jobs=jobs,
                 bootstrap=bootstrap, progress=progress)

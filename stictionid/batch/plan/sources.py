@@ -16,7 +16,7 @@ PARQUET = (".parquet", ".pq")
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundFiles:
     """What the paths lead to: files named one by one, files found in folders, and foreign ones with their reason."""
 
     named: tuple[Path, ...]
@@ -24,7 +24,7 @@ class Found:
     skipped: tuple[tuple[Path, str], ...]
 
 
-def look(paths: Iterable[str], *, leave: Iterable[Path] = ()) -> Found:
+def look(paths: Iterable[str], *, leave: Iterable[Path] = ()) -> FoundFiles:
     """Files behind files, folders and patterns; `leave` are files and folders not looked at. UsageError if absent."""
     left = {_real(p) for p in leave}
     named: dict[Path, None] = {}
@@ -44,7 +44,7 @@ def look(paths: Iterable[str], *, leave: Iterable[Path] = ()) -> Found:
                 else:
                     skipped[file] = "neither text nor Parquet by its name"
             inside[place] = tuple(files)
-    return Found(tuple(named), inside, tuple(skipped.items()))
+    return FoundFiles(tuple(named), inside, tuple(skipped.items()))
 
 
 def _places(path: str) -> list[Path]:

@@ -19,7 +19,7 @@ from ..task import Task, Work
 from .file_names import key_for
 from .loop_lists import Listed, read_list
 from .peeking import Peeked, from_dataset, peek
-from .sources import PARQUET, TEXT, Found, look
+from .sources import PARQUET, TEXT, FoundFiles, look
 
 # Endings of files that were meant as data: damaged, they are a loop that failed and not a foreign file.
 _MEANT = (".csv", ".tsv", *PARQUET)
@@ -63,7 +63,7 @@ def _absolute(path: Path) -> str:
     return os.path.abspath(path)
 
 
-def _peek_all(found: Found, reading: ReadOptions) -> tuple[list[Peeked], list[tuple[str, str]]]:
+def _peek_all(found: FoundFiles, reading: ReadOptions) -> tuple[list[Peeked], list[tuple[str, str]]]:
     """What every file or dataset holds, and the files that can't hold a loop."""
     peeked: list[Peeked] = []
     skipped = [(str(p), why) for p, why in found.skipped]

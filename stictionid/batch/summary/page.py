@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import quote
 
 from ... import _version
-from ...reports.document import Table
+from ...reports.document import PageTable
 from ...reports.pages import html as report
 from ..task import ABSTAINED, FAILED, OK
 from .rows import COLUMNS, counts_of, shown
@@ -25,7 +25,7 @@ def page_of(rows: list[dict[str, Any]], folder: Path | None = None) -> str:
     counts = counts_of(rows)
     sticks = sum(row["verdict"] == "stiction" for row in rows)
     title = f"Valve stiction: {len(rows)} loops, {sticks} stick"
-    table = Table("All loops, worst first", tuple(_HEADS.values()),
+    table = PageTable("All loops, worst first", tuple(_HEADS.values()),
                   tuple(tuple(shown(row, name) for name in _HEADS) for row in rows),
                   tuple(i for i, name in enumerate(_HEADS) if COLUMNS[name]))
     body = (f"<h1>{report.escaped(title)}</h1>"

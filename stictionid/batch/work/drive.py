@@ -11,7 +11,7 @@ from typing import Any
 
 from ..._version import __version__
 from ...errors import StictionidError, UsageError
-from ..task import ABSTAINED, FAILED, Outcome, Task, Work
+from ..task import ABSTAINED, FAILED, Task, TaskOutcome, Work
 from .crew import Crew
 from .store import Store
 from .worker import attempt as do_task
@@ -43,11 +43,11 @@ class Tally:
         return (self.total - self.done) / self.rate_per_s if self.rate_per_s > 0 else None
 
 
-Tell = Callable[[Tally, Task | None, Outcome | None], None]
+Tell = Callable[[Tally, Task | None, TaskOutcome | None], None]
 
 
 def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume: bool = False,
-          tell: Tell | None = None, attempt: Callable[[Task, Work], Outcome] = do_task) -> Tally:
+          tell: Tell | None = None, attempt: Callable[[Task, Work], TaskOutcome] = do_task) -> Tally:
     """Do every task and keep every outcome, in whatever order they come.
 
     `tell` hears of each outcome, and twice a second that work goes on. A worker's death costs its loop one retry, then
@@ -56,7 +56,7 @@ def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume
     """
     tasks = list(tasks)
     waiting, suspects = deque(enumerate(tasks)), deque[tuple[int, Task]]()
-    flying: dict[Future[Outcome], tuple[int, Task]] = {}
+    flying: dict[Future[TaskOutcome], tuple[int, Task]] = {}
     died: set[int] = set()
     tally = Tally(len(tasks), begun=time.monotonic())
     say = tell or (lambda tally, task, out: None)
@@ -95,7 +95,7 @@ def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume
     return tally
 
 
-def _handed_in(crew: Crew, attempt: Callable[[Task, Work], Outcome], task: Task, work: Work) -> Future[Outcome]:
+def _handed_in(crew: Crew, attempt: Callable[[Task, Work], TaskOutcome], task: Task, work: Work) -> Future[TaskOutcome]:
     try:
         return crew.submit(attempt, task, work)
     except StictionidError:
@@ -105,7 +105,7 @@ def _handed_in(crew: Crew, attempt: Callable[[Task, Work], Outcome], task: Task,
                          "see that workers can be started") from None
 
 
-def _to_repeat(future: Future[Outcome], crew: Crew, number: int, died: set[int]) -> bool:
+def _to_repeat(future: Future[TaskOutcome], crew: Crew, number: int, died: set[int]) -> bool:
     """Whether the worker died under the call for the first time."""
     error = _error(future)
     if error is None or number in died or not crew.dead(error):
@@ -121,7 +121,7 @@ def _error(future: Future[Any]) -> BaseException | None:
         return error
 
 
-def _outcome(future: Future[Outcome], task: Task, crew: Crew) -> Outcome:
+def _outcome(future: Future[TaskOutcome], task: Task, crew: Crew) -> TaskOutcome:
     error = _error(future)
     if error is None:
         out = future.result()
@@ -130,16 +130,16 @@ def _outcome(future: Future[Outcome], task: Task, crew: Crew) -> Outcome:
                              f"install stictionid {__version__} where it runs")
         return out
     if crew.dead(error):
-        return Outcome(task.key, FAILED, None,
+        return TaskOutcome(task.key, FAILED, None,
                        "its worker process died every time it was tried (killed, out of memory, or crashed)")
     if isinstance(error, StictionidError):
         raise error
     if crew.lost(error):
         raise UsageError("the workers are gone: the scheduler no longer answers", "start it again")
-    return Outcome(task.key, FAILED, None, f"a defect in the program: {type(error).__name__}: {error}"[:500])
+    return TaskOutcome(task.key, FAILED, None, f"a defect in the program: {type(error).__name__}: {error}"[:500])
 
 
-def _count(tally: Tally, out: Outcome) -> None:
+def _count(tally: Tally, out: TaskOutcome) -> None:
     tally.done += 1
     tally.failed += out.status == FAILED
     tally.abstained += out.status == ABSTAINED

@@ -24,7 +24,7 @@ from ...errors import DataError, UsageError
 from ...historian.dataset import RESULTS_MARK
 from ...system.csv_safety import harmless
 from ...system.files import unwritable, write_whole
-from ..task import ABSTAINED, FAILED, OK, Outcome, Task
+from ..task import ABSTAINED, FAILED, OK, Task, TaskOutcome
 
 SCHEMA = "stictionid.batch/1"
 FAILURE_SCHEMA = "stictionid.failure/1"
@@ -133,7 +133,7 @@ class Store:
         same = ((study.get("created_by") or {}).get("version"), study.get("command"), data.get("name"))
         return (data.get("sha256"), status) if same == (__version__, task.command, task.loop) else (None, OK)
 
-    def keep(self, task: Task, out: Outcome) -> None:
+    def keep(self, task: Task, out: TaskOutcome) -> None:
         """Write what came of a task. UsageError where there is no room or no permission."""
         failure = self.failures / f"{task.key}.json"
         if out.kept:
@@ -154,7 +154,7 @@ class Store:
             write_whole(self.studies / f"{task.key}.json", out.text or "", force=True)
         self._time(task, out)
 
-    def _time(self, task: Task, out: Outcome) -> None:
+    def _time(self, task: Task, out: TaskOutcome) -> None:
         path = self.folder / "timing.csv"
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")

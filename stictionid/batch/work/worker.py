@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..._version import __version__
 from ...errors import DataError, StictionidError
-from ..task import ABSTAINED, FAILED, OK, Outcome, Task, Work
+from ..task import ABSTAINED, FAILED, OK, Task, TaskOutcome, Work
 
 if TYPE_CHECKING:
     from ...historian.dataset import Opened
@@ -36,7 +36,7 @@ _opened: dict[str, Opened] = {}
 _known: dict[str, tuple[tuple[int, int], str]] = {}
 
 
-def attempt(task: Task, work: Work) -> Outcome:
+def attempt(task: Task, work: Work) -> TaskOutcome:
     """The outcome of one task; never raises an Exception."""
     times: dict[str, float] = {}
     me = f"{socket.gethostname()}:{os.getpid()}"
@@ -47,13 +47,14 @@ def attempt(task: Task, work: Work) -> Outcome:
         out = _study(task, work, times)
         out = replace(out, worker=me)
     except StictionidError as error:
-        out = Outcome(task.key, FAILED, None, error.message + (f"; {error.hint}" if error.hint else ""), worker=me)
+        out = TaskOutcome(task.key, FAILED, None, error.message + (f"; {error.hint}" if error.hint else ""), worker=me)
     except MemoryError:
-        out = Outcome(task.key, FAILED, None, "not enough memory for this record; cut it with --start and --end",
+        out = TaskOutcome(task.key, FAILED, None, "not enough memory for this record; cut it with --start and --end",
                       worker=me)
     except Exception as error:
         detail = "".join(traceback.format_exception(error))[-_DETAIL:]
-        out = Outcome(task.key, FAILED, None, f"a defect in the program: {type(error).__name__}: {error}", worker=me)
+        said = f"a defect in the program: {type(error).__name__}: {error}"
+        out = TaskOutcome(task.key, FAILED, None, said, worker=me)
     times["total"] = time.perf_counter() - begun
     return replace(out, seconds=times, detail=detail, version=__version__)
 
@@ -71,7 +72,7 @@ def _one_thread() -> None:
         pa.set_io_thread_count(1)
 
 
-def _study(task: Task, work: Work, times: dict[str, float]) -> Outcome:
+def _study(task: Task, work: Work, times: dict[str, float]) -> TaskOutcome:
     from ...record.study import to_json
 
     clock = time.perf_counter
@@ -80,10 +81,10 @@ def _study(task: Task, work: Work, times: dict[str, float]) -> Outcome:
         raise DataError(task.problem)
     sha256 = _fingerprint(task)
     if sha256 is not None and sha256 == task.have:
-        return Outcome(task.key, task.had, kept=True)
+        return TaskOutcome(task.key, task.had, kept=True)
     reading = _read(task, sha256)
     if reading is None:
-        return Outcome(task.key, task.had, kept=True)
+        return TaskOutcome(task.key, task.had, kept=True)
     loop = replace(reading.loop, name=task.loop)
     times["read"] = clock() - start
     with warnings.catch_warnings():
@@ -93,7 +94,7 @@ def _study(task: Task, work: Work, times: dict[str, float]) -> Outcome:
     # A path may hold bytes that are no UTF-8; the study must be a file all the same.
     text = to_json(study).encode("utf-8", "replace").decode("utf-8")
     page = _page(loop, study, times) if work.pages else None
-    return Outcome(task.key, status, text, study.verdict.reason if status == ABSTAINED else "", page=page)
+    return TaskOutcome(task.key, status, text, study.verdict.reason if status == ABSTAINED else "", page=page)
 
 
 def _page(loop: Loop, study: Study, times: dict[str, float]) -> str:

@@ -22,7 +22,7 @@ from ...typing import BoolArray, FloatArray
 from ..fit import polish_smooth
 from ..moves import descended, search_model, spreads, with_start
 from ..starts.basins import along_ridge
-from .whiteness import noise_alone, only_noise
+from .whiteness import noise_alone, passes_tests
 
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
 LARGEST_ORDER = 8
@@ -94,8 +94,8 @@ class Refit:
 
         A noise model may hide what is slow in a root near 1, or in changes of y, but not what valve and process do.
         """
-        return only_noise(self.model, self._polynomial(), self.taps.size, self.evaluated.position, self.innovation,
-                          self.good)
+        return passes_tests(self.model, self._polynomial(), self.taps.size, self.evaluated.position, self.innovation,
+                            self.good)
 
     def _polynomial(self) -> FloatArray:
         """What the errors are passed through to be innovations."""

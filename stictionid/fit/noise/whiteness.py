@@ -45,11 +45,11 @@ def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation
         return False
     if walk and abs(_mean(innovation[good])) > NormalDist().inv_cdf(1.0 - 0.5 * _LEVEL):
         return False
-    return only_noise(model, np.concatenate([[1.0], taps]), taps.size, position, innovation, good)
+    return passes_tests(model, np.concatenate([[1.0], taps]), taps.size, position, innovation, good)
 
 
-def only_noise(model: Model, polynomial: FloatArray, order: int, position: FloatArray, innovation: FloatArray,
-               good: BoolArray) -> bool:
+def passes_tests(model: Model, polynomial: FloatArray, order: int, position: FloatArray, innovation: FloatArray,
+                 good: BoolArray) -> bool:
     """Whether an `innovation` (n,) passes all the tests, however long the memory of the noise model that left it.
 
     `polynomial` in the lag made innovations of errors, differences included; `order` of its numbers were fitted.

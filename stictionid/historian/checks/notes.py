@@ -7,7 +7,7 @@ import numpy as np
 from ...record.loop import Finding
 from ..bytes.options import ReadOptions
 from ..grid.align import Aligned
-from ..grid.grid import Frame, Step
+from ..grid.grid import Frame, GridStep
 from ..series.shaped import Shaped
 from ..words.cells import shown
 from ..words.roles import take_apart
@@ -137,7 +137,7 @@ def setpoint_findings(shaped: Shaped) -> list[Finding]:
     ]
 
 
-def irregular(step: Step, honest: float, frame: Frame) -> Finding:
+def irregular(step: GridStep, honest: float, frame: Frame) -> Finding:
     """Steps that fit no even grid."""
     low, high = (float(f(np.diff(frame.ns))) / 1e9 for f in (np.min, np.max))
     return Finding(
@@ -150,7 +150,7 @@ def irregular(step: Step, honest: float, frame: Frame) -> Finding:
     )
 
 
-def jitter(step: Step) -> Finding:
+def jitter(step: GridStep) -> Finding:
     """Steps that are even but for a little."""
     what = "rounded to a coarse clock" if step.kind == "rounded" else "jittering"
     return Finding(
@@ -161,7 +161,7 @@ def jitter(step: Step) -> Finding:
     )
 
 
-def gaps(frame: Frame, step: Step, naive: bool) -> Finding:
+def gaps(frame: Frame, step: GridStep, naive: bool) -> Finding:
     """Where the record was split."""
     count = len(frame.starts) - 1
     at = frame.starts[1:]
@@ -177,7 +177,7 @@ def gaps(frame: Frame, step: Step, naive: bool) -> Finding:
     )
 
 
-def oversampled(every: int, step: Step) -> Finding:
+def oversampled(every: int, step: GridStep) -> Finding:
     """Every value stands k times."""
     return Finding(
         "oversampled",

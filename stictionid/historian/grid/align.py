@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...errors import DataError
 from ...typing import FloatArray, IntArray
 from ..series.shaped import Series
-from .grid import MAX_FILLED, Frame, Step, find_step
+from .grid import MAX_FILLED, Frame, GridStep, find_step
 
 SLOWER = 1.5
 """Ratio of steps from which one tag counts as sampled more slowly than another."""
@@ -36,7 +36,8 @@ def align(series: dict[str, Series]) -> Aligned:
     low, high = max(pv.ns[0], op.ns[0]), min(pv.ns[-1], op.ns[-1])
     if high <= low:
         raise DataError("PV and OP have no time in common", "export both tags over the same window")
-    steps = {role: find_step(s.ns) if s.ns.size > 2 else Step(float("inf"), "irregular") for role, s in series.items()}
+    steps = {role: find_step(s.ns) if s.ns.size > 2 else GridStep(float("inf"), "irregular")
+             for role, s in series.items()}
     base = pv
     done = Aligned(_frame(pv.ns, {}, []))
     if steps["output"].kind != "irregular" and steps["output"].ns > SLOWER * steps["process_value"].ns:
@@ -58,7 +59,8 @@ def _frame(ns: IntArray, values: dict[str, FloatArray], rows: list[IntArray]) ->
     return Frame(ns, values, rows, np.zeros(ns.size, np.uint8))
 
 
-def _onto(ns: IntArray, one: Series, role: str, step: Step, base: Step, done: Aligned) -> tuple[FloatArray, IntArray]:
+def _onto(ns: IntArray, one: Series, role: str, step: GridStep, base: GridStep,
+          done: Aligned) -> tuple[FloatArray, IntArray]:
     """Values of a series at the stamps `ns`, and the file row behind each."""
     if one.ns.size == 0:
         return np.full(ns.size, np.nan), np.full(ns.size, -1)
@@ -86,7 +88,7 @@ def _onto(ns: IntArray, one: Series, role: str, step: Step, base: Step, done: Al
 
 
 def _between(
-    ns: IntArray, one: Series, at: IntArray, before: NDArray[np.bool_], base: Step
+    ns: IntArray, one: Series, at: IntArray, before: NDArray[np.bool_], base: GridStep
 ) -> tuple[FloatArray, IntArray]:
     """Straight lines between the two records around each stamp, where they are near enough."""
     after = np.minimum(at + 1, one.ns.size - 1)
@@ -126,7 +128,7 @@ def resample(frame: Frame, step_ns: float, on_change: set[str]) -> IntArray:
     ns = _grids(frame.ns, step_ns)
     count = ns.size
     at = np.searchsorted(frame.ns, ns, side="right") - 1
-    base = Step(step_ns, "irregular")
+    base = GridStep(step_ns, "irregular")
     old_rows = frame.rows
     values = {}
     for role, own in frame.values.items():

@@ -28,7 +28,7 @@ _SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class GridStep:
     """The sampling step in ns, its `kind` (even, jitter, rounded, irregular) and `worst` deviation as a share of it."""
 
     ns: float
@@ -58,12 +58,12 @@ class Frame:
         self.reason = self.reason[index]
 
 
-def find_step(ns: IntArray) -> Step:
+def find_step(ns: IntArray) -> GridStep:
     """The step of increasing stamps."""
     steps = np.diff(ns)
     low, high = int(steps.min()), int(steps.max())
     if low == high:
-        return Step(float(low), "even")
+        return GridStep(float(low), "even")
     median = float(np.median(steps))
     rounded = _rounded_step(ns, steps)
     if rounded is not None:
@@ -76,13 +76,13 @@ def find_step(ns: IntArray) -> Step:
     worst = float(off[ones].max()) if ones.any() else 1.0
     fitting = float(fits.mean())
     if fitting < MIN_REGULAR_SHARE or ones.mean() < 0.5:
-        return Step(median, "irregular", worst, fitting)
+        return GridStep(median, "irregular", worst, fitting)
     if float(off.max()) < 1e-6:
-        return Step(median, "even")
-    return Step(float(steps[ones].mean()), "jitter", worst, fitting)
+        return GridStep(median, "even")
+    return GridStep(float(steps[ones].mean()), "jitter", worst, fitting)
 
 
-def _rounded_step(ns: IntArray, steps: IntArray) -> Step | None:
+def _rounded_step(ns: IntArray, steps: IntArray) -> GridStep | None:
     """An even step whose stamps were rounded to whole seconds or milliseconds, or None."""
     resolution = next((r for r in (60 * _SECOND, _SECOND, _SECOND // 1000, 1000) if not (steps % r).any()), 1)
     n = ns.size
@@ -94,10 +94,10 @@ def _rounded_step(ns: IntArray, steps: IntArray) -> Step | None:
     deviation = (ns - ns[0]) - mean * np.arange(n)
     if float(deviation.max() - deviation.min()) > 1.5 * resolution:
         return None
-    return Step(mean, "rounded", float(np.abs(steps - mean).max() / mean))
+    return GridStep(mean, "rounded", float(np.abs(steps - mean).max() / mean))
 
 
-def place_on_grid(frame: Frame, step: Step) -> IntArray:
+def place_on_grid(frame: Frame, step: GridStep) -> IntArray:
     """Put the samples on the grid: missing ones (at most two in a row) are inserted as NaN, longer gaps split.
 
     Returns the file-free positions (grid indices) of the samples; `frame` is changed in place.

@@ -9,9 +9,9 @@ import numpy as np
 from ...record.study import to_json
 from ...system.files import ensure_writable, write_whole
 from ...typing import FloatArray
-from ...verbs.agree import Agreement, Drift, Record
+from ...verbs.agree import Agreement, Drift, RecordResult
 from .. import wording
-from ..document import Table
+from ..document import PageTable
 from ..pictures import svg
 from ..pictures.figures import PNG_KIND, figure_bytes
 from ..pictures.picture import Line, Panel, Picture
@@ -52,16 +52,16 @@ def _beside(out: Path, figures: str) -> Path:
     return out.with_name(f"{out.stem}-drift.{figures}")
 
 
-def record_table(found: Agreement) -> Table:
+def record_table(found: Agreement) -> PageTable:
     """One row for each record: when, verdict, S and J with intervals, or why it does not count."""
     unit = wording.name(found.unit)
     rows = tuple((wording.name(r.label), wording.name(r.middle or wording.NOTHING), r.verdict, *_numbers(r),
                   "yes" if r.counted else "no") for r in found.records)
-    return Table(f"records of the loop; S and J in {unit}, {100 * found.interval_level:.0f} % intervals",
+    return PageTable(f"records of the loop; S and J in {unit}, {100 * found.interval_level:.0f} % intervals",
                  ("record", "middle", "verdict", "S", "J", "counts"), rows, (3, 4))
 
 
-def _numbers(r: Record) -> tuple[str, ...]:
+def _numbers(r: RecordResult) -> tuple[str, ...]:
     if not r.counted or r.S is None or r.J is None:
         return wording.NOTHING, wording.NOTHING
     return wording.estimate(r.S, r.S_interval, ""), wording.estimate(r.J, r.J_interval, "")
@@ -106,7 +106,7 @@ def drift_picture(found: Agreement) -> Picture | None:
                    "where there are three records or more.", panels, wide=True)
 
 
-def _panel(name: str, found: Agreement, counted: list[Record], t: FloatArray, x_label: str) -> Panel:
+def _panel(name: str, found: Agreement, counted: list[RecordResult], t: FloatArray, x_label: str) -> Panel:
     values = np.array([getattr(r, name) for r in counted])
     ends = [(at, *span) for at, r in zip(t, counted, strict=True) if (span := getattr(r, f"{name}_interval"))]
     x = np.array([v for at, _, _ in ends for v in (at, at, np.nan)])

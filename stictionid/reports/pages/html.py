@@ -14,7 +14,7 @@ from importlib.resources import files
 
 from .. import facts as facts_of
 from .. import wording
-from ..document import Facts, Section, Table
+from ..document import Facts, PageTable, Section
 from ..pictures import palette, svg
 from ..pictures.curves import Case
 from ..pictures.picture import Picture
@@ -144,7 +144,7 @@ def _wide(picture: Picture, prefix: str) -> str:
             f"<figcaption>{escaped(picture.caption)}</figcaption></figure>")
 
 
-def table_html(table: Table, name: str, *, links: Sequence[str] = ()) -> str:
+def table_html(table: PageTable, name: str, *, links: Sequence[str] = ()) -> str:
     """A table that scrolls sideways by itself; `links` are targets of the first cell of each row."""
     right = [' class="right"' if i in table.numeric else "" for i in range(len(table.columns))]
     head = "".join(f'<th scope="col"{r}>{escaped(c)}</th>' for c, r in zip(table.columns, right, strict=True))
@@ -161,7 +161,7 @@ def table_html(table: Table, name: str, *, links: Sequence[str] = ()) -> str:
 
 
 def _comparison(cases: Sequence[Case], all_facts: Sequence[Facts], drawn: Sequence[dict[str, Picture]]) -> str:
-    """Table of all loops (sortable and filterable with the page's script), their S on one axis, small multiples."""
+    """PageTable of all loops (sortable and filterable with the page's script), their S on one axis, small multiples."""
     table = table_html(facts_of.comparison([c.study for c in cases]), COMPARED,
                    links=[f"#s{i}" for i in range(1, len(cases) + 1)])
     parts = [f'<section id="all" aria-labelledby="all-title"><h2 id="all-title">Comparison</h2>'

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from .. import facts as facts_of
-from ..document import Facts, Section, Table
+from ..document import Facts, PageTable, Section
 from ..pictures.curves import Case
 from ..pictures.picture import Picture
 
@@ -67,7 +67,7 @@ def _picture(picture: Picture, file: str) -> str:
     return f"![{escape(picture.title)}. {escape(picture.alt)}]({target})\n\n*{escape(picture.caption)}*"
 
 
-def table_text(table: Table) -> str:
+def table_text(table: PageTable) -> str:
     """A table in markdown, its caption above it."""
     head = "| " + " | ".join(escape(c) for c in table.columns) + " |"
     rule = "|" + "|".join("---:" if i in table.numeric else "---" for i in range(len(table.columns))) + "|"

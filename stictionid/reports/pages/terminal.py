@@ -15,7 +15,7 @@ from ...record.loop import Loop
 from ...typing import FloatArray
 from .. import facts as facts_of
 from .. import wording
-from ..document import Facts, Table
+from ..document import Facts, PageTable
 from ..pictures import measures, study_pictures
 from ..pictures.curves import Case
 
@@ -45,7 +45,7 @@ def print_case(case: Case, console: Any) -> None:
     console.print(_text(facts.headline, encoding), style=_STYLES.get(facts.verdict, "bold"))
     if facts_of.adds(facts):
         console.print(_text(facts.reason, encoding))
-    console.print(_table(Table("", ("quantity", "value", "note"),
+    console.print(_table(PageTable("", ("quantity", "value", "note"),
                                tuple((n.label, n.value, n.note) for n in facts.numbers)), console, encoding))
     for line in trend(case, min(console.width - _AXIS - 4, _MOST_COLUMNS), braille=_has(encoding, "\u28ff")):
         console.print(_text(line, encoding), no_wrap=True, overflow="crop", crop=True)
@@ -72,16 +72,16 @@ def _sections(facts: Facts, console: Any, encoding: str) -> None:
                 console.print(f"and {more} more; report -o shows all")
 
 
-def _part(table: Table, kept: tuple[int, ...]) -> Table:
+def _part(table: PageTable, kept: tuple[int, ...]) -> PageTable:
     """The table with only the columns in `kept`."""
-    return Table(table.caption, tuple(table.columns[i] for i in kept), tuple(tuple(row[i] for i in kept)
+    return PageTable(table.caption, tuple(table.columns[i] for i in kept), tuple(tuple(row[i] for i in kept)
                  for row in table.rows), tuple(k for k, i in enumerate(kept) if i in table.numeric))
 
 
-def _table(table: Table, console: Any, encoding: str) -> Any:
+def _table(table: PageTable, console: Any, encoding: str) -> Any:
     """A rich table: light lines on a terminal that has them, plain ASCII elsewhere."""
     from rich import box
-    from rich.table import Table as RichTable
+    from rich.table import PageTable as RichTable
 
     lines = box.SIMPLE_HEAD if console.is_terminal and _has(encoding, "─") else box.ASCII
     made = RichTable(title=_text(table.caption, encoding) or None, title_justify="left", title_style="", box=lines,

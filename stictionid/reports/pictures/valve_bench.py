@@ -10,7 +10,7 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
-from ...model.valve_bench import Outcome
+from ...model.valve_bench import BenchOutcome
 from . import palette
 
 PNG_KIND, SVG_KIND = b"\x89PNG", b"<?xml"
@@ -18,7 +18,7 @@ PNG_KIND, SVG_KIND = b"\x89PNG", b"<?xml"
 _WIDE, _ROW, _TOP, _DPI = 9.2, 1.75, 0.6, 110
 
 
-def valve_figure(outcomes: Sequence[Outcome], *, kind: str, title: str) -> bytes:
+def valve_figure(outcomes: Sequence[BenchOutcome], *, kind: str, title: str) -> bytes:
     """The picture as a file of `kind` "png" or "svg"; one row for each outcome, `title` above."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
