@@ -78,6 +78,12 @@ def test_every_module_imports() -> None:
             importlib.import_module(name)
 
 
+def test_public_names_are_no_names_of_rooms() -> None:
+    import stictionid
+
+    assert not set(stictionid.__all__) & set(RULES["order"])
+
+
 def loaded_by(code: str) -> set[str]:
     out = subprocess.run([sys.executable, "-c", f"import sys\n{code}\nprint(*sys.modules)"], capture_output=True,
                          text=True, check=True)
