@@ -13,6 +13,7 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import study_factory
 
@@ -23,6 +24,7 @@ from stictionid.reports.facts import facts
 from stictionid.reports.pages.json import report_json
 from stictionid.reports.pages.write import write_report
 from stictionid.reports.pictures.curves import Case
+from stictionid.reports.pictures.figures import draw, figure_bytes
 from stictionid.reports.pictures.study_pictures import pictures
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -217,19 +219,61 @@ def test_rule_labels_never_lie_on_each_other_nor_outside() -> None:
         assert all(y != other_y or abs(x - other_x) >= 7.3 * 8 for other_x, other_y in boxes[i + 1:])
 
 
-def test_a_png_is_its_svg(tmp_path: Path) -> None:
-    """Every shape and text of the SVG is drawn, whatever the tag names are."""
-    from stictionid.reports.pictures import svg
-    from stictionid.reports.pictures.figures import figure_bytes
+def test_drawn_axes_hold_every_number_of_the_picture() -> None:
+    """A caller can zoom into the axes, read them and add to them: they are in the units of the data."""
+    from matplotlib import rcParams
+    from matplotlib.figure import Figure
 
-    for one in (case("good"), study_factory.hostile()):
-        for picture in pictures(one).values():
-            content = figure_bytes(picture, "png")
-            size = ElementTree.fromstring(svg.standalone(picture))
-            width, height = (int.from_bytes(content[k:k + 4], "big") for k in (16, 20))
-            assert width == pytest.approx(1.5 * float(size.get("width")), abs=2)
-            assert height == pytest.approx(1.5 * float(size.get("height")), abs=2)
-            assert len(content) > 3_000
+    for kind in ("good", "doubtful", "hostile"):
+        for picture in pictures(getattr(study_factory, kind)()).values():
+            figure, settings = Figure(figsize=(9, 9), layout="constrained"), dict(rcParams)
+            ax = figure.subplots()
+            assert draw(picture, ax) is ax and dict(rcParams) == settings
+            assert len(figure.axes) == len(picture.panels) + (picture.key == "cost_map")  # which has a scale beside it
+            for panel, one in zip(picture.panels, figure.axes, strict=False):
+                drawn = [np.asarray(line.get_xydata()) for line in one.lines]
+                drawn += [np.array([[p.get_width(), p.get_y() + p.get_height() / 2] for p in bars]) for bars
+                          in one.containers]
+                drawn += [np.array([s[1] for s in c.get_segments()]) for c in one.collections
+                          if hasattr(c, "get_segments")]
+                wanted = [np.column_stack([line.x, line.y]) for line in panel.lines]
+                wanted += [np.array([[m.x, m.y]]) for m in panel.marks]
+                for points in wanted:
+                    assert any(d.shape == points.shape and np.allclose(d, points, equal_nan=True) for d in drawn)
+                assert {r.value for r in panel.rules} <= {v for d in drawn if len(d) == 2 for v in d.ravel()}
+                assert len(one.patches) >= len(panel.bands) + len(panel.boxes)
+                assert one.get_xlabel().startswith(panel.x_label[:5])
+                if panel.names:
+                    assert len(one.get_yticklabels()) == len(panel.names)
+
+
+def test_panels_share_the_place_of_the_axes() -> None:
+    from matplotlib.figure import Figure
+
+    for layout in (None, "constrained"):
+        figure = Figure(figsize=(6, 6), layout=layout)
+        beside, ax = figure.subplots(1, 2)
+        free = figure.add_axes((0.1, 0.1, 0.2, 0.2)) if layout is None else beside
+        for one in (ax, free):
+            place, others = one.get_position(), len(figure.axes)
+            draw(pictures(case("good"))["fit"], one)
+            lower = figure.axes[others]
+            if layout is None:
+                assert place.x0 == pytest.approx(lower.get_position().x0)
+                assert place.y0 == pytest.approx(lower.get_position().y0)
+            assert lower.get_position().y1 < one.get_position().y0
+            one.set_xlim(100, 200)
+            assert lower.get_xlim() == (100, 200)
+
+
+def test_a_tag_is_no_formula_in_a_png() -> None:
+    one = case("good")
+    loop = replace(one.loop, units=dict.fromkeys(one.loop.units, "$\\frac{$"))
+    study = replace(one.study, candidates=tuple(replace(c, effect="$_^$") for c in one.study.candidates),
+                    data=replace(one.study.data, units=loop.units))
+    for kind in (replace(one, loop=loop, study=study), study_factory.hostile()):
+        for picture in pictures(kind).values():
+            assert len(figure_bytes(picture, "png")) > 3_000
 
 
 @pytest.mark.parametrize(("text", "written"), [

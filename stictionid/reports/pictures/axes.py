@@ -1,4 +1,4 @@
-"""Limits, ticks and positions of a panel's axes, shared by nothing that has its own (matplotlib brings them)."""
+"""Limits, ticks and positions of a panel's axes; `draw` takes the limits only, matplotlib has its own ticks."""
 
 from __future__ import annotations
 

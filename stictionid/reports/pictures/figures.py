@@ -1,166 +1,220 @@
-"""Pictures as files: SVG by the house's own renderer, PNG by drawing that very SVG with matplotlib.
+"""Pictures as files, and on the axes of a caller: `draw` shows a picture's numbers with matplotlib, styled as the SVG.
 
-So there is one layout, and a picture looks the same in either kind. Same picture, same bytes: no dates, no random ids,
-the Agg backend and the font that matplotlib ships. Only this file and valve_figure.py load matplotlib.
+The Agg backend and the font that matplotlib ships give the same bytes for the same picture. Only this file and
+valve_figure.py load matplotlib.
 """
 
 from __future__ import annotations
 
 import io
-import re
-from typing import Any
-from xml.etree import ElementTree
+import math
+from typing import TYPE_CHECKING, Any, cast
 
-from . import palette, svg
-from .picture import Picture
+import numpy as np
+
+from .. import wording
+from . import axes, palette, svg
+from .axes import Axis
+from .legend import BANDS, BETWEEN, RULE_ROW, SAMPLE, entries, rule_places
+from .picture import Cells, Line, Panel, Picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 PNG_KIND = b"\x89PNG"
-# Pixels of the PNG per px of the drawing, and points per inch (so that one px of the drawing is one point). Unit: 1.
+# Pixels of the PNG per px of the drawing, and px per inch (so that one px of the drawing is one point). Unit: 1.
 _SCALE, _POINTS = 1.5, 72
-_TOKEN = re.compile(r"[A-Za-z]|-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
-_PLACE = re.compile(r"translate\((\S+) (\S+)\) rotate\((\S+)\)")
-_ALIGN = {"middle": "center", "end": "right"}
+# Height that a panel's names and labels take. Unit: px.
+_ROOM = 74
+# Gap between panels without a layout engine. Unit: their mean height.
+_BETWEEN_PANELS = 0.6
+# Mean width of a character. Unit: font size.
+_CHARACTER = 0.58
+# Text without maths, so that tag names can't be taken for formulas.
+_PLAIN: dict[str, Any] = {"parse_math": False, "usetex": False}
+_HEAD = "-|>,head_length=9,head_width=4"
+_MARKS = {"search": ("o", 6), "last": ("x", 16)}
 
 
 def figure_bytes(picture: Picture, kind: str) -> bytes:
     """The picture as a file of `kind` "svg" or "png"."""
-    drawn = svg.standalone(picture)
-    return drawn if kind == "svg" else _png(drawn)
+    return svg.standalone(picture) if kind == "svg" else _png(picture)
 
 
-def _png(drawn: bytes) -> bytes:
+def _png(picture: Picture) -> bytes:
     from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    root = ElementTree.fromstring(drawn)
-    width, height = float(root.get("width", "1")), float(root.get("height", "1"))
-    # Text without maths, so that tag names can't be taken for formulas.
-    settings: Any = {"font.family": "DejaVu Sans", "text.usetex": False, "text.parse_math": False,
-                     "hatch.linewidth": 1.5, "path.simplify": False}
-    with rc_context(settings):
+    width = svg.WIDE if picture.wide else svg.SQUARE
+    height = sum(svg.heights(picture, width)) + _ROOM * len(picture.panels)
+    with rc_context({"font.family": "DejaVu Sans", "font.size": svg.TEXT, "hatch.linewidth": 1.5}):
         figure = Figure(figsize=(width / _POINTS, height / _POINTS), dpi=_POINTS * _SCALE,
-                        facecolor=palette.GROUND.light)
-        FigureCanvasAgg(figure)
-        axis = figure.add_axes((0, 0, 1, 1))
-        axis.set_axis_off()
-        axis.set_xlim(0, width)
-        axis.set_ylim(height, 0)
-        _Drawing(axis).draw(root, None)
+                        facecolor=palette.GROUND.light, layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.1))
+        draw(picture, figure.subplots())
         out = io.BytesIO()
         figure.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()
 
 
-class _Drawing:
-    """The elements that svg.py writes, put on axes whose data are the drawing's px; anything else is left out."""
+def draw(picture: Picture, ax: Axes) -> Axes:
+    """Draw `picture` on `ax` in the numbers and units of its data, and return `ax`.
 
-    def __init__(self, axis: Any) -> None:
-        self.axis = axis
-        self.clips: dict[str | None, ElementTree.Element] = {}
-
-    def draw(self, parent: ElementTree.Element, clip: Any) -> None:
-        """Every child of `parent`, in order, inside `clip`."""
-        for element in parent:
-            kind = element.tag.rpartition("}")[2]
-            if kind == "clipPath":
-                self.clips[element.get("id")] = element[0]
-            elif kind == "g":
-                name = element.get("clip-path", "").removeprefix("url(#").removesuffix(")")
-                self.draw(element, self.clips.get(name, clip))
-            elif kind in ("rect", "circle", "path") and element.get("class"):
-                self._shape(kind, element, clip)
-            elif kind == "text":
-                self._text(element)
-
-    def _shape(self, kind: str, element: ElementTree.Element, clip: Any) -> None:
-        from matplotlib.patches import Circle, PathPatch, Rectangle
-
-        look = _look(element.get("class", ""))
-        shape: Any
-        if kind == "rect":
-            shape = Rectangle(*_box(element), **look)
-        elif kind == "circle":
-            shape = Circle((_number(element, "cx"), _number(element, "cy")), _number(element, "r"), **look)
-        else:
-            found = _path(element.get("d", ""))
-            if found is None:
-                return
-            shape = PathPatch(found, **look)
-        self.axis.add_patch(shape)
-        if clip is not None:
-            shape.set_clip_path(Rectangle(*_box(clip), transform=self.axis.transData))
-        shape.set_zorder(len(self.axis.patches) + len(self.axis.texts))
-
-    def _text(self, element: ElementTree.Element) -> None:
-        x, y, turn = _number(element, "x"), _number(element, "y"), 0.0
-        placed = _PLACE.match(element.get("transform", ""))
-        if placed:
-            x, y, turn = map(float, placed.groups())
-        text = "".join(c for c in element.text or "" if c.isprintable())
-        self.axis.text(x, y, text, fontsize=svg.TEXT, rotation=-turn, rotation_mode="anchor", va="baseline",
-                       ha=_ALIGN.get(element.get("text-anchor", ""), "left"), color=palette.INK.light,
-                       zorder=len(self.axis.patches) + len(self.axis.texts))
+    A picture of several panels shares the place of `ax` out: `ax` keeps the first panel, each further one gets axes of
+    its own below. Colours are those on light ground; sizes of text are the caller's.
+    """
+    for panel, one in zip(picture.panels, _shared_out(ax, picture.panels), strict=True):
+        _panel(panel, one)
+    return ax
 
 
-def _number(element: ElementTree.Element, name: str) -> float:
-    return float(element.get(name, "0"))
+def _shared_out(ax: Axes, panels: tuple[Panel, ...]) -> list[Axes]:
+    """Axes of each panel, from the top down, in the place of `ax`."""
+    from matplotlib.gridspec import GridSpec
+
+    if len(panels) == 1:
+        return [ax]
+    at, figure = ax.get_position(), cast("Figure", ax.figure)
+    place = ax.get_subplotspec() or GridSpec(1, 1, figure, left=at.x0, right=at.x1, bottom=at.y0, top=at.y1)[0]
+    # A layout engine makes room for the names between the panels by itself.
+    grid = place.subgridspec(len(panels), 1, height_ratios=[p.height for p in panels],
+                             hspace=None if figure.get_layout_engine() else _BETWEEN_PANELS)
+    ax.set_subplotspec(grid[0])
+    return [ax, *(figure.add_subplot(grid[k], sharex=ax) for k in range(1, len(panels)))]
 
 
-def _box(element: ElementTree.Element) -> tuple[tuple[float, float], float, float]:
-    return (_number(element, "x"), _number(element, "y")), _number(element, "width"), _number(element, "height")
+def _panel(panel: Panel, ax: Axes) -> None:
+    from matplotlib.patches import Rectangle
+
+    _scales(panel, ax)
+    for band in panel.bands:
+        look: dict[str, Any] = {"facecolor": "none", "edgecolor": palette.UNUSED.light, "hatch": "//"}
+        if band.role == "failing":
+            look = {"color": palette.FAILING.light}
+        ax.axvspan(band.start, band.end, zorder=0.4, linewidth=1.5, label=dict(BANDS)[band.role], **look)
+    for rule in panel.rules:
+        across = ax.axvline if rule.axis == "x" else ax.axhline
+        across(rule.value, label=rule.label if rule.axis == "y" else "", zorder=1.6, **_look(rule.role))
+    for line in panel.lines:
+        _line(line, ax)
+    for b in panel.boxes:
+        ax.add_patch(Rectangle((b.x0, b.y0), b.x1 - b.x0, b.y1 - b.y0, fill=False, label=b.label, zorder=3,
+                               edgecolor=palette.LOOKS["mark"].light, linewidth=palette.LOOKS["mark"].width))
+    for m in panel.marks:
+        _mark(m.x, m.y, m.role, m.label, ax)
+    _words(panel, ax)
+    if panel.cells is not None:
+        _cells(panel.cells, ax)
 
 
-def _look(name: str) -> dict[str, Any]:
-    """What a style class means to matplotlib; the twin of svg.style on light ground."""
-    kind, _, role = name.partition("-")
-    if kind == "r":
-        look = palette.LOOKS[role]
-        return {"fill": False, "edgecolor": look.light, "linewidth": look.width, "capstyle": "butt",
-                "linestyle": (0, tuple(d / look.width for d in look.dash)) if look.dash else "-"}
-    if kind == "f":
-        return {"facecolor": palette.LOOKS[role].light, "linewidth": 0}
-    if name == "under":
-        return {"fill": False, "edgecolor": palette.GROUND.light, "linewidth": 5.0}
-    if name == "grid":
-        return {"fill": False, "edgecolor": palette.GRID.light, "linewidth": 1.0}
-    if name == "frame":
-        return {"fill": False, "edgecolor": palette.SOFT_INK.light, "linewidth": 1.0}
-    if name == "b-unused":
-        return {"fill": False, "edgecolor": palette.UNUSED.light, "hatch": "//", "linewidth": 0}
-    if kind == "b":
-        return {"facecolor": palette.FAILING.light, "linewidth": 0}
-    return {"facecolor": palette.MAP_LIGHT[int(name.removeprefix("m"))], "linewidth": 0}
+def _scales(panel: Panel, ax: Axes) -> None:
+    """Limits, ticks, grid, frame and names of the axes."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    ax.set_facecolor(palette.GROUND.light)
+    ax.set_axisbelow(True)
+    ax.ticklabel_format(useOffset=False)
+    if panel.log_x:
+        ax.set_xscale("log")
+        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        ax.xaxis.set_minor_locator(NullLocator())
+    if panel.names:
+        ax.set_yticks(range(len(panel.names)), [wording.clean(n, wording.LONGEST_NAME // 2) for n in panel.names],
+                      **_PLAIN)
+    ax.set_xlim(*axes.limits(panel, "x"))
+    ax.set_ylim(*axes.limits(panel, "y"))
+    if panel.cells is None:
+        ax.grid(axis="x" if panel.names else "both", color=palette.GRID.light, linewidth=1.0)
+    ax.tick_params(length=0, labelcolor=palette.INK.light, labelbottom=bool(panel.x_label))
+    ax.spines[:].set(edgecolor=palette.SOFT_INK.light, linewidth=1.0)
 
 
-def _path(text: str) -> Any:
-    """A path of M, L, H, V, h, v, l and Z as matplotlib's; None for an empty one."""
-    from matplotlib.path import Path
+def _look(role: str) -> dict[str, Any]:
+    """Colour, width and dash of a role's lines; the twin of svg.style on light ground."""
+    look = palette.LOOKS[role]
+    return {"color": look.light, "linewidth": look.width,
+            "linestyle": (0, tuple(d / look.width for d in look.dash)) if look.dash else "-"}
 
-    tokens = _TOKEN.findall(text)
-    points: list[tuple[float, float]] = []
-    codes: list[int] = []
-    x = y = 0.0
-    i = 0
-    command = ""
-    while i < len(tokens):
-        if tokens[i].isalpha():
-            command, i = tokens[i], i + 1
-            if command == "Z":
-                points.append((x, y))
-                codes.append(int(Path.CLOSEPOLY))
-                continue
-        count = 1 if command in "HVhv" else 2
-        values = [float(t) for t in tokens[i:i + count]]
-        i += count
-        if command in "ML":
-            x, y = values
-        elif command == "l":
-            x, y = x + values[0], y + values[1]
-        elif command in "Hh":
-            x = values[0] + (x if command == "h" else 0.0)
-        else:
-            y = values[0] + (y if command == "v" else 0.0)
-        points.append((x, y))
-        codes.append(int(Path.MOVETO if command == "M" else Path.LINETO))
-    return Path(points, codes) if points else None
+
+def _line(line: Line, ax: Axes) -> None:
+    colour = palette.LOOKS[line.role].light
+    if line.style == "points":
+        ax.plot(line.x, line.y, "o", color=colour, markersize=8, markeredgewidth=0, label=line.name, zorder=2.5)
+    elif line.style == "bars":
+        ax.barh(line.y, line.x, 0.45, color=colour, label=line.name, zorder=2)
+    elif line.style == "stems":
+        ax.vlines(line.x, 0.0, line.y, label=line.name, **_look(line.role))
+    else:
+        ax.plot(line.x, line.y, label=line.name, **_look(line.role))
+    if line.style == "arrows":
+        _arrows(line, ax)
+
+
+def _arrows(line: Line, ax: Axes) -> None:
+    """Arrow heads along a curve, where the SVG has them at the present size of the axes."""
+    from matplotlib.patches import FancyArrowPatch
+
+    data = np.column_stack([line.x, line.y])
+    data = data[np.isfinite(data).all(axis=1)]
+    at = ax.transData.transform(data) * _POINTS / ax.figure.dpi
+    for k in svg.arrow_places(at[:, 0], at[:, 1]):
+        ax.add_patch(FancyArrowPatch(data[k], (data[k] + data[k + 1]) / 2, arrowstyle=_HEAD, zorder=3, mutation_scale=1,
+                                     color=palette.LOOKS[line.role].light, linewidth=0, shrinkA=0, shrinkB=0))
+
+
+def _mark(x: float, y: float, role: str, label: str, ax: Axes) -> None:
+    """A point's sign, as legend.mark has it, on an edge of the ground's colour."""
+    from matplotlib.patheffects import withStroke
+
+    sign, size = _MARKS.get(role, ("+", 16))
+    look = palette.LOOKS[role]
+    ax.plot([x], [y], sign, color=look.light, markersize=size, markeredgewidth=look.width, fillstyle="none", zorder=4,
+            label=label, path_effects=[withStroke(linewidth=look.width + 3, foreground=palette.GROUND.light)])
+
+
+def _cells(cells: Cells, ax: Axes) -> None:
+    """A map in the classes of the palette, with its scale at the side."""
+    from matplotlib.colors import ListedColormap
+
+    span = palette.map_span(cells.values)
+    if span is None:
+        return
+    classes = [[math.nan if v is None else palette.map_class(v, *span) for v in row] for row in cells.values]
+    mesh = ax.pcolormesh(axes.edges(cells.x), axes.edges(cells.y), classes, cmap=ListedColormap(palette.MAP_LIGHT),
+                         vmin=-0.5, vmax=len(palette.MAP_LIGHT) - 0.5, zorder=0.2)
+    bar = ax.figure.colorbar(mesh, ax=ax, ticks=[-0.5, len(palette.MAP_LIGHT) - 0.5])
+    bar.set_ticklabels([wording.number(v) for v in span])
+    bar.set_label(f"{cells.label}, {cells.unit}", labelpad=-12, color=palette.INK.light, **_PLAIN)
+    bar.ax.tick_params(length=0, labelcolor=palette.INK.light)
+
+
+def _words(panel: Panel, ax: Axes) -> None:
+    """Labels of the axes; above the frame the labels of vertical rules, and above those the legend."""
+    size = float(ax.xaxis.label.get_fontsize())
+    character, per_px = _CHARACTER * size, ax.figure.dpi / _POINTS
+    width, height = ax.bbox.width / per_px, ax.bbox.height / per_px
+    # Beside long names the axis of x may be shorter than its label, which then runs to the left.
+    ax.set_xlabel(wording.clean(panel.x_label, max(int(width / character), 6)), color=palette.INK.light, **_PLAIN,
+                  loc="right" if panel.names else "center")
+    ax.set_ylabel(wording.clean(panel.y_label, max(int(1.2 * height / character), 6)), color=palette.INK.light,
+                  **_PLAIN)
+    rows = 0
+    for rule, at, start, row in rule_places(panel, Axis(*ax.get_xlim(), 0.0, width, panel.log_x), character):
+        stalk = min(max((at - start) / (character * len(rule.label)), 0.0), 1.0), 0.0
+        ax.annotate(wording.name(rule.label), (rule.value, 1.0), (start - at, 4 + RULE_ROW * row),
+                    xycoords=ax.get_xaxis_transform(), textcoords="offset points", annotation_clip=True,
+                    color=palette.INK.light, **_PLAIN,
+                    arrowprops={"arrowstyle": "-", "relpos": stalk, "shrinkA": 0, "shrinkB": 0, **_look(rule.role)})
+        rows = max(rows, row + 1)
+    shown = {wording.name(label): handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    named = [name for name in dict.fromkeys(wording.name(e[0]) for e in entries(panel)) if name in shown]
+    if not named:
+        return
+    sizes = [SAMPLE + BETWEEN + character * len(name) for name in named]
+    legend = ax.legend([shown[name] for name in named], named, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderpad=0,
+                       borderaxespad=(4 + RULE_ROW * rows) / size, frameon=False, labelcolor=palette.INK.light,
+                       ncols=len(named) if sum(sizes) < width else max(int(width / max(sizes)), 1))
+    for text in legend.get_texts():
+        text.set(**_PLAIN)

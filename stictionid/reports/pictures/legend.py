@@ -10,14 +10,14 @@ from collections.abc import Callable
 from .. import wording
 from . import palette
 from .axes import Axis
-from .picture import Panel
+from .picture import Panel, Rule
 
 # Height of one row of names and of one row of rule labels, and width of a sample with its gaps. Unit: px.
 ROW, RULE_ROW = 18, 15
-_SAMPLE, _BETWEEN = 30, 14
+SAMPLE, BETWEEN = 30, 14
 # Side of one swatch of a cost map's scale. Unit: px.
 _SWATCH = 13
-_BANDS = (("failing", "model fails"), ("unused", "not used"))
+BANDS = (("failing", "model fails"), ("unused", "not used"))
 
 Cut = Callable[[str, float], str]
 
@@ -26,7 +26,7 @@ def entries(panel: Panel) -> list[tuple[str, str, str]]:
     """Name, role and kind of sample of everything a panel shows that needs a name, each once."""
     found = [(line.name, line.role, {"points": "dot", "bars": "bar"}.get(line.style, "line")) for line in panel.lines]
     seen = {b.role for b in panel.bands}
-    found += [(word, role, "band") for role, word in _BANDS if role in seen]
+    found += [(word, role, "band") for role, word in BANDS if role in seen]
     found += [(r.label, r.role, "line") for r in panel.rules if r.axis == "y"]
     found += [(b.label, "mark", "box") for b in panel.boxes]
     found += [(m.label, m.role, "mark") for m in panel.marks]
@@ -40,12 +40,12 @@ def legend(panel: Panel, left: float, width: int, top: float, character: float, 
     """Samples of each entry with its name from `left` on, wrapped; and how many rows that took."""
     parts, at, row = [], left, 0
     for name, role, kind in entries(panel):
-        size = _SAMPLE + character * min(len(name), wording.LONGEST_NAME) + _BETWEEN
+        size = SAMPLE + character * min(len(name), wording.LONGEST_NAME) + BETWEEN
         if at + size > width and at > left:
             at, row = left, row + 1
         y = top + 13 + ROW * row
         parts.append(_sample(kind, role, at, y))
-        parts.append(f'<text x="{at + _SAMPLE:.0f}" y="{y + 4:.0f}">{cut(name, width - at - _SAMPLE)}</text>')
+        parts.append(f'<text x="{at + SAMPLE:.0f}" y="{y + 4:.0f}">{cut(name, width - at - SAMPLE)}</text>')
         at += size
     rows = row + 1 if parts else 0
     scale = _scale(panel, left, top + 13 + ROW * rows, character, cut)
@@ -69,34 +69,33 @@ def _scale(panel: Panel, left: float, y: float, character: float, cut: Cut) -> s
 
 def rule_labels(panel: Panel, x: Axis, bottom: float, character: float, cut: Cut) -> str:
     """Labels of the vertical rules above the frame, whose top is at `bottom`; crowded ones climb to higher rows."""
-    placed = _rule_places(panel, x, character)
-    return "".join(f'<text x="{start:.1f}" y="{bottom - 4 - RULE_ROW * row:.1f}">{cut(label, 400)}</text>'
-                   f'<path class="r-{role}" d="M{at:.1f} {bottom:.1f}V{bottom - 3 - RULE_ROW * row:.1f}"/>'
-                   for label, role, at, start, row in placed)
+    return "".join(f'<text x="{start:.1f}" y="{bottom - 4 - RULE_ROW * row:.1f}">{cut(rule.label, 400)}</text>'
+                   f'<path class="r-{rule.role}" d="M{at:.1f} {bottom:.1f}V{bottom - 3 - RULE_ROW * row:.1f}"/>'
+                   for rule, at, start, row in rule_places(panel, x, character))
 
 
 def rule_rows(panel: Panel, x: Axis, character: float) -> int:
     """Rows that the labels of the vertical rules take."""
-    return max((row + 1 for *_, row in _rule_places(panel, x, character)), default=0)
+    return max((row + 1 for *_, row in rule_places(panel, x, character)), default=0)
 
 
-def _rule_places(panel: Panel, x: Axis, character: float) -> list[tuple[str, str, float, float, int]]:
-    """Label, role, place of the rule, start of the text and row, from right to left, so that no rule crosses a label.
+def rule_places(panel: Panel, x: Axis, character: float) -> list[tuple[Rule, float, float, int]]:
+    """Labelled vertical rules: place of the rule, start of its text and row, so that no rule crosses a label.
 
-    Rules out of sight have none.
+    They are given from right to left; rules out of sight are left out.
     """
     starts: list[float] = []
     placed = []
     low, high = min(x.start, x.end), max(x.start, x.end)
-    shown = [(float(x.at(r.value)), r.label, r.role) for r in panel.rules if r.axis == "x" and r.label]
-    for at, label, role in sorted(shown, reverse=True):
+    shown = [(float(x.at(r.value)), r) for r in panel.rules if r.axis == "x" and r.label]
+    for at, rule in sorted(shown, key=lambda s: (s[0], s[1].label, s[1].role), reverse=True):
         if not low - 0.5 <= at <= high + 0.5:
             continue
-        size = character * len(label)
+        size = character * len(rule.label)
         start = max(min(at + 3, high - size), low)
         row = next((k for k, taken in enumerate(starts) if start + size < taken - 6), len(starts))
         starts[row:row + 1] = [min(start, at)]
-        placed.append((label, role, at, start, row))
+        placed.append((rule, at, start, row))
     return placed
 
 

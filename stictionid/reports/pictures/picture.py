@@ -15,8 +15,8 @@ from ...typing import FloatArray
 class Line:
     """A curve or a cloud of points; `role` picks colour and dash the same way in every picture.
 
-    `x` and `y` have shape (k,), NaN breaks the line. `style` is "line", "points", "bars" or "arrows" (a line with
-    arrow heads along it).
+    `x` and `y` have shape (k,), NaN breaks the line. `style` is "line", "points", "bars", "stems" or "arrows" (a line
+    with arrow heads along it).
     """
 
     name: str
@@ -28,7 +28,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """A shaded stretch of the x axis; `role` is "failing", "unused" or "bound"."""
+    """A shaded stretch of the x axis; `role` is "failing" or "unused"."""
 
     start: float
     end: float

@@ -92,22 +92,24 @@ def _cut(text: str, room: float) -> str:
     return _safe(wording.clean(text, max(int(room / _CHARACTER), 6)))
 
 
-def _body(picture: Picture, width: int, prefix: str) -> tuple[str, int]:
+def heights(picture: Picture, width: int) -> list[int]:
+    """Height of each panel's frame in a drawing `width` px wide."""
     named = max((len(p.names) for p in picture.panels), default=0)
     base = 46 + 26 * named if named else _HEIGHT_WIDE if picture.wide else _HEIGHT_SQUARE
-    wide = picture.wide and width == WIDE
-    if picture.wide and not wide:
+    if picture.wide and width != WIDE:
         base = 170
+    return [round(base * p.height) for p in picture.panels] if len(picture.panels) > 1 else [base]
+
+
+def _body(picture: Picture, width: int, prefix: str) -> tuple[str, int]:
     parts, top = [], 4
-    for i, panel in enumerate(picture.panels):
-        height = round(base * panel.height) if len(picture.panels) > 1 else base
-        last = i == len(picture.panels) - 1
-        text, top = _panel(panel, width, top, height, f"{prefix}-{i}", last)
+    for i, (panel, height) in enumerate(zip(picture.panels, heights(picture, width), strict=True)):
+        text, top = _panel(panel, width, top, height, f"{prefix}-{i}")
         parts.append(text)
     return "".join(parts), top
 
 
-def _panel(panel: Panel, width: int, top: float, height: float, key: str, last: bool) -> tuple[str, int]:
+def _panel(panel: Panel, width: int, top: float, height: float, key: str) -> tuple[str, int]:
     """One panel from `top` on, and where the next one starts."""
     legend, rows = names.legend(panel, _LEFT, width, top, _CHARACTER, _cut)
     left = min(max(_LEFT, 12 + _CHARACTER * max((len(n) for n in panel.names), default=0)), _WIDEST_NAMES * width)
@@ -120,7 +122,7 @@ def _panel(panel: Panel, width: int, top: float, height: float, key: str, last: 
     parts += [_cells(panel, x, y)] if panel.cells else []
     parts += [_band(b, x, y0, height) for b in panel.bands]
     parts.append("</g>")
-    parts.append(_grid(panel, x, y, last))
+    parts.append(_grid(panel, x, y))
     parts.append(f'<g clip-path="url(#{key})">')
     parts += [_rule(r, x, y) for r in panel.rules]
     parts += [_line(line, x, y) for line in panel.lines]
@@ -142,7 +144,7 @@ def _panel(panel: Panel, width: int, top: float, height: float, key: str, last: 
     return "".join(parts), round(bottom)
 
 
-def _grid(panel: Panel, x: Axis, y: Axis, last: bool) -> str:
+def _grid(panel: Panel, x: Axis, y: Axis) -> str:
     """Grid lines and tick labels; x labels only where the panel has an x label."""
     parts = []
     across = axes.log_ticks(x.low, x.high) if x.log else axes.ticks(x.low, x.high, int((x.end - x.start) / 60))
@@ -202,7 +204,7 @@ def _line(line: Line, x: Axis, y: Axis) -> str:
 
 
 def _path(px: FloatArray, py: FloatArray, good: np.ndarray) -> str:
-    """Moves and lines through the finite points; one point between two gaps becomes a dot."""
+    """Moves and lines through the finite points; one point between two gaps is not drawn."""
     parts, pen = [], False
     for a, b, ok in zip(px.tolist(), py.tolist(), good.tolist(), strict=True):
         if ok:
@@ -211,25 +213,28 @@ def _path(px: FloatArray, py: FloatArray, good: np.ndarray) -> str:
     return "".join(parts)
 
 
-def _arrows(role: str, px: FloatArray, py: FloatArray) -> str:
-    """Arrow heads along a curve, every _ARROW_EVERY px, at most 40."""
+def arrow_places(px: FloatArray, py: FloatArray) -> list[int]:
+    """Points of a curve, in px, from which an arrow head leads to the next: every _ARROW_EVERY px, at most 40."""
     if px.size < 2:
-        return ""
-    dx, dy = np.diff(px), np.diff(py)
-    length = np.hypot(dx, dy)
+        return []
+    length = np.hypot(np.diff(px), np.diff(py))
     walked = np.cumsum(length)
     every = max(_ARROW_EVERY, float(walked[-1]) / 40)
     where = np.unique(np.searchsorted(walked, np.arange(every / 2, walked[-1], every)))
+    return [int(k) for k in where if k < length.size and length[k] >= 0.5]
+
+
+def _arrows(role: str, px: FloatArray, py: FloatArray) -> str:
+    """Arrow heads along a curve."""
     heads = []
-    for k in where[where < length.size]:
-        if length[k] < 0.5:
-            continue
-        ux, uy = dx[k] / length[k], dy[k] / length[k]
+    for k in arrow_places(px, py):
+        dx, dy = px[k + 1] - px[k], py[k + 1] - py[k]
+        ux, uy = np.array([dx, dy]) / np.hypot(dx, dy)
         tip = (px[k] + px[k + 1]) / 2 + 5 * ux, (py[k] + py[k + 1]) / 2 + 5 * uy
         left = tip[0] - 9 * ux - 4 * uy, tip[1] - 9 * uy + 4 * ux
         right = tip[0] - 9 * ux + 4 * uy, tip[1] - 9 * uy - 4 * ux
         heads.append(f"M{tip[0]:.1f} {tip[1]:.1f}L{left[0]:.1f} {left[1]:.1f}L{right[0]:.1f} {right[1]:.1f}Z")
-    return f'<path class="f-{role}" d="{"".join(heads)}"/>'
+    return f'<path class="f-{role}" d="{"".join(heads)}"/>' if px.size > 1 else ""
 
 
 def _cells(panel: Panel, x: Axis, y: Axis) -> str:
