@@ -75,11 +75,6 @@ class Context:
     held: bool = True
 
     @property
-    def part_s(self) -> float:
-        """Seconds of one fine step."""
-        return self.step_s / self.substeps
-
-    @property
     def command_step_s(self) -> float:
         """Seconds between two values of the command."""
         return self.step_s * self.process_value.size / self.command.size

@@ -33,7 +33,6 @@ from .moves import (
 )
 from .starts.basins import along_ridge, basins, grown, roamed, with_other_start, with_process
 
-_VALLEY_ROUNDS = 150
 _MOST_RUNS, _RIDGE_TURNS = 4, 3
 # A restart of an integrator whose cost is this many times the best so far starts from a growing record.
 _MUCH_WORSE = 1.5
@@ -57,8 +56,6 @@ _PLATEAU_LADDER = np.geomspace(1e-6, 0.05, 30)
 _BETTER, _STEPS_BETTER = 0.5, 3
 # Neighbouring minima of a command rebuilt between samples, in parts of a sample of dead time, and how often to look.
 _BESIDE, _BESIDE_TURNS, _BESIDE_KEPT = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0), 4, 3
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ _DIFFERENCE = 1e-3
 # Ladders of initial residual forces, as shares of their range: for points that deserve it, and to choose those.
 # Where there are several segments each force is less known than one: neighbours of what it is are tried, too.
 _NEAR_FORCES = np.array([-0.03, -0.015, -0.007, -0.003, 0.003, 0.007, 0.015, 0.03])
-FORCES, ROUGH_FORCES = np.linspace(0.01, 0.99, 33), np.linspace(0.05, 0.95, 7)
+FORCES = np.linspace(0.01, 0.99, 33)
 
 
 # Models that stand for another one, which several stages ask for, as long as that one is there.

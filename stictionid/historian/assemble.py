@@ -76,9 +76,9 @@ def assemble(shaped: Shaped, aligned: Aligned, options: ReadOptions, book: RowBo
     filled = fill(frame, aligned.on_change | _written_on_change(frame))
     unclear = _mask(frame, filled, shaped, options)
     findings += notes.mode_findings(unclear, shaped, guesses)
-    loop_arrays = _segments(frame, book, table)
+    loop_arrays = _segments(frame, table)
     _book_missing(frame, book, loop_arrays[0])
-    return _finish(frame, shaped, options, book, step, guesses, findings, loop_arrays, elapsed)
+    return _finish(frame, shaped, options, step, guesses, findings, loop_arrays, elapsed)
 
 
 def _even_grid(
@@ -195,7 +195,7 @@ def _mask(frame: Frame, filled: BoolArray, shaped: Shaped, options: ReadOptions)
     return unclear
 
 
-def _segments(frame: Frame, book: RowBook, table: Table) -> tuple[IntArray, list[int], int]:
+def _segments(frame: Frame, table: Table) -> tuple[IntArray, list[int], int]:
     pv, op = frame.values["process_value"], frame.values["output"]
     valid = ~(np.isnan(pv) | np.isnan(op))
     if not valid.any():
@@ -220,7 +220,6 @@ def _finish(
     frame: Frame,
     shaped: Shaped,
     options: ReadOptions,
-    book: RowBook,
     step: GridStep,
     guesses: list[str],
     findings: list[Finding],

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from .bytes.options import ReadOptions
 from .series.assign import key_of
 from .series.columns import kind_of, long_columns, loop_column, loop_names
 from .table.table import Table
 from .words.roles import take_apart
 
 
-def names_of(table: Table, options: ReadOptions) -> tuple[str, ...]:
+def names_of(table: Table) -> tuple[str, ...]:
     """Names of the loops in a table, in the order of their columns or rows; one loop without a name gives ()."""
     import pyarrow as pa
 

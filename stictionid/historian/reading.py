@@ -278,4 +278,4 @@ def loops_in(file: Any, *, options: ReadOptions | None = None) -> tuple[str, ...
     from .listing import names_of
 
     options = settled(options)
-    return names_of(read_table(open_source(file, limits_from(options.limit)), options, loops=True), options)
+    return names_of(read_table(open_source(file, limits_from(options.limit)), options, loops=True))

@@ -15,7 +15,6 @@ Source: He and Wang 2010, METHODS.md section 2. The print has not been seen.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -28,15 +27,6 @@ from .he import LAW as HE
 # K of a lightly damped stem, z = 0.3; a choice of this program, the source leaves K to the valve. Unit: 1.
 DEFAULT_K = 1.37
 _K = Parameter("overshoot", "-", 1.0, 2.0, 1.0, "K: how far the stem shoots per unit of its way at a slip, 1 = none")
-
-
-def overshoot_of(viscous: float, spring: float, mass: float) -> float:
-    """K of a stem with F_v (N s/m), spring (N/m) and mass (kg): 1 + exp(-pi z / sqrt(1 - z^2)), 1 when z >= 1."""
-    if not (mass > 0 and spring > 0 and viscous >= 0):
-        raise ModelError(f"He and Wang's K needs mass and spring above 0 and F_v >= 0 (got {mass:g} kg, "
-                         f"{spring:g} N/m, {viscous:g} N s/m)", "give a mass above 0, for example 1.36")
-    z = viscous / (2.0 * math.sqrt(spring * mass))
-    return 1.0 if z >= 1.0 else 1.0 + math.exp(-math.pi * z / math.sqrt(1.0 - z * z))
 
 
 def _supply(table: FloatArray, values: Mapping[str, float], step_s: float, held: bool) -> FloatArray:

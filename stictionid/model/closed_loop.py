@@ -11,7 +11,6 @@ Source: paper Fig. 1 and Table 1, METHODS.md section 3.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -312,8 +311,3 @@ def _truth(setting: Setting, p: Plant, seed: int) -> dict[str, Any]:
 def with_stiction(setting: Setting, S: float, J: float) -> Setting:
     """The same loop with another stickband plus deadband and slip jump."""
     return replace(setting, S=S, J=J)
-
-
-def presets() -> Sequence[str]:
-    """Names of the presets."""
-    return tuple(PRESETS)

@@ -58,7 +58,6 @@ class Curves:
     residual: FloatArray
     position: FloatArray
     innovation: FloatArray
-    measured_position: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -154,7 +154,7 @@ def _width(u: FloatArray, x: FloatArray, start: int, direction: float, scale: _S
     return (None, -1) if k is None else (float(abs(u[k] - u[start])), k)
 
 
-def _jump(u: FloatArray, x: FloatArray, k: int, direction: float, scale: _Scale) -> float | None:
+def _jump(u: FloatArray, x: FloatArray, k: int, direction: float) -> float | None:
     """Size of the slip that begins at sample k: how far the force falls from break-away to its least."""
     if k < 1:
         return None
@@ -215,7 +215,7 @@ def _ramp(run: _Run, scale: _Scale) -> BenchOutcome:
     found = []
     for turn, direction in ((path.at[1], -1.0), (path.at[2], 1.0)):
         band, k = _width(u, x, turn, direction, scale)
-        found.append((band, k, _jump(u, x, k, direction, scale)))
+        found.append((band, k, _jump(u, x, k, direction)))
     band, k, jump = found[0]
     other = found[1][0]
     overshoot = _overshoot(jump, scale)
@@ -278,7 +278,7 @@ def _turns(run: _Run, scale: _Scale, test: str, hold: int) -> BenchOutcome:
     path.ramp(-4 * scale.W)
     u, x = run(path.command(), False)
     band, k = _width(u, x, path.at[-1], -1.0, scale)
-    overshoot = _overshoot(_jump(u, x, k, -1.0, scale), scale)
+    overshoot = _overshoot(_jump(u, x, k, -1.0), scale)
     return run.outcome(test, u, x, band, None, overshoot, (
         _close("dead band is S", band, scale.S, scale), _unbroken(x, k, scale)))
 
@@ -296,7 +296,7 @@ def _resume(run: _Run, scale: _Scale) -> BenchOutcome:
     path = _Path(scale).ramp(-2 * scale.W).ramp(2.3 * scale.W).hold(_STEPS_PER_W).ramp(2 * scale.W)
     u, x = run(path.command(), False)
     width, k = _width(u, x, path.at[-1], 1.0, scale)
-    jump = _jump(u, x, k, 1.0, scale)
+    jump = _jump(u, x, k, 1.0)
     overshoot = _overshoot(jump, scale)
     return run.outcome("resume", u, x, None, width, overshoot, (
         _close("resolution is J", width, scale.J, scale), _close("slip jump is J", jump, scale.J, scale),
@@ -317,7 +317,7 @@ def _sine(run: _Run, scale: _Scale) -> BenchOutcome:
         direction = float(np.sign(u[turn + 1] - u[turn]))
         band, k = _width(u, x, turn, direction, scale)
         bands.append(math.nan if band is None else band)
-        jumps.append(_jump(u, x, k, direction, scale) or 0.0)
+        jumps.append(_jump(u, x, k, direction) or 0.0)
     band = float(np.mean(bands)) if bands and np.isfinite(bands).all() else None
     jump = float(np.mean(jumps))
     overshoot = _overshoot(jump, scale)

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..numerics.jit import LANES, LINE, kernel, output, scratch
-from ..numerics.parameters import Parameter
 from ..typing import FloatArray
 
 # Rows of the coefficient table: decays over a part of either lag and of an integral, the weights of their sums in the
@@ -34,9 +33,6 @@ _TOGETHER = 4
 # Two time constants closer than this share are spread apart: the cascade's formula divides by their difference.
 # Unit: 1; at 1e-6 the response moves by less than 1e-6 of its size.
 _SPREAD = 1e-6
-
-TIME_CONSTANT = Parameter("time_constant_s", "s", 0.0, np.inf, 0.0, "lag of the process")
-DEAD_TIME = Parameter("dead_time_s", "s", 0.0, np.inf, 0.0, "time before the process answers")
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,19 +86,19 @@ def _one_tag(path: Path, names: tuple[str, ...]) -> str:
 
 def _text(path: Path, options: ReadOptions) -> Peeked:
     table = _head(path, options)
-    if options.sp is None and options.pv is None and options.op is None and _by_rows(table, options):
+    if options.sp is None and options.pv is None and options.op is None and _by_rows(table):
         table = read_table(open_source(path), options)
-        loops: dict[str, tuple[str, ...]] = {name: () for name in names_of(table, options)}
+        loops: dict[str, tuple[str, ...]] = {name: () for name in names_of(table)}
         return Peeked(path, loops or {"": ()}, names=_tags(table))
     return _columns(path, table.names, options)
 
 
-def _by_rows(table: Table, options: ReadOptions) -> bool:
+def _by_rows(table: Table) -> bool:
     """Whether the rows of a table tell its loops apart, so that all of them must be looked at."""
     roles = [take_apart(n).role for n in table.names]
     if {"process_value", "output"} <= set(roles):
         return any(take_apart(n).role == "loop" and not take_apart(n).loop for n in table.names)
-    return ("value" in roles and "tag" in roles) or bool(names_of(table, options))
+    return ("value" in roles and "tag" in roles) or bool(names_of(table))
 
 
 def _tags(table: Table) -> tuple[str, ...]:

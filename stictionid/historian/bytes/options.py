@@ -8,7 +8,6 @@ from typing import Any
 
 from ...errors import UsageError
 
-ROLES = ("time", "setpoint", "process_value", "output", "position", "mode", "quality")
 """Roles a column can have; further columns are extras."""
 
 

@@ -59,7 +59,7 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
     taken = set(found.index.values()) | set(found.extras.values()) | skip
     tags = {i: take_apart(n) for i, n in enumerate(names) if i not in taken}
     tags = {i: t for i, t in tags.items() if t.role in _OPTIONS and (i in numeric or t.role == "mode")}
-    for i in _flags_like_mode(tags, names):
+    for i in _flags_like_mode(tags):
         del tags[i]
     group = _choose_loop(tags, found, names, options, file)
     _complete(found, tags, group, options.roles, file)
@@ -83,7 +83,7 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
     return found
 
 
-def _flags_like_mode(tags: dict[int, Tag], names: tuple[str, ...]) -> list[int]:
+def _flags_like_mode(tags: dict[int, Tag]) -> list[int]:
     """Further mode-like columns when one is surer: only the surest counts."""
     modes = sorted((t.rank, i) for i, t in tags.items() if t.role == "mode" and not t.loop)
     return [i for _, i in modes[1:]]

@@ -54,7 +54,7 @@ def shape_long(
     quality = None if quality_column is None else read_quality_column(quality_column, table, options)
     values = to_numbers(table.columns[value_column], table.decimal).values
     if quality is not None:
-        values = apply_quality(values, quality, shaped, book, "process_value")
+        values = apply_quality(values, quality, shaped, "process_value")
         shaped.columns["quality"] = table.names[quality_column or 0]
     unit_column = next(
         (i for i, n in enumerate(table.names) if tidy(n) in ("unit", "units", "uom", "eu", "einheit", "eng unit")), None

@@ -10,7 +10,6 @@ import numpy as np
 from ...errors import DataError
 from ...typing import FloatArray, IntArray
 from ..bytes.options import ReadOptions
-from ..table.rows import RowBook
 from ..table.table import Table
 from ..time.clock import Order, put_in_order
 from ..time.stamps import Times, parse_times
@@ -81,7 +80,7 @@ def read_quality_column(column: int, table: Table, options: ReadOptions) -> Qual
     return read_quality(table.columns[column], table.names[column], options.quality_kind)
 
 
-def apply_quality(values: FloatArray, quality: Quality, shaped: Shaped, book: RowBook, role: str) -> FloatArray:
+def apply_quality(values: FloatArray, quality: Quality, shaped: Shaped, role: str) -> FloatArray:
     shaped.quality = quality.kind
     shaped.uncertain += int(np.count_nonzero(quality.uncertain)) if role == "process_value" else 0
     shaped.columns.setdefault("quality", "")

@@ -11,9 +11,6 @@ from .long_shape import shape_long, shape_paired
 from .shaped import Shaped
 from .wide_shape import shape_wide
 
-MAX_TAGS = 5000
-"""Different texts up to which a text column of a long table is taken for its tags."""
-
 
 def shape_table(table: Table, options: ReadOptions, book: RowBook) -> Shaped:
     """The series of the chosen loop. DataError and UsageError as in `assign`."""

@@ -53,7 +53,7 @@ def shape_wide(table: Table, kinds: list[str], options: ReadOptions, book: RowBo
     else:
         index = np.arange(table.rows) if rows is None else rows
         ns = np.rint(np.arange(index.size) * (options.step_s or 1.0) * 1e9).astype(np.int64)
-    _fill_wide(shaped, table, options, book, quality_columns - {mask}, index, ns)
+    _fill_wide(shaped, table, options, quality_columns - {mask}, index, ns)
     if mask >= 0:
         # Written by `read -o`: samples that stay in the record but do not count.
         shaped.series["mask"] = Series(ns, to_numbers(table.columns[mask]).values[index], index)
@@ -75,7 +75,6 @@ def _fill_wide(
     shaped: Shaped,
     table: Table,
     options: ReadOptions,
-    book: RowBook,
     quality_columns: set[int],
     index: IntArray,
     ns: IntArray,
@@ -104,7 +103,7 @@ def _fill_wide(
             shaped.words[role] = {w: c for w, c in numbers.words.items() if w != name.strip()}
             quality = _quality_for(column, table, quality_columns, options)
             if quality is not None:
-                values = apply_quality(values, quality, shaped, book, role)
+                values = apply_quality(values, quality, shaped, role)
         shaped.series[role] = Series(ns, values if whole else values[index], index)
 
 

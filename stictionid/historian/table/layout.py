@@ -16,8 +16,6 @@ from ..words.states import is_state
 
 SAMPLE_BYTES = 1 << 16
 SAMPLE_LINES = 300
-MIN_AGREEING_LINES = 0.8
-"""Share of lines that must have the same number of cells for a separator to be believed."""
 MIN_TYPED_BLANKS = 0.8
 """Share of number, time or state cells for which blanks are believed to separate."""
 MIN_SURE_SCORE = 0.9

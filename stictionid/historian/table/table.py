@@ -192,7 +192,7 @@ def parse(
             table = read(True, types)
     except (pa.ArrowInvalid, pa.ArrowException) as error:
         raise DataError(f"{name} can't be parsed: {in_short(error)}", "check --separator and --header") from None
-    return table, tuple(_dropped(bad, layout, width))
+    return table, tuple(_dropped(bad, layout))
 
 
 def refuse_damage(rows: int, dropped: tuple[tuple[int, str, str], ...], layout: Layout, name: str) -> None:
@@ -207,7 +207,7 @@ def refuse_damage(rows: int, dropped: tuple[tuple[int, str, str], ...], layout: 
         )
 
 
-def _dropped(bad: list[tuple[int | None, str]], layout: Layout, width: int) -> Iterator[tuple[int, str, str]]:
+def _dropped(bad: list[tuple[int | None, str]], layout: Layout) -> Iterator[tuple[int, str, str]]:
     """Lines without the right number of cells, sorted into footers, repeated headers and damaged rows."""
     headers = {tuple(c for c in row if c) for row in layout.header_cells}
     for number, text in bad:

@@ -24,7 +24,6 @@ class Order:
     duplicates: IntArray
     newest_first: bool = False
     out_of_order: int = 0
-    differing: int = 0
     spread: int = 0
     folded: int = 0
 

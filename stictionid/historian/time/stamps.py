@@ -73,7 +73,6 @@ class Times:
     text: str
     zone: str | None = None
     assumptions: tuple[str, ...] = ()
-    first_bad: int = -1
 
 
 def parse_times(
@@ -93,7 +92,6 @@ def parse_times(
             False,
             "ISO 8601 time stamps" if not zone else f"time stamps in {zone}",
             zone,
-            first_bad=_first_bad(valid),
         )
     if pa.types.is_date(kind) or pa.types.is_time(kind):
         return _dates_or_clock(column)
@@ -103,11 +101,7 @@ def parse_times(
         raise DataError(f"{place(0)}: {kind} is no time", "name the time column with --time")
     text: TextTimes = parse_text(column, dayfirst=dayfirst, time_format=time_format, place=place)
     valid = text.valid & (text.ns > EARLIEST_NS) & (text.ns < LATEST_NS)
-    return Times(np.where(valid, text.ns, 0), valid, False, text.text, text.zone, text.assumptions, _first_bad(valid))
-
-
-def _first_bad(valid: BoolArray) -> int:
-    return -1 if valid.all() else int(np.argmin(valid))
+    return Times(np.where(valid, text.ns, 0), valid, False, text.text, text.zone, text.assumptions)
 
 
 def _plain(column: Any) -> Any:
@@ -153,7 +147,7 @@ def _dates_or_clock(column: Any) -> Times:
 
     if pa.types.is_date(column.type):
         ns, valid = _in_ns(column.cast(pa.timestamp("s")))
-        return Times(ns, valid, False, "dates without a time of day", first_bad=_first_bad(valid))
+        return Times(ns, valid, False, "dates without a time of day")
     ns, valid = integers(column.cast(pa.time64("ns")).cast(pa.int64()))
     # A clock without dates starts again at midnight: each step back of more than half a day is a new day.
     days = np.concatenate([[0], np.cumsum(np.diff(ns) < -43_200 * SECOND)])
@@ -163,7 +157,6 @@ def _dates_or_clock(column: Any) -> Times:
         True,
         "time of day without a date",
         assumptions=("time of day without a date: days counted at midnight",) if days[-1] else (),
-        first_bad=_first_bad(valid),
     )
 
 
@@ -261,5 +254,4 @@ def _scaled(
         words,
         None if elapsed or not words.startswith("epoch") else "UTC",
         () if elapsed or said else (f"time column read as {words} (--time-format)",),
-        _first_bad(valid),
     )

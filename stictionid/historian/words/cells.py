@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import DataError
 from ...record.loop import LARGEST
 from ...typing import BoolArray, FloatArray
-from ..table.arrow import booleans, floats, indices, texts
+from ..table.arrow import floats, indices, texts
 
 NULLS = ("", "NaN", "nan", "NAN", "null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a")
 """Cells that stand for "nothing here"; other states are counted by their own word."""
@@ -37,7 +37,6 @@ class Numbers:
 
     values: FloatArray
     words: dict[str, int] = field(default_factory=dict)
-    first_word_row: int = -1
 
 
 def shown(cell: object, limit: int = 60) -> str:
@@ -79,7 +78,7 @@ def to_numbers(column: Any, decimal: str = ".") -> Numbers:
     if pa.types.is_null(column.type):
         return Numbers(np.full(len(column), np.nan))
     if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
-        return Numbers(np.full(len(column), np.nan), {str(column.type): len(column)}, 0)
+        return Numbers(np.full(len(column), np.nan), {str(column.type): len(column)})
     text = pc.utf8_trim_whitespace(column)
     if len(column) <= FEW_CELLS or pc.count_distinct(text).as_py() <= FEW_CELLS:
         return _few(text, decimal)
@@ -90,9 +89,8 @@ def to_numbers(column: Any, decimal: str = ".") -> Numbers:
     if not pc.any(words_mask).as_py():
         return _numbers(values)
     words = pc.value_counts(text.filter(words_mask)).to_pylist()
-    first = int(np.argmax(booleans(words_mask)))
     ranked = sorted(words, key=lambda w: (-w["counts"], w["values"]))
-    return _numbers(values, {w["values"]: w["counts"] for w in ranked}, first)
+    return _numbers(values, {w["values"]: w["counts"] for w in ranked})
 
 
 FEW_CELLS = 2000
@@ -124,9 +122,8 @@ def _few(text: Any, decimal: str) -> Numbers:
     words = {c: int(counts[i]) for i, c in enumerate(cells) if np.isnan(found[i]) and c not in NULLS}
     if not words:
         return _numbers(found[code])
-    odd = np.isin(code, [i for i, c in enumerate(cells) if c in words])
     ranked = dict(sorted(words.items(), key=lambda w: (-w[1], w[0])))
-    return _numbers(found[code], ranked, int(np.argmax(odd)))
+    return _numbers(found[code], ranked)
 
 
 def _number(cell: str, decimal: str) -> float:
@@ -203,15 +200,14 @@ SMALLEST = 1e-100
 inside double precision."""
 
 
-def _numbers(values: FloatArray, words: dict[str, int] | None = None, first: int = -1) -> Numbers:
+def _numbers(values: FloatArray, words: dict[str, int] | None = None) -> Numbers:
     """Numbers without absurd magnitudes; those too large are counted among the words found instead of numbers."""
     size = np.abs(values)
     large: BoolArray = size > LARGEST
     small: BoolArray = (size < SMALLEST) & (size > 0)
     if not (large.any() or small.any()):
-        return Numbers(values, words or {}, first)
+        return Numbers(values, words or {})
     values = np.where(large, np.nan, np.where(small, 0.0, values))
     if not large.any():
-        return Numbers(values, words or {}, first)
-    first = int(np.argmax(large)) if first < 0 else min(int(np.argmax(large)), first)
-    return Numbers(values, {**(words or {}), f"beyond {LARGEST:g}": int(large.sum())}, first)
+        return Numbers(values, words or {})
+    return Numbers(values, {**(words or {}), f"beyond {LARGEST:g}": int(large.sum())})

@@ -15,8 +15,6 @@ OPC_MASK, OPC_GOOD, OPC_UNCERTAIN = 0xC0, 0xC0, 0x40
 """Quality bits of OPC DA: 0xC0 good, 0x40 uncertain, 0 bad (216 = good, local override)."""
 MIN_PHD_CONFIDENCE = 50.0
 """Confidence of Honeywell PHD, 0 to 100, from which a value is kept."""
-_IP21_GOOD = (0.0, 4.0)
-"""IP.21 status: 0 good, 1 suspect, 2 bad, 4 good but modified, 5 and 6 suspect and bad but modified."""
 _GOOD_WORDS = """
     0xc0, 1, annotated, bon, bueno, buono, c0, g, good, good (192), good local override, good-modified,
     good_localoverride, goodlocaloverride, gut, ok, snapshot, substituted, true, valid, y, yes, достоверно, норма,
@@ -56,7 +54,7 @@ def read_quality(column: Any, name: str, kind: str | None) -> Quality:
         )
     numbers = to_numbers(column)
     if numbers.words or kind == "words":
-        return _by_words(column, name)
+        return _by_words(column)
     values = numbers.values
     kind = kind or _kind_of(values, name)
     empty = np.isnan(values)
@@ -67,6 +65,7 @@ def read_quality(column: Any, name: str, kind: str | None) -> Quality:
     if kind == "phd":
         return Quality(~(values >= MIN_PHD_CONFIDENCE), none, "PHD confidence")
     if kind == "ip21":
+        # 0 good, 1 suspect, 2 bad; 4, 5 and 6 the same of a modified value.
         return Quality(np.isin(values, (2.0, 6.0)) | empty, np.isin(values, (1.0, 5.0)), "IP.21 status", True)
     return Quality(~(values > 0), none, "flag, 1 good", True)
 
@@ -85,7 +84,7 @@ def _kind_of(values: Any, name: str) -> str:
     return "ip21"
 
 
-def _by_words(column: Any, name: str) -> Quality:
+def _by_words(column: Any) -> Quality:
     import pyarrow as pa
     import pyarrow.compute as pc
 
