@@ -209,8 +209,6 @@ def test_armax_chooses_its_order_and_delay() -> None:
     fits = [armax(regression, order=n, delay=d, first=20) for n in (1, 2) for d in (1, 2, 3, 4)]
     best = min(fits, key=lambda f: f.aic)
     assert (best.a.size, best.delay) == (2, DELAY)
-    free = best.free_run(x, y)
-    assert np.corrcoef(free[50:], y[50:])[0, 1] > 0.9
 
 
 def test_a_noise_polynomial_outside_the_unit_circle_is_mirrored() -> None:

@@ -55,27 +55,6 @@ class Armax:
         count = self.a.size + self.b.size + self.c.size + 1
         return self.rows * float(np.log(max(self.sse, 1e-300) / self.rows)) + 2.0 * count
 
-    def free_run(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Output (n,) of A y = B x + constant from inputs (n,) or (n, m) alone, started with the first samples of y."""
-        x = x.reshape(y.size, -1)
-        first = self.a.size + self.delay
-        driven = np.full(y.size, self.constant)
-        for i in range(self.b.shape[0]):
-            lag = self.delay + i + 1
-            driven[lag:] += x[:-lag] @ self.b[i]
-        out = y.astype(np.float64).copy()
-        _forward(driven, self.a, first, out)
-        return out
-
-
-@kernel
-def _forward(driven, a, first, out):
-    for k in range(first, out.size):
-        total = driven[k]
-        for i in range(a.size):
-            total -= a[i] * out[k - 1 - i]
-        out[k] = total
-
 
 @kernel
 def _inverse(columns, c, good, out):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from ..typing import BoolArray, FloatArray
@@ -70,9 +72,22 @@ def first_rows(taps: FloatArray) -> FloatArray:
     return out
 
 
+def levinson(covariance: FloatArray) -> Iterator[tuple[FloatArray, float]]:
+    """Taps (k,) of the autoregressions of order k = 1, 2, … with these autocovariances, and their innovation variances.
+
+    Source: Levinson 1947; Durbin 1960.
+    """
+    taps, variance = np.empty(0), covariance[0]
+    for order in range(1, covariance.size):
+        reflection = -(covariance[order] + taps @ covariance[order - 1:0:-1]) / variance
+        taps = np.concatenate([taps + reflection * taps[::-1], [reflection]])
+        variance *= 1.0 - reflection**2
+        yield taps, variance
+
+
 def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, starts: Starts = (0,),
                    missing: FloatArray | float = 0.0) -> FloatArray:
-    """Taps of an AR model (coefficients after the leading 1) whose order 0..largest BIC chooses (Levinson-Durbin).
+    """Taps of an AR model (coefficients after the leading 1) whose order 0..largest BIC chooses.
 
     `starts` are the first samples of the segments; `missing` are autocovariances (largest + 1,) to be added.
     """
@@ -81,16 +96,12 @@ def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, sta
     if r[0] <= 0.0 or n < 10 * largest:
         return np.empty(0)
     best, best_bic = np.empty(0), n * np.log(r[0])
-    a, error = np.empty(0), r[0]
-    for order in range(1, largest + 1):
-        reflection = -(r[order] + a @ r[order - 1:0:-1][:a.size] if a.size else r[1]) / error
-        a = np.concatenate([a + reflection * a[::-1], [reflection]])
-        error *= 1.0 - reflection**2
-        if error <= 0.0:
+    for taps, variance in levinson(r):
+        if variance <= 0.0:
             break
-        score = n * np.log(error) + order * np.log(n)
+        score = n * np.log(variance) + taps.size * np.log(n)
         if score < best_bic - 1e-9:
-            best, best_bic = a.copy(), score
+            best, best_bic = taps, score
     return best
 
 

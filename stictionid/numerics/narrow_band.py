@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..typing import BoolArray, FloatArray
+from .autoregression import levinson
 from .population import refine
 
 # Order of the autoregression that stands for the spectrum. Unit: samples.
@@ -75,14 +76,5 @@ def resonance(residual: FloatArray, good: BoolArray, rng: np.random.Generator) -
     q, s = (float(np.exp(np.log(a) + point[i] * np.log(b / a))) for i, (a, b) in ((1, _COHERENCE), (2, _STRENGTH)))
     size = 1 << max(12, (8 * n - 1).bit_length())
     f = shape(2.0 * np.pi * np.arange(size // 2 + 1) / size, *(np.array([v]) for v in (w0, q, s)))[:, 0]
-    return Resonance(2.0 * np.pi / w0, q, s / (1.0 + s), levinson(np.fft.irfft(f, size)[:_ORDER + 1]))
-
-
-def levinson(covariance: FloatArray) -> FloatArray:
-    """Taps (k,) of the autoregression with these autocovariances (k + 1,)."""
-    a, error = np.empty(0), covariance[0]
-    for order in range(1, covariance.size):
-        reflection = -(covariance[order] + (a @ covariance[order - 1:0:-1][:a.size] if a.size else 0.0)) / error
-        a = np.concatenate([a + reflection * a[::-1], [reflection]])
-        error *= 1.0 - reflection**2
-    return a
+    *_, (taps, _) = levinson(np.fft.irfft(f, size)[:_ORDER + 1])
+    return Resonance(2.0 * np.pi / w0, q, s / (1.0 + s), taps)
