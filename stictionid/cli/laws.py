@@ -168,7 +168,8 @@ def _bench(law: Law, tests: tuple[str, ...], values: dict[str, float], *, S: flo
 
     kind = out.suffix.lower() if out is not None else ""
     if out is not None:
-        from ..reports.pictures.valve_bench import PNG_KIND, SVG_KIND
+        from ..reports.pictures.figures import PNG_KIND
+        from ..reports.pictures.valve_bench import SVG_KIND
 
         if kind not in _KINDS:
             raise UsageError(f"a picture can't be written as '{out.name}'", "end the name after -o in .png or .svg")

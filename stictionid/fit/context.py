@@ -22,7 +22,7 @@ from ..record.preconditions import swing_of, time_scale_s
 from ..record.study import ErrorSummary, ParameterValue, Range, Restarts, Step
 from ..typing import FloatArray
 from .fit import Fitted, finish, search
-from .intervals.assemble import effective_rows
+from .intervals.assemble import innovation_rows
 from .moves import longest_piece
 from .options import USUAL_ORDER, Options
 from .public_values import public_parameters
@@ -144,7 +144,7 @@ class Run:
         known = fit.model.disturbance(fit.values, e.own) if any(x.columns for x in fit.model.effects) else None
         floor = self.floor(e.position_means, e.values["dead_time_s"], known)
         innovation = float(np.sqrt(fit.sse / max(e.rows - 1, 1)))
-        rows, count = _rows(fit), _count(fit)
+        rows, count = innovation_rows(fit.model, fit.best), _count(fit)
         span = float(np.linalg.norm(y - y.mean()))
         fitted = 100.0 * (1.0 - e.rmse * np.sqrt(y.size) / span) if span else None
         error = ErrorSummary(e.rmse, level_holdout(fit), innovation, fit.rmse_holdout, floor, fitted,
@@ -242,15 +242,11 @@ def bic_gain(before: Fitted, after: Fitted) -> float:
     y would decide. What counts are the rows of the fit that leaves less: an error that is all misfit says nothing of
     the noise (5 rows of 1500 met), and where nothing is gained both remember alike.
     """
-    rows = _rows(min((before, after), key=lambda fit: fit.sse / max(fit.best.rows, 1)))
+    less = min((before, after), key=lambda fit: fit.sse / max(fit.best.rows, 1))
+    rows = innovation_rows(less.model, less.best)
     squares = [fit.sse / max(fit.best.rows, 1) for fit in (before, after)]
     return rows * float(np.log(squares[0] / max(squares[1], 1e-300))) - (_count(after) - _count(before)) * float(
         np.log(rows))
-
-
-def _rows(fit: Fitted) -> float:
-    """The rows that count as independent in a fit's innovations."""
-    return effective_rows(np.nan_to_num(fit.best.innovation), fit.model.weight)
 
 
 def _count(fit: Fitted) -> int:

@@ -20,7 +20,7 @@ _MOST_DECIMALS = 3
 LONGEST_NAME = 60
 # Longest foreign sentence shown in full. Unit: characters; about ten lines.
 LONGEST_SENTENCE = 800
-_DIRECTION_MARKS = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+DIRECTION_MARKS = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 
 
 def clean(text: object, limit: int = LONGEST_SENTENCE) -> str:
@@ -40,7 +40,7 @@ def name(text: object) -> str:
 def _harmless(c: str) -> str:
     if c in "\u00a0\u202f\u2009":
         return " "
-    if c.isprintable() and c not in _DIRECTION_MARKS:
+    if c.isprintable() and c not in DIRECTION_MARKS:
         return c
     return c.encode("unicode_escape").decode()
 

@@ -63,11 +63,10 @@ def err_console() -> Console:
 
 def safe(text: Any) -> str:
     """Text from a file made harmless for a terminal: control characters and direction marks become escapes."""
-    return "".join(c if c.isprintable() and c not in _DIRECTION_MARKS else c.encode("unicode_escape").decode()
+    from ...reports.wording import DIRECTION_MARKS
+
+    return "".join(c if c.isprintable() and c not in DIRECTION_MARKS else c.encode("unicode_escape").decode()
                    for c in str(text))
-
-
-_DIRECTION_MARKS = frozenset("\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 
 
 def say(text: str, *, quiet: bool = False) -> None:

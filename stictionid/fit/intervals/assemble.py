@@ -113,7 +113,7 @@ def outline(model: Model, cube: FloatArray, cost: FloatArray) -> FloatArray:
 
 def _possible(model: Model, cube: FloatArray, cost: FloatArray) -> float:
     """How many times the least cost is still possible."""
-    rows = _rows(model, model.evaluate(model.values(cube[[cost.argmin()]])[:, 0]))
+    rows = innovation_rows(model, model.evaluate(model.values(cube[[cost.argmin()]])[:, 0]))
     return float(np.exp(INTERVAL_THRESHOLD / rows))
 
 
@@ -177,7 +177,8 @@ def effective_rows(residual: FloatArray, good: FloatArray) -> float:
     return max(float((good > 0).sum()) * (1.0 - rho) / (1.0 + rho), 5.0)
 
 
-def _rows(model: Model, best: Evaluated) -> float:
+def innovation_rows(model: Model, best: Evaluated) -> float:
+    """The rows that count as independent in a candidate's innovations."""
     return effective_rows(np.nan_to_num(best.innovation), model.weight)
 
 
@@ -187,7 +188,7 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
 
     Of `S` the interval may be known already (`widened`). `rough` ones are for a model that is not the last one.
     """
-    rows, least = _rows(model, best), max(best_cost, 1e-300)
+    rows, least = innovation_rows(model, best), max(best_cost, 1e-300)
     keep = cost <= least * float(np.exp(INTERVAL_THRESHOLD / rows))
     if not keep.any():
         keep = cost <= cost.min()

@@ -20,7 +20,7 @@ from ...record.loop import Loop
 from ...record.oscillation import noise_of
 from ...typing import FloatArray
 from ..fit import Fitted
-from ..intervals.assemble import effective_rows
+from ..intervals.assemble import innovation_rows
 from ..moves import descended, search_model, with_start
 
 # Parts of a sampling interval when the command moves between samples.
@@ -81,7 +81,7 @@ def moved_after_all(fit: Fitted, scan_s: float) -> tuple[Model, FloatArray] | No
         return None
     model = _moving(before, as_moving(before.spec))
     found = moved(before, fit.values, model.spec)
-    rows = effective_rows(np.nan_to_num(fit.best.innovation), before.weight)
+    rows = innovation_rows(before, fit.best)
     if not found.costs[0] < fit.sse * np.exp(-_AFTER_ALL / rows):
         return None
     return model, search_model(model).values(found.points[:1])[:, 0]

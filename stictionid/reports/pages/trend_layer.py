@@ -14,10 +14,9 @@ from html import escape
 import numpy as np
 
 from ...typing import FloatArray
-from .. import wording
 from ..pictures import palette
 from ..pictures.curves import Case
-from ..pictures.study_pictures import shading
+from ..pictures.study_pictures import axis_label, shading, unit_of
 
 # Panels of the layer, by index: SP, PV and model above, OP and positions below.
 _UPPER, _LOWER = 0, 1
@@ -57,7 +56,8 @@ def layer_data(case: Case) -> dict:
                         "width": look.width, "data": encoded})
     bands = [{"from": b.start, "to": b.end, "role": b.role} for b in shading(case.study, loop, _last(case), 1.0)]
     return {"step": loop.step_s, "samples": loop.samples, "starts": list(loop.starts), "clock": _clock(case),
-            "panels": [{"label": _axis("PV", case, "process_value")}, {"label": _axis("OP", case, "output", "%")}],
+            "panels": [{"label": axis_label("PV", loop, "process_value")},
+                       {"label": axis_label("OP", loop, "output", "%")}],
             "signals": signals, "bands": bands}
 
 
@@ -65,21 +65,12 @@ def _last(case: Case):
     return case.curves[-1] if case.curves else None
 
 
-def _axis(what: str, case: Case, role: str, default: str = "") -> str:
-    unit = _unit(case, role, default)
-    return f"{what}, {unit}" if unit else what
-
-
-def _unit(case: Case, role: str, default: str = "") -> str:
-    return wording.clean(case.loop.unit(role, default), 24) if case.loop is not None else ""
-
-
 def _signals(case: Case) -> list[tuple[str, str, int, str, FloatArray]]:
     """Name, role, panel, unit and values (n,) of every signal there is."""
     loop, last = case.loop, _last(case)
     if loop is None:
         return []
-    pv, op = _unit(case, "process_value"), _unit(case, "output", "%")
+    pv, op = unit_of(loop, "process_value"), unit_of(loop, "output", "%")
     found: list[tuple[str, str, int, str, FloatArray]] = []
     if loop.setpoint is not None:
         found.append(("SP", "sp", _UPPER, pv, loop.setpoint))
@@ -88,7 +79,7 @@ def _signals(case: Case) -> list[tuple[str, str, int, str, FloatArray]]:
         found.append(("model", "model", _UPPER, pv, last.model))
     found.append(("OP", "op", _LOWER, op, loop.output))
     if loop.position is not None:
-        found.append(("measured position", "position", _LOWER, _unit(case, "position", "%"), loop.position))
+        found.append(("measured position", "position", _LOWER, unit_of(loop, "position", "%"), loop.position))
     if last is not None and np.isfinite(last.position).any():
         found.append(("inferred position", "bound", _LOWER, op, last.position))
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from ...comparison import Comparison
 from ...comparison.cells import Cell
 from .. import wording
-from .measures import thin
+from .measures import stretches, thin
 from .picture import Band, Line, Panel, Picture, Rule
 
 # Points of a trend and of a cloud. Unit: 1.
@@ -39,10 +39,8 @@ def _shading(c: Comparison) -> tuple[Band, ...]:
     width = min(int(max(0.25 * g.period_s / g.step_s, 8)), g.residual.size)
     window = np.ones(width)
     mean = np.convolve(g.residual**2, window, "same") / np.maximum(np.convolve(g.good.astype(float), window, "same"), 1)
-    bad = np.concatenate([[False], (mean > (_STANDS_OUT * g.rmse) ** 2) & g.good, [False]])
-    turns = np.flatnonzero(bad[1:] != bad[:-1])
-    return tuple(Band(float(a * g.step_s), float(b * g.step_s), "failing")
-                 for a, b in zip(turns[::2], turns[1::2], strict=True))
+    bad = (mean > (_STANDS_OUT * g.rmse) ** 2) & g.good
+    return tuple(Band(s.start_s, s.end_s, "failing") for s in stretches(bad, g.step_s, ""))
 
 
 def _fit(c: Comparison) -> Picture:

@@ -15,7 +15,7 @@ import numpy as np
 from .. import wording
 from . import axes, palette, svg
 from .axes import Axis
-from .legend import BANDS, BETWEEN, RULE_ROW, SAMPLE, entries, rule_places
+from .legend import BAND_NAMES, BETWEEN, RULE_ROW, SAMPLE, entries, rule_places
 from .picture import Cells, Line, Panel, Picture
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ _ROOM = 74
 # Gap between panels without a layout engine. Unit: their mean height.
 _BETWEEN_PANELS = 0.6
 # Mean width of a character. Unit: font size.
-_CHARACTER = 0.58
+_CHARACTER = svg.CHARACTER / svg.TEXT
 # Text without maths, so that tag names can't be taken for formulas.
 _PLAIN: dict[str, Any] = {"parse_math": False, "usetex": False}
 _HEAD = "-|>,head_length=9,head_width=4"
@@ -92,7 +92,7 @@ def _panel(panel: Panel, ax: Axes) -> None:
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": palette.UNUSED.light, "hatch": "//"}
         if band.role == "failing":
             look = {"color": palette.FAILING.light}
-        ax.axvspan(band.start, band.end, zorder=0.4, linewidth=1.5, label=dict(BANDS)[band.role], **look)
+        ax.axvspan(band.start, band.end, zorder=0.4, linewidth=1.5, label=dict(BAND_NAMES)[band.role], **look)
     for rule in panel.rules:
         across = ax.axvline if rule.axis == "x" else ax.axhline
         across(rule.value, label=rule.label if rule.axis == "y" else "", zorder=1.6, **_look(rule.role))

@@ -17,7 +17,7 @@ ROW, RULE_ROW = 18, 15
 SAMPLE, BETWEEN = 30, 14
 # Side of one swatch of a cost map's scale. Unit: px.
 _SWATCH = 13
-BANDS = (("failing", "model fails"), ("unused", "not used"))
+BAND_NAMES = (("failing", "model fails"), ("unused", "not used"))
 
 Cut = Callable[[str, float], str]
 
@@ -26,7 +26,7 @@ def entries(panel: Panel) -> list[tuple[str, str, str]]:
     """Name, role and kind of sample of everything a panel shows that needs a name, each once."""
     found = [(line.name, line.role, {"points": "dot", "bars": "bar"}.get(line.style, "line")) for line in panel.lines]
     seen = {b.role for b in panel.bands}
-    found += [(word, role, "band") for role, word in BANDS if role in seen]
+    found += [(word, role, "band") for role, word in BAND_NAMES if role in seen]
     found += [(r.label, r.role, "line") for r in panel.rules if r.axis == "y"]
     found += [(b.label, "mark", "box") for b in panel.boxes]
     found += [(m.label, m.role, "mark") for m in panel.marks]

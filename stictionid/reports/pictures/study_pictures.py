@@ -95,8 +95,8 @@ def trend(study: Study, loop: Loop, last: Curves | None) -> Picture:
                    f"{_extent(loop.output, loop, 'output', '%')} over {wording.duration(loop.samples * loop.step_s)}."
                    + finding, f"{wording.listed([line.name for line in upper])} above, "
                    f"{wording.listed([line.name for line in lower])} below." + _shaded_words(bands),
-                   (Panel("", _axis("PV", loop, "process_value"), tuple(upper), bands, rules=gaps, height=1.2),
-                    Panel(f"time, {unit}", _axis("OP", loop, "output", "%"), tuple(lower), bands, rules=gaps)),
+                   (Panel("", axis_label("PV", loop, "process_value"), tuple(upper), bands, rules=gaps, height=1.2),
+                    Panel(f"time, {unit}", axis_label("OP", loop, "output", "%"), tuple(lower), bands, rules=gaps)),
                    wide=True)
 
 
@@ -116,8 +116,14 @@ def _extent(values: FloatArray, loop: Loop, role: str, default: str = "") -> str
     return f"{wording.number(float(good.min()), 4)} to {wording.number(float(good.max()), 4)} {unit}".rstrip()
 
 
-def _axis(what: str, loop: Loop, role: str, default: str = "") -> str:
-    unit = wording.clean(loop.unit(role, default), 24)
+def unit_of(loop: Loop, role: str, default: str = "") -> str:
+    """The unit of one signal, short enough for an axis."""
+    return wording.clean(loop.unit(role, default), 24)
+
+
+def axis_label(what: str, loop: Loop, role: str, default: str = "") -> str:
+    """The name of an axis with the unit of the signal on it, where it has one."""
+    unit = unit_of(loop, role, default)
     return f"{what}, {unit}" if unit else what
 
 
@@ -165,7 +171,7 @@ def characteristic(study: Study, loop: Loop, last: Curves) -> Picture | None:
                    f"Controller output against valve position: {size}.{beside}",
                    f"Inferred valve position over OP, {_when(part, loop)}, arrows in the direction of time; dashed: "
                    f"where the stem slides. {size}.{beside}",
-                   (Panel(_axis("OP", loop, "output", "%"), _axis("valve position", loop, "output", "%"),
+                   (Panel(axis_label("OP", loop, "output", "%"), axis_label("valve position", loop, "output", "%"),
                           tuple(lines)),))
 
 
@@ -185,7 +191,7 @@ def phase(study: Study, loop: Loop) -> Picture:
                    f"Process value against controller output from {_when(part, loop)}.",
                    f"PV over OP, {_when(part, loop)}, arrows in the direction of time. A smooth ellipse is a linear "
                    "loop, sharp corners or a parallelogram point to friction.",
-                   (Panel(_axis("OP", loop, "output", "%"), _axis("PV", loop, "process_value"),
+                   (Panel(axis_label("OP", loop, "output", "%"), axis_label("PV", loop, "process_value"),
                           (Line("PV over OP", "pv", loop.output[k], loop.process_value[k], "arrows"),)),))
 
 
@@ -223,10 +229,10 @@ def _fit(study: Study, loop: Loop, last: Curves, part: slice, key: str, title: s
     return Picture(key, title, alt, "Measured PV and the model's free run; below, their difference with twice the "
                    "noise either way." if error.noise_sd else "Measured PV and the model's free run; below, their "
                    "difference.",
-                   (Panel("", _axis("PV", loop, "process_value"),
+                   (Panel("", axis_label("PV", loop, "process_value"),
                           (_line("PV measured", "pv", t, loop.process_value[part]),
                            _line("model", "model", t, last.model[part])), bands, height=1.5),
-                    Panel(f"time, {unit}", _axis("residual", loop, "process_value"),
+                    Panel(f"time, {unit}", axis_label("residual", loop, "process_value"),
                           (_line("residual", "residual", t, residual),), bands, rules=tuple(rules), height=0.8)),
                    wide=True)
 

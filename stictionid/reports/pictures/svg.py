@@ -23,7 +23,7 @@ _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 62, 14, 12, 40, 16
 # Size of all text. Unit: px.
 TEXT = 12.5
 # Mean width of a character at TEXT size. Unit: px; for legends and margins, measured on DejaVu Sans, a wide font.
-_CHARACTER = 7.3
+CHARACTER = 7.3
 # Distance of arrow heads along a curve. Unit: px.
 _ARROW_EVERY = 95.0
 # Most of a picture's width that names of bars may take. Unit: 1; longer names are cut in the middle.
@@ -89,7 +89,7 @@ def _safe(text: str) -> str:
 
 def _cut(text: str, room: float) -> str:
     """Text for the picture itself, the middle left out where it is longer than `room` px."""
-    return _safe(wording.clean(text, max(int(room / _CHARACTER), 6)))
+    return _safe(wording.clean(text, max(int(room / CHARACTER), 6)))
 
 
 def heights(picture: Picture, width: int) -> list[int]:
@@ -111,10 +111,10 @@ def _body(picture: Picture, width: int, prefix: str) -> tuple[str, int]:
 
 def _panel(panel: Panel, width: int, top: float, height: float, key: str) -> tuple[str, int]:
     """One panel from `top` on, and where the next one starts."""
-    legend, rows = names.legend(panel, _LEFT, width, top, _CHARACTER, _cut)
-    left = min(max(_LEFT, 12 + _CHARACTER * max((len(n) for n in panel.names), default=0)), _WIDEST_NAMES * width)
+    legend, rows = names.legend(panel, _LEFT, width, top, CHARACTER, _cut)
+    left = min(max(_LEFT, 12 + CHARACTER * max((len(n) for n in panel.names), default=0)), _WIDEST_NAMES * width)
     x = Axis(*axes.limits(panel, "x"), left, width - _RIGHT, panel.log_x)
-    y0 = top + _TOP + names.ROW * rows + names.RULE_ROW * names.rule_rows(panel, x, _CHARACTER)
+    y0 = top + _TOP + names.ROW * rows + names.RULE_ROW * names.rule_rows(panel, x, CHARACTER)
     y1 = y0 + height
     y = Axis(*axes.limits(panel, "y"), y1, y0)
     parts = [legend, f'<clipPath id="{key}"><rect x="{left:.0f}" y="{y0:.0f}" width="{width - _RIGHT - left:.0f}" '
@@ -131,7 +131,7 @@ def _panel(panel: Panel, width: int, top: float, height: float, key: str) -> tup
               f'height="{max(float(y.at(b.y0) - y.at(b.y1)), 2):.1f}"/>' for b in panel.boxes]
     parts += [names.mark(m.role, float(x.at(m.x)), float(y.at(m.y)), 8) for m in panel.marks]
     parts.append("</g>")
-    parts.append(names.rule_labels(panel, x, y0, _CHARACTER, _cut))
+    parts.append(names.rule_labels(panel, x, y0, CHARACTER, _cut))
     parts.append(f'<rect class="frame" x="{left:.1f}" y="{y0:.1f}" width="{width - _RIGHT - left:.1f}" '
                  f'height="{height:.1f}"/>')
     bottom = y1 + (_BOTTOM if panel.x_label else _GAP)

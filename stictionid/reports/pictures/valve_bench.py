@@ -13,7 +13,7 @@ from typing import Any
 from ...model.valve_bench import BenchOutcome
 from . import palette
 
-PNG_KIND, SVG_KIND = b"\x89PNG", b"<?xml"
+SVG_KIND = b"<?xml"
 # Size of one test's row and resolution. Unit: inches, dots per inch.
 _WIDE, _ROW, _TOP, _DPI = 9.2, 1.75, 0.6, 110
 
