@@ -92,7 +92,7 @@ class Context:
     @property
     def time_s(self) -> FloatArray:
         """Seconds at the samples since the start of the whole record, (n,)."""
-        return self.start_s + np.arange(self.process_value.size) * self.step_s
+        return self.start_s + np.arange(self.process_value.size, dtype=np.float64) * self.step_s
 
     @property
     def centre(self) -> float:
@@ -103,7 +103,7 @@ class Context:
 
 
 @kernel
-def _later(signal, repeat, late, out):
+def _later(signal: FloatArray, repeat: int, late: FloatArray, out: FloatArray) -> None:
     """Fill out (n*repeat, P) with a signal (n,) as it is `late` (P,) samples after the middle of every part.
 
     A held command makes of y what y is over the part, not what it was when the part began. At its end it stays.

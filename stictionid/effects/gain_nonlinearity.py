@@ -34,7 +34,8 @@ _MOST = 0.9
 
 
 @kernel
-def _run(signal, y, theta, part_s, state, out):
+def _run(signal: FloatArray, y: FloatArray, theta: FloatArray, part_s: float, state: FloatArray,
+         out: FloatArray) -> None:
     rows, lanes = signal.shape
     for k in range(rows):
         for p in range(lanes):
@@ -51,7 +52,7 @@ def _start(signal: FloatArray, theta: FloatArray) -> FloatArray:
 
 
 @kernel
-def _above(signal, mean):
+def _above(signal: FloatArray, mean: FloatArray) -> FloatArray:
     """How many rows of each lane are above its mean (P,)."""
     rows, lanes = signal.shape
     count = np.zeros(lanes)

@@ -30,7 +30,7 @@ def _limits(context: Context) -> tuple[Parameter, ...]:
 
 
 @kernel
-def _waves(turn, first, sine, cosine):
+def _waves(turn: FloatArray, first: float, sine: FloatArray, cosine: FloatArray) -> None:
     """Sine and cosine of first + k turns, by turning on from row to row; computed anew now and then: no error adds up.
     """
     rows, lanes = sine.shape

@@ -27,7 +27,8 @@ _RATE = Parameter("rate", "% / s", 1e-3, 1e3, 1e3, "fastest stroke", log=True)
 
 
 @kernel
-def _run(signal, y, theta, part_s, state, out):
+def _run(signal: FloatArray, y: FloatArray, theta: FloatArray, part_s: float, state: FloatArray,
+         out: FloatArray) -> None:
     rows, lanes = signal.shape
     for k in range(rows):
         for p in range(lanes):
@@ -39,7 +40,8 @@ def _run(signal, y, theta, part_s, state, out):
 
 
 @kernel
-def _run_means(signal, y, theta, part_s, state, out):
+def _run_means(signal: FloatArray, y: FloatArray, theta: FloatArray, part_s: float, state: FloatArray,
+               out: FloatArray) -> None:
     rows, lanes = signal.shape
     # Where the place that the stem is after was when the part began.
     place = signal[0].copy()

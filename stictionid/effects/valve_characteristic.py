@@ -19,7 +19,8 @@ _CURVE = Parameter("log_rangeability", "-", -6.0, 6.0, 0.0, "ln R; 0 is linear, 
 
 
 @kernel
-def _run(signal, y, theta, part_s, state, out):
+def _run(signal: FloatArray, y: FloatArray, theta: FloatArray, part_s: float, state: FloatArray,
+         out: FloatArray) -> None:
     rows, lanes = signal.shape
     # (e^{ax} - 1)/(e^a - 1) for negative a is the mirror image of the positive one.
     scale = np.empty(lanes)

@@ -39,7 +39,8 @@ _WORK = 13
 
 
 @kernel
-def _run(command, friction, profile, state, position):
+def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: FloatArray,
+         position: FloatArray) -> None:
     lanes = friction.shape[1]
     samples = command.size
     work = np.empty(_WORK * LANES + LINE)
@@ -142,7 +143,7 @@ def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArr
 
 
 @kernel
-def _rest(command0, friction, share, state):
+def _rest(command0: float, friction: FloatArray, share: FloatArray, state: FloatArray) -> None:
     for p in range(share.size):
         fs = friction[FS_UP, p] if share[p] > 0.0 else friction[FS_DOWN, p]
         state[_POSITION, p] = min(max(command0 - share[p] * fs, friction[LOWER, p]), friction[UPPER, p])

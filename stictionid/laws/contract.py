@@ -148,7 +148,7 @@ def friction_table(S: FloatArray, J: FloatArray) -> FloatArray:
 
 
 @kernel
-def _fill(S, J, table):
+def _fill(S: FloatArray, J: FloatArray, table: FloatArray) -> None:
     for p in range(S.size):
         for row in range(ROWS):
             table[row, p] = 0.0

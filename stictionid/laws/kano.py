@@ -29,7 +29,8 @@ _WORK = 14
 
 
 @kernel
-def _run(command, friction, profile, state, position):
+def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: FloatArray,
+         position: FloatArray) -> None:
     lanes = friction.shape[1]
     samples = command.size
     work = np.empty(_WORK * LANES + LINE)

@@ -36,7 +36,8 @@ _PARTS_PER_SWING = 20.0
 
 
 @kernel
-def _run(command, friction, profile, state, position):
+def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: FloatArray,
+         position: FloatArray) -> None:
     samples = command.size
     for p in range(friction.shape[1]):
         low, high = friction[LOWER, p], friction[UPPER, p]

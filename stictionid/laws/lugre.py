@@ -62,7 +62,8 @@ _STRIBECK_DEFAULT = 1e-4
 
 
 @kernel
-def _run(command, friction, profile, state, position):
+def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: FloatArray,
+         position: FloatArray) -> None:
     samples = command.size
     for p in range(friction.shape[1]):
         low, high = friction[LOWER, p], friction[UPPER, p]

@@ -24,7 +24,8 @@ _WORK = 7
 
 
 @kernel
-def _run(command, friction, profile, state, position):
+def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: FloatArray,
+         position: FloatArray) -> None:
     lanes = friction.shape[1]
     samples = command.size
     work = np.empty(_WORK * LANES + LINE)

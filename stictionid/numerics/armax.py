@@ -57,7 +57,7 @@ class Armax:
 
 
 @kernel
-def _inverse(columns, c, good, out):
+def _inverse(columns: FloatArray, c: FloatArray, good: BoolArray, out: FloatArray) -> None:
     """out = columns / C(q), zero where a row does not count: the noise is unknown there and its mean is zero."""
     rows, count = columns.shape
     for k in range(rows):

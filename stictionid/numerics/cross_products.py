@@ -21,7 +21,8 @@ _SUMS = 7
 
 
 @kernel
-def _of_pair(base, i, j, right, c, starts, stops, first, width, work):
+def _of_pair(base: FloatArray, i: int, j: int, right: FloatArray, c: int, starts: IntArray, stops: IntArray, first: int,
+             width: int, work: FloatArray) -> None:
     """Squares and product of columns at rows i.. and j.., and their products with columns c, c+1 of `right`."""
     work[:_SUMS * LANES] = 0.0
     last = first + width
@@ -66,7 +67,8 @@ def _of_pair(base, i, j, right, c, starts, stops, first, width, work):
 
 
 @kernel
-def _of_one(base, h, i, j, right, c, starts, stops, first, width, work):
+def _of_one(base: FloatArray, h: int, i: int, j: int, right: FloatArray, c: int, starts: IntArray, stops: IntArray,
+            first: int, width: int, work: FloatArray) -> None:
     """Square of the column at rows h.., its products with those at i.. and j.., and with columns c, c+1 of `right`."""
     work[:5 * LANES] = 0.0
     last = first + width
@@ -111,7 +113,8 @@ def _of_one(base, h, i, j, right, c, starts, stops, first, width, work):
 
 
 @kernel
-def products_kernel(base, offsets, right, starts, stops, squares, cross):
+def products_kernel(base: FloatArray, offsets: IntArray, right: FloatArray, starts: IntArray, stops: IntArray,
+                    squares: FloatArray, cross: FloatArray) -> None:
     own = offsets.size
     count = right.shape[1]
     lanes = base.shape[1]
@@ -175,7 +178,8 @@ _LAGS = 4
 
 
 @kernel
-def _lagged(base, level, y, start, stop, delays, table):
+def _lagged(base: FloatArray, level: float, y: FloatArray, start: int, stop: int, delays: IntArray,
+            table: FloatArray) -> None:
     """Fill table (delays, 7, P) with sums over the window of every delay; see `lagged_products`."""
     lanes = base.shape[1]
     work = np.empty(_SUMS * LANES + LINE)
@@ -242,7 +246,8 @@ def _lagged(base, level, y, start, stop, delays, table):
 
 
 @kernel
-def _unshifted(base, level, y, mix, start, stop, delays, table, squares, cross):
+def _unshifted(base: FloatArray, level: float, y: FloatArray, mix: FloatArray, start: int, stop: int, delays: IntArray,
+               table: FloatArray, squares: FloatArray, cross: FloatArray) -> None:
     """Normal equations of every delay from the table of `_lagged`: the second column is the first one row earlier."""
     lanes = base.shape[1]
     count = mix.shape[1]

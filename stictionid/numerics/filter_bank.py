@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..typing import BoolArray, FloatArray
+from ..typing import BoolArray, FloatArray, IntArray
 from .jit import LANES, LINE, kernel
 from .varpro import Shared
 
@@ -83,7 +83,7 @@ def _backwards(y: FloatArray, delays: FloatArray, decays: FloatArray, parts: int
 
 
 @kernel
-def _filter_backwards(y, delays, decays, out):
+def _filter_backwards(y: FloatArray, delays: IntArray, decays: FloatArray, out: FloatArray) -> None:
     n, parts = out.shape[2:]
     for i in range(decays.size):
         a = decays[i]
@@ -100,7 +100,8 @@ def _filter_backwards(y, delays, decays, out):
 
 
 @kernel
-def _sums(position, parts, decays, enters, edges, decay, sums):
+def _sums(position: FloatArray, parts: int, decays: FloatArray, enters: IntArray, edges: BoolArray, decay: FloatArray,
+          sums: FloatArray) -> None:
     """Fill sums (delays, 18, P): those of the first delay, then what each delay adds to the one before."""
     samples, lanes = edges.size, position.shape[1]
     many = enters.shape[0]
@@ -170,7 +171,8 @@ def _sums(position, parts, decays, enters, edges, decay, sums):
 
 
 @kernel
-def _normals(sums, mix, shown, first, start, squares, cross):
+def _normals(sums: FloatArray, mix: FloatArray, shown: FloatArray, first: FloatArray, start: FloatArray,
+             squares: FloatArray, cross: FloatArray) -> None:
     """Normal equations of every delay and lane from the sums of `_sums`, which become those of every delay."""
     many, _, lanes = sums.shape
     q = mix.shape[2]

@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..typing import FloatArray
+from ..typing import FloatArray, IntArray
 from .jit import FULL, LANES, kernel
 from .population import Cost, Found
 
@@ -115,7 +115,7 @@ def beside(points: FloatArray, free: FloatArray, step: FloatArray) -> tuple[Floa
 
 
 @kernel
-def _fill(trial, free, step, width):
+def _fill(trial: FloatArray, free: IntArray, step: FloatArray, width: FloatArray) -> None:
     """Move the free numbers of points, one by one up and then down, in trial (k, 2f+1, d) that holds them unmoved."""
     k, f = width.shape
     for g in range(k):
@@ -129,7 +129,7 @@ def _fill(trial, free, step, width):
 
 
 @kernel
-def _normals(r, factor, normals, gradients):
+def _normals(r: FloatArray, factor: FloatArray, normals: FloatArray, gradients: FloatArray) -> None:
     """Sums over the rows of r (n, k (2f+1)); what is not finite counts as 0."""
     starts, f = factor.shape
     slope = np.empty(f)
@@ -173,7 +173,7 @@ def damped_moves(normal: FloatArray, gradient: FloatArray) -> FloatArray:
 
 
 @kernel
-def _moves(normal, gradient, dampings, moves):
+def _moves(normal: FloatArray, gradient: FloatArray, dampings: FloatArray, moves: FloatArray) -> None:
     """Every damped system by a Cholesky factor, its slopes scaled to a length of 1 as in `principal`."""
     k, f = gradient.shape
     size, x = np.empty(f), np.empty(f)

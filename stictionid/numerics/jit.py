@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit
@@ -28,18 +28,21 @@ _KEPT = 1 << 22
 
 _own = threading.local()
 
+Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 
-def kernel(function: Callable[..., Any]) -> Any:
+
+def kernel(function: Compiled) -> Compiled:
     """Compile `function`; numba caches the machine code on disk where some folder can be written.
 
     `error_model="numpy"` lets a division by zero give inf, which the cost turns into "rejected", instead of
     raising out of a loop over many candidates.
     """
     try:
-        return njit(cache=True, error_model="numpy")(function)
+        compiled: Compiled = njit(cache=True, error_model="numpy")(function)
     except RuntimeError:
         # A read-only install without a home folder has no place for a cache: compile in memory every time.
-        return njit(error_model="numpy")(function)
+        compiled = njit(error_model="numpy")(function)
+    return compiled
 
 
 def scratch(name: str, rows: int, lanes: int) -> NDArray[np.float64]:

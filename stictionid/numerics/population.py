@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..typing import FloatArray
+from ..typing import BoolArray, FloatArray, IntArray
 from .jit import kernel
 
 Cost = Callable[[FloatArray], FloatArray]
@@ -139,7 +139,7 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
 
 
 @kernel
-def _principal(live, cov, vectors, root):
+def _principal(live: IntArray, cov: FloatArray, vectors: FloatArray, root: FloatArray) -> None:
     """Principal axes (columns of `vectors`) and standard deviations `root` of the populations `live`.
 
     Cyclic Jacobi rotations (Golub and Van Loan): to rounding for each standard deviation, however unlike they are,
@@ -182,7 +182,8 @@ def _principal(live, cov, vectors, root):
 
 
 @kernel
-def _draw(live, z, mean, sigma, vectors, root, top, scale, y, trial):
+def _draw(live: IntArray, z: FloatArray, mean: FloatArray, sigma: FloatArray, vectors: FloatArray, root: FloatArray,
+          top: FloatArray, scale: FloatArray, y: FloatArray, trial: FloatArray) -> None:
     """Steps y and points `trial` (g, lam, d) of the populations `live` from normal numbers z, kept inside the range."""
     count, d = z.shape[1:]
     for a in range(live.size):
@@ -198,7 +199,9 @@ def _draw(live, z, mean, sigma, vectors, root, top, scale, y, trial):
 
 
 @kernel
-def _adapt(live, fine, y, order, vectors, root, w, constants, turn, top, mean, sigma, cov, path_s, path_c):
+def _adapt(live: IntArray, fine: BoolArray, y: FloatArray, order: IntArray, vectors: FloatArray, root: FloatArray,
+           w: FloatArray, constants: FloatArray, turn: int, top: FloatArray, mean: FloatArray, sigma: FloatArray,
+           cov: FloatArray, path_s: FloatArray, path_c: FloatArray) -> None:
     """Move mean, step size, covariance and paths of the populations `live` by their best steps y (g, lam, d)."""
     mueff, cc, cs, c1, cmu, damps, chi = constants
     d = mean.shape[1]

@@ -26,7 +26,7 @@ _SHARED, SAME = 1e-10, 1e-8
 
 
 @kernel
-def _whiten(base, taps, out):
+def _whiten(base: FloatArray, taps: FloatArray, out: FloatArray) -> None:
     """out[k] = base[k] + taps[0] * base[k-1] + ...; the first rows use what is there."""
     rows, lanes = base.shape
     for k in range(rows):
@@ -52,7 +52,7 @@ def whiten(columns: FloatArray, taps: FloatArray) -> FloatArray:
 
 
 @kernel
-def _whiten_stack(base, samples, taps):
+def _whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
     """Filter each stretch of `samples` rows in place, last row first, so that no copy is needed."""
     lanes = base.shape[1]
     for first in range(0, base.shape[0], samples):
@@ -152,7 +152,8 @@ class Shared:
 
 
 @kernel
-def _residuals(base, offsets, sizes, cross, weight, target, basis, out):
+def _residuals(base: FloatArray, offsets: IntArray, sizes: FloatArray, cross: FloatArray, weight: FloatArray,
+               target: FloatArray, basis: FloatArray, out: FloatArray) -> None:
     """Target less own columns times sizes, and what the shared columns then give back: their products are known."""
     own, lanes = sizes.shape
     q = basis.shape[1]
@@ -181,7 +182,7 @@ def _residuals(base, offsets, sizes, cross, weight, target, basis, out):
 
 
 @kernel
-def _solve(squares, cross, q, energy, cost, sizes):
+def _solve(squares: FloatArray, cross: FloatArray, q: int, energy: float, cost: FloatArray, sizes: FloatArray) -> None:
     """Normal equations of every candidate, shared columns (orthonormal) taken out first; by elimination, in place."""
     own, lanes = sizes.shape
     for p in range(lanes):

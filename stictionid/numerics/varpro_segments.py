@@ -119,7 +119,8 @@ def block_columns(parts: list[FloatArray]) -> FloatArray:
 
 
 @kernel
-def _solve(squares, cross, raw, common, energy, cost, sizes):
+def _solve(squares: FloatArray, cross: FloatArray, raw: FloatArray, common: int, energy: float, cost: FloatArray,
+           sizes: FloatArray) -> None:
     """Normal equations of every candidate: each segment's local columns by elimination, then the common ones.
 
     A column that says nothing new (a transient long gone, say) gets no coefficient. `squares` is used up.

@@ -109,7 +109,8 @@ def _smooth(command: FloatArray, substeps: int, jumps: FloatArray) -> FloatArray
 
 
 @kernel
-def _means(command, fs_up, fs_down, drift, profile, position):
+def _means(command: FloatArray, fs_up: FloatArray, fs_down: FloatArray, drift: FloatArray, profile: FloatArray,
+           position: FloatArray) -> None:
     rows, lanes = position.shape
     # Rows: f_s up and down, its drift, and the position before.
     work = np.empty(4 * LANES + LINE)

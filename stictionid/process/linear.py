@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..numerics.jit import LANES, LINE, kernel, output, scratch
-from ..typing import FloatArray
+from ..typing import FloatArray, IntArray
 
 # Rows of the coefficient table: decays over a part of either lag and of an integral, the weights of their sums in the
 # response and that of the position there; then for one lag the weights of the position in the part and before, for two
@@ -48,7 +48,8 @@ class Dynamics:
 # The kernels below end a sample alike, each in lines of its own: as a kernel that they call it took twice the time of a
 # short one (108 against 47 µs for 64,000 positions, measured).
 @kernel
-def _run(position, substeps, table, kinds, whole, fine, response):
+def _run(position: FloatArray, substeps: int, table: FloatArray, kinds: IntArray, whole: IntArray, fine: IntArray,
+         response: FloatArray) -> None:
     """Fill response (samples + longest whole delay, P); rows before a lane's delay stay as they are (zero).
 
     Every mode is a sum of all positions so far, the older the more decayed: s = a s + u for each part, a = 1 for an
@@ -122,7 +123,7 @@ def _run(position, substeps, table, kinds, whole, fine, response):
 
 
 @kernel
-def _run_plain(position, table, whole, response):
+def _run_plain(position: FloatArray, table: FloatArray, whole: IntArray, response: FloatArray) -> None:
     """`_run` for one lag and positions held between samples: most of what a search asks for."""
     lanes = response.shape[1]
     work = np.empty(6 * LANES + LINE)
@@ -159,7 +160,8 @@ def _run_plain(position, table, whole, response):
 
 
 @kernel
-def _run_parts(position, substeps, table, whole, fine, response):
+def _run_parts(position: FloatArray, substeps: int, table: FloatArray, whole: IntArray, fine: IntArray,
+               response: FloatArray) -> None:
     """`_run` for one lag and parts of samples: each sample is a decay of the last one and a weighted sum of its parts.
 
     With h_0 = b, h_i = a^(i-1) (a b + c) for a part that ended i parts before the sample, the response at a sample is
@@ -234,7 +236,8 @@ def _run_parts(position, substeps, table, whole, fine, response):
 
 
 @kernel
-def _run_path(path, substeps, table, whole, fine, lags, response):
+def _run_path(path: FloatArray, substeps: int, table: FloatArray, whole: IntArray, fine: IntArray, lags: int,
+              response: FloatArray) -> None:
     """`_run_parts` for one path (n*substeps,) that all lanes share and one or two `lags`, and no path to load for each.
 
     Two lags answer as the weighted difference of what each alone would; their weights are (T1, -T2) / (T1 - T2).
@@ -302,7 +305,8 @@ def _run_path(path, substeps, table, whole, fine, lags, response):
 
 
 @kernel
-def _coefficients(T1, L, T2, part, substeps, ahead, integrating, table, whole, fine):
+def _coefficients(T1: FloatArray, L: FloatArray, T2: FloatArray, part: float, substeps: int, ahead: bool,
+                  integrating: bool, table: FloatArray, whole: IntArray, fine: IntArray) -> tuple[bool, int]:
     """Fill the coefficient table and the dead times in whole samples and parts; true when any second lag acts, and the
     longest dead time in whole samples."""
     any_lagged = False
@@ -379,7 +383,7 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
 
 
 @kernel
-def _decay(T, step_s, out):
+def _decay(T: FloatArray, step_s: float, out: FloatArray) -> None:
     samples, lanes = out.shape
     factor = np.empty(lanes)
     for p in range(lanes):

@@ -54,7 +54,7 @@ def _frozen(values: Any, dtype: type = np.float64) -> NDArray[Any]:
     if isinstance(values, np.ndarray) and values.dtype == dtype and values.ndim == 1 and values.flags.c_contiguous \
             and not values.flags.writeable and not _writable(values.base):
         return values  # already ours, or nobody's to change
-    array = np.array(values, dtype=dtype, order="C", copy=True).reshape(-1)
+    array: NDArray[Any] = np.array(values, dtype=dtype, order="C", copy=True).reshape(-1)
     array.setflags(write=False)
     return array
 
@@ -82,7 +82,7 @@ class Loop:
     position: FloatArray | None = None
     extras: dict[str, FloatArray] = field(default_factory=dict)
     step_s: float = 1.0
-    used: BoolArray | None = None
+    used: BoolArray = None  # type: ignore[assignment]  # __post_init__ makes one where none is given
     starts: tuple[int, ...] = (0,)
     begins_s: tuple[float, ...] = ()
     picked: tuple[int, ...] = ()
@@ -139,7 +139,7 @@ class Loop:
     @property
     def time_s(self) -> FloatArray:
         """Seconds since the first sample without the gaps, shape (n,)."""
-        return np.arange(self.samples) * self.step_s
+        return np.arange(self.samples, dtype=np.float64) * self.step_s
 
     @property
     def clock_s(self) -> FloatArray:

@@ -103,10 +103,10 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
     assert law is not None
     share = max(1.0 - (sd_after / sd) ** 2, 0.0) if sd else 0.0
     later = _travel(u[loop.used]) / hours * _DAY_S
-    digits, u = (0 if now >= 10.0 else 2), estimate.unit
+    digits, unit = (0 if now >= 10.0 else 2), estimate.unit
     said = (f"without friction the process value would scatter by {sd_after:.3g} instead of {sd:.3g} "
-            f"({100 * share:.0f} % of its variance is the valve's doing) and the valve travel {later:,.{digits}f} {u} "
-            f"a day instead of {now:,.{digits}f} {u}")
+            f"({100 * share:.0f} % of its variance is the valve's doing) and the valve travel {later:,.{digits}f} {unit} "
+            f"a day instead of {now:,.{digits}f} {unit}")
     return Severity(band(estimate.S) if percent else None, tuple(words) if percent else (), sd, sd_after, share, now,
                     later, law.gain, law.integral_time_s, said, BANDS_SOURCE)
 
@@ -132,7 +132,9 @@ def _repaired(loop: Loop, estimate: Estimate, law: ControllerLaw,
 
 
 @kernel
-def _closed(r, residual, parts, h, decays, delay, gain, integrating, proportional, integral, start_u, start_y, y, u):
+def _closed(r: FloatArray, residual: FloatArray, parts: int, h: float, decays: FloatArray, delay: int, gain: float,
+            integrating: bool, proportional: float, integral: float, start_u: float, start_y: float, y: FloatArray,
+            u: FloatArray) -> bool:
     """Fill y and u (n,) of the closed loop, a command, `delay` parts, lags, an integrator; False where it runs away."""
     states = np.zeros(decays.size)
     queue = np.zeros(delay + 1)
