@@ -38,7 +38,7 @@ def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, floa
 
 def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
     ramp = values["rate"] * np.maximum(time_s - values["start_s"], 0.0)
-    return (np.zeros_like(ramp), ramp, {}) if values.get("at") == "load" else (ramp, np.zeros_like(ramp), {})
+    return (np.zeros_like(ramp), ramp, {}) if values.get("load") else (ramp, np.zeros_like(ramp), {})
 
 
 EFFECT = Effect(

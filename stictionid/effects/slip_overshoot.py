@@ -50,7 +50,8 @@ def _valve(swing: FloatArray, slip: FloatArray, theta: FloatArray, context: Cont
 
 
 def _longest(theta: FloatArray) -> FloatArray:
-    return 1.0 + _LONGER * (theta[0] - 1.0)
+    times: FloatArray = 1.0 + _LONGER * (theta[0] - 1.0)
+    return times
 
 
 def _guess(context: Context) -> FloatArray:

@@ -50,7 +50,7 @@ def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, floa
 
 def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
     step = np.where(time_s >= values["time_s"], values["size"], 0.0)
-    return (np.zeros_like(step), step, {}) if values.get("at") == "load" else (step, np.zeros_like(step), {})
+    return (np.zeros_like(step), step, {}) if values.get("load") else (step, np.zeros_like(step), {})
 
 
 EFFECT = Effect(

@@ -82,7 +82,7 @@ class Arx:
         m = self.model.parts
         return position if m == 1 else position.reshape(-1, m, position.shape[1]).mean(axis=1)
 
-    def costs(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def costs(self, values: FloatArray) -> tuple[FloatArray, IntArray]:
         """Smallest sum of squared one-step errors (P,) over the delays, and the delay (P,) that gave it."""
         best = np.full(values.shape[1], np.inf)
         delay = np.zeros(values.shape[1], np.int64)

@@ -116,7 +116,7 @@ class Run:
         A `disturbance` (n,) that the model knows is no noise: a step would count as one, as large as itself.
         """
         delay = int(dead_time_s / self.loop.step_s)
-        key = (sha256(np.ascontiguousarray(position)).digest(), delay)
+        key = (sha256(np.ascontiguousarray(position).data).digest(), delay)
         if disturbance is None and key in self._floors:
             return self._floors[key]
         good = np.isfinite(self.loop.process_value) & self.loop.used
@@ -164,7 +164,7 @@ class Run:
                 "is missing, stictionid agree FILE --windows 3 shows how far they move along the record)",
                 {"rmse": e.rmse, "noise_sd": floor}, (), "CRITICISM.md section 5"))
         effect, variant = parse(added) if added else (None, "")
-        return Step(effect and effect.name, tuple(x.name for x in fit.model.effects), parameters(fit), error,
+        return Step(effect.name if effect else None, tuple(x.name for x in fit.model.effects), parameters(fit), error,
                     Restarts(fit.runs, fit.agree), tuple(findings), fit.model.describe(fit.values), variant=variant)
 
     def step_again(self, before: Step, fit: Fitted) -> Step:

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..model.model import Model
-from ..model.segments import bound
+from ..model.segments import Restarted, bound
 from ..model.spec import BASE
 from ..numerics.gauss_newton import descend
 from ..numerics.population import Found
@@ -61,6 +61,7 @@ def first_force(model: Model, points: FloatArray, ladder: FloatArray) -> tuple[F
         trial[:, 1:, model.forces[0]] = ladder
         c = model.costs(trial.reshape(-1, points.shape[1])).reshape(len(points), -1)
         return trial[np.arange(len(points)), c.argmin(axis=1)], c.min(axis=1)
+    assert isinstance(model, Restarted)
     near = points[:, None, list(model.forces)] + _NEAR_FORCES[:, None]
     trial = points[:, None, :].repeat(ladder.size + len(_NEAR_FORCES) + 1, axis=1)
     trial[:, 1:ladder.size + 1, list(model.forces)] = ladder[:, None]

@@ -74,7 +74,8 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
 def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
     """Valve at rest with residual force e(0) = share * f_s, within its stops."""
     fs = np.where(share > 0, friction[FS_UP], friction[FS_DOWN])
-    return np.clip(command0 - share * fs, friction[LOWER], friction[UPPER])[None, :].copy()
+    place: FloatArray = np.clip(command0 - share * fs, friction[LOWER], friction[UPPER])
+    return place[None, :].copy()
 
 
 LAW = Law(

@@ -66,7 +66,8 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
 def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
     """Valve at rest with e(0) = share * d, within its stops."""
     band = np.where(share > 0, friction[FS_UP] + friction[FD_UP], friction[FS_DOWN] + friction[FD_DOWN])
-    return np.clip(command0 - share * band, friction[LOWER], friction[UPPER])[None, :].copy()
+    place: FloatArray = np.clip(command0 - share * band, friction[LOWER], friction[UPPER])
+    return place[None, :].copy()
 
 
 def _check(stickband: FloatArray | float, slip_jump: FloatArray | float) -> None:

@@ -219,7 +219,7 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     law = get_law(setting.law)
     rng = np.random.default_rng(seed)
     plant = setting.plant
-    time = np.arange(round(setting.duration_s / setting.step_s)) * setting.step_s
+    time = np.arange(round(setting.duration_s / setting.step_s), dtype=np.float64) * setting.step_s
     hidden = hide(setting.effects, S=setting.S, J=setting.J, lags=(plant.time_constant_s, plant.second_time_constant_s),
                   time_s=time, start=OPERATING_POINT, rng=np.random.default_rng([seed, 1]))
     setting = replace(setting, plant=replace(plant, second_time_constant_s=hidden.lags[1]))
@@ -236,7 +236,7 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     state = law.start(OPERATING_POINT, friction, np.zeros(1))
     process = _Process(setting.plant, fine)
     command, place, profile = np.full(1, OPERATING_POINT), np.empty((1, 1)), np.zeros(1)
-    r_fine = _setpoint(setting, np.arange(samples * per_sample) * fine).tolist()
+    r_fine = _setpoint(setting, np.arange(samples * per_sample, dtype=np.float64) * fine).tolist()
     r, u_rec, y_rec, v_rec = _setpoint(setting, time), np.empty(samples), np.empty(samples), np.empty(samples)
     if disturbance is not None and np.shape(disturbance) != time.shape:
         raise UsageError(f"the disturbance has {np.size(disturbance)} samples, the record {time.size}",

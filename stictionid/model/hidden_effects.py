@@ -79,13 +79,14 @@ def hide(given: Given, *, S: float, J: float, lags: tuple[float, float], time_s:
 
 
 def _checked(effect: Effect, values: Mapping[str, float | str]) -> dict[str, float]:
+    """All parameters of an effect by name; a variant that was asked for stands among them, as 1."""
     known = {p.name: p for p in effect.parameters}
     out: dict[str, float] = {p.name: p.neutral for p in effect.parameters}
     for key, value in values.items():
         if key == "at" and effect.variants:
             if value not in effect.variants:
                 raise UsageError(f"{effect.name}: at={value} is unknown", "use at=" + " or at=".join(effect.variants))
-            out[key] = value  # type: ignore[assignment]
+            out[str(value)] = 1.0
             continue
         if key not in known:
             raise UsageError(f"effect {effect.name} has no parameter '{key}'",

@@ -9,9 +9,11 @@ Source: paper Eq. 7 to 19; METHODS.md section 4, traps 1, 2 and 4.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import effects as effect_room
 from .. import laws as law_room
@@ -24,6 +26,8 @@ from ..process.linear import Dynamics, free_run, transient
 from ..record.loop import Loop
 from ..typing import BoolArray, FloatArray
 from .spec import BASE, FIRST_ORDER, INTEGRATOR, Spec
+
+Kind = TypeVar("Kind", bound=np.generic)
 
 # Limits of the search, METHODS.md section 4: sampled peaks are clipped, so S may exceed S_max by a fifth.
 S_OVER_S_MAX = 1.2
@@ -113,7 +117,8 @@ class Response:
         if not drifting:
             return np.zeros(command.size)
         assert drifting[0].profile is not None
-        return drifting[0].profile(self.context.start_s + np.arange(command.size) * self.context.command_step_s)
+        at = np.arange(command.size, dtype=np.float64)
+        return drifting[0].profile(self.context.start_s + at * self.context.command_step_s)
 
     def context_of(self, option: str) -> Context:
         """The context as an effect sees it: a measured disturbance sees its own tag only."""
@@ -131,8 +136,7 @@ class Response:
 
     def good(self) -> BoolArray:
         """Samples (n,) that may count: used, and with a finite process value."""
-        used = self.loop.used if self.loop.used is not None else np.ones(self.loop.samples, bool)
-        return used & np.isfinite(self.loop.process_value)
+        return self.loop.used & np.isfinite(self.loop.process_value)
 
     def shared_columns(self) -> FloatArray:
         """Columns that all candidates share (n, q): the level, and the drift of an integrator out of balance."""
@@ -209,20 +213,21 @@ class Response:
         """
         if position is None:
             position = self._followed()[:, None] if self._follows else self.positions(values, lent=True)
-        settings = {"step_s": self.step_s, "substeps": self.parts, "ahead": not self.spec.held}
         dynamics = self._dynamics(values)
+        respond = partial(free_run, dynamics=dynamics, step_s=self.step_s, substeps=self.parts,
+                          ahead=not self.spec.held)
         n = self.loop.samples
         columns: list[FloatArray] = []
         for effect, rows, option in zip(self.effects, self.effect_rows, self.options, strict=True):
             if effect.columns:
                 for column in effect.columns(values[rows], self.context_of(option)):
                     if option == "load":
-                        column = free_run(np.repeat(column, self.parts, axis=0), dynamics, **settings)
+                        column = respond(np.repeat(column, self.parts, axis=0))
                     columns.append(column)
         # An unknown start dies away with every lag.
         lags = [lag for lag in (dynamics.time_constant_s, dynamics.second_time_constant_s) if np.count_nonzero(lag)]
         count = 1 + len(columns) + len(lags)
-        base = free_run(position, dynamics, room=(count - 1) * n, lent=lent, **settings)
+        base = respond(position, room=(count - 1) * n, lent=lent)
         for i, column in enumerate(columns, 1):
             base[i * n:(i + 1) * n] = column
         for i, lag in enumerate(lags, 1 + len(columns)):
@@ -257,7 +262,7 @@ class Response:
             at += count
         raise ModelError(f"the model has no effect {name}", "stictionid effects lists them")
 
-    def split(self, rows: FloatArray) -> list[FloatArray]:
+    def split(self, rows: NDArray[Kind]) -> list[NDArray[Kind]]:
         """An array (n * parts, …) cut at the segments."""
         return [rows]
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from numbers import Real
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -18,15 +17,16 @@ from .spec import FIRST_ORDER, INTEGRATOR, Curves, Spec
 # Most parts of a sampling interval and terms of a noise model that are taken from a study, and its largest number: more
 # than any search makes, and little enough that a study edited by hand can't fill memory or leave an array.
 _MOST_PARTS, _MOST_TAPS, _LARGEST = 64, 1000, 1e15
+_NUMBERS = (int, float, np.integer, np.floating)
 
 
 def _check(loop: Loop, description: dict[str, Any]) -> None:
     """DataError for what no search writes: models are run by compiled code, which looks at no limits."""
-    def refuse(words: str) -> None:
+    def refuse(words: str) -> NoReturn:
         raise DataError(f"the study's model can't be rebuilt: {words}", "run stictionid identify again")
 
     def within(name: str, value: Any, low: float, high: float) -> None:
-        if isinstance(value, bool) or not isinstance(value, Real) or not low <= value <= high:
+        if isinstance(value, bool) or not isinstance(value, _NUMBERS) or not low <= value <= high:
             refuse(f"{name} is {value!r:.40}, not a number from {low:g} to {high:g}")
 
     effects = description["effects"]

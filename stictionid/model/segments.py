@@ -17,6 +17,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..effects.contract import Context, Record
 from ..numerics.jit import output
@@ -25,6 +26,7 @@ from ..numerics.varpro_segments import Blockwise, block_columns
 from ..record.loop import Loop
 from ..typing import FloatArray
 from .model import Model
+from .response import Kind
 from .spec import BASE, Spec
 
 
@@ -41,6 +43,8 @@ def bound(loop: Loop, spec: Spec, *, s_max: float, period_s: float, residual: Fl
 
 class Restarted(Model):
     """A `Spec` bound to several segments. Not changed after it is made."""
+
+    shared: Blockwise
 
     def __init__(self, loop: Loop, spec: Spec, *, s_max: float, period_s: float,
                  residual: FloatArray | None = None, command: FloatArray | None = None) -> None:
@@ -83,7 +87,7 @@ class Restarted(Model):
         rows = [0, 1, self.forces[piece], 3, 4, *range(self.head, values.shape[0])]
         return values[rows]
 
-    def split(self, rows: FloatArray) -> list[FloatArray]:
+    def split(self, rows: NDArray[Kind]) -> list[NDArray[Kind]]:
         """An array (n * parts, …) cut at the segments."""
         return np.split(rows, [start * (len(rows) // self.loop.samples) for start in self.loop.starts[1:]])
 

@@ -137,7 +137,7 @@ def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray
         segment = np.searchsorted(starts, part, side="right") - 1
         levels = [np.ones(part.size), *((segment == s).astype(np.float64) for s in further)]
         piece = np.stack([*columns, *levels, y[part]], axis=1)
-        factor = np.linalg.qr(np.concatenate([factor, piece]), mode="r")
+        factor = np.asarray(np.linalg.qr(np.concatenate([factor, piece]), mode="r"))
     solution, *_ = np.linalg.lstsq(factor[:, :-1], factor[:, -1], rcond=1e-10)
     error = factor[:, -1] - factor[:, :-1] @ solution
     return float(np.sqrt(error @ error / max(rows.size - solution.size, 1)))

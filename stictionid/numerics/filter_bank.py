@@ -58,7 +58,8 @@ class LagBank:
         lanes, many, q = position.shape[1], self.delays.size, self.shared.freedom
         sums = np.empty((many, _SUMS, lanes))
         _sums(position, self._parts, self._decays, self._enters, self._edges, self._decay, sums)
-        squares, cross = np.empty((_LAGS, _LAGS, many, lanes)), np.empty((_LAGS, q + 1, many, lanes))
+        squares: FloatArray = np.empty((_LAGS, _LAGS, many, lanes))
+        cross = np.empty((_LAGS, q + 1, many, lanes))
         shown = (self._adjoint @ position).reshape(_LAGS, many, lanes)
         _normals(sums, self._mix, shown, self._first, position[0], squares, cross)
         squares = squares.reshape(_LAGS, _LAGS, -1)
@@ -67,10 +68,11 @@ class LagBank:
             # The shortest lag is left out where it answers the wrong way: the last pivot says what that costs.
             wrong = self._direction * sizes[-1] < 0.0
             cost[wrong] += sizes[-1, wrong] ** 2 * squares[-1, -1, wrong]
-        return cost.reshape(many, lanes).min(axis=0)
+        least: FloatArray = cost.reshape(many, lanes).min(axis=0)
+        return least
 
 
-def _backwards(y: FloatArray, delays: FloatArray, decays: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
+def _backwards(y: FloatArray, delays: IntArray, decays: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
     """Rows (lags*delays, n*parts) whose products with a path are those of y (n,) with the path's lags, and their sums.
 
     y is 0 where no row counts.

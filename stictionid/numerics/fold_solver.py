@@ -28,7 +28,8 @@ class _Solved:
 
     def tail(self, own: FloatArray, p: int) -> FloatArray:
         """Sizes (c,) of the shared columns beside candidate `p`, whose own columns on the training rows are (k, m)."""
-        return np.linalg.lstsq(self.r, self.q.T @ (self.target - own.T @ self.sizes[p]), rcond=1e-12)[0]
+        sizes: FloatArray = np.linalg.lstsq(self.r, self.q.T @ (self.target - own.T @ self.sizes[p]), rcond=1e-12)[0]
+        return sizes
 
 
 def best_of_fold(own: FloatArray, columns: FloatArray, goal: FloatArray, train: BoolArray,
@@ -54,9 +55,10 @@ def mean_of_fold(own: FloatArray, columns: FloatArray, goal: FloatArray, train: 
     weight = np.exp(-0.5 * float(train.sum()) * np.log(ratio))
     counted = np.flatnonzero(weight > _UNLIKELY)
     told = np.zeros(goal.size)
-    for p in counted:
+    for p in counted.tolist():
         told += weight[p] * (own[:, :, p].T @ solved.sizes[p] + columns @ solved.tail(own[:, train, p], p))
-    return told / weight[counted].sum()
+    told /= weight[counted].sum()
+    return told
 
 
 def _solved(own: FloatArray, columns: FloatArray, goal: FloatArray, train: BoolArray,

@@ -71,7 +71,7 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
     return Found(points[order], costs[order], spent)
 
 
-def slopes_at(residuals: Residuals, points: FloatArray, free: FloatArray,
+def slopes_at(residuals: Residuals, points: FloatArray, free: IntArray,
               step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Derivatives (k, n, f) of the residuals along the free dimensions, by central differences, and residuals (k, n).
 
@@ -85,7 +85,7 @@ def slopes_at(residuals: Residuals, points: FloatArray, free: FloatArray,
     return np.moveaxis(slopes, 1, 0), np.ascontiguousarray(r[:, :, 0].T)
 
 
-def normals_at(residuals: Residuals, points: FloatArray, free: FloatArray,
+def normals_at(residuals: Residuals, points: FloatArray, free: IntArray,
                step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Products (k, f, f) of the slopes of `slopes_at` with each other and (k, f) with the residuals, summed over n.
 
@@ -106,7 +106,7 @@ def normals_at(residuals: Residuals, points: FloatArray, free: FloatArray,
     return normals, gradients
 
 
-def beside(points: FloatArray, free: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+def beside(points: FloatArray, free: IntArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points (k (2f+1), d) for the differences of points (k, d), themselves first, and the widths (k, f)."""
     (k, d), f = points.shape, free.size
     trial, width = points[:, None, :].repeat(2 * f + 1, axis=1), np.empty((k, f))

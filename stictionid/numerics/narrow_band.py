@@ -41,7 +41,8 @@ def shape(w: FloatArray, w0: FloatArray, coherence: FloatArray, strength: FloatA
     g = 1.0 / np.abs(1.0 - a1 * z - a2 * z * z) ** 2
     # Mean over all frequencies: the variance of an AR(2) with unit innovations.
     mean = (1.0 - a2) / ((1.0 + a2) * ((1.0 - a2) ** 2 - a1**2))
-    return 1.0 + strength * g / mean
+    spectrum: FloatArray = 1.0 + strength * g / mean
+    return spectrum
 
 
 def resonance(residual: FloatArray, good: BoolArray, rng: np.random.Generator) -> Resonance | None:
@@ -59,7 +60,8 @@ def resonance(residual: FloatArray, good: BoolArray, rng: np.random.Generator) -
         w0 = np.exp(np.log(low) + cube[:, 0] * np.log(high / low))
         q, s = (np.exp(np.log(a) + cube[:, i] * np.log(b / a)) for i, (a, b) in ((1, _COHERENCE), (2, _STRENGTH)))
         f = shape(w, w0, q, s)
-        return w.size * np.log(np.mean(power[:, None] / f, axis=0)) + np.log(f).sum(axis=0) + 1e6
+        cost: FloatArray = w.size * np.log(np.mean(power[:, None] / f, axis=0)) + np.log(f).sum(axis=0) + 1e6
+        return cost
 
     smooth = np.convolve(power, np.ones(5) / 5, "same")
     smooth[(w < low) | (w > high)] = 0.0

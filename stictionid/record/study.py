@@ -370,7 +370,7 @@ def _build(kind: Any, content: Any, where: str) -> Any:
         if not isinstance(content, dict):
             raise ValueError(f"{where} is not an object")
         return {k: _build(typing.get_args(kind)[1], v, f"{where}.{k}") for k, v in content.items()}
-    if dataclasses.is_dataclass(kind):
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         if not isinstance(content, dict):
             raise ValueError(f"{where} is not an object")
         hints = _hints(kind)

@@ -281,7 +281,8 @@ def _finished(workers: Workers, ground: Ground, looks: Sequence[Answer], noise_s
     if first in queue[2:]:
         queue.remove(first)
         queue.insert(1, first)
-    best, ahead, finished = -np.inf, "", set()
+    best, ahead = -np.inf, ""
+    finished: set[str] = set()
     # Once an effect is at the noise, one whose free run is far from it only has a noise model to thank.
     most = _REACH * noise_sd**2 * fit.best.rows * float(1.0 + fit.model.taps @ fit.model.taps)
     if at_noise(refits[top.name]):

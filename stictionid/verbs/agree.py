@@ -217,9 +217,9 @@ def _record(label: str, study: Study, middle: str | None, at_s: float | None) ->
     e, v = study.estimate, study.verdict
     counted = e is not None and v.stiction != "no stiction"
     why = v.reason if counted or e is None else f"no stiction, so there is no S to compare; {v.reason}"
-    numbers = (e.S, e.J, e.S_interval, e.J_interval) if e else (None, None, None, None)
-    return RecordResult(label, study.data.file, middle, at_s, v.stiction, v.confidence, *numbers,
-                  study.range.period_median_s, counted, why, str(v.evidence.get("code", "")))
+    return RecordResult(label, study.data.file, middle, at_s, v.stiction, v.confidence, e.S if e else None,
+                        e.J if e else None, e.S_interval if e else None, e.J_interval if e else None,
+                        study.range.period_median_s, counted, why, str(v.evidence.get("code", "")))
 
 
 def _known(name: str, records: Sequence[RecordResult]) -> tuple[list[RecordResult], FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from ...model.model import Model
 from ...model.spec import Evaluated
 from ...numerics.autoregression import autocovariance
 from ...numerics.gauss_newton import normals_at, principal
-from ...typing import FloatArray
+from ...typing import FloatArray, IntArray
 from ..moves import descended, longest_first, movable, spreads
 from .profile import reached, spread_over
 from .smooth import GAIN, smooth_intervals
@@ -136,7 +136,7 @@ def _rays(model: Model, top: FloatArray) -> FloatArray:
     return points[inside]
 
 
-def _following(normal: FloatArray, free: FloatArray, size: int) -> list[FloatArray]:
+def _following(normal: FloatArray, free: IntArray, size: int) -> list[FloatArray]:
     """Directions (size,) along which one of the `free` numbers moves by 1 and the others follow at least cost."""
     values, vectors, scale = principal(normal)
     spread = (vectors / np.maximum(values, 1e-9 * values[-1] + 1e-30)) @ vectors.T / scale / scale[:, None]

@@ -141,8 +141,8 @@ class _Slopes:
             high[n, side, k] = np.where(excess > 1.0, now, high[n, side, k])
             share[n, side, k] = np.clip(now * excess**-0.5, low[n, side, k], high[n, side, k])
             furthest = np.argsort(-np.abs(share * reaches), axis=2, kind="stable")[:, :, :_KEPT]
-            n, side, _ = np.indices(furthest.shape)
-            at = np.stack([n.ravel(), side.ravel(), furthest.ravel()])
+            which = np.indices(furthest.shape)
+            at = np.stack([which[0].ravel(), which[1].ravel(), furthest.ravel()])
         return share * reaches
 
     def _lines(self, numbers: list[int]) -> list[tuple[FloatArray, FloatArray, FloatArray]]:

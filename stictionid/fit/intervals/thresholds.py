@@ -126,6 +126,7 @@ def ridges(model: Model, point: FloatArray) -> FloatArray:
                 break
             trial = point[None].repeat(_RIDGE_LANES, axis=0)
             trial[:, column] = goal
+            assert scan is not None
             beside = scan.started(trial, values[0] * (1.0 + rung * (pace + width * np.linspace(-1, 1, len(trial)))))
             costs = scan.followed(beside)
             at = int(costs.argmin())

@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 
 from ...model.model import Model
+from ...model.segments import Restarted
 from ...numerics.population import refine, swarm
 from ...typing import FloatArray
 from ..arx_cost import Arx
@@ -204,6 +205,7 @@ def _shifted_pieces(model: Model, values: FloatArray, shifts: int) -> list[tuple
 
     A start that goes with one break-away makes any other slip at the wrong sample right after it.
     """
+    assert isinstance(model, Restarted)
     ladder = np.concatenate([[np.nan], _RIDGE_FORCES])
     rows = list(model.forces)
     trial = values[:, :, None].repeat(ladder.size, axis=2)

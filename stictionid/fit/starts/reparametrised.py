@@ -59,7 +59,7 @@ def as_valves(model: Model, points: FloatArray) -> tuple[FloatArray, BoolArray]:
     moved = points.copy()
     moved[:, 0] = (S - stickband.low) / (stickband.high - stickband.low)
     moved[:, 1] = J / np.maximum(S, 1e-12) / share.high
-    possible = ((moved[:, :2] >= 0.0) & (moved[:, :2] <= 1.0)).all(axis=1)
+    possible: BoolArray = np.all((moved[:, :2] >= 0.0) & (moved[:, :2] <= 1.0), axis=1)
     return np.clip(moved, 0.0, 1.0), possible
 
 

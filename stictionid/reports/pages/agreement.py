@@ -74,7 +74,8 @@ def left_out(found: Agreement) -> list[str]:
 
 def _markdown(found: Agreement, picture: Picture | None, name: str) -> str:
     parts = [MARK, "", "# Agreement over records", "", f"**{escape(wording.sentence(found.statement))}**", ""]
-    parts += [f"- {escape(wording.sentence(s.statement))}" for s in (*found.spreads, *found.drifts)]
+    statements = [*(s.statement for s in found.spreads), *(d.statement for d in found.drifts)]
+    parts += [f"- {escape(wording.sentence(statement))}" for statement in statements]
     parts += ["", table_text(record_table(found)), ""]
     if picture is not None:
         parts += [f"![{escape(picture.title)}. {escape(picture.alt)}]({_link(name)})", "",
