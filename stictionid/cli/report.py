@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .app import app
 from .common.output import ForceOption, JsonOption, Progress, QuietOption, out_console, print_json_text, say
 from .common.study_files import open_study
+
+if TYPE_CHECKING:
+    from ..reports.pictures.curves import Case
 
 
 @app.command(help="Write a report of one or more studies: markdown with pictures, one HTML page, or JSON.\n\n"
@@ -60,13 +63,13 @@ def report(
             print_case(case, console)
 
 
-def _case(path: Path, data: Path | None):
+def _case(path: Path, data: Path | None) -> Case:
     from ..reports.pictures.curves import gather
 
     return gather(open_study(path), data=data, near=(path.resolve().parent,))
 
 
-def _print_json(cases: list) -> None:
+def _print_json(cases: list[Case]) -> None:
     from ..reports.pages.json import report_json
     from ..reports.pictures.study_pictures import pictures
 

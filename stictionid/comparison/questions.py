@@ -30,7 +30,8 @@ def ask_all(ground: Ground) -> tuple[Answer, ...]:
 
 
 def _answer(ground: Ground, name: str, cells: tuple[Cell, ...], where: Callable[[Cell], str],
-            suggests: tuple[str, ...] | Callable[[Cell], tuple[str, ...]], extra: dict | None = None) -> Answer:
+            suggests: tuple[str, ...] | Callable[[Cell], tuple[str, ...]],
+            extra: dict[str, object] | None = None) -> Answer:
     """A finding about the worst cell, in words and numbers."""
     cell = worst(cells)
     if cell is None:

@@ -6,6 +6,8 @@ rounds what a study holds, so terminal, markdown, HTML and JSON can't disagree.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ..record.study import Estimate, Study
 from . import sections, wording
 from .document import Facts, KeyNumber, PageTable, Section
@@ -190,7 +192,7 @@ def _pv_unit(study: Study) -> str:
     return wording.name(study.data.units.get("process_value") or "units of PV")
 
 
-def _pictures_note(reason: str):
+def _pictures_note(reason: str) -> Callable[[Study], Section | None]:
     def note(study: Study) -> Section | None:
         if not reason:
             return None

@@ -23,8 +23,9 @@ from ..record.segments import described
 from ..record.study import Candidate, Study
 from .judge import ALIKE, HALVED, candidates, halves
 from .rounding import moved_by_rounding, step_of
-from .rounds import LAG, Looked, Onward, beside_lag, look_at, may_go_on, on_every_base, on_other_base, other_structure
+from .rounds import Looked, Onward, beside_lag, look_at, may_go_on, on_every_base, on_other_base, other_structure
 from .steps import Progress, extended, finished_step, opened, with_steps
+from .structure import LAG
 from .tries import NAMED, Tried
 
 # Gives a study with another last model its verdict and severity; the seed is that of the walk.

@@ -104,7 +104,7 @@ def setting_of(seed: int, number: int) -> tuple[Setting, str | None]:
     J = float(S * rng.uniform(0.4, 0.6))
     moves = ((0.0, 3.0), (250.0, -4.0), (520.0, 5.0), (800.0, -4.0), (1000.0, 3.0))
     hidden = _HIDDEN[number % len(_HIDDEN)]
-    effects: tuple = ()
+    effects: tuple[tuple[str, dict[str, float | str]], ...] = ()
     if hidden is not None:
         get(hidden[0])
         effects = ((hidden[0], dict(hidden[1])),)

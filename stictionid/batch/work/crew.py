@@ -216,7 +216,7 @@ def _client(distributed: Any, address: str) -> Any:
     if known is None or not 0 < int(known[3]) < 65536:
         raise UsageError(f"{address!r} is no address of a scheduler", hint)
 
-    class Quiet(distributed.Client):
+    class Quiet(distributed.Client):  # type: ignore[misc]
         """A client that could not connect does not wait for it once more when it is thrown away."""
 
         def __del__(self) -> None:

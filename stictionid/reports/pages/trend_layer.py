@@ -10,6 +10,7 @@ import base64
 import json
 from datetime import datetime
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from ...typing import FloatArray
 from ..pictures import palette
 from ..pictures.curves import Case
 from ..pictures.study_pictures import axis_label, shading, unit_of
+
+if TYPE_CHECKING:
+    from ...model.spec import Curves
 
 # Panels of the layer, by index: SP, PV and model above, OP and positions below.
 _UPPER, _LOWER = 0, 1
@@ -43,7 +47,7 @@ def trend_layer(case: Case, name: str) -> str:
             f'move the view, Home shows all.</p><script type="application/json">{data}</script></div>')
 
 
-def layer_data(case: Case) -> dict:
+def layer_data(case: Case) -> dict[str, object]:
     """What the script draws: signals as base64 of little-endian float32 (n,), bands in s, names and looks."""
     loop = case.loop
     if loop is None:
@@ -61,7 +65,7 @@ def layer_data(case: Case) -> dict:
             "signals": signals, "bands": bands}
 
 
-def _last(case: Case):
+def _last(case: Case) -> Curves | None:
     return case.curves[-1] if case.curves else None
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from ...system.files import ensure_writable, write_whole
 from .. import wording
 from ..pictures.curves import Case
+from ..pictures.picture import Picture
 from .place import refuse_other_kinds
 
 Progress = Callable[[str, float], None]
@@ -55,7 +56,8 @@ def write_report(cases: Sequence[Case], out: str | Path, *, figures: str = "svg"
     return _write_markdown(cases, drawn, out, figures, force)
 
 
-def _write_markdown(cases: Sequence[Case], drawn: list, out: Path, figures: str, force: bool) -> list[Path]:
+def _write_markdown(cases: Sequence[Case], drawn: list[dict[str, Picture]], out: Path, figures: str,
+                    force: bool) -> list[Path]:
     from ..pictures.figures import PNG_KIND, figure_bytes
     from ..pictures.study_pictures import comparison
     from ..pictures.svg import SVG_KIND
@@ -63,7 +65,7 @@ def _write_markdown(cases: Sequence[Case], drawn: list, out: Path, figures: str,
 
     files: dict[Path, bytes] = {}
 
-    def place(key: str, picture) -> str:
+    def place(key: str, picture: Picture) -> str:
         path = out.with_name(f"{out.stem}-{key.replace('_', '-')}.{figures}")
         files[path] = figure_bytes(picture, figures)
         return path.name
