@@ -308,8 +308,10 @@ def _run_path(path, substeps, table, whole, fine, lags, response):
 
 @kernel
 def _coefficients(T1, L, T2, part, substeps, ahead, integrating, table, whole, fine):
-    """Fill the coefficient table and the dead times in whole samples and parts; true when any second lag acts, and the
-    longest dead time in whole samples."""
+    """Fill the coefficient table, and the dead times in whole samples and in parts.
+
+    Returns True where any second lag acts, and the longest dead time in whole samples.
+    """
     any_lagged = False
     late = 0
     for p in range(T1.size):

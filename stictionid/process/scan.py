@@ -33,7 +33,7 @@ MOST_PARTS = 10
 # Largest share of the variance of the output's changes that a PI law may leave unexplained. Unit: 1.
 _PI_LEAVES = 0.1
 # Largest ratio of unexplained variances, PI law at the samples to PI law between them, for a controller that ran with
-# the samples. Measured for such a controller: nothing at all against 1e-6 to 1e-4. Measured for one that ran between
+# the samples. Measured for such a controller: 0 against 1e-6 to 1e-4 unexplained. Measured for one that ran between
 # the samples: ratio 0.9 to 1.5. Unit: 1.
 _EXACT = 0.25
 _FEWEST_CHANGES = 20
@@ -41,7 +41,7 @@ _FEWEST_CHANGES = 20
 
 @dataclass(frozen=True, slots=True)
 class PiLaw:
-    """PI law read from sampled r, y and u: % per unit of e, % per unit of e and scan, share of the changes explained."""
+    """PI law read from sampled r, y and u: gain (% per unit of e), per scan too, and share of the changes explained."""
 
     gain: float
     per_scan: float
