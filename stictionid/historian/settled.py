@@ -1,4 +1,4 @@
-"""What was said about an export, complete and sensible before its file is opened: profile applied, values checked."""
+"""Reading options made complete before the file is opened: profile applied, values checked."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SHAPES = ("wide", "long", "paired")
 
 
 def settled(options: ReadOptions | None) -> ReadOptions:
-    """The options with their profile spelt out. UsageError for a value that no file could be read with."""
+    """The options with their profile written out. UsageError for a value with which no file could be read."""
     options = options or ReadOptions()
     if options.profile is not None:
         from .profile import with_profile

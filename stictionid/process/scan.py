@@ -64,7 +64,7 @@ def scanned(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatAr
         return rebuild(u, parts, "corner", loop.setpoint)
     e, between, moved = _errors(loop, parts, course)
     missing = (np.diff(u) - law.gain * np.diff(e)) / law.per_scan - between.sum(axis=1)
-        # A setpoint that moved between two samples is moved at the first scan from which it makes the mean right.
+    # A setpoint that moved between two samples is moved at the first scan from which it makes the mean right.
     for k in np.flatnonzero(moved).tolist():
         early = int(np.clip(round(missing[k] / moved[k]), 0, parts - 1))
         between[k, parts - 1 - early:parts - 1] += moved[k]

@@ -1,4 +1,4 @@
-"""The book of rows: every row of the file is either used or listed under exactly one reason."""
+"""Bookkeeping of rows: every row of the file is either used or listed under exactly one reason."""
 
 from __future__ import annotations
 
