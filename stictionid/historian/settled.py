@@ -16,7 +16,7 @@ from .words.quality import KINDS
 from .words.units import check_span
 
 MIN_STEP_S, MAX_STEP_S = 1e-6, 1e7
-"""Sampling times that can be said, seconds: a microsecond to 116 days."""
+"""Limits of --step, seconds: a microsecond to 116 days."""
 SHAPES = ("wide", "long", "paired")
 
 

@@ -1,4 +1,4 @@
-"""Stiction law of He and Wang 2010 (semi-physical): He's law with an overshoot of K - 1 at every slip.
+"""Stiction law of He and Wang 2010 (semi-physical): He's law with every slip longer by the factor K.
 
 |e| > f_s: u_v = u_v(k-1) + K (e - sign(e) f_d), else hold. K = 1 is He 2007. K = 1 + exp(-pi z / sqrt(1 - z^2)) with
 z = F_v / (2 sqrt(k m)) is the first swing of an underdamped stem, 1.99 almost undamped.

@@ -1,4 +1,4 @@
-"""Autoregressive noise models of a residual, tests of whiteness, and an estimate of the irreducible error."""
+"""Autoregressive noise models of a residual, the Ljung-Box test, and an estimate of the irreducible error."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from ..table.rows import CODE
 MAX_FILLED = 2
 """Missing PV samples that may be interpolated, in a row (HISTORIAN.md 3.12)."""
 JITTER_TOLERANCE = 0.25
-"""Deviation from the even grid that counts as jitter, share of the step; more is said as irregular."""
+"""Largest deviation from the even grid that counts as jitter, share of the step; more is irregular."""
 MIN_REGULAR_SHARE = 0.8
 """Share of steps that must fit multiples of the median step for a record to count as evenly sampled."""
 MAX_SINGLE_STEP_SHARE = 0.9

@@ -25,7 +25,7 @@ _SURE_WORDS = """
     time stamp, time utc, timestamp, valve position, zi, zt
 """
 SURE = frozenset(w.strip() for w in _SURE_WORDS.split(","))
-"""Names that mean one thing only; every other match is a guess and is said to be one (MV and OUT among them)."""
+"""Names with one meaning only; every other match is a guess and is reported as one (MV and OUT among them)."""
 
 
 @dataclass
