@@ -4,9 +4,9 @@ An effect is one file in this folder with a constant `EFFECT`. It fills the hook
 
 * F (friction): `friction(table, theta, command_step_s, held)` returns the friction table (ROWS, P) with other
   numbers; a change with time follows `profile(time_s)`. It transforms no signal, so every law gets it.
-* T (transform): `run(signal, y, theta, part_s, state, out)`, a kernel over (rows, P) that carries `state` (states, P)
-  along, so that the closed-loop simulator can call it one row at a time; or `dynamics(dynamics, theta)`, which returns
-  other process dynamics. `y` is the process value as its distance from its centre, at the time when a move of the
+* T (transform): `run(signal, y, theta, part_s, state, out)`, a kernel over (rows, P), or `dynamics(dynamics, theta)`,
+  which returns other process dynamics. The kernel updates `state` (states, P), so that the closed-loop simulator can
+  call it one row at a time. `y` is the process value as its distance from its centre, at the time when a move of the
   signal arrives. It is (rows, P), or (rows, 1) for effects that don't follow y.
 * L (linear): `columns(theta, context)` returns columns (n, P) for the least squares; their sizes are linear. In the
   variant "load" they enter through the process.
@@ -149,7 +149,7 @@ class Effect:
 
     `parameters` are all public ones; `searched` names those that join the search (None: all), the others are linear
     or follow from them. `run_means` replaces `run` for a signal of means over the parts of a sample, as under a command
-    that moves within them; the effect then finds the instant inside the part. `fine` asks for parts of a sample even
+    that moves within them. The effect then finds the instant inside the part. `fine` asks for parts of a sample even
     under a held command; `follows_y` is true where the kernel uses y. `reach` is the factor by which the upper limit of
     S grows with this effect. `natural` are the numbers in which such a valve is searched.
     """

@@ -4,8 +4,8 @@ The position's distance from its mean is multiplied by 1 + curvature (y - mean S
 model's own, at the time when the move arrives (one dead time after the valve made it). An error in the mean only
 changes gain and time constant. Over a short travel it can't be told from a curved valve characteristic.
 
-A disturbance at the output is part of that y where it acts on the process, and is not where it acts behind it, like a
-shift of the sensor. A fit takes the reading that explains the record better; a simulation takes the first.
+A disturbance at the output is part of that y where it acts on the process. It is not where it acts behind the process,
+like a shift of the sensor. A fit takes the reading that explains the record better; a simulation takes the first.
 
 A valve that hardly leaves one side of its mean shows no curvature, so there the gain stays constant. The reason: a
 search follows the measured y, and a resting valve's distance times that y would predict y from itself.

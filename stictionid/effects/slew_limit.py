@@ -3,9 +3,9 @@
 Indistinguishable from an extra lag when every stroke is short.
 
 Equation: |du_v/dt| <= rate. Under a command that moves between samples a stroke begins and ends at instants inside a
-part of a sample, and each part is given by its mean. Measured with the true numbers: strokes that begin at the ends of
-eighths of a sample leave 1.3 times the noise of an integrator, and 21 times where the stem never reaches the command.
-With the instants: 1.06 and 6 times (most of the 6 comes from the simulation's own steps).
+part of a sample. Each part is given by its mean. Measured with the true numbers, as a multiple of the noise: 1.3 for an
+integrator and 21 where the stem never reaches the command, with strokes that begin at the ends of eighths of a sample.
+With the instants: 1.06 and 6 (most of the 6 comes from the simulation's own steps).
 Source: rate-limited actuator, METHODS.md section 5.
 """
 

@@ -1,6 +1,6 @@
 """Parquet datasets with many loops: names of the loops, and the rows of one loop without reading the others.
 
-A long dataset (tag, time, value; hive folders allowed), or one with a loop column, is read by its rows: the filter is
+A long dataset (tag, time, value; hive folders allowed), or one with a loop column, is read by its rows. The filter is
 pushed down to the files and their row groups. A wide one is read by its columns. Slow where rows are not sorted or
 partitioned by tag: then every loop costs one pass over the tag column. Source: pyarrow.dataset.
 """

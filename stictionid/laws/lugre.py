@@ -4,14 +4,14 @@ m x'' = k (u - x) - F_v x' - (s0 z + s1 z'), z' = x' - s0 |x'| z / g(x'), g = F_
 with s1 fading as exp(-(x'/v_s)^2), so that the bristles never push. In % of travel, with s0 and s1 divided by the
 spring constant: laws/physical.py.
 
-For simulation only. Each part of a step is implicit in speed and bending, with |x'| / g of the part's start, so stiff
-bristles need no smaller parts. A part ends where the speed changes its sign. The integration is of first order; parts
-are at most a hundredth of sqrt(m/k), and a coarser step is cut.
+For simulation only. Each part of a step is implicit in speed and bending, with |x'| / g of the part's start. Stiff
+bristles then need no smaller parts. A part ends where the speed changes its sign. The integration is of first order;
+parts are at most a hundredth of sqrt(m/k), and a coarser step is cut.
 
 The stem moves by f/s0 before it breaks away, and breaks away early when that motion is not slow against v_s. The
-bristles often quoted (s0 = 1e8 N/m) lose 3 to 5 % of S at 2 %/s, and a command in steps of 0.3 % moves the stem at a
-third of f_s. The default bristles are stiff and damped enough to keep S and J within 1 % (measured for S = 5,
-J = 3 and ramps of 0.5 to 2 %/s). Small vibrations below break-away make the stem drift, a known fault of the law.
+bristles often quoted (s0 = 1e8 N/m) lose 3 to 5 % of S at 2 %/s. A command in steps of 0.3 % then moves the stem at a
+third of f_s. The default bristles are stiff and damped enough to keep S and J within 1 %. That was measured for S = 5,
+J = 3 and ramps of 0.5 to 2 %/s. Small vibrations below break-away make the stem drift, a known fault of the law.
 
 Directions, drift and travel stops of the friction table hold. The re-stick, overshoot and crossing rows have no
 meaning, because they follow from the physics. J > S is refused. "Sliding" in the state means faster than the Stribeck

@@ -36,8 +36,8 @@ STRIBECK = Parameter("stribeck_velocity", "m/s", 1e-7, 10.0, 2.54e-5, "speed v_s
 STEM = (MASS, SPRING, TRAVEL, VISCOUS, STRIBECK)
 STEM_DEFAULTS = {p.name: p.neutral for p in STEM}
 
-# Rows after ROWS: m/k (s^2), F_v/k (s), v_s (% of travel per s), integration step (s), steps between two commands,
-# 1 where the command is held between samples, and two more that each law uses as it needs.
+# Rows after ROWS: m/k (s^2), F_v/k (s), v_s (% of travel per s), integration step (s), steps between two commands.
+# Then 1 where the command is held between samples, and two more that each law uses as it needs.
 INERTIA, DAMPING, STRIBECK_SPEED, PART, PARTS, HELD, OWN_A, OWN_B = range(ROWS, ROWS + 8)
 PHYSICAL_ROWS = ROWS + 8
 # Largest number of parts between two commands; more take seconds for one sample and are refused. Unit: 1.

@@ -1,8 +1,8 @@
 """Simulation of the closed loop of Fig. 1: PI(D) controller, valve with stiction, linear process, measurement noise.
 
-The loop is integrated as a continuous one (step at most `FINEST_STEP_S`) and sampled afterwards, because a loop
-stepped at the sampling time misses the paper's S_max by 3 to 15 %. With `scan_s` the controller works like a DCS:
-it computes once per scan and holds its output, and the valve law sees the held output once per scan. A physical law
+The loop is integrated as a continuous one (step at most `FINEST_STEP_S`) and sampled afterwards. A loop stepped at the
+sampling time misses the paper's S_max by 3 to 15 %. With `scan_s` the controller works like a DCS: it computes once
+per scan and holds its output. The valve law sees the held output once per scan. A physical law
 is advanced every integration step. Its command is held or, without scans, moves in a straight line from step to step.
 Source: paper Fig. 1 and Table 1, METHODS.md section 3.
 """
@@ -211,8 +211,8 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     `disturbance` (n,), in the unit of y, is added to the process value, for example from a neighbouring loop.
 
     Starts at rest with r = u = y = 50. The recorded u at a sample is the output just after the controller used
-    that sample. A scanning controller sees the noisy, quantised y. A continuous one sees the process without noise:
-    white noise has no meaning in continuous time, and held between samples it would stop the valve at every sample.
+    that sample. A scanning controller sees the noisy, quantised y. A continuous one sees the process without noise.
+    White noise has no meaning in continuous time, and held between samples it would stop the valve at every sample.
     Raises UsageError for values out of range and ModelError for S, J or `law_values` that the law refuses.
     """
     _check(setting)

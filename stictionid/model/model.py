@@ -31,8 +31,8 @@ from ..typing import BoolArray, FloatArray
 from .response import Response
 from .spec import Evaluated, Spec
 
-# Size of a block of candidates evaluated together: their positions take 8 MB. Smaller blocks, which would stay in the
-# cache, take a quarter longer, because every row of a kernel has a fixed cost (measured at 1,000 to 40,000 rows).
+# Size of a block of candidates evaluated together: their positions take 8 MB. Smaller blocks would stay in the cache
+# but take a quarter longer (measured at 1,000 to 40,000 rows), because every row of a kernel has a fixed cost.
 # Unit: numbers.
 _BLOCK = 1 << 20
 _FEWEST_LANES = 16
@@ -281,8 +281,8 @@ class Model(Response):
                  goal: FloatArray) -> FloatArray:
         """Coefficients (c,) of a design (n, c) with those of the start-up transients (`starts`) from the level, too.
 
-        The noise filter removes what decays like the noise, so `white` rows and their `goal` may let a transient be
-        anything; the first samples of every segment, which know its level, settle it.
+        The noise filter removes a transient that decays like the noise, so `white` rows and their `goal` may leave its
+        size undetermined. The first samples of every segment, which contain the level, determine it.
         """
         head, at, long = first_rows(self.taps), 0, np.ones(self.taps.size)
         rows, wanted = [white], [goal]

@@ -373,8 +373,8 @@ def put_on_bench(law: Law, *, S: float = 5.0, J: float = 3.0, tests: tuple[str, 
                  values: Mapping[str, float] | None = None) -> list[BenchOutcome]:
     """Run `tests` on a law with S and J in % (and `values` of its own parameters); one-parameter laws take J = S.
 
-    Raises ModelError for numbers the law refuses, UsageError for an unknown test and where the larger of S and J
-    exceeds LARGEST_W, because the command would leave 0..100 %.
+    Raises ModelError for numbers the law refuses and UsageError for an unknown test. UsageError, too, where the larger
+    of S and J exceeds LARGEST_W, because the command would leave 0..100 %.
     """
     unknown = [name for name in tests if name not in TESTS]
     if unknown:

@@ -21,7 +21,7 @@ _INERTIA, _PULL = 0.7298, 1.49618
 # A population has converged when its step is below this share of the range. Unit: 1.
 _SMALLEST_STEP = 1e-5
 # Rounds without progress after which a polish may be done. Half its population must then also lie within _FLAT times
-# `settle` of its best: a population that still learns the direction of a narrow valley makes no progress either.
+# `settle` of its best. A population that still learns the direction of a narrow valley makes no progress either.
 _PATIENCE, _FLAT = 14, 10.0
 # Largest number of Jacobi sweeps over a covariance matrix, and the correlation that counts as 0. Unit: 1.
 _SWEEPS, _ROUNDING = 30, 1e-14

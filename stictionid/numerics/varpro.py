@@ -20,8 +20,8 @@ from .jit import kernel, output
 # it never moves and is rejected. Unit: 1.
 DEPENDENT = 1e-10
 REJECTED = np.inf
-# Size, as a share of the largest direction, below which a direction is left out: of shared columns, and of a model's
-# responses, whose rounding is larger. Unit: 1.
+# Size, as a share of the largest direction, below which a direction is left out. The first is for shared columns, the
+# second for a model's responses, whose rounding is larger. Unit: 1.
 _SHARED, SAME = 1e-10, 1e-8
 
 

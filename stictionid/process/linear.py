@@ -18,9 +18,9 @@ from ..numerics.jit import LANES, LINE, kernel, output, scratch
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
 
-# Rows of the coefficient table: decays over a part of either lag and of an integral; the weights of their sums in the
-# response and that of the position there. Then for one lag the weights of the position in the part and before; for two
-# the second one's decay over the rest of a part and the first one's share in the response.
+# Rows of the coefficient table. First the decays over a part of either lag and of an integral, the weights of their
+# sums in the response, and that of the position there. For one lag the weights of the position in the part and before
+# follow. For two lags the second one's decay over the rest of a part and the first one's share in the response follow.
 _A1, _A2, _ENDLESS, _W1, _W2, _W_ENDLESS, _W_NOW, _B1, _C1, _E2, _CROSS = range(11)
 _COEFFICIENTS = 11
 # Decay rows of the sums that `_run` keeps: two lags, or lags with an integral; one lag alone has kernels of its own.
@@ -352,8 +352,8 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
     """Response per unit of gain (n, P) at the samples to positions (n*substeps, P), from rest at the first one.
 
     Positions (n*substeps, 1) are a path that all candidates share. `step_s` is the sampling time. A position holds
-    over the part that follows its instant or, with `ahead`, over the part that ended there (as
-    `interval_means` in process/intersample.py gives them); dead times below one part then count as one part.
+    over the part that follows its instant. With `ahead` it holds over the part that ended there (see `interval_means`
+    in process/intersample.py), and dead times below one part count as one part.
     `room` rows, with undefined content, follow the response for further columns of the caller. A `lent` response holds
     until the next call (see `scratch` in numerics/jit.py).
     """

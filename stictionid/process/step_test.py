@@ -5,7 +5,7 @@ are searched; K and the level follow by least squares. The whole record counts, 
 as it is. The result can serve `identify` as its fixed plant.
 
 Wrong where the valve sticks in the test itself: after a reversal up to S of the step never reaches the stem, and K
-is low by that share; a measured position avoids it. Wrong for a process that integrates or is far from first order:
+is low by that share. A measured position avoids it. Wrong for a process that integrates or is far from first order:
 the first is refused, the second shows in `rmse`.
 
 Source: the paper, Fig. 7 and Eq. 21 (the tank); exact discretisation in process/linear.py.

@@ -1,8 +1,8 @@
 """Choice of the segments of a record that are identified together, each long enough for an estimate.
 
 Samples that do not count (manual, frozen, saturated) for a period or longer are a gap, too. The valve may be known
-there, but the cause of the process's moves is not, and the level at the end is seldom that at the beginning. The
-model runs through a shorter stretch with the recorded output.
+there, but the cause of the process's moves is not. The level at the end is seldom that at the beginning. The model
+runs through a shorter stretch with the recorded output.
 
 Segments are never joined to one run: a model restarts in each with an unknown valve force, level and start-up
 (model/segments.py). A segment shorter than two periods mostly shows its own unknown start. Each further segment adds

@@ -138,9 +138,9 @@ def insert_missing(frame: Frame, place: IntArray) -> None:
 
 
 def fill(frame: Frame, on_change: set[str]) -> BoolArray:
-    """Fill missing values where that is allowed, in place; True (n,) where PV, OP or SP was filled.
+    """Fill missing values where that is allowed, in place; True (n,) where PV, OP or SP is filled and not measured.
 
-    Roles in `on_change` are recorded only when they change: there an empty cell is the value before it.
+    Roles in `on_change` are recorded only when they change: there an empty cell is the value before it, as measured.
     """
     filled = np.zeros(frame.ns.size, np.bool_)
     breaks = np.zeros(frame.ns.size, np.bool_)

@@ -104,7 +104,7 @@ def startup(frame: Frame) -> BoolArray:
     """True (n,) during a start-up: from a first sample far outside the later range of PV until PV first reaches it.
 
     Far means several widths of that range away. OP must also rest, be shut, fully open, or be as far outside its own
-    range, so that the response to a setpoint step is not taken for a start-up. Backwards in time it is a shut-down.
+    range. The response to a setpoint step is then not taken for a start-up. Backwards in time it is a shut-down.
     """
     found = np.zeros(frame.ns.size, np.bool_)
     for way in (1, -1):
