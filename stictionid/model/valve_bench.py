@@ -142,7 +142,7 @@ class _Path:
 
 
 def _moves(x: FloatArray, start: int, direction: float, least: float) -> int | None:
-    """First sample after `start` at which the stem has gone `least` from its furthest point against `direction`."""
+    """First sample after `start` at which the stem has moved `least` along `direction` from its furthest point back."""
     way = direction * x[start:]
     gone = way - np.minimum.accumulate(way) > least
     return start + int(gone.argmax()) if gone.any() else None

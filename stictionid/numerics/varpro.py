@@ -102,7 +102,7 @@ class Shared:
 
     @classmethod
     def prepare(cls, target: FloatArray, columns: FloatArray, weight: BoolArray | FloatArray) -> Shared:
-        """Target (n,), shared columns (n, q) and weights (n,) 0 or 1; rows of weight 0 are never looked at."""
+        """Target (n,), shared columns (n, q) and weights (n,) 0 or 1; rows of weight 0 are never read."""
         w = np.asarray(weight, dtype=np.float64)
         columns = np.where(w[:, None] > 0, columns, 0.0) if columns.size else np.empty((target.size, 0))
         # Rounding leaves 1e-17 in rows that don't count, where a start-up transient is still 1. Its whole energy in the

@@ -49,8 +49,8 @@ class Dynamics:
     integrating: bool
 
 
-# The kernels below end a sample alike, each in lines of its own. A kernel called for it doubled the time of a short one
-# (108 against 47 µs for 64,000 positions, measured).
+# The kernels below repeat the lines that end a sample. In a kernel of their own, called from here, these lines doubled
+# the time of a short one (108 against 47 µs for 64,000 positions, measured).
 @kernel
 def _run(position, substeps, table, kinds, whole, fine, response):
     """Fill response (samples + longest whole delay, P); rows before a lane's delay stay as they are (zero).

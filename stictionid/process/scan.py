@@ -6,9 +6,9 @@ The error there is a cubic through the samples around, plus a parabola that make
 into the output of every scan.
 
 The response of a fitted model describes y between samples better than a cubic does, because y has a kink where the
-response to a slip arrives. With that response given as `course` the command is more exact. Measured against the
-true scans: error a tenth of their noise where every second scan is exported. Elsewhere it equals their noise, which
-is unknown.
+response to a slip arrives. With that response given as `course` the command is more exact. Measured against the true
+scans, the error is a tenth of their noise where every second scan is exported. For slower exports it is as large as
+the noise, which can't be recovered.
 
 Without a setpoint, or where the controller is no PI law, the output is rebuilt from its own corners
 (process/intersample.py) at the instants of the scans. Wrong where the controller filters y or has a derivative, and

@@ -53,7 +53,7 @@ class Origin:
 def _frozen(values: Any, dtype: type = np.float64) -> NDArray[Any]:
     if isinstance(values, np.ndarray) and values.dtype == dtype and values.ndim == 1 and values.flags.c_contiguous \
             and not values.flags.writeable and not _writable(values.base):
-        return values  # already copied by a Loop, and nobody can change it
+        return values  # read-only to its base: no copy is needed
     array = np.array(values, dtype=dtype, order="C", copy=True).reshape(-1)
     array.setflags(write=False)
     return array

@@ -23,7 +23,7 @@ from .limits import Limits
 MAX_UNPACKED_RATIO = 200
 """Unpacked over packed size; real exports pack 5 to 30 times, a bomb a thousand times."""
 MIN_UNPACKED_BYTES = 64 << 20
-"""Unpacked size below which the ratio is not looked at, bytes."""
+"""Unpacked size below which the ratio is not checked, bytes."""
 PIECE_BYTES = 32 << 20
 """Piece of a large text file that is parsed at once."""
 MIN_STREAMED_BYTES = 256 << 20
@@ -86,7 +86,7 @@ def open_source(file: Any, limits: Limits | None = None) -> Source:
         if path.is_char_device() or path.is_block_device():
             raise UsageError(f"{path} is a device, which may have no end", "give a file, or - for standard input")
         with open(path, "rb") as stream:
-            # One block more than the longest line, so that a line without an end is seen below some header lines, too.
+            # Enough to find a line without an end, even below some header lines.
             start = stream.read(_BLOCK + min(limits.line, _BLOCK) + 1)
             size = os.fstat(stream.fileno()).st_size
             limits.check("file", size, path.name, "cut it into pieces")

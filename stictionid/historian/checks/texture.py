@@ -200,8 +200,7 @@ def _obeys(output: FloatArray, measured: FloatArray, setpoint: FloatArray | None
 
 
 def averaged(loop: Signals, name_hints: list[str], fractions: float = 0.0) -> Finding | None:
-    """Finding on averages over the interval instead of snapshots; `fractions` is the share of broken mode codes.
-    """
+    """Finding on averages over the interval instead of snapshots; `fractions` is the share of fractional mode codes."""
     named = next((n for n in name_hints if any(w in n.lower() for w in _AVERAGE_WORDS)), None)
     evidence: dict[str, object] = {"named": named} if named else {}
     why = f"{shown(named)} names an average" if named else ""

@@ -18,7 +18,7 @@ from ...typing import BoolArray, FloatArray
 from ..table.arrow import booleans, floats, indices, texts
 
 NULLS = ("", "NaN", "nan", "NAN", "null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a")
-"""Cells that stand for "nothing here"; other states are counted by their own word."""
+"""Cells that mean "no value"; other states are counted under their own word."""
 
 _POINT = re.compile(r"\d{1,3}(?:,\d{3})+\.\d|\d{1,3}(?:,\d{3}){2,}(?!\d)|[1-9]\d*\.\d+")
 _COMMA = re.compile(
