@@ -1,6 +1,6 @@
-"""Find out from setpoint, controller output and process value whether a control valve sticks, and how much.
+"""Public names of the package: tell from setpoint, controller output and process value whether a control valve sticks.
 
-The command line is a client of these functions; names load on first use, so that importing the package is cheap.
+The command line is a client of these functions. Names load on first use, so that importing the package is cheap.
 
 >>> import stictionid
 >>> loop = stictionid.read_loop("loop.csv")            # doctest: +SKIP

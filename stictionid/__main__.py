@@ -1,7 +1,7 @@
-"""The program: `stictionid`, or `python -m stictionid`. Readies the process, then hands over to the command line.
+"""Entry point of the program, `stictionid` or `python -m stictionid`: prepare the process, then run the command line.
 
-Signals and standard streams are put in order before anything that takes time is loaded, so that an interruption while
-libraries load is as quiet as one later on.
+Signal handlers and standard streams are set before anything that takes time is loaded. An interruption while libraries
+load is then as quiet as a later one.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ def main() -> None:
 
 
 def _leave_if_interrupted() -> None:
-    """End here with the code of the interruption.
+    """Exit at once with the code of the interruption, if there was one.
 
-    Where the exception once passed through code that a library runs as text, the interpreter remembers it as unhandled
-    and kills itself by SIGINT on its way out (seen while numba loads), whatever the exit code.
+    The interpreter remembers an exception as unhandled where it passed through code that a library runs as text. It
+    then kills itself by SIGINT at exit, whatever the exit code (seen while numba loads).
     """
     code = interrupts.ended_by()
     if code is None:
@@ -51,7 +51,10 @@ def _leave_if_interrupted() -> None:
 
 
 def _streams() -> None:
-    """Open what the caller closed (a file opened later would take its place), and never fail for a character."""
+    """Open standard streams that the caller closed, and escape characters that their encoding lacks.
+
+    A file opened later would otherwise take the number of a closed stream.
+    """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
             handle = os.open(os.devnull, os.O_RDWR)

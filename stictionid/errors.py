@@ -1,7 +1,6 @@
-"""Errors a user can cause: one sentence with the value and the limit, one hint with the next thing to type.
+"""Errors that a user can cause: one sentence with the value and the limit, and a hint with the next thing to type.
 
-Each kind knows the exit code of the command line (the contract's table), so that the shell and a notebook
-see the same refusal.
+Each class holds the exit code of the command line (the contract's table). The shell and a notebook see the same error.
 """
 
 
@@ -35,7 +34,7 @@ class ModelError(StictionidError):
 
 
 class CannotTell(StictionidError):
-    """The record was read but does not hold the answer (abstention): `reason` is the sentence for the verdict.
+    """The record was read but does not hold the answer (abstention); the message is the reason in the verdict.
 
     `code` is a stable word for scripts, for example "constant-output" or "too-few-cycles".
     """

@@ -1,4 +1,4 @@
-"""Names for the arrays that every room handles; shapes and units stand in the docstrings of the functions."""
+"""Aliases of the array types in annotations; shapes and units stand in the docstrings of the functions."""
 
 from __future__ import annotations
 

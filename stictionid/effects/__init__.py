@@ -1,4 +1,4 @@
-"""The effect catalogue: one file for each physical effect, found by looking at the folder."""
+"""Catalogue of the physical effects, one file each; a new effect is a new file in this folder."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..errors import UsageError
 from ..system.registry import room
 from .contract import Effect
 
-# All effects by name, in physical order and then by name; and one of them.
+# `catalogue()` gives all effects by name, in physical order and then by name; `get(name)` gives one.
 catalogue, get = room(__name__, "EFFECT", Effect, "effect", lambda effect: (effect.place.value, effect.name))
 
 
@@ -26,7 +26,7 @@ def parse(name: str) -> tuple[Effect, str]:
 
 
 def noises_in(names: Iterable[str]) -> tuple[str, ...]:
-    """Those of some effects, as a study names them, that are noise models; UsageError for an unknown one."""
+    """Names of those effects that are noise models, out of names as in a study; UsageError for an unknown one."""
     return tuple(name for name in names if parse(name)[0].noise is not None)
 
 

@@ -1,7 +1,7 @@
-"""Asymmetric stiction: the valve jumps further one way than the other.
+"""Asymmetric stiction: the slip jump differs between the two directions of travel.
 
-f_s and f_d per direction are four numbers; beside a free bias in the linear part only three are identifiable, so S
-stays the mean of both reversals and each direction has its own slip jump. J is the mean of both jumps. The search
+f_s and f_d per direction are four numbers; beside a free bias in the linear part only three are identifiable. So S
+stays the mean of both reversals, and each direction has its own slip jump. J is the mean of both jumps. The search
 moves their difference, which vanishes for a symmetric valve.
 
 Equation: f_s = (S + J_dir)/2, f_d = (S - J_dir)/2 with J_dir = jump_up or jump_down.

@@ -1,21 +1,21 @@
-"""What a physical effect must bring, so that one new file is all it takes.
+"""Contract of a physical effect: the hooks of each kind, so that a new effect is one new file.
 
 An effect is one file in this folder with a constant `EFFECT`. It fills the hooks of its kind and leaves the others:
 
 * F (friction): `friction(table, theta, command_step_s, held)` returns the friction table (ROWS, P) with other
-  numbers; what changes with time does so along `profile(time_s)`. It transforms no signal, so every law gets it.
-* T (transform): `run(signal, y, theta, part_s, state, out)`, a kernel over (rows, P) that carries `state` (states, P)
-  along, so that the closed-loop simulator can call it one row at a time; or `dynamics(dynamics, theta)`, other process
-  dynamics. `y` (rows, P), or (rows, 1) for effects that don't follow it, is the process value as its distance from its
-  centre, at the time when a move of the signal arrives.
+  numbers; a change with time follows `profile(time_s)`. It transforms no signal, so every law gets it.
+* T (transform): `run(signal, y, theta, part_s, state, out)`, a kernel over (rows, P), or `dynamics(dynamics, theta)`,
+  which returns other process dynamics. The kernel updates `state` (states, P), so that the closed-loop simulator can
+  call it one row at a time. `y` is the process value as its distance from its centre, at the time when a move of the
+  signal arrives. It is (rows, P), or (rows, 1) for effects that don't follow y.
 * L (linear): `columns(theta, context)` returns columns (n, P) for the least squares; their sizes are linear. In the
   variant "load" they enter through the process.
 * N (noise): `noise` names the noise model; it cannot lower a free-run error.
 
 `theta` is (k, P): one row for each searched parameter, in order. At every parameter's neutral value the effect
 vanishes, so models are nested. `guess(context)` returns starting points (g, k) for the search, `report` the public
-parameters of a fit; `disturb(values, time_s, rng)` is what the effect adds in a simulation, and `setting(values, S, J)`
-its searched parameters (k, 1), S and J where the public ones are others.
+parameters of a fit. `disturb(values, time_s, rng)` is the disturbance that the effect adds in a simulation. `setting`
+maps public values, S and J to searched parameters (k, 1), S and J, where the two differ.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from ..typing import FloatArray
 
 
 class Place(Enum):
-    """Where an effect sits on the way from command to measurement; effects combine in this order."""
+    """Place of an effect on the way from command to measurement; effects combine in this order."""
 
     FRICTION = 1
     STEM = 2
@@ -45,7 +45,7 @@ class Place(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What a segment of a record must know of the whole: where it starts in it, how long that is, and y's centre."""
+    """Place of a segment in its whole record: start and length in seconds, gaps included, and the centre of y."""
 
     start_s: float
     length_s: float
@@ -54,11 +54,11 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What an effect may look at: the record and its grid. Rows are fine steps, samples are every `substeps` rows.
+    """Record and grid that an effect may use. Rows are fine steps; samples are every `substeps` rows.
 
-    `guide` (n,) is the process value as the model has it: an effect that depends on y must not see the measured one,
-    or it would predict y from itself. `record` is there where this is one segment of a record with gaps. `held` says
-    that the command stands still from one of its values to the next.
+    `guide` (n,) is the process value of the model. An effect that depends on y must not see the measured one, or it
+    would predict y from itself. `record` is set where this is one segment of a record with gaps. `held` is true where
+    the command is constant from one of its values to the next.
     """
 
     command: FloatArray
@@ -96,7 +96,7 @@ class Context:
 
     @property
     def centre(self) -> float:
-        """Mean setpoint of the whole record, or mean of y without one: where gains are referred to."""
+        """Mean setpoint of the whole record, or mean of y without one; the reference point of gains."""
         if self.record is not None:
             return self.record.centre
         return float(np.mean(self.process_value if self.setpoint is None else self.setpoint))
@@ -106,7 +106,7 @@ class Context:
 def _later(signal: FloatArray, repeat: int, late: FloatArray, out: FloatArray) -> None:
     """Fill out (n*repeat, P) with a signal (n,) as it is `late` (P,) samples after the middle of every part.
 
-    A held command makes of y what y is over the part, not what it was when the part began. At its end it stays.
+    The middle is taken because under a held command the mean of y over the part counts. The end value is held.
     """
     last = signal.size - 1
     for k in range(out.shape[0]):
@@ -119,17 +119,18 @@ def _later(signal: FloatArray, repeat: int, late: FloatArray, out: FloatArray) -
 
 Friction = Callable[[FloatArray, FloatArray, float, bool], FloatArray]
 Values = Mapping[str, float]
-# What an effect adds in a simulation: at the output (n,), at the load (n,), and tags that the record then holds.
+# Disturbance of an effect in a simulation: at the output (n,), at the load (n,), and tags that the record then holds.
 Disturbance = tuple[FloatArray, FloatArray, dict[str, FloatArray]]
 
 
 @dataclass(frozen=True, slots=True)
 class Natural:
-    """Numbers of a valve with an effect on its friction that its slips show one by one, where S and J only do together.
+    """Conversion of S and J to the two numbers that slips identify under an effect on the friction, and back.
 
-    `numbers(S, J, theta, context)` returns the swing of the command between two opposite slips, which what times the
-    slips gives to a part in a thousand, and the slip (P,), both in %; `valve(swing, slip, theta, context)` the S and J
-    of such a valve; `longest(theta)` (P,) how many times longer than without the effect a slip may be for its swing.
+    `numbers(S, J, theta, context)` returns the swing of the command between two opposite slips and the slip (P,), both
+    in %. The timing of the slips fixes the swing to a part in a thousand. `valve(swing, slip, theta, context)` returns
+    the S and J of such a valve. `longest(theta)` (P,) is the factor by which a slip may be longer for its swing than
+    without the effect.
     """
 
     numbers: Callable[[FloatArray, FloatArray, FloatArray, Context], tuple[FloatArray, FloatArray]]
@@ -139,14 +140,13 @@ class Natural:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One physical effect: what it is called, its numbers, its equation, its source, and its hooks.
+    """One physical effect: name, parameters, equation, source, and hooks.
 
     `parameters` are all public ones; `searched` names those that join the search (None: all), the others are linear
-    or follow. `run_means` takes the place of `run` for a signal that is the mean over each part of a sample, as under a
-    command that moves within them, where the effect asks when in a part something happened. `fine` asks for parts of a
-    sample even under a held command; `follows_y` that the kernel uses y. `reach` is how many times further than without
-    it the stickband may reach beyond the swing of the command; `natural` are the numbers in which such a valve is
-    searched.
+    or follow from them. `run_means` replaces `run` for a signal of means over the parts of a sample, as under a command
+    that moves within them. The effect then finds the instant inside the part. `fine` asks for parts of a sample even
+    under a held command; `follows_y` is true where the kernel uses y. `reach` is the factor by which the upper limit of
+    S grows with this effect. `natural` are the numbers in which such a valve is searched.
     """
 
     name: str
@@ -180,13 +180,13 @@ class Effect:
     setting: Callable[[Values, float, float], tuple[FloatArray, float, float]] | None = None
 
     def parameters_for(self, context: Context) -> tuple[Parameter, ...]:
-        """The searched parameters with limits that suit this record."""
+        """The searched parameters with limits for this record."""
         if self.limits:
             return self.limits(context)
         return tuple(p for p in self.parameters if self.searched is None or p.name in self.searched)
 
     def _arriving(self, signal: FloatArray, context: Context, dead_time_s: FloatArray | None) -> FloatArray:
-        """The process value (rows, P or 1) that each row of the signal meets."""
+        """Process value (rows, P or 1) at the time when each row of the signal arrives."""
         guide = (context.process_value if context.guide is None else context.guide) - context.centre
         repeat = signal.shape[0] // guide.size
         if not self.follows_y:

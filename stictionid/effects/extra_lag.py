@@ -3,7 +3,7 @@
 Actuator, process and sensor lag are the same thing in u and y; only a measured position tells them apart.
 
 Equation: G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1)), T2 the second time constant.
-Source: METHODS.md section 5; exact discretisation in process.py.
+Source: METHODS.md section 5; exact discretisation in process/linear.py.
 """
 
 from __future__ import annotations

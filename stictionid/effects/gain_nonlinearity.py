@@ -1,14 +1,14 @@
 """Gain nonlinearity: the process gain changes with the process value.
 
-The position's distance from its mean is stretched by 1 + curvature (y - mean SP), so that K stays linear; y is the
+The position's distance from its mean is multiplied by 1 + curvature (y - mean SP), so that K stays linear. y is the
 model's own, at the time when the move arrives (one dead time after the valve made it). An error in the mean only
 changes gain and time constant. Over a short travel it can't be told from a curved valve characteristic.
 
-A disturbance at the output is part of that y where it is in the process, and is not where it comes behind it, as a
-sensor's shift does: a fit takes what explains the record better, a simulation the first.
+A disturbance at the output is part of that y where it acts on the process. It is not where it acts behind the process,
+like a shift of the sensor. A fit takes the reading that explains the record better; a simulation takes the first.
 
-A valve that hardly leaves one side of its mean shows no curvature, so there the gain stays as it is: a search follows
-the y that was measured, and a resting valve's distance times that y would predict y by itself.
+A valve that hardly leaves one side of its mean shows no curvature, so there the gain stays constant. The reason: a
+search follows the measured y, and a resting valve's distance times that y would predict y from itself.
 
 Equation: K(y) = K (1 + curvature (y - mean SP)). Source: METHODS.md section 5.
 """
@@ -25,11 +25,11 @@ from ..typing import FloatArray
 from .contract import Context, Effect, Place
 
 _CURVATURE = Parameter("curvature", "1 / unit of y", -10.0, 10.0, 0.0, "relative change of the gain")
-# The stretched gain keeps its sign: it stays above this share of the mean one. Unit: 1.
+# Lower limit of the factor on the gain, as a share of the mean gain; the gain keeps its sign. Unit: 1.
 _LEAST = 0.05
 # The valve must be on either side of its mean for this share of the record. Unit: 1.
 _EITHER_SIDE = 0.1
-# The gain changes by at most four fifths within what this share of the record reaches. Unit: 1.
+# Share of the record over which the gain changes by at most four fifths; it sets the limits of the curvature. Unit: 1.
 _MOST = 0.9
 
 
@@ -44,7 +44,7 @@ def _run(signal: FloatArray, y: FloatArray, theta: FloatArray, part_s: float, st
 
 
 def _start(signal: FloatArray, theta: FloatArray) -> FloatArray:
-    """The mean of the position, and 1 where the effect can be felt, else 0; a single row begins a simulation."""
+    """Mean of the position, and 1 where the valve moves enough for the effect, else 0; one row starts a simulation."""
     mean, rows = signal.mean(axis=0), len(signal)
     above = _above(signal, mean)
     felt = (np.minimum(above, rows - above) >= _EITHER_SIDE * rows) if rows > 1 else np.ones(signal.shape[1])
@@ -53,7 +53,7 @@ def _start(signal: FloatArray, theta: FloatArray) -> FloatArray:
 
 @kernel
 def _above(signal: FloatArray, mean: FloatArray) -> FloatArray:
-    """How many rows of each lane are above its mean (P,)."""
+    """Number of rows of each lane that are above its mean (P,)."""
     rows, lanes = signal.shape
     count = np.zeros(lanes)
     for k in range(rows):
@@ -63,7 +63,7 @@ def _above(signal: FloatArray, mean: FloatArray) -> FloatArray:
 
 
 def _reach(context: Context) -> float:
-    """How far y is from where gains are referred to for most of the record: a short excursion may reach the floor."""
+    """Distance of y from the reference of gains that most of the record keeps; short excursions may exceed it."""
     away = np.abs(context.process_value - context.centre)
     return float(np.quantile(away, _MOST)) or float(away.max()) or 1.0
 

@@ -1,6 +1,6 @@
 """Measured disturbance: another tag of the export drives the process value, through a lag and a dead time.
 
-Lag and dead time are searched, the gain is linear. Which tag is part of the effect's name in a study
+Lag and dead time are searched, the gain is linear. The tag is part of the effect's name in a study
 ("measured-disturbance:TAG"); `simulate` writes the disturbance as column D1.
 
 Equation: D(s) = gain e^{-dead_time_s s}/(lag_s s + 1) tag(s). Source: METHODS.md section 5.
@@ -47,7 +47,7 @@ def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, floa
 
 
 def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
-    """A feed that moves in steps now and then (a random telegraph), written as tag D1."""
+    """Feed that steps at random times (a random telegraph), written as tag D1."""
     step = float(time_s[1] - time_s[0])
     moves = rng.random(time_s.size) < step / max(20.0 * values["lag_s"], 60.0 * step)
     tag = np.cumsum(np.where(moves, rng.standard_normal(time_s.size), 0.0))

@@ -1,7 +1,7 @@
-"""Narrow-band disturbance: an oscillation from elsewhere whose phase wanders.
+"""Narrow-band disturbance: an oscillation from elsewhere in the plant, with a wandering phase.
 
-It can't lower a free-run error; it lowers the one-step error (resonant AR(2)). Met on a real flow loop, where three
-quarters of the residual's power lay in one band and no constant sinusoid removed it.
+It can't lower a free-run error; it lowers the one-step error (resonant AR(2)). On a real flow loop three quarters of
+the residual's power lay in one band, and no constant sinusoid removed it.
 
 Equation: d(k) = 2 r cos(w) d(k-1) - r^2 d(k-2) + white(k), w = 2 pi step/period_s, r = exp(-step/(coherence_cycles
 period_s)). Source: METHODS.md section 5.

@@ -1,4 +1,4 @@
-"""Random-walk disturbance: a load that wanders without a level.
+"""Random-walk disturbance: a non-stationary load without a constant level.
 
 It can't lower a free-run error; it lowers the one-step error. Differences of the error are stationary, so model and
 data are fitted in differences, with an autoregression for the measurement noise on top. Can't be told from coloured

@@ -1,7 +1,8 @@
 """Re-sticking: a sliding valve sticks again when the command moves slower than a certain speed.
 
-0 is Chen and Kano (slide until the command turns), infinite is He (stick at every sample): the effect bridges both,
-for a valve that comes to rest between the scans of a held command. Source: METHODS.md sections 2 and 5.
+Speed 0 is the law of Chen and Kano (slide until the command turns), infinite speed that of He (stick at every sample).
+Values in between describe a valve that comes to rest between the scans of a held command.
+Source: METHODS.md sections 2 and 5.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from ..numerics.parameters import Parameter
 from ..typing import FloatArray
 from .contract import Context, Effect, Place
 
-# Which moves are slower decides, and most are far slower than the fastest.
+# A root is searched: the moves below this speed count, and most moves are far slower than the fastest.
 _SPEED = Parameter("restick_speed", "% / s", 0.0, 1e4, 0.0, "slowest command a sliding valve follows", power=3.0)
 
 
@@ -26,8 +27,11 @@ def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held:
 
 
 def _speeds(context: Context) -> FloatArray:
-    """How fast the command moves (m,). Where it is not held, a setpoint kicks it within one of its steps, however short
-    that is: this is no speed, and a hundred times as large it would leave the true one a sliver of the range."""
+    """Speeds of the command (m,), without the jumps that setpoint steps cause in a command that is not held.
+
+    Such a jump takes one step of the command, however short, and is no speed. As the upper limit it would be a hundred
+    times too large and leave the true speed a sliver of the range.
+    """
     speeds = np.abs(np.diff(context.command)) / context.command_step_s
     return speeds if context.held else np.minimum(speeds[1:], speeds[:-1])
 

@@ -1,4 +1,4 @@
-"""Sinusoidal disturbance: a steady oscillation from elsewhere adds to the process value.
+"""Sinusoidal disturbance: a steady oscillation from elsewhere in the plant adds to the process value.
 
 The period is searched, amplitude and phase are linear. Can't be told from the limit cycle itself when the loop is
 entrained (both then have one period).
@@ -31,8 +31,7 @@ def _limits(context: Context) -> tuple[Parameter, ...]:
 
 @kernel
 def _waves(turn: FloatArray, first: float, sine: FloatArray, cosine: FloatArray) -> None:
-    """Sine and cosine of first + k turns, by turning on from row to row; computed anew now and then: no error adds up.
-    """
+    """Sine and cosine of first + k turns by rotation from row to row, computed anew every _ANEW rows against drift."""
     rows, lanes = sine.shape
     a, b = np.cos(turn), np.sin(turn)
     for k in range(rows):

@@ -1,11 +1,11 @@
-"""Slew limit: the actuator strokes no faster than its air supply allows.
+"""Slew limit: the stroking speed of the actuator is limited by its air supply.
 
 Indistinguishable from an extra lag when every stroke is short.
 
-Equation: |du_v/dt| <= rate. Under a command that moves between samples a stroke begins and ends at instants of its own,
-and each part of a sample is given by its mean. Taken for steps at the ends of eighths of a sample, a model with the
-true numbers left 1.3 times the noise of an integrator, and 21 times it where the stem never caught up: 1.06 and 6 with
-the instants (measured; the simulation's own steps are most of the 6).
+Equation: |du_v/dt| <= rate. Under a command that moves between samples a stroke begins and ends at instants inside a
+part of a sample. Each part is given by its mean. Measured with the true numbers, as a multiple of the noise: 1.3 for an
+integrator and 21 where the stem never reaches the command, with strokes that begin at the ends of eighths of a sample.
+With the instants: 1.06 and 6 (most of the 6 comes from the simulation's own steps).
 Source: rate-limited actuator, METHODS.md section 5.
 """
 
@@ -20,8 +20,8 @@ from ..numerics.parameters import Parameter
 from ..typing import FloatArray
 from .contract import Context, Effect, Place
 
-# Slowest rate, in swings of the command a period; guesses from the first number of swings a period to the second a
-# sample.
+# Slowest rate, in swings of the command a period. Guesses lie between _GUESSED[0] swings a period and _GUESSED[1]
+# swings a sample; _GUESSES is their number.
 _SLOWEST, _GUESSED, _GUESSES = 0.1, (0.5, 0.6), 5
 _RATE = Parameter("rate", "% / s", 1e-3, 1e3, 1e3, "fastest stroke", log=True)
 
@@ -43,7 +43,7 @@ def _run(signal: FloatArray, y: FloatArray, theta: FloatArray, part_s: float, st
 def _run_means(signal: FloatArray, y: FloatArray, theta: FloatArray, part_s: float, state: FloatArray,
                out: FloatArray) -> None:
     rows, lanes = signal.shape
-    # Where the place that the stem is after was when the part began.
+    # Target position at the start of the part.
     place = signal[0].copy()
     for k in range(rows):
         for p in range(lanes):
@@ -51,14 +51,14 @@ def _run_means(signal: FloatArray, y: FloatArray, theta: FloatArray, part_s: flo
             now, start = signal[k, p], place[p]
             before = signal[max(k - 1, 0), p]
             after, later = signal[min(k + 1, rows - 1), p], signal[min(k + 2, rows - 1), p]
-            # Where it is when the part ends: straight on from the parts before or back from those behind, whichever
-            # go straight.
+            # Target position at the end of the part, extrapolated from the two parts before or the two after, whichever
+            # are straighter.
             bent = now - 2.0 * before + signal[max(k - 2, 0), p]
             bends = after - 2.0 * later + signal[min(k + 3, rows - 1), p]
             end = now + 0.5 * (now - before) if abs(bent) <= abs(bends) else after - 0.5 * (later - after)
             left, slips = 1.0, False
             if k > 1 and before == signal[k - 2, p] and (after - before) * (now - before) > 0.0:
-                # A slip out of rest: the means of its part and of the next ones tell when it came, and what slid on.
+                # A slip after a rest: the means of its part and of the next ones give its instant and the slide after.
                 slides = later - after
                 slides = slides if slides * (now - before) > 0.0 and abs(slides) < 0.5 * abs(after - before) else 0.0
                 end = after - 0.5 * slides
@@ -98,14 +98,15 @@ def _start(signal: FloatArray, theta: FloatArray) -> FloatArray:
 
 
 def _limits(context: Context) -> tuple[Parameter, ...]:
-    # Faster than the whole swing of the command within a quarter of a sample shows nowhere. A valve that can't keep up
-    # makes the loop swing ever wider: one was met that strokes less than a quarter of that in half a period.
+    # A rate of more than the whole swing of the command within a quarter of a sample has no effect. The lower limit is
+    # far below: a valve that can't follow makes the loop swing wider. In one record a stroke of half a period covered
+    # less than a quarter of the swing.
     high = 8.0 * context.s_max / context.step_s
     return (replace(_RATE, low=max(_SLOWEST * context.s_max / context.period_s, 1e-6), high=high, neutral=high),)
 
 
 def _guess(context: Context) -> FloatArray:
-    # From a stroke that takes the period to one within two samples: which it is depends on how fast the samples are.
+    # Strokes from a whole period down to two samples; the sampling rate decides which of them is met.
     slow, fast = _GUESSED[0] / context.period_s, _GUESSED[1] / context.step_s
     return context.s_max * np.geomspace(min(slow, fast), fast, _GUESSES)[:, None]
 

@@ -1,10 +1,10 @@
 """Slip overshoot: an underdamped stem jumps past the point where friction would stop it.
 
-Equation: at the slip u_v = u_v + K (e - sign(e) f_d); K = 1 is no overshoot, K near 2 an almost undamped stem. Where
-the command moves within its samples e is f_s at the slip, whatever it is when the part of the sample ends (Chen's law;
-the others take the end): with the end, the y of a model with the true numbers was 3 to 14 times the noise off.
-A stem that overshoots needs less of the command to slip back: in a cycle the command swings by S - (K - 1) J only. That
-swing and the slip K J are what the record shows at once (`Natural`).
+Equation: at the slip u_v = u_v + K (e - sign(e) f_d); K = 1 is no overshoot, K near 2 an almost undamped stem.
+Where the command moves within its samples Chen's law takes e = f_s at the slip. The other laws take e at the end of
+the part of the sample. With the end, y of a model with the true numbers was off by 3 to 14 times the
+noise. A stem that overshoots needs less of the command to slip back: in a cycle the command swings by S - (K - 1) J
+only. That swing and the slip K J are what the record identifies directly (`Natural`).
 Source: He and Wang 2010; METHODS.md section 2.
 """
 
@@ -19,10 +19,10 @@ from .contract import Context, Effect, Natural, Place
 
 _K = Parameter("overshoot", "-", 1.0, 1.99, 1.0, "length of the slip as a multiple of the plain one")
 
-# How far beyond f_s a held command is when the valve slips, in moves of it from sample to sample: half of one.
+# Distance of a held command beyond f_s when the valve slips: half of its move from sample to sample. Unit: moves.
 _LATE = 0.5
-# How much longer a slip may be, as a share of the swing of the command, for each unit of K - 1: at J = 0.85 S and
-# K = 1.8 the swing is a third of S and the slip nearly 5 times that.
+# Growth of the longest slip, as a share of the swing of the command, for each unit of K - 1. At J = 0.85 S and K = 1.8
+# the swing is a third of S and the slip nearly 5 times the swing.
 _LONGER = 4.0
 
 
@@ -34,7 +34,7 @@ def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held:
 
 
 def _late(context: Context) -> float:
-    """By how much a command is beyond f_s when the valve slips, in %: the slip is longer by K times that."""
+    """Distance of the command beyond f_s when the valve slips, in %; the slip is longer by K times that."""
     moves = np.abs(np.diff(context.command))
     return _LATE * float(np.median(moves[moves > 0.0])) if moves.any() else 0.0
 

@@ -19,7 +19,7 @@ from .contract import Context, Disturbance, Effect, Place, Values
 _TIME = Parameter("time_s", "s", 0.0, 1e9, 0.0, "when the step happens")
 _SIZE = Parameter("size", "unit of y", -1e9, 1e9, 0.0, "size of the step (in % of travel at the load)")
 _TIMES = 24
-# The largest jumps of what the model so far leaves are tried as well: where changes of y are fitted (integrators), a
+# Number of the largest jumps of the residual that are tried as well. Where changes of y are fitted (integrators), a
 # step shows in the one sample at which it happens.
 _JUMPS = 4
 
@@ -30,7 +30,7 @@ def _limits(context: Context) -> tuple[Parameter, ...]:
 
 
 def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
-    # The sample during which it steps gets its share, so that the cost is continuous in the time.
+    # The sample during which the step happens gets its share, so that the cost is continuous in the time.
     return (np.clip((context.time_s[:, None] - theta[0]) / context.step_s + 1.0, 0.0, 1.0),)
 
 
@@ -38,7 +38,7 @@ def _guess(context: Context) -> FloatArray:
     times = np.linspace(0.04, 0.96, _TIMES) * context.length_s
     if context.residual is not None:
         jumps = np.abs(np.diff(context.residual))
-        # One that stands out of its neighbours: what is left of an unknown start changes in all samples.
+        # Jumps that stand out of their neighbours; the remainder of an unknown start changes in all samples.
         alone = jumps[1:-1] - 0.5 * (jumps[:-2] + jumps[2:])
         times = np.append(times, context.time_s[2 + np.argsort(-alone)[:_JUMPS]])
     return times[:, None]

@@ -1,9 +1,9 @@
-"""Stiction drift: stickband and slip jump grow along the record (packing heats up, lubrication goes).
+"""Stiction drift: stickband and slip jump grow along the record (packing heats up, lubrication is lost).
 
 `estimate.S` and `estimate.J` are the values at the start. Wrong where stiction changes in jumps.
 
-Under a held command a sliding stem whose kinetic friction grows comes to rest between two scans, so it sticks at every
-sample, as in He's law; where the friction falls it creeps on. Under a moving command nothing of the kind happens.
+Under a held command a sliding stem whose kinetic friction grows comes to rest between two scans. It then sticks at
+every sample, as in He's law. Where the friction falls it slides on slowly. Under a moving command neither happens.
 
 Equation: S(t) = S + stickband_growth t/1000 s, J(t) = J + jump_growth t/1000 s. Source: METHODS.md section 5.
 """

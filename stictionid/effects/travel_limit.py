@@ -1,6 +1,6 @@
-"""Travel limit: a hard stop holds the stem, and friction starts from there.
+"""Travel limit: a hard stop holds the stem, and friction starts from the stop.
 
-Not a clip of the output: a valve at its stop breaks away from the stop when the command has come back by f_s.
+The effect is no clip of the output: a valve at its stop breaks away from it when the command has come back by f_s.
 Over a short travel it can't be told from a curved valve characteristic. Source: METHODS.md section 5.
 """
 
@@ -17,13 +17,14 @@ from .contract import Context, Effect, Place
 
 _LOWER = Parameter("lower", "%", -20.0, 120.0, -20.0, "the stem can't close further")
 _UPPER = Parameter("upper", "%", -20.0, 120.0, 120.0, "the stem can't open further")
-# A controller winds up against a limit: the command may be beyond it for most of the record.
+# Share of the record for which the command may be beyond a limit (a controller winds up against it), and guesses.
 _MOST, _GUESSED = 0.9, (0.05, 0.15, 0.3, 0.5)
 
 
 def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
     table = table.copy()
-    # Stops that have passed each other leave no travel: taken for each other they would be known where neither may be.
+    # An upper stop below the lower one is moved to it and leaves no travel; exchanged stops would act outside their
+    # ranges.
     table[LOWER], table[UPPER] = theta[0], np.maximum(theta[0], theta[1])
     return table
 

@@ -29,7 +29,7 @@ def _run(signal: FloatArray, y: FloatArray, theta: FloatArray, part_s: float, st
     for k in range(rows):
         for p in range(lanes):
             x = signal[k, p]
-            # A valve that sticks stays where it was, for most of a record.
+            # A valve that sticks keeps its position for most of a record.
             if k > 0 and x == signal[k - 1, p]:
                 out[k, p] = out[k - 1, p]
             else:

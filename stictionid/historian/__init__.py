@@ -1,10 +1,10 @@
-"""Historian exports as plants really have them: bytes in, one loop out, with everything that was guessed or left out.
+"""Reader of historian exports: from the bytes of a file to one loop, with every guess and every row left out listed.
 
-The way of a file: `source` (bytes, unpacking, limits) → `encoding` → `layout` (separator, header, decimal mark) →
-`table` (columns) → `shapes`, `long_shape`, `folder` (wide, long, paired, one file per tag) with `roles`, `assign`,
-`cells`, `states`, `stamps`, `datetext`, `zones`, `clock`, `modes`, `quality` → `align` (tags with stamps of their own)
-→ `assemble` with `window`, `codes`, `grid`, `units`, `masks`, `spoilt`, `texture` → Loop. `rows` is the book in which
-every row of the file is either used or stands under one reason; `reading` runs all this.
+A file passes through these subpackages: `bytes` (content, unpacking, limits, encoding) → `table` (separator, header,
+decimal mark, columns) → `series` (wide, long or paired table, roles) with `words` (names, cells, states, modes,
+quality) and `time` (stamps, dates, zones, order) → `grid` (alignment, window, even grid, masks) with `checks` (spoilt
+data, findings) → Loop. `folder` and `dataset` read one file per tag and partitioned Parquet. In `table/rows.py` every
+row of the file is either used or listed under one reason. `reading` runs the whole.
 
 Findings (code, severity, meaning):
 
@@ -77,7 +77,7 @@ __all__ = ["ReadOptions", "Reading", "loops_in", "options_from", "read", "read_f
 
 
 def __getattr__(name: str) -> Any:
-    """Public names are loaded on first use: importing this room costs nothing."""
+    """Load public names on first use, so that importing the package is fast."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module

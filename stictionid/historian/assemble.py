@@ -1,4 +1,4 @@
-"""Aligned series to a loop: window, grid, filling, scaling, masks, segments; every row booked, every choice noted."""
+"""Assembly of aligned series into a loop: window, even grid, filling, scaling, masks, segments, findings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .words.modes import fractions
 from .words.units import OTHER, output_unit, to_percent
 
 MIN_SAMPLES = 4
-"""Fewer samples are no record, whatever the method; what identification needs beyond that it says itself."""
+"""Least number of samples of a record, whatever the method; identification has further limits of its own."""
 ON_CHANGE_SHARE = 0.3
 """Share of empty cells from which OP in a wide table counts as written on change only."""
 
@@ -46,7 +46,7 @@ class Assembled:
 
 
 def _left_out(book: RowBook) -> str:
-    """Why most rows that are not usable are not, in words."""
+    """Most frequent reason why rows are not used, in words."""
     out = {reason: rows for reason, rows in book.counts().items() if reason not in ("in", "used") and rows}
     reason = max(out, key=lambda r: out[r], default="")
     return f" ({out[reason]:,} of {book.counts()['in']:,} rows are left out as {reason!r})" if reason else ""
@@ -90,7 +90,7 @@ def _even_grid(
     guesses: list[str],
     findings: list[Finding],
 ) -> GridStep:
-    """Samples on an even grid, with what had to be done for it."""
+    """Step of the even grid; the frame is put on it in place, with findings and guesses about it."""
     step = find_step(frame.ns)
     if step.kind == "irregular":
         honest = float(np.quantile(np.diff(frame.ns), 0.9))
@@ -180,7 +180,7 @@ def _written_on_change(frame: Frame) -> set[str]:
 
 
 def _mask(frame: Frame, filled: BoolArray, shaped: Shaped, options: ReadOptions) -> dict[str, int]:
-    """Reasons of samples that stay in the loop but don't count, in place; how often unclear modes occur."""
+    """Set, in place, the reasons of samples that don't count; returns the number of samples of each unclear mode."""
     off, unclear = manual(frame, shaped.modes)
     clamp, _ = saturated(frame.values["output"], percent=shaped.units["output"] == "%")
     for mask, reason in (
@@ -250,7 +250,7 @@ def _finish(
     guesses += [f"roles as named, though {f.statement}" for f in spoilt if f.code == "swapped-roles"]
     for array in (*arrays.values(), used):
         if array.base is None:
-            array.setflags(write=False)  # nobody else holds it: the loop need not copy it
+            array.setflags(write=False)  # no other reference exists: the loop need not copy it
     parts = {
         "output": arrays["output"],
         "process_value": arrays["process_value"],

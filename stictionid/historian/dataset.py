@@ -1,8 +1,8 @@
-"""Parquet with many loops: what loops are in it, and the rows of one of them without reading the rest.
+"""Parquet datasets with many loops: names of the loops, and the rows of one loop without reading the others.
 
-A long dataset (tag, time, value; hive folders allowed) or one with a loop column is read with its filter pushed down
-to the files and their row groups, a wide one by its columns. Slow where rows are not sorted or partitioned by tag:
-then every loop costs one pass over the tag column. Source: pyarrow.dataset.
+A long dataset (tag, time, value; hive folders allowed), or one with a loop column, is read by its rows. The filter is
+pushed down to the files and their row groups. A wide one is read by its columns. Slow where rows are not sorted or
+partitioned by tag: then every loop costs one pass over the tag column. Source: pyarrow.dataset.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from .table.table import Table, table_from_arrow
 from .words.roles import take_apart
 
 RESULTS_MARK = "batch.json"
-"""A folder that holds this file is what `batch` wrote, and no data."""
+"""A folder that holds this file was written by `batch` and contains no data."""
 _SUFFIXES = (".parquet", ".pq")
 SIGNALS = ("setpoint", "process_value", "output", "position", "mode")
-# One row group at a time and no read-ahead: a loop's rows are few, the memory is shared by many workers.
+# One row group at a time and no read-ahead: a loop has few rows, and many workers share the memory.
 _SCAN = {"use_threads": False, "batch_readahead": 1, "fragment_readahead": 1}
 
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A dataset by its columns: `tag` names the column of tags, `loop` that of loops; both None where it is wide."""
+    """A dataset and its columns: `tag` names the column of tags, `loop` that of loops; both None where it is wide."""
 
     path: Path
     files: tuple[str, ...]
@@ -42,12 +42,12 @@ class Opened:
 
     @property
     def many(self) -> bool:
-        """Whether rows, and not columns, tell its loops apart."""
+        """True where loops are told apart by rows, not by columns."""
         return self.tag is not None or self.loop is not None
 
 
 def parquet_in(folder: Path) -> list[Path]:
-    """The Parquet files of a folder and its folders in order; hidden ones and results of `batch` left out."""
+    """Parquet files of a folder and its subfolders in order, without hidden ones and results of `batch`."""
     if (folder / RESULTS_MARK).is_file():
         return []
     found: list[Path] = []
@@ -140,8 +140,8 @@ def _digits(text: str) -> str:
 def rows_of(opened: Opened, select: Iterable[str]) -> tuple[Source, Table]:
     """The rows (or, in a wide dataset, the columns) of one loop; `select` are its tags, its name, or its columns.
 
-    The fingerprint is of what was read, so a loop is known again when other loops' rows change. DataError where there
-    is nothing, or the file is damaged.
+    The SHA-256 is of the rows read, so a loop is recognised when other loops' rows change. DataError where there
+    is no row, or the file is damaged.
     """
     import pyarrow as pa
     import pyarrow.dataset as ds
@@ -164,13 +164,13 @@ def rows_of(opened: Opened, select: Iterable[str]) -> tuple[Source, Table]:
 
 
 def _belongs(name: str, wanted: list[str]) -> bool:
-    """Whether a column is one of the loop's, its quality, or carries no loop at all (time)."""
+    """True for a column of the loop, its quality, or a column of no loop at all (time)."""
     return name in wanted or any(name.startswith(w) for w in wanted) or not (
         take_apart(name).role in SIGNALS or take_apart(name).loop)
 
 
 def digest(table: Any) -> str:
-    """SHA-256 of a table's names and values, the same however its rows are cut into chunks."""
+    """SHA-256 of a table's names and values, independent of the chunks that hold its rows."""
     import numpy as np
     import pyarrow as pa
 
@@ -193,7 +193,7 @@ def digest(table: Any) -> str:
 
 
 def narrowed(table: Table, select: Iterable[str]) -> Table:
-    """A wide table with the columns of one loop and those that carry no loop."""
+    """A wide table reduced to the columns of one loop and those of no loop."""
     wanted = list(select)
     keep = [i for i, name in enumerate(table.names) if _belongs(name, wanted)]
     if len(keep) == len(table.names):
@@ -206,7 +206,7 @@ def narrowed(table: Table, select: Iterable[str]) -> Table:
 
 
 def selection(opened: Opened, options: ReadOptions) -> tuple[str, ...]:
-    """What of a dataset the reading options ask for: tags or columns named, or those of the loop named."""
+    """Tags or columns of a dataset that the options name, or those of the loop they name; empty for all."""
     if opened.tag is None and opened.loop is not None:
         return (options.loop,) if options.loop else ()
     named = tuple(w for w in (options.sp, options.pv, options.op, options.position, options.mode, *options.extra) if w)

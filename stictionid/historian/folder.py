@@ -1,4 +1,4 @@
-"""A folder as one export: one file per tag, or a partitioned Parquet dataset."""
+"""Folder read as one export: one file per tag, or a partitioned Parquet dataset."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def read_folder(folder: Path, options: ReadOptions) -> tuple[Source, Table]:
 
 
 def tag_of(path: Path) -> str:
-    """The tag that a file of one tag is named after: its name without the ending of its format."""
+    """Tag in the name of a file with one tag: the name without the extensions of its format."""
     return re.sub(r"(\.(csv|tsv|txt|gz|zip))+\Z", "", path.name, flags=re.IGNORECASE)
 
 
 def _of_loop(files: list[Path], options: ReadOptions) -> list[Path]:
-    """The files of the loop that was named, where files are named after tags; else all."""
+    """Files of the loop that the options name, where files are named after tags; else all files."""
     named = {t for t in (options.sp, options.pv, options.op, options.position, options.mode, *options.extra) if t}
     by_tag = {tag_of(path): path for path in files}
     if options.loop is not None:
@@ -55,7 +55,7 @@ def _of_loop(files: list[Path], options: ReadOptions) -> list[Path]:
 
 
 def _dataset(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Source, Table]:
-    """One loop's rows where the options say which loop or tags, else all rows."""
+    """The rows of one loop where the options name a loop or its tags, else all rows."""
     import pyarrow as pa
 
     opened = open_dataset(folder)
@@ -76,7 +76,7 @@ def _dataset(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Sou
 
 
 def _digest(files: list[Path]) -> str:
-    """One fingerprint of several files: of their names and fingerprints in order."""
+    """SHA-256 of several files: of their names and SHA-256 in order."""
     digest = hashlib.sha256()
     for path in files:
         digest.update(f"{path.name} {open_source(path).sha256}\n".encode())
@@ -84,7 +84,7 @@ def _digest(files: list[Path]) -> str:
 
 
 def table_per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tuple[Source, Table]:
-    """One file per tag as a long table of tag, time and value."""
+    """Files with one tag each as one long table of tag, time and value."""
     import pyarrow as pa
 
     tags, times, values = [], [], []
@@ -129,7 +129,7 @@ def table_per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tupl
 
 
 def _pointed(column: Any, decimal: str) -> Any:
-    """Values as text with decimal points: files of one folder may differ, their joint table has one mark."""
+    """Values as text with decimal points: files of one folder may differ, but their joint table has one mark."""
     import pyarrow as pa
     import pyarrow.compute as pc
 

@@ -1,4 +1,4 @@
-"""The loops a file holds, without reading any of them."""
+"""Names of the loops in a file, found without reading any of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Site profiles: what a site says once about its exports, kept as TOML and applied to every file."""
+"""Site profiles: reading options of one site, stored as TOML and applied to every file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NOT_KEPT = ("profile", "no_guess", "start", "end", "loop", "limit")
 
 
 def with_profile(options: ReadOptions) -> ReadOptions:
-    """Options with what they leave open taken from their profile. UsageError where absent, DataError where damaged."""
+    """Options, completed from their profile where not given. UsageError where it is absent, DataError where damaged."""
     path = Path(options.profile or "")
     text = text_of(path, "profile", hint="write one with stictionid read FILE --save-profile")
     try:
@@ -38,7 +38,7 @@ def with_profile(options: ReadOptions) -> ReadOptions:
                 changes[name] = typed(name, value)
             except UsageError as error:
                 raise DataError(f"profile {path}: {error.message}", error.hint) from None
-    # Once applied the profile is spelt out, so that a study can be re-read without it.
+    # The profile is written out in full, so that a study can be read again without it.
     return replace(options, profile=None, **changes)
 
 
@@ -46,9 +46,9 @@ _FIELDS = {f.name for f in dataclasses.fields(ReadOptions) if f.name not in _NOT
 
 
 def save_profile(result: Any, options: ReadOptions, path: str, *, force: bool = False) -> None:
-    """Keep what was said and what was understood of a file: separator, decimal mark, date order, modes.
+    """Write the options given and the formats recognised in a file: separator, decimal mark, date order, modes.
 
-    Column names are kept only where they carry no loop name, so that the profile fits the site's other loops.
+    Column names are stored only where they carry no loop name, so that the profile fits the site's other loops.
     """
     kept = {k: v for k, v in options.said().items() if k not in _NOT_KEPT}
     for name in ("sp", "pv", "op", "position", "mode", "quality", "time", "extra"):

@@ -1,4 +1,4 @@
-"""Reads an export from first byte to loop: the one place where the parts of this room meet."""
+"""Reading of an export from its first byte to a loop; this module runs the other parts of the package in order."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ EXCEL_ROWS = (1_048_576, 65_536)
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What was understood of a file: the loop, and every choice on the way to it.
+    """Result of reading a file: the loop, and every choice made on the way.
 
-    `rows` holds rows in, used, and by reason (they add up); `segments` (first, last sample) pairs with start times;
-    `assumptions` what was guessed, each with the option that settles it.
+    `rows` holds rows in, used, and by reason (they add up). `segments` (first, last sample) pairs with start times.
+    `assumptions` are the guesses, each with the option that settles it.
     """
 
     loop: Loop
@@ -72,7 +72,7 @@ def read_loop(file: Any, *, options: ReadOptions | None = None) -> Loop:
 
 
 def read(file: Any, *, options: ReadOptions | None = None) -> Reading:
-    """The loop in a file with what was understood, assumed and left out on the way. Errors as `read_loop`."""
+    """The loop in a file, with columns, assumptions and rows left out. Errors as in `read_loop`."""
     options = settled(options)
     if not hasattr(file, "read") and str(file) != "-" and Path(file).is_dir():
         from .folder import read_folder
@@ -83,7 +83,7 @@ def read(file: Any, *, options: ReadOptions | None = None) -> Reading:
         table = read_table(source, options)
         if not source.sha256:
             source = replace(source, sha256=table.sha256)
-        source = replace(source, data=b"")  # the columns are all that is needed now; large files need the room
+        source = replace(source, data=b"")  # only the columns are needed from here on; large files take much memory
     return reading_of(source, table, options)
 
 
@@ -125,7 +125,7 @@ def reading_of(source: Source, table: Table, options: ReadOptions) -> Reading:
 
 
 def _book_unaligned(shaped: Shaped, aligned: Aligned, book: RowBook) -> None:
-    """Rows of tags that no sample stands for: recorded more often than the step of the loop."""
+    """Book rows of tags that no sample represents: they were recorded more often than the step of the loop."""
     if shaped.shape == "wide":
         return
     if shaped.shape == "paired" and len(aligned.frame.rows) > 1:
@@ -139,7 +139,7 @@ def _book_unaligned(shaped: Shaped, aligned: Aligned, book: RowBook) -> None:
 
 
 def _book_blank(table: Table, book: RowBook) -> None:
-    """Lines without any content."""
+    """Book lines without any content."""
     import pyarrow.compute as pc
 
     if min(column.null_count for column in table.columns) == 0:
@@ -152,7 +152,7 @@ def _book_blank(table: Table, book: RowBook) -> None:
 
 
 def _book_headers(table: Table, book: RowBook) -> None:
-    """Rows that repeat the header (pasted pages); their cells turn into empty ones by themselves."""
+    """Book rows that repeat the header (pasted pages); their cells become empty without further work."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -226,7 +226,7 @@ def _reading(
 
 
 def _unreadable_stamps(table: Table, shaped: Shaped, book: RowBook, counts: dict[str, int]) -> list[Finding]:
-    """Rows left out because their time can't be read: how many, and the first of them as it stands."""
+    """Finding on rows left out because their time can't be read: their number, and the first one as written."""
     row = book.first("no time")
     if row is None:
         return []
@@ -249,7 +249,7 @@ def _unreadable_stamps(table: Table, shaped: Shaped, book: RowBook, counts: dict
 
 
 def _row_findings(table: Table, counts: dict[str, int]) -> list[Finding]:
-    """What the number and the form of rows say."""
+    """Findings on the number and the form of rows."""
     found = []
     if counts.get("damaged"):
         line, _, text = next(d for d in table.dropped if d[1] == "damaged")

@@ -1,4 +1,4 @@
-"""What was said about an export, complete and sensible before its file is opened: profile applied, values checked."""
+"""Reading options made complete before the file is opened: profile applied, values checked."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from .words.quality import KINDS
 from .words.units import check_span
 
 MIN_STEP_S, MAX_STEP_S = 1e-6, 1e7
-"""Sampling times that can be said, seconds: a microsecond to 116 days."""
+"""Limits of --step, seconds: a microsecond to 116 days."""
 SHAPES = ("wide", "long", "paired")
 
 
 def settled(options: ReadOptions | None) -> ReadOptions:
-    """The options with their profile spelt out. UsageError for a value that no file could be read with."""
+    """The options with their profile written out. UsageError for a value with which no file could be read."""
     options = options or ReadOptions()
     if options.profile is not None:
         from .profile import with_profile

@@ -1,4 +1,4 @@
-"""The stiction laws, one file each; the catalogue finds them by looking at the folder."""
+"""Catalogue of the stiction laws, one file each; a new law is a new file in this folder."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from .contract import Law
 
 DEFAULT = "chen"
 
-# All laws by name, the default first, then by name; and one of them.
+# `catalogue()` gives all laws by name, the default first, then in the order of names; `get(name)` gives one.
 catalogue, get = room(__name__, "LAW", Law, "law", lambda law: (law.name != DEFAULT, law.name))

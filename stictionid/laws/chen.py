@@ -1,11 +1,12 @@
-"""Chen 2008: the two-layer binary tree (the paper's law).
+"""Stiction law of Chen 2008: a two-layer binary tree (the paper's law).
 
-Layer 1 asks whether the valve is stuck or moving, layer 2 whether |e| > f_s (stuck) or whether the command kept
-its direction (moving): four leaves, keep sticking, slip, keep sliding, stop (and re-test in the same sample).
+Layer 1 asks whether the valve is stuck or moving. Layer 2 asks whether |e| > f_s (stuck), or whether the command kept
+its direction (moving). The four leaves are keep sticking, slip, keep sliding, and stop. After a stop |e| > f_s is
+tested again in the same sample.
 
-The printed 2008 flow chart has not been seen: this form is reconstructed from Eq. 1 of the paper, from He's law
-and from the description in the paper. It equals Kano's law on every test signal when both start alike. Wrong where
-the stem comes to rest between scans (then He's law holds; see the effect re-sticking).
+The printed 2008 flow chart has not been seen. This form is reconstructed from Eq. 1 of the paper, from He's law and
+from the description in the paper. It equals Kano's law on every test signal when both start alike. Wrong where the
+stem comes to rest between scans (then He's law holds; see the effect re-sticking).
 
 Source: Chen et al. 2008, METHODS.md section 2.
 """
@@ -64,7 +65,7 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
             work[11 * LANES + p] = friction[RESTICK, q] if state[_MOVING, q] > 0.5 else np.inf
             work[12 * LANES + p] = friction[CROSSES, q]
         last = first + width
-        # The plain law is the other one without drift, re-sticking, overshoot and stops: what most searches ask for.
+        # The plain law has no drift, re-sticking, overshoot or stops; it is faster, and most searches need no other.
         plain = True
         for p in range(padded):
             plain &= work[4 * LANES + p] == 0.0 and work[5 * LANES + p] == 0.0 and work[6 * LANES + p] == 0.0
@@ -74,7 +75,7 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
         for k in range(samples):
             u = command[k]
             du = u - u_last
-            # Speed of a command that kept its direction; a turned or resting one slides nothing.
+            # Speed of a command that kept its direction; -1 after a reversal or a rest, so that nothing slides.
             speed = abs(du) if du * du_last > 0.0 else -1.0
             rising = du > 0.0
             drift = profile[k]

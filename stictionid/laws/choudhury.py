@@ -1,14 +1,14 @@
-"""Choudhury 2005: counts how far the command has gone since it last changed its direction.
+"""Stiction law of Choudhury 2005: compares the command's travel since its last change of direction with S and J.
 
-xss is the command at the last sign change of du, I says that the command rested there:
+xss is the command at the last sign change of du; I = 1 where the command rested there:
     sign(du) != sign(du_prev): xss = u(k-1), hold, and I = 1 if du = 0
     not I: |u - xss| > S -> u_v = u - sign(du) f_d, else hold
     I:     |u - xss| > J -> I = 0, u_v = u - sign(du) f_d, else hold
     u outside 0..100 %: u_v = 0 or 100
 
-Known faults, kept because the law is historical: isolated steps never move it, noise keeps it stuck, after a rest a
-reversal needs only J and then freezes again until S. It looks at the command only, never at e, so it can leave the
-stem further from the command than friction could hold it.
+Known faults, kept because the law is historical: isolated steps never move the valve, and noise keeps it stuck. After
+a rest a reversal needs only J, and the valve then holds again until S. The law looks at the command only, never at e.
+It can leave the stem further from the command than friction could hold it.
 
 S and J are taken per direction (S = f_s ahead + f_d behind). The re-stick speed makes a sliding valve rest, as du = 0
 would: xss = u(k-1), I = 1, and J is tested in the same sample. The overshoot applies to the first sample of a move.
@@ -98,7 +98,7 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
                     far = abs(u - turn)
                     goes = far > (J if rested > 0.5 else S)
                     target = u - sign * fd
-                    # the first sample of a move jumps, the next ones never take the stem back
+                    # The first sample of a move jumps; later ones never move the stem backwards.
                     ahead = target if sign * (target - v) > 0.0 else v
                     jump = target + work[10 * LANES + p] * (target - v)
                     new = ahead if moving & (not rests) else jump

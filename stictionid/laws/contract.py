@@ -1,17 +1,17 @@
-"""What a stiction law must bring, and the friction numbers that the valve effects may change.
+"""Contract of a stiction law, and the table of friction numbers that effects on the valve may change.
 
 A law is one file in this folder with a constant `LAW`. Searched laws bring a kernel over candidates:
 
     run(command (n,), friction (ROWS, P), profile (n,), state (states, P), position (n, P))
 
-which advances `state` in place, so that running a record piece by piece gives what running it whole gives; the
+The kernel advances `state` in place, so that running a record piece by piece gives what running it whole gives. The
 closed-loop simulator calls the same kernel one sample at a time. `command` is in % of span, `position` in % of
 travel. The friction rows carry every effect of kind F, so each law gets every such effect and no kernel calls
 another file's. Rows at their neutral value (see `neutral_friction`) leave the plain law.
 
-A law's own numbers travel in the same table: `Law.friction` checks S and J in the law's own words and lets
-`supply` set rows (He & Wang's K) or append rows after ROWS (mass, spring and time step of a physical valve). So
-`run` has one signature for all laws, and a physical stem knows how much time passes between two commands.
+A law's own numbers stand in the same table. `Law.friction` checks S and J in the law's own words. `supply` sets rows
+(He & Wang's K) or appends rows after ROWS (mass, spring and time step of a physical valve). So `run` has one signature
+for all laws, and a physical law has the time between two commands.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ..numerics.jit import kernel, output
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
 
-# Rows of the friction table. Forces are in % of travel: f_s breaks away, f_d slides (paper Eq. 1).
+# Rows of the friction table. Forces are in % of travel: f_s at break-away, f_d while sliding (paper Eq. 1).
 FS_UP, FS_DOWN, FD_UP, FD_DOWN = 0, 1, 2, 3  # per direction of travel, %
 FS_DRIFT, FD_DRIFT = 4, 5  # change per unit of the profile, %
 RESTICK = 6  # a sliding valve sticks when the command moves less than this, % per valve step
@@ -61,7 +61,7 @@ def check_size(width: FloatArray, what: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Law:
-    """One stiction law: its kernel, its parameters beyond S and J, and what must be known about it.
+    """One stiction law: its kernel, its parameters beyond S and J, its source and its limits.
 
     `start(command0, friction, share)` gives the state (states, P) for a valve at rest whose residual force is
     `share` (P,) of f_s. `one_parameter` laws tie J to S. `searchable` is False for physical laws, which only
@@ -116,7 +116,7 @@ class Law:
                   share: FloatArray | float = 0.0, lent: bool = False) -> FloatArray:
         """Valve positions (n, P) under `command` (n,) for a friction table (ROWS, P), from rest at `share` of f_s.
 
-        `lent` positions hold until the next call (see `kernels.scratch`).
+        `lent` positions hold until the next call (see `scratch` in numerics/jit.py).
         """
         command = np.ascontiguousarray(command, dtype=np.float64)
         friction = np.ascontiguousarray(friction, dtype=np.float64)
@@ -141,7 +141,7 @@ def neutral_friction(stickband: FloatArray | float, slip_jump: FloatArray | floa
 
 
 def friction_table(S: FloatArray, J: FloatArray) -> FloatArray:
-    """The same table for arrays (P,) that are known to be valid: the search calls it for every population."""
+    """Table of `neutral_friction` for arrays (P,) known to be valid; the search calls it for every population."""
     table = np.empty((ROWS, S.size))
     _fill(np.ascontiguousarray(S), np.ascontiguousarray(J), table)
     return table

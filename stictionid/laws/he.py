@@ -1,12 +1,12 @@
-"""He 2007: every sample starts from rest, so the valve jumps whenever the force exceeds static friction.
+"""Stiction law of He 2007: the valve stops at every sample and jumps when the force exceeds static friction.
 
 |e| > f_s: u_v = u - sign(e) f_d, else hold, with e = u(k) - u_v(k-1).
 
-The valve stops at every sample: a slow ramp gives a staircase with steps of J, where a real stem driven by a
-continuous command slides. Right where a held (scanned) command lets a fast stem come to rest between two scans.
+A slow ramp of the command gives a staircase with steps of J, where a real stem driven by a continuous command slides.
+Right where a held (scanned) command lets a fast stem come to rest between two scans.
 
 The re-stick row has no meaning here: this law is Chen's with an infinite re-stick speed. With the overshoot row off
-its neutral 1, this is the law of He and Wang (he-wang); the other rows hold as everywhere.
+its neutral 1, this is the law of He and Wang (he-wang); the other rows act as in every law.
 
 Source: He et al. 2007, METHODS.md section 2 (their u_r and cum_u are u - u_v and e). The print has not been seen.
 """

@@ -1,14 +1,14 @@
-"""He and Wang 2010, semi-physical: He's law with an underdamped stem that shoots past its target by K - 1.
+"""Stiction law of He and Wang 2010 (semi-physical): He's law with every slip longer by the factor K.
 
-|e| > f_s: u_v = u_v(k-1) + K (e - sign(e) f_d), else hold. K = 1 is He 2007; K = 1 + exp(-pi z / sqrt(1 - z^2)) with
-z = F_v / (2 sqrt(k m)) is the first swing of the stem, 1.99 almost undamped.
+|e| > f_s: u_v = u_v(k-1) + K (e - sign(e) f_d), else hold. K = 1 is He 2007. K = 1 + exp(-pi z / sqrt(1 - z^2)) with
+z = F_v / (2 sqrt(k m)) is the first swing of an underdamped stem, 1.99 almost undamped.
 
 K is the row OVERSHOOT of the friction table, so this file has no kernel of its own: `Law.friction` sets the row to
 the parameter `overshoot`, by default 1.37 (z = 0.3, a lightly damped stem). A table made without it has K = 1
 and is He's law. The effect slip-overshoot supplies the same row and replaces the default. Re-stick has no meaning.
 
 Wrong where the stem slides under a continuous command (a staircase appears, as with He's law). Large K times J - S
-can throw the stem so far that it slips back at the next sample.
+can move the stem so far that it slips back at the next sample.
 
 Source: He and Wang 2010, METHODS.md section 2. The print has not been seen.
 """
@@ -24,7 +24,7 @@ from ..typing import FloatArray
 from .contract import OVERSHOOT
 from .he import LAW as HE
 
-# K of a lightly damped stem, z = 0.3; a choice of this program, the source leaves K to the valve. Unit: 1.
+# K of a lightly damped stem, z = 0.3. A choice of this program: the source leaves K to the valve. Unit: 1.
 DEFAULT_K = 1.37
 _K = Parameter("overshoot", "-", 1.0, 2.0, 1.0, "K: how far the stem shoots per unit of its way at a slip, 1 = none")
 

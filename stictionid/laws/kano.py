@@ -1,12 +1,13 @@
-"""Kano 2004: the valve remembers the command at its last stop, u_s, and the direction d of its friction.
+"""Stiction law of Kano 2004: keeps the command at the last stop, u_s, and the direction d of friction.
 
-stopped when du*du_prev <= 0: u_s = u(k-1); then it turns when -d (u-u_s) > S and goes on when d (u-u_s) > J; while
-not stopped, u_v = u - d f_d. In this file u_s is kept as the command that would hold the stem where it is,
-u_v + d f_d: that is u(k-1) at every plain stop, and stays right after an overshoot or at a hard stop.
+The valve stops when du*du_prev <= 0: u_s = u(k-1). It then moves again in the other direction when -d (u-u_s) > S,
+and in the same one when d (u-u_s) > J. While not stopped, u_v = u - d f_d. In this file u_s is the command that would
+hold the stem where it is, u_v + d f_d. That is u(k-1) at every plain stop, and stays right after an overshoot or at a
+hard stop.
 
-Every row of the friction table has its meaning: S and J are taken per direction (S = f_s ahead + f_d behind), the
-re-stick speed stops the valve as a resting command does. Under drift S and J are the present ones, where Chen's law
-compares with where the stem stands: the two then differ by the drift of f_d since the stop.
+Every row of the friction table has its meaning: S and J are taken per direction (S = f_s ahead + f_d behind), and the
+re-stick speed stops the valve as a resting command does. Under drift this law takes the present S and J, where Chen's
+law compares with the position of the stem. The two then differ by the drift of f_d since the stop.
 
 Cannot be told from Chen's law: both give the same positions on every test signal when they start alike. Wrong, like
 Chen's, where the stem comes to rest between scans. The printed 2004 flow chart has not been seen.
@@ -60,7 +61,7 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
         for k in range(samples):
             u = command[k]
             du = u - u_last
-            # Speed of a command that kept its direction; a turned or resting one stops the valve.
+            # Speed of a command that kept its direction; -1 after a reversal or a rest, so that the valve stops.
             speed = abs(du) if du * du_last > 0.0 else -1.0
             drift = profile[k]
             for p in range(padded):
@@ -80,7 +81,7 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
                 to_up = u - fd_up
                 to_down = u + fd_down
                 upward = d > 0.0
-                # What friction behind the stem adds: with d it was carried along (J), against d it turns over (S).
+                # Contribution of friction behind the stem to the threshold: J in direction d, S against it.
                 behind = -fd_up if upward else fd_down
                 move = u - u_s
                 rises = move > fs_up + behind + TIE
@@ -89,7 +90,7 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
                 new = to_down + spare * (to_down - v) if falls else new
                 turned = 1.0 if rises else d
                 turned = -1.0 if falls else turned
-                # not stopped: u_v = u - d f_d; after an overshoot the stem waits until the command has caught up
+                # Not stopped: u_v = u - d f_d; after an overshoot the stem waits until the command has reached it.
                 ahead_up = to_up if to_up > v else v
                 ahead_down = to_down if to_down < v else v
                 ahead = ahead_up if upward else ahead_down
@@ -119,7 +120,7 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
 
 
 def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
-    """Valve at rest with residual force e(0) = share * f_s; u_s agrees with friction, u_v(0) = u_s - d f_d."""
+    """Valve at rest with residual force e(0) = share * f_s; u_s is consistent with friction, u_v(0) = u_s - d f_d."""
     fs = np.where(share > 0, friction[FS_UP], friction[FS_DOWN])
     state = np.zeros((6, friction.shape[1]))
     state[_POSITION] = np.clip(command0 - share * fs, friction[LOWER], friction[UPPER])

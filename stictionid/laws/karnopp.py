@@ -1,17 +1,17 @@
-"""Karnopp 1985: a stem with mass, spring, viscous and Stribeck friction that sticks exactly at standstill.
+"""Friction model of Karnopp 1985: a stem with mass, spring, viscous and Stribeck friction that sticks at zero speed.
 
 m x'' = k (u - x) - F_v x' - F. Stuck (x' = 0): F balances the spring while k |u - x| <= F_s. Sliding:
 F = sign(x') (F_c + (F_s - F_c) exp(-(x'/v_s)^2)). Equation in % of travel: laws/physical.py.
 
 For simulation only. The integration is exact for spring, mass and viscous friction over each part of a step, with
-the Stribeck force of the part's start; a stem whose speed changes its sign stops where it did so, which takes the
-place of Karnopp's band of zero speed. Parts are at most a twentieth of sqrt(m/k), and a coarser step is cut.
+the Stribeck force of the part's start. A stem whose speed changes its sign stops at that point, which takes the place
+of Karnopp's band of zero speed. Parts are at most a twentieth of sqrt(m/k), and a coarser step is cut.
 
-With enough damping it reproduces S and J; a lightly damped stem overshoots at a slip (He and Wang's K), and a ramp
-slower than about three times v_s ends every slip at rest (stick-slip). A heavily damped stem that ends a slip
-stops a little early, by about F_v/k times three Stribeck velocities, and lags behind a ramp by F_v/k times its speed.
+With enough damping it reproduces S and J. A lightly damped stem overshoots at a slip (He and Wang's K). A ramp slower
+than about three times v_s ends every slip at rest (stick-slip). A heavily damped stem that ends a slip stops a little
+early, by about F_v/k times three Stribeck velocities. It lags behind a ramp by F_v/k times its speed.
 
-Directions, drift and travel stops of the friction table hold (a stop takes all speed away); the re-stick, overshoot
+Directions, drift and travel stops of the friction table hold (a stop takes all speed away). The re-stick, overshoot
 and crossing rows have no meaning, because they follow from the physics. J > S is refused.
 
 Source: Karnopp 1985, METHODS.md section 2. The print has not been seen.
@@ -31,7 +31,7 @@ from .physical import DAMPING, HELD, INERTIA, PART, PARTS, STEM, STEM_DEFAULTS, 
 
 # State rows: stem position, 1 while sliding, speed in %/s, last command.
 _POSITION, _MOVING, _SPEED, _COMMAND = range(4)
-# Parts of an integration step per sqrt(m/k), so that an undamped swing takes 2 pi times as many. Unit: 1.
+# Parts of an integration step per sqrt(m/k); an undamped oscillation takes 2 pi times as many. Unit: 1.
 _PARTS_PER_SWING = 20.0
 
 
@@ -82,7 +82,7 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
                 x_new = centre + a_yy * y + a_yv * v
                 v_new = a_vy * y + a_vv * v
                 if v_new * direction <= 0.0:
-                    # Stopped inside this part: where a speed that falls evenly reaches zero.
+                    # The stop lies inside this part: the position at which a linearly falling speed reaches zero.
                     x_new = x + (0.5 * v * h * v / (v - v_new) if v != 0.0 else 0.0)
                     v_new = 0.0
                 if x_new > high or x_new < low:
@@ -106,7 +106,7 @@ def _start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArr
 
 def _supply(table: FloatArray, values: Mapping[str, float], step_s: float, held: bool) -> FloatArray:
     swing = math.sqrt(max(values["mass"], 0.0) / values["spring"]) if values["spring"] > 0 else 0.0
-    # A mass or spring that is refused anyway must reach its own sentence, so the part is never 0.
+    # The part is never 0, so that an invalid mass or spring gets its own error message in `stem_rows`.
     return stem_rows(table, values, step_s=step_s, held=held, part_s=max(swing / _PARTS_PER_SWING, 1e-300))
 
 

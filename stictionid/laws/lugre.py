@@ -1,19 +1,19 @@
-"""LuGre 1995: friction as the bending z of bristles between two surfaces, so a stuck stem creeps before it slips.
+"""Friction model LuGre (Canudas de Wit 1995): the bending z of bristles, with creep of a stuck stem before it slips.
 
 m x'' = k (u - x) - F_v x' - (s0 z + s1 z'), z' = x' - s0 |x'| z / g(x'), g = F_c + (F_s - F_c) exp(-(x'/v_s)^2),
 with s1 fading as exp(-(x'/v_s)^2), so that the bristles never push. In % of travel, with s0 and s1 divided by the
 spring constant: laws/physical.py.
 
-For simulation only. Each part of a step is implicit in speed and bending, with |x'| / g of the part's start, so stiff
-bristles need no smaller parts, and stops where the speed changes its sign; it is of first order, parts are at most a
-hundredth of sqrt(m/k), a coarser step is cut.
+For simulation only. Each part of a step is implicit in speed and bending, with |x'| / g of the part's start. Stiff
+bristles then need no smaller parts. A part ends where the speed changes its sign. The integration is of first order;
+parts are at most a hundredth of sqrt(m/k), and a coarser step is cut.
 
-The stem moves by f/s0 before it breaks away, and breaks away early when that motion is not slow against v_s: the
-bristles often quoted (s0 = 1e8 N/m) lose 3 to 5 % of S at 2 %/s, and a command in steps of 0.3 % shakes the stem loose
-at a third of f_s. The default bristles are stiff and damped enough to keep S and J within 1 % (measured for S = 5,
-J = 3 and ramps of 0.5 to 2 %/s). Small vibrations below break-away make the stem drift, a known fault of the law.
+The stem moves by f/s0 before it breaks away, and breaks away early when that motion is not slow against v_s. The
+bristles often quoted (s0 = 1e8 N/m) lose 3 to 5 % of S at 2 %/s. A command in steps of 0.3 % then moves the stem at a
+third of f_s. The default bristles are stiff and damped enough to keep S and J within 1 %. That was measured for S = 5,
+J = 3 and ramps of 0.5 to 2 %/s. Small vibrations below break-away make the stem drift, a known fault of the law.
 
-Directions, drift and travel stops of the friction table hold; the re-stick, overshoot and crossing rows have no
+Directions, drift and travel stops of the friction table hold. The re-stick, overshoot and crossing rows have no
 meaning, because they follow from the physics. J > S is refused. "Sliding" in the state means faster than the Stribeck
 speed.
 
@@ -52,9 +52,9 @@ from .physical import (
 _POSITION, _MOVING, _SPEED, _COMMAND, _BENDING = range(5)
 # Integration parts per sqrt(m/k); more than Karnopp's because the implicit step is of first order. Unit: 1.
 _PARTS_PER_SWING = 100.0
-# A stem slower than this under a resting command, whose next speed is slower too, rests. Unit: % of travel per s.
+# Speed below which a stem under a resting command rests, if its next speed is lower still. Unit: % of travel per s.
 _AT_REST = 1e-10
-# Bristles so stiff, and their bending so slow (s1/s0 = 10 ms), that a valve breaks away at F_s; see above.
+# Bristles so stiff, and their bending so slow (s1/s0 = 10 ms), that a valve breaks away at F_s (module docstring).
 _STIFFNESS = Parameter("bristle_stiffness", "N/m", 1e3, 1e12, 2e9, "s0: force per bending of the bristles")
 _BRISTLE_DAMPING = Parameter("bristle_damping", "N s/m", 0.0, 1e10, 2e7, "s1: force per speed of their bending")
 # Four times Karnopp's default, because the speed before break-away must stay below it. Unit: m/s.
@@ -83,13 +83,13 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
                 ratio = v / stribeck
                 fading = math.exp(-ratio * ratio)
                 g, s1 = fd + (fs - fd) * fading, s1_rest * fading
-                # Share of the bending that the bristles keep over this part; without friction they keep none.
+                # Share of the bending that the bristles keep over this part; 0 without friction.
                 keeps = 1.0 / (1.0 + h * s0 * abs(v) / g) if g > 0.0 else 0.0
                 drive = u_start + (j + 1.0) * slope - x - (s0 * keeps - s1 * (1.0 - keeps) / h) * z
                 v_new = (inertia * v / h + drive) / (inertia / h + h + damping + (s0 * h + s1) * keeps)
                 way = h * v_new
                 if v_new * v < 0.0:
-                    # A part must not step over standstill, where friction is highest and the stem may stick.
+                    # A part ends at standstill at the latest: friction is highest there and the stem may stick.
                     way, v_new = 0.5 * h * v * v / (v - v_new), 0.0
                 x_new = x + way
                 z = keeps * (z + way)

@@ -1,4 +1,4 @@
-"""What the physical laws share: the stem in SI, its forces mapped to S and J both ways, and rows for their kernels.
+"""Stem of a physical valve in SI units: conversion of its forces to S and J and back, and rows for the kernels.
 
 A stem of `mass` m (kg) on a `spring` k (N/m) over its `travel` (m) with viscous friction F_v (N s/m) moves, in % of
 travel, by
@@ -6,14 +6,14 @@ travel, by
     (m/k) x'' = u - x - (F_v/k) x' - F,    |F| = f_d + (f_s - f_d) exp(-(x'/v_s)^2) while it slides,
 
 with f_s = 100 F_s / (k travel), f_d = 100 F_c / (k travel) and S = f_s + f_d, J = f_s - f_d (METHODS.md section 1).
-The friction table carries f_s and f_d as for every law; rows after ROWS carry what follows from the SI numbers and
+The friction table carries f_s and f_d as for every law. Rows after ROWS carry numbers derived from the SI values and
 the time between two commands. J can't exceed S, because Coulomb friction is not negative.
 
-The default valve is the one with m = 3 lb, k = 300 lbf/in, travel 4 in and F_v = 3.5 lbf s/in that the literature on
-friction models of control valves has used since Kayihan and Doyle 2000; quoted, not checked in print. Only v_s is a
-tenth of theirs (2.54e-4 m/s), with which a stem sticks and slips on every ramp slower than 0.7 % of travel per second,
-that is under the commands of most loops. Both are valves one may meet: the first slides under a continuous command,
-as Chen's law says, the second rests after each slip, as He's law says.
+The default valve has m = 3 lb, k = 300 lbf/in, travel 4 in and F_v = 3.5 lbf s/in. The literature on friction models
+of control valves has used it since Kayihan and Doyle 2000; quoted, not checked in print. Only v_s differs: it is a
+tenth of theirs (2.54e-4 m/s). With theirs a stem sticks and slips on every ramp slower than 0.7 % of travel per
+second, and most loops' commands are slower. Both are valves one may meet. The first slides under a continuous command,
+as in Chen's law; the second rests after each slip, as in He's law.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ STRIBECK = Parameter("stribeck_velocity", "m/s", 1e-7, 10.0, 2.54e-5, "speed v_s
 STEM = (MASS, SPRING, TRAVEL, VISCOUS, STRIBECK)
 STEM_DEFAULTS = {p.name: p.neutral for p in STEM}
 
-# Rows after ROWS: m/k (s^2), F_v/k (s), v_s (% of travel per s), integration step (s), steps between two commands,
-# 1 where the command is held between samples, and two more that each law uses as it needs.
+# Rows after ROWS: m/k (s^2), F_v/k (s), v_s (% of travel per s), integration step (s), steps between two commands.
+# Then 1 where the command is held between samples, and two more that each law uses as it needs.
 INERTIA, DAMPING, STRIBECK_SPEED, PART, PARTS, HELD, OWN_A, OWN_B = range(ROWS, ROWS + 8)
 PHYSICAL_ROWS = ROWS + 8
-# More parts than this between two commands take seconds for one sample: refused instead. Unit: 1.
+# Largest number of parts between two commands; more take seconds for one sample and are refused. Unit: 1.
 MOST_PARTS = 2_000_000
 
 
@@ -73,7 +73,7 @@ def stiction_of(static_force: float, coulomb_force: float, *, spring: float, tra
 
 
 def check_forces(stickband: FloatArray | float, slip_jump: FloatArray | float) -> None:
-    """Refuse what `check_stiction` refuses, and J > S: Coulomb friction f_d = (S-J)/2 would be negative."""
+    """Refuse S and J as `check_stiction` does, and J > S: Coulomb friction f_d = (S-J)/2 would be negative."""
     check_stiction(stickband, slip_jump)
     S, J = np.broadcast_arrays(np.atleast_1d(stickband), np.atleast_1d(slip_jump))
     over = J > S * (1 + 1e-12)

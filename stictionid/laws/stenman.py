@@ -1,10 +1,10 @@
-"""Stenman 2003: one parameter, the valve jumps to the command once it is further away than d.
+"""Stiction law of Stenman 2003: one parameter; the valve jumps to the command once it is further away than d.
 
 |e| > d: u_v = u, else hold, with e = u(k) - u_v(k-1) and d = S = J, so f_s = S and f_d = 0.
 
 J is ignored: the kernel takes d = f_s + f_d of its direction, which is S whatever J the friction table carries. The
-valve has no deadband of its own beyond the jump and never slides. The re-stick row has no meaning (the stem rests at
-every sample); drift, directions, overshoot and travel stops hold as everywhere.
+valve has no deadband beyond the jump and never slides. The re-stick row has no meaning (the stem rests at every
+sample). Drift, directions, overshoot and travel stops act as in every law.
 
 Wrong wherever J differs from S: the jump and the band can't be told apart with one number.
 

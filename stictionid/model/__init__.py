@@ -1,1 +1,1 @@
-"""A stiction law, effects, a process and noise in physical order: specified, run on a record, simulated, stored."""
+"""Model of a loop: law, effects, process and noise in physical order; its simulation and its stored description."""

@@ -1,10 +1,9 @@
-"""Closed loop of Fig. 1: PI(D) controller, valve with stiction, linear process, measurement noise.
+"""Simulation of the closed loop of Fig. 1: PI(D) controller, valve with stiction, linear process, measurement noise.
 
-The loop is integrated as a continuous one (step at most `FINEST_STEP_S`) and sampled afterwards, because a loop
-stepped at the sampling time misses the paper's S_max by 3 to 15 %. With `scan_s` the controller works like a DCS:
-it computes once per scan and holds its output, and the valve law sees the held output once per scan. A physical law
-keeps moving in between: it is advanced every integration step, under a held command or, without scans, one that goes
-straight from one step to the next.
+The loop is integrated as a continuous one (step at most `FINEST_STEP_S`) and sampled afterwards. A loop stepped at the
+sampling time misses the paper's S_max by 3 to 15 %. With `scan_s` the controller works like a DCS: it computes once
+per scan and holds its output. The valve law sees the held output once per scan. A physical law
+is advanced every integration step. Its command is held or, without scans, moves in a straight line from step to step.
 Source: paper Fig. 1 and Table 1, METHODS.md section 3.
 """
 
@@ -25,12 +24,12 @@ from .hidden_effects import hide
 
 # Integration step of the continuous loop. Unit: s; METHODS.md section 3 (0.05 s reproduces S_max within 1.7 %).
 FINEST_STEP_S = 0.05
-# A step must resolve the fastest time constant by at least this many parts.
+# Least number of steps in the fastest time constant.
 _PARTS_PER_TIME_CONSTANT = 6
 OPERATING_POINT = 50.0
-# Integration steps (and samples) of one record: eleven days of a continuous loop, about two minutes of work.
+# Largest number of integration steps (and samples) of one record: eleven days of a continuous loop, two minutes' work.
 MOST_STEPS = 20_000_000
-# Largest number that can be said, in whatever unit; products of a few of them stay finite.
+# Largest number that a setting may hold, in any unit; products of a few of them stay finite.
 LARGEST = 1e12
 
 
@@ -59,7 +58,7 @@ class Plant:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Everything `simulate` needs; presets are instances of it."""
+    """Arguments of `simulate`: plant, controller, valve, sampling, setpoint, noise; presets are instances of it."""
 
     plant: Plant
     controller: Controller
@@ -128,9 +127,9 @@ def _check(setting: Setting) -> None:
 
 
 def _check_fineness(setting: Setting) -> None:
-    """Refuse a loop that would take more integration steps than anybody waits for."""
+    """Refuse a loop that would take more than MOST_STEPS integration steps."""
     c, p = setting.controller, setting.plant
-    # Before it is divided by: a scan or a lag far below the step would make more steps than a number can hold.
+    # Checked before the division: a scan or a lag far below the step would make more steps than a number can hold.
     for what, value in (("--scan", c.scan_s), ("--time-constant", p.time_constant_s),
                         ("--second-time-constant", p.second_time_constant_s)):
         if 0 < value < setting.step_s / MOST_STEPS:
@@ -149,7 +148,7 @@ def _check_fineness(setting: Setting) -> None:
 
 
 def _fine_step(setting: Setting) -> tuple[float, int]:
-    """Integration step in seconds and how many make one sample, so that scans and samples fall on steps."""
+    """Integration step in seconds and number of steps in one sample, so that scans and samples fall on steps."""
     grid = setting.step_s
     if setting.controller.scan_s:
         grid = min(grid, setting.controller.scan_s)
@@ -175,7 +174,7 @@ class _Process:
         self.at = 0
 
     def arrive(self, move: float) -> float:
-        """What arrives now, one dead time late, with the input held at `move` (deviation)."""
+        """Input of the process one dead time ago, with the present input held at `move` (deviation)."""
         queue, size = self.queue, len(self.queue)
         queue[self.at] = move
         newer = queue[(self.at - self.whole) % size]
@@ -184,7 +183,7 @@ class _Process:
         return newer + self.fraction * (older - newer)
 
     def advance(self, x: float) -> float:
-        """Output after one fine step with what arrives held at `x` (deviation)."""
+        """Output after one fine step with the delayed input held at `x` (deviation)."""
         before = x
         for i, decay in enumerate(self.decay):
             start = self.lag[i]
@@ -208,11 +207,11 @@ def _setpoint(setting: Setting, time: FloatArray) -> FloatArray:
 def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None = None) -> Simulation:
     """Run the closed loop of `setting` and sample it; the same seed gives the same record.
 
-    `disturbance` (n,), in the unit of y, is added to the process value: what a neighbouring loop sends over.
+    `disturbance` (n,), in the unit of y, is added to the process value, for example from a neighbouring loop.
 
     Starts at rest with r = u = y = 50. The recorded u at a sample is the output just after the controller used
-    that sample. A scanning controller sees the noisy, quantised y; a continuous one sees the process itself, because
-    white noise has no meaning in continuous time (held between samples it would stop the valve at every sample).
+    that sample. A scanning controller sees the noisy, quantised y. A continuous one sees the process without noise.
+    White noise has no meaning in continuous time, and held between samples it would stop the valve at every sample.
     Raises UsageError for values out of range and ModelError for S, J or `law_values` that the law refuses.
     """
     _check(setting)
@@ -241,11 +240,11 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     if disturbance is not None and np.shape(disturbance) != time.shape:
         raise UsageError(f"the disturbance has {np.size(disturbance)} samples, the record {time.size}",
                          "give one number a sample")
-    # Between samples a disturbance is held for a scanning controller; one that works all the time sees it go straight
-    # from sample to sample, or its output would jump as no continuous one does.
+    # Between samples a disturbance is held for a scanning controller. For a continuous one it moves in a straight line
+    # from sample to sample, or the controller's output would jump as no continuous one does.
     output, rise = _with_rise(hidden.output if disturbance is None else hidden.output + disturbance, per_sample, scan)
     load, load_rise = _with_rise(hidden.load, per_sample, scan)
-    # The process rests at the operating point whatever the trim makes of it.
+    # The process rests at the operating point, whatever the effects make of the position.
     base = hidden.move(OPERATING_POINT, 0.0, 1e9)
     gains = any(effect.place is Place.PROCESS for effect, _, _ in hidden.movers)
     y, u, total, e_last = 0.0, OPERATING_POINT, 0.0, 0.0
@@ -289,7 +288,7 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
 
 
 def _with_rise(disturbance: FloatArray, per_sample: int, scan: int) -> tuple[list[float], list[float]]:
-    """A disturbance (n,) at the samples, and what it rises by from one integration step to the next; 0 if held."""
+    """Disturbance (n,) at the samples, and its increment from one integration step to the next; 0 if held."""
     rise = np.zeros_like(disturbance) if scan else np.diff(disturbance, append=disturbance[-1:]) / per_sample
     return disturbance.tolist(), rise.tolist()
 

@@ -1,4 +1,4 @@
-"""The effects inside a simulated loop: the same files that the model is fitted with, called one step at a time."""
+"""Effects inside the closed-loop simulation; it calls the effect files that the model is fitted with, step by step."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Given = Sequence[tuple[str, Mapping[str, float | str]]]
 
 @dataclass(slots=True)
 class Hidden:
-    """What a simulation needs of its effects. `output` and `load` are disturbances at the samples (n,)."""
+    """Effects of one simulation, prepared by place; `output` and `load` are disturbances at the samples (n,)."""
 
     S: float
     J: float
@@ -31,7 +31,7 @@ class Hidden:
     extras: dict[str, FloatArray]
 
     def friction(self, table: FloatArray, command_step_s: float, held: bool) -> FloatArray:
-        """The friction table with every friction effect in it."""
+        """The friction table with every friction effect applied."""
         for effect, theta in self.valve:
             assert effect.friction is not None
             table = effect.friction(table, theta, command_step_s, held)
@@ -44,7 +44,7 @@ class Hidden:
         return float(self.drifting.profile(np.array([time_s]))[0])
 
     def move(self, position: float, y: float, part_s: float, *, arrived: bool = False) -> float:
-        """The position after stem and trim effects or, once it has `arrived` at the process, after gain effects.
+        """Position after stem and trim effects or, where it has `arrived` at the process, after gain effects.
 
         `y` is the distance of the process value from its centre at that time.
         """

@@ -1,10 +1,10 @@
-"""The model of a loop from command to measurement: stiction law, effects, process, and what stays linear.
+"""Model of a loop from command to measurement: stiction law, effects, process, and the part fitted linearly.
 
 command -> [law with friction effects] -> [stem and trim effects] -> [process] -> gain * response + shared columns
 
 `Model` evaluates many candidates at once (points of the unit cube) and describes one of them fully. Gain, offset,
 start-up transient and the sizes of linear effects never join the search: they are fitted by separable least squares
-in `numerics.varpro`. For integrators, and where a noise model says so, response, columns and data are prewhitened
+in numerics/varpro.py. For integrators, and where a noise model says so, response, columns and data are prewhitened
 alike.
 Source: paper Eq. 7 to 19; METHODS.md section 4, traps 1, 2, 4 and 5.
 """
@@ -31,28 +31,30 @@ from ..typing import BoolArray, FloatArray
 from .response import Response
 from .spec import Evaluated, Spec
 
-# Candidates evaluated together are limited so that their positions take 8 MB. Fewer, which would stay in the cache,
-# cost a quarter more: every row of a kernel has costs of its own (measured at 1,000 to 40,000 rows). Unit: numbers.
+# Size of a block of candidates evaluated together: their positions take 8 MB. Smaller blocks would stay in the cache
+# but take a quarter longer (measured at 1,000 to 40,000 rows), because every row of a kernel has a fixed cost.
+# Unit: numbers.
 _BLOCK = 1 << 20
 _FEWEST_LANES = 16
 # Samples left out of the cost at the start, as a share of the record and at most this many periods.
 _SKIP_SHARE, _SKIP_PERIODS = 0.05, 0.5
-# Initial residual forces tried for a model that guides another one's command.
+# Number of initial residual forces tried for a guide, the model whose y helps to rebuild another one's command.
 _GUIDE_FORCES = 13
-# Rounds after which the model's own y, which some effects follow, has settled.
+# Most rounds of the iteration for the model's own y, which some effects follow, and the change that ends it (share of
+# the error).
 _FOLLOWED, _STILL = 40, 3e-3
-# A start-up transient below this share of its first value on all counted samples is gone. Unit: 1. Any higher, and the
-# model that is run in full lacks a column that the cost has: 24 % of the squared error with lags of 4 and 6 s.
+# Share of its first value below which a start-up transient has decayed on all counted samples. Unit: 1. With a higher
+# share the cost has a column that the full run lacks: 24 % of the squared error with lags of 4 and 6 s.
 _DEAD = 1e-8
 
 
 class Model(Response):
-    """A `Spec` bound to one record: maps points of the unit cube to costs. Not changed after it is made."""
+    """A `Spec` bound to one record: maps points of the unit cube to costs. Immutable after construction."""
 
     def __init__(self, loop: Loop, spec: Spec, *, s_max: float, period_s: float,
                  residual: FloatArray | None = None, command: FloatArray | None = None,
                  record: Record | None = None) -> None:
-        # `residual` (n,) is that of the model so far: what effects are looked for in, and what y is cleaned by.
+        # `residual` (n,) is that of the model so far: effects find their guesses in it, and y less it is their guide.
         self._name(loop, spec, s_max, period_s)
         self.thinned = command is not None
         y = _filled(loop.process_value)
@@ -70,7 +72,7 @@ class Model(Response):
         self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight)
 
     def _commanded(self) -> FloatArray:
-        """The command on the grid of the valve, as the spec says it went between samples."""
+        """Command on the grid of the valve, by the spec's mode between samples."""
         spec = self.spec
         if spec.between != DECIMATED:
             return rebuild(_filled(self.loop.output), spec.substeps, spec.between, self.loop.setpoint)
@@ -81,34 +83,34 @@ class Model(Response):
                                          increments=bool(last["increments"]), taps=tuple(last["taps"]),
                                          friction_free=False, guides=tuple(before)),
                       s_max=self.s_max, period_s=self.period_s)
-        # On another record, or a part of this one, the valve starts elsewhere.
+        # On another record, or a part of this one, the valve starts with another residual force.
         trial = guide.vector(last["values"])[:, None].repeat(_GUIDE_FORCES + 1, axis=1)
         trial[2, 1:] = np.linspace(-0.95, 0.95, _GUIDE_FORCES)
         best = int(np.argmin(guide.costs_of(trial)))
         return scanned(self.loop, spec.substeps, guide._course(trial[:, best]))
 
     def _course(self, values: FloatArray) -> FloatArray:
-        """What the valve of values (d,) makes of y at every value of the command (n*parts,), its start left out."""
+        """Response of y (n*parts,) at every value of the command to the valve of values (d,), without start-up."""
         column = values.reshape(-1, 1)
         response = free_run(self.positions(column), self._dynamics(column), step_s=self.step_s / self.parts)
         return self.evaluate(values).gain * response[:, 0]
 
     def guide(self, values: FloatArray) -> dict[str, Any]:
-        """What a later model must know of this one, values (d,), to rebuild a decimated command better."""
+        """Description of this model, values (d,), by which a later model rebuilds a decimated command better."""
         known = self.describe(values)
         return {key: known[key] for key in ("law", "process", "effects", "increments", "taps", "values")}
 
     @property
     def pieces(self) -> tuple[Model, ...]:
-        """The models of the record's segments: this one alone, unless it is restarted (segments.py)."""
+        """Models of the record's segments: this one alone, unless it is restarted (model/segments.py)."""
         return (self,)
 
     def of(self, piece: int, values: FloatArray) -> FloatArray:
-        """The values (d, P) of one segment's model, out of those of all."""
+        """Values (d, P) of one segment's model, taken from those of all."""
         return values
 
     def starting(self, extra: int = 0) -> BoolArray:
-        """Samples (n,) whose unknown start still shows: the first `skip` and `extra` more of every segment."""
+        """Samples (n,) in which the unknown start shows: the first `skip` and `extra` more of every segment."""
         return np.concatenate([np.arange(m.loop.samples) < m.skip + extra for m in self.pieces])
 
     def _weights(self) -> FloatArray:
@@ -120,10 +122,10 @@ class Model(Response):
         return weight.astype(np.float64)
 
     def blocks(self, values: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
-        """Values (d, P) in blocks that are evaluated together: where each belongs, and its values (d, >= its width).
+        """Blocks of values (d, P) that are evaluated together: the slice of each, and its values (d, >= its width).
 
-        A block is filled up with copies of its last candidate to a width that the kernels like. All are about as wide:
-        eight candidates alone take nearly half as long as 64.
+        A block is filled up with copies of its last candidate to a multiple of FULL lanes. All blocks have nearly one
+        width: eight candidates alone take nearly half as long as 64.
         """
         count = values.shape[1]
         most = min(max(_BLOCK // (self.loop.samples * self.parts) // 16 * 16, _FEWEST_LANES), LANES)
@@ -140,7 +142,7 @@ class Model(Response):
         return self.costs_of(self.values(cube))
 
     def costs_of(self, values: FloatArray, position: FloatArray | None = None) -> FloatArray:
-        """The same for physical values (d, P), which may all share one valve path (rows, 1) that is known."""
+        """Costs as in `costs` for physical values (d, P), which may all share one known valve path (rows, 1)."""
         out = np.empty(values.shape[1])
         for rows, part in self.blocks(values):
             base, offsets = self.responses(part, position, lent=True)
@@ -150,10 +152,10 @@ class Model(Response):
         return out
 
     def residuals(self, cube: FloatArray, *, lent: bool = False) -> FloatArray:
-        """Weighted residuals (n, P) of points (P, d) after their linear part was fitted; what descent is made of.
+        """Weighted residuals (n, P) of points (P, d) after their linear part was fitted; Gauss-Newton descends on them.
 
         Zero where a sample does not count; not a number for a valve that never moves. `lent` ones hold until the next
-        call (see `kernels.scratch`).
+        call (see `scratch` in numerics/jit.py).
         """
         values = self.values(cube)
         out: FloatArray | None = None
@@ -176,7 +178,7 @@ class Model(Response):
         for p in range(base.shape[1]):
             if np.ptp(base[:n, p][w > 0]) > 0:
                 rest = self.target - self.spec.fixed["gain"] * base[:n, p]
-                # The transient joins the shared columns: it is the only other column of this candidate's own.
+                # The transient joins the shared columns: it is the only other own column of this candidate.
                 columns = np.concatenate([self.shared.basis, np.ascontiguousarray(own[1:, :, p].T)], axis=1)
                 out[:, p] = Shared.prepare(rest, columns, w).target
         return out
@@ -187,13 +189,13 @@ class Model(Response):
     def evaluate(self, values: FloatArray) -> Evaluated:
         """One candidate in full, physical values (d,); an effect that follows y follows the model's own.
 
-        A disturbance at the output is in the process, or behind it (a sensor that shifts), where it changes no gain:
-        what explains y better is taken.
+        A disturbance at the output acts on the process, or behind it (a shift of the sensor) without changing a gain.
+        The reading with the smaller error is taken.
         """
         return min(self.readings(values), key=lambda e: e.sse)
 
     def readings(self, values: FloatArray) -> list[Evaluated]:
-        """One candidate with its disturbances at the output in the process, and behind it where that may differ."""
+        """One candidate with its disturbances at the output on the process, and behind it where that may differ."""
         if not self.follows_y:
             return [self._evaluate(values)]
         found = [self._following(values, behind=False)]
@@ -202,13 +204,12 @@ class Model(Response):
         return found
 
     def _following(self, values: FloatArray, behind: bool) -> Evaluated:
-        """One candidate whose effects follow the model's own y, less what disturbs the output where that is `behind`
-        the process."""
-        # Where it starts nothing is known of y: a guess that knows the record could be handed on as its own prediction.
+        """One candidate whose effects follow the model's own y; without disturbances at the output where `behind`."""
+        # The iteration starts at a constant: a guess that contains the record could become its own prediction.
         guide = np.full(self.loop.samples, self.context.centre)
         found = self.guided(guide)._evaluate(values)
         for _ in range(_FOLLOWED):
-            # Half a step at a time: a strong effect would swing past its own y and back.
+            # Half a step at a time: with whole steps a strong effect would oscillate about its own y.
             step = 0.5 * (self._felt(found, values, behind) - guide)
             guide = guide + step
             found = self.guided(guide)._evaluate(values)
@@ -217,7 +218,7 @@ class Model(Response):
         return replace(found, followed=self._felt(found, values, behind)) if behind else found
 
     def _felt(self, found: Evaluated, values: FloatArray, behind: bool) -> FloatArray:
-        """The y (n,) of a candidate that its effects follow: without what is added `behind` the process."""
+        """Process value (n,) that the effects of a candidate follow: without disturbances `behind` the process."""
         return found.model - self.disturbance(values, found.own, loads=False) if behind else found.model
 
     def guided(self, guide: FloatArray) -> Model:
@@ -242,7 +243,7 @@ class Model(Response):
         filtered, goal = self.filtered(free), self.filtered(target[:, None])[:, 0]
         k = own.shape[1]
         lags = (1 + int(bool(self._dynamics(column).second_time_constant_s.any()))) * len(self.pieces)
-        # A transient that died before the first counted sample can't be fitted: it would be noise, blown up backwards.
+        # A transient that decayed before the first counted sample can't be fitted: it would be noise extrapolated back.
         dead = [i for i in range(k - lags, k) if np.abs(own[w, i]).max(initial=0.0) < _DEAD]
         filtered[:, [i - (fixed_gain is not None) for i in dead]] = 0.0
         scale = np.linalg.norm(filtered[w], axis=0)
@@ -257,13 +258,13 @@ class Model(Response):
         coefficients = np.concatenate([[fixed_gain], solution]) if fixed_gain is not None else solution
         model = design @ coefficients
         if self.taps.size and self.spec.increments:
-            # Differences say nothing about the level: offset and drift come from the level itself.
+            # Differences carry no information on the level: offset and drift are fitted to y itself.
             level_w = self._level_weight() > 0
             rest = (y - own @ coefficients[:k])[level_w]
             tail, *_ = np.linalg.lstsq(shared[level_w], rest, rcond=1e-12)
             coefficients = np.concatenate([coefficients[:k], tail])
             model = design @ coefficients
-        # It is shown as what takes the model to the first measured value of its segment.
+        # A decayed transient is shown as the step from the model to the first measured value of its segment.
         for piece, first in enumerate(self.loop.starts if len(self.pieces) > 1 else (0,)):
             mine = [i for i in dead if (i - k + lags) % len(self.pieces) == piece]
             if mine and np.isfinite(self.loop.process_value[first]):
@@ -280,8 +281,8 @@ class Model(Response):
                  goal: FloatArray) -> FloatArray:
         """Coefficients (c,) of a design (n, c) with those of the start-up transients (`starts`) from the level, too.
 
-        The noise filter removes what decays like the noise, so `white` rows and their `goal` may let a transient be
-        anything; the first samples of every segment, which know its level, settle it.
+        The noise filter removes a transient that decays like the noise, so `white` rows and their `goal` may leave its
+        size undetermined. The first samples of every segment, which contain the level, determine it.
         """
         head, at, long = first_rows(self.taps), 0, np.ones(self.taps.size)
         rows, wanted = [white], [goal]

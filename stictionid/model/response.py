@@ -1,8 +1,8 @@
-"""The part of a model that runs: from named values to valve positions, process responses and disturbances.
+"""Run of a model without fitting: from named values to valve positions, process responses and disturbances.
 
 command -> [law with friction effects] -> [stem and trim effects] -> [process] -> responses
 
-Nothing here is fitted: sizes of linear effects, gain, level and start-up transients belong to `model.Model`.
+Nothing here is fitted: sizes of linear effects, gain, level and start-up transients belong to `Model` in model.py.
 Source: paper Eq. 7 to 19; METHODS.md section 4, traps 1, 2 and 4.
 """
 
@@ -32,7 +32,7 @@ Kind = TypeVar("Kind", bound=np.generic)
 # Limits of the search, METHODS.md section 4: sampled peaks are clipped, so S may exceed S_max by a fifth.
 S_OVER_S_MAX = 1.2
 J_OVER_S = 1.5
-# Below this share of S_max a stickband moves nothing that could be told from a linear valve. Unit: 1.
+# Smallest S of the search, as a share of S_max: a smaller one can't be told from a linear valve. Unit: 1.
 _SMALLEST_S = 0.01
 # Parts of a sample where an effect moves the stem between two values of a held command.
 _FINE_PARTS = 4
@@ -41,31 +41,31 @@ _FINE_PARTS = 4
 class Response:
     """A `Spec` with the space of its numbers; a subclass binds it to a record (`context`, `loop`, `target`)."""
 
-    # Where a point holds the initial residual force, one for each segment; the other columns every model shares.
+    # Positions of the initial residual forces in a point, one for each segment.
     forces: tuple[int, ...] = (BASE.index("initial_residual_force"),)
     context: Context
     taps: FloatArray
     _profile: FloatArray
 
     def _name(self, loop: Loop, spec: Spec, s_max: float, period_s: float) -> None:
-        """What the spec says, without looking at the record."""
+        """Set what follows from the spec alone, without the record."""
         self.loop, self.spec, self.s_max, self.period_s = loop, spec, s_max, period_s
         self.law = law_room.get(spec.law)
         ordered = effect_room.in_order(spec.effects)
         self.names = tuple(name for name, _, _ in ordered)
         self.effects: tuple[Effect, ...] = tuple(effect for _, effect, _ in ordered)
         self.options = tuple(option for _, _, option in ordered)
-        # A valve without friction is where the command is, unless something else is in its way.
+        # A valve without friction follows the command exactly, unless an effect acts on friction or position.
         self._follows = (spec.friction_free and self.law.supply is None
                          and not any(e.run or e.friction for e in self.effects))
         self.step_s = loop.step_s
         fine = any(effect.fine for effect in self.effects)
-        # Each command lasts a whole number of parts, of a thinned record too, whose samples hold several.
+        # Each command lasts a whole number of parts; a sample of a thinned record holds several commands.
         self.parts = spec.substeps * (-(-_FINE_PARTS // spec.substeps) if fine and spec.held else 1)
         self.taps = spec.whitening()
 
     def _range(self) -> None:
-        """The space of the search, in the record that the context holds."""
+        """Set the space of the search for the record in the context."""
         self.space = Space(self._axes())
         self._scales = self.space.scales()
         self._logarithmic = np.flatnonzero(self._scales[2]).tolist()
@@ -74,7 +74,7 @@ class Response:
 
     @property
     def head(self) -> int:
-        """How many numbers of a point stand before those of the effects."""
+        """Number of entries of a point before those of the effects."""
         return len(BASE) + len(self.forces) - 1
 
     def filtered(self, columns: FloatArray) -> FloatArray:
@@ -82,7 +82,7 @@ class Response:
         return whiten(columns, self.taps)
 
     def own_columns(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
-        """What `responses` stacked as columns (k, n, P); a segment's own ones are zero everywhere else."""
+        """Columns (k, n, P) stacked by `responses`; a column of one segment is zero in all others."""
         n = self.loop.samples
         return np.stack([base[o:o + n] for o in offsets])
 
@@ -108,7 +108,7 @@ class Response:
         return [f"{BASE[2]}_{i + 1}" for i in range(1, len(self.forces))]
 
     def _drift_profile(self) -> FloatArray:
-        """How friction changes along the record, per unit of the drift rows; at most one effect may say so."""
+        """Profile of the friction along the record, per unit of the drift rows; at most one effect may set it."""
         drifting = [effect for effect in self.effects if effect.profile]
         if len(drifting) > 1:
             raise ModelError(f"{drifting[0].name} and {drifting[1].name} both change friction with time",
@@ -121,7 +121,7 @@ class Response:
         return drifting[0].profile(self.context.start_s + at * self.context.command_step_s)
 
     def context_of(self, option: str) -> Context:
-        """The context as an effect sees it: a measured disturbance sees its own tag only."""
+        """Context for one effect: a measured disturbance gets its own tag only."""
         if option in self.context.extras:
             return replace(self.context, extras={option: self.context.extras[option]})
         return self.context
@@ -150,7 +150,7 @@ class Response:
         """Physical values (d, P) of points (P, d) in the unit cube; J in %, within the law's validity."""
         low, span, _ = self._scales
         cube = np.atleast_2d(cube)
-        # Row by row in memory: every kernel takes whole rows.
+        # One row in memory for each parameter: every kernel takes whole rows.
         values = np.empty((span.size, cube.shape[0]))
         values[:] = cube.T
         for row, power in self._powers:
@@ -171,7 +171,7 @@ class Response:
     def positions(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
         """Valve positions (n*substeps, P) in % of travel, stem and trim effects included.
 
-        `lent` ones hold until the next call (see `kernels.scratch`).
+        `lent` ones hold until the next call (see `scratch` in numerics/jit.py).
         """
         if self._follows:
             return self._followed()[:, None].repeat(values.shape[1], axis=1)
@@ -193,7 +193,7 @@ class Response:
         return position
 
     def _followed(self) -> FloatArray:
-        """The path (n*substeps,) of a valve that is where the command is: its mean over each part where it moves."""
+        """Path (n*substeps,) of a valve without friction: the command, or its mean over each part where it moves."""
         command = self.context.command
         return command if self.spec.held else np.append(command[:1], 0.5 * (command[1:] + command[:-1]))
 
@@ -209,7 +209,7 @@ class Response:
         """Own columns of every candidate stacked in one array (rows, P), with the first row of each column.
 
         The response of the process comes first, then the columns of linear effects, then start-up transients. A `lent`
-        stack holds until the next call (see `kernels.scratch`).
+        stack holds until the next call (see `scratch` in numerics/jit.py).
         """
         if position is None:
             position = self._followed()[:, None] if self._follows else self.positions(values, lent=True)
@@ -224,7 +224,7 @@ class Response:
                     if option == "load":
                         column = respond(np.repeat(column, self.parts, axis=0))
                     columns.append(column)
-        # An unknown start dies away with every lag.
+        # An unknown start decays with every lag.
         lags = [lag for lag in (dynamics.time_constant_s, dynamics.second_time_constant_s) if np.count_nonzero(lag)]
         count = 1 + len(columns) + len(lags)
         base = respond(position, room=(count - 1) * n, lent=lent)
@@ -237,9 +237,9 @@ class Response:
         return base, tuple(i * n for i in range(count))
 
     def disturbance(self, values: FloatArray, own: FloatArray, *, loads: bool = True) -> FloatArray:
-        """What the linear effects add to y (n,), for values (d,) and the coefficients of all own columns.
+        """Contribution of the linear effects to y (n,), for values (d,) and the coefficients of all own columns.
 
-        Without `loads` only what they add behind the process.
+        Without `loads`, the contribution of those that act behind the process only.
         """
         base, offsets = self.responses(values[:, None], filtered=False)
         columns, at = self.own_columns(base, offsets)[:, :, 0], 1
@@ -253,7 +253,7 @@ class Response:
         return total
 
     def sizes_of(self, name: str, values: FloatArray, own: FloatArray) -> FloatArray:
-        """The linear coefficients that belong to one effect, out of all own coefficients of values (d,)."""
+        """Linear coefficients of one effect, out of all own coefficients of values (d,)."""
         at = 1
         for have, effect, rows, option in zip(self.names, self.effects, self.effect_rows, self.options, strict=True):
             count = len(effect.columns(values[rows, None], self.context_of(option))) if effect.columns else 0
@@ -275,11 +275,11 @@ class Response:
 
     @property
     def follows_y(self) -> bool:
-        """Whether an effect of the model follows y."""
+        """True where an effect of the model follows y."""
         return any(effect.follows_y for effect in self.effects)
 
     def rows_of(self, name: str) -> slice:
-        """Where the numbers of the effect of that name stand in values (d,)."""
+        """Rows of the effect of that name in values (d,)."""
         return self.effect_rows[self.names.index(name)]
 
     def vector(self, named: dict[str, float]) -> FloatArray:
@@ -294,7 +294,7 @@ class Response:
         return np.array([named.get(name, neutral.get(name, 0.0)) for name in names])
 
     def describe(self, values: FloatArray) -> dict[str, Any]:
-        """Everything needed to run this model again without a search (see `rerun`)."""
+        """Description by which this model runs again without a search (see `rerun` in model/restore.py)."""
         s = self.spec
         return {"law": s.law, "process": s.process, "effects": list(s.effects), "between": s.between,
                 "substeps": s.substeps, "increments": s.increments, "taps": list(s.taps), "fixed": dict(s.fixed),

@@ -1,4 +1,4 @@
-"""A described model on its record again: one run, no search."""
+"""Stored model: rebuilt from its description in a study and run once over its record, without a search."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .model import Model
 from .segments import bound
 from .spec import FIRST_ORDER, INTEGRATOR, Curves, Spec
 
-# Most parts of a sampling interval and terms of a noise model that are taken from a study, and its largest number: more
-# than any search makes, and little enough that a study edited by hand can't fill memory or leave an array.
+# Largest number of parts of a sampling interval, largest number of noise terms, and largest value, taken from a study.
+# Searches stay below them; with them a study edited by hand can't fill memory or leave an array.
 _MOST_PARTS, _MOST_TAPS, _LARGEST = 64, 1000, 1e15
 _NUMBERS = (int, float, np.integer, np.floating)
 
 
 def _check(loop: Loop, description: dict[str, Any]) -> None:
-    """DataError for what no search writes: models are run by compiled code, which looks at no limits."""
+    """DataError for a description that no search writes: compiled code, which runs the model, checks no limits."""
     def refuse(words: str) -> NoReturn:
         raise DataError(f"the study's model can't be rebuilt: {words}", "run stictionid identify again")
 
@@ -46,7 +46,7 @@ def _check(loop: Loop, description: dict[str, Any]) -> None:
 
 
 def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, FloatArray]:
-    """The model and values (d,) that `describe` wrote down; DataError where something is missing or impossible."""
+    """Model and values (d,) from the output of `describe`; DataError where an entry is missing or impossible."""
     try:
         _check(loop, description)
         spec = Spec(description["law"], description["process"], tuple(description["effects"]),
@@ -56,7 +56,7 @@ def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, Float
         model = bound(loop, spec, s_max=description["s_max"], period_s=description["period_s"])
         return model, model.vector(description["values"])
     except UsageError as error:
-        # A law, an effect or a way between samples that is not there: said by the study, not by who runs it.
+        # An unknown law, effect or mode between samples is a fault of the study, not of the command line.
         raise DataError(f"the study's model can't be rebuilt: {error.message}", error.hint) from None
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise DataError(f"the study's model can't be rebuilt: {error}", "run stictionid identify again") from None

@@ -1,9 +1,10 @@
-"""A model over several segments of a record: restarted in each, with one valve and one process for all.
+"""Model over several segments of a record: restarted in each, with one valve and one process for all.
 
-S, J, the process and the effects are common. Each segment has an initial residual force of its own in the search, and
-a level, a drift (integrators) and start-up transients of its own in the least squares (blockwise.py). Filters, the
-rebuilt command and the rows left out at the start begin anew with every segment: nothing reaches across a gap.
-Effects that run by the clock (drifts, sine waves, ramps) see the clock, gaps included.
+S, J, the process and the effects are common. Each segment has an initial residual force of its own in the search. It
+has a level, a drift (integrators) and start-up transients of its own in the least squares
+(numerics/varpro_segments.py). Filters, the rebuilt command and the rows left out at the start begin anew with every
+segment: nothing reaches across a gap. Effects that depend on time (drifts, sine waves, ramps) take the clock time,
+gaps included.
 
 Wrong where the valve or the process was changed during a gap: then each segment is a record of its own.
 Source: METHODS.md section 4, trap 1; HISTORIAN.md item 3.12.
@@ -42,7 +43,7 @@ def bound(loop: Loop, spec: Spec, *, s_max: float, period_s: float, residual: Fl
 
 
 class Restarted(Model):
-    """A `Spec` bound to several segments. Not changed after it is made."""
+    """A `Spec` bound to several segments. Immutable after construction."""
 
     shared: Blockwise
 
@@ -83,7 +84,7 @@ class Restarted(Model):
         return self._pieces
 
     def of(self, piece: int, values: FloatArray) -> FloatArray:
-        """The values (d, P) of one segment's model, out of those of all."""
+        """Values (d, P) of one segment's model, taken from those of all."""
         rows = [0, 1, self.forces[piece], 3, 4, *range(self.head, values.shape[0])]
         return values[rows]
 
@@ -122,10 +123,10 @@ class Restarted(Model):
         return base, tuple(j * n for j in range(count))
 
     def piece_costs(self, values: FloatArray, shifts: int = 0) -> FloatArray:
-        """Sums of squared residuals (shifts + 1, segments, P) of every segment as if it were alone.
+        """Sums of squared residuals (shifts + 1, segments, P) of every segment fitted alone.
 
-        For a dead time 0, 1, … `shifts` samples longer. Lower than its part in `costs_of` by what a gain of its own
-        gains it.
+        For a dead time 0, 1, … `shifts` samples longer. A sum is lower than the segment's part in `costs_of`, because
+        the segment has a gain of its own.
         """
         out = np.empty((shifts + 1, len(self._pieces), values.shape[1]))
         for lanes, part in self.blocks(values):
@@ -133,12 +134,12 @@ class Restarted(Model):
             for (i, (one, rows)), s in product(enumerate(zip(self.shared.blocks, self.loop.segments, strict=True)),
                                                range(shifts + 1)):
                 cost = one.costs(base, tuple(o - s + rows.start for o in offsets))[:lanes.stop - lanes.start]
-                # A valve that rests through one segment explains nothing of it, but may move in another.
+                # A valve that rests throughout a segment explains nothing of it, but may move in another.
                 out[s, i, lanes] = np.where(np.isfinite(cost), cost, one.target_energy)
         return out
 
     def own_columns(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
-        """What `responses` stacked as columns (k, n, P): common ones first, then every transient segment by segment."""
+        """Columns (k, n, P) stacked by `responses`: common ones first, then every transient segment by segment."""
         whole = super().own_columns(base, offsets)
         common = self.shared.common
         local = np.zeros((len(whole) - common, len(self._pieces), *whole.shape[1:]))
@@ -154,14 +155,14 @@ class Restarted(Model):
         return other
 
     def describe(self, values: FloatArray) -> dict[str, Any]:
-        """Everything needed to run this model again without a search, the segments among it."""
+        """Description by which this model runs again without a search, with its segments."""
         sizes = [p.stop - p.start for p in self.loop.segments]
         return {**super().describe(values),
                 "segments": [[first, size] for first, size in zip(self.loop.picked, sizes, strict=True)]}
 
 
 def _of_segment(spec: Spec, segment: int) -> Spec:
-    """The spec of one segment's model: models that guide it start there as that segment does."""
+    """Spec of one segment's model: its guides start with the residual force of that segment."""
     if not segment or not spec.guides:
         return spec
     name = BASE[2]

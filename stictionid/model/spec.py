@@ -1,4 +1,4 @@
-"""What a model is made of, before it meets a record, and what one run of it gives."""
+"""Specification of a model without its numbers (`Spec`), and the result of running one (`Evaluated`, `Curves`)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BASE = ("S", "J", "initial_residual_force", "time_constant_s", "dead_time_s")
 
 @dataclass(frozen=True, slots=True)
 class Spec:
-    """What a model is made of, without its numbers: what `identify` chooses and a study remembers.
+    """Structure of a model without its numbers, as `identify` chooses it and a study stores it.
 
     `fixed` holds values the user knows ("gain", "time_constant_s", "dead_time_s"). `taps` is the autoregressive
     noise model (coefficients after the leading 1); `increments` fits differences, for integrators.
@@ -35,7 +35,7 @@ class Spec:
 
     @property
     def held(self) -> bool:
-        """Whether the command is held from one of its values to the next: by the sample, or by the scan."""
+        """True where the command is held from one of its values to the next: by the sample, or by the scan."""
         return self.between != "corner"
 
     def whitening(self) -> FloatArray:
@@ -48,7 +48,7 @@ class Spec:
 
 @dataclass(frozen=True, slots=True)
 class Curves:
-    """One model run against its record, arrays (n,): what pictures are drawn from. NaN where not defined."""
+    """One model run against its record, arrays (n,), for pictures. NaN where not defined."""
 
     time_s: FloatArray
     setpoint: FloatArray | None
@@ -78,17 +78,17 @@ class Evaluated:
     rows: int
     sse: float
     counted: FloatArray
-    # What effects that follow y followed (n,), where there are any.
+    # Process value (n,) that effects followed, where one follows y.
     followed: FloatArray | None = None
 
     @property
     def guide(self) -> FloatArray:
-        """The y (n,) that a later model is to follow."""
+        """The y (n,) that the effects of a later model are to follow."""
         return self.model if self.followed is None else self.followed
 
     @property
     def left(self) -> FloatArray:
-        """What this model leaves for a later one (n,): y less the y that it is to follow, 0 where nothing is known."""
+        """Residual (n,) for a later model: y less the y that it is to follow, 0 where unknown."""
         return np.nan_to_num(self.residual if self.followed is None else self.residual + self.model - self.followed)
 
     @property

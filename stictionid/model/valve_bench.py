@@ -1,9 +1,9 @@
-"""A bench for valves: step and ramp tests in the manner of ISA-75.25, and what an ideal valve with S and J would do.
+"""Valve bench: step and ramp tests of a stiction law after ISA-75.25, compared with an ideal valve of the same S and J.
 
-Every test begins with a ramp that makes the stem slide, so that its state is known. From command and position alone
-it measures the dead band (command from a turn until the stem moves), the resolution (command from a rest until it
-moves on in the same direction) and the overshoot of a slip (in % of J), and holds them against S and J. A law may
-fail an expectation by design: that shows what it can't represent.
+Every test begins with a ramp that makes the stem slide, so that its state is known. Three figures follow from command
+and position alone. The dead band is the command from a reversal until the stem moves. The resolution is the command
+from a rest until it moves on in the same direction. The overshoot of a slip is in % of J. They are compared with S and
+J. A law may fail an expectation by design: that shows its limits.
 
 The tests scale with W, the larger of S and J (at least 1 %): ramps move the command by 1 %/s in steps of W/250. Only
 the steps have the fixed sizes of the standard's manner, 0.1 to 10 %.
@@ -24,15 +24,15 @@ from ..errors import UsageError
 from ..laws.contract import Law
 from ..typing import FloatArray
 
-# Ramps. Unit: %/s; fast against the Stribeck velocity of the physical laws, slow against their lag.
+# Speed of the ramps. Unit: %/s; fast against the Stribeck velocity of the physical laws, slow against their lag.
 RATE = 1.0
-# Command steps per W, and the agreement asked of a measured width, as a share of W. Unit: 1.
+# Command steps per W, and the tolerance of a measured width, as a share of W. Unit: 1.
 _STEPS_PER_W, _TOLERANCE = 250, 0.02
 # A stem that moved by less than this share of one command step rests. Unit: 1.
 _REST = 0.1
 # A ramp on which the stem rests for more than this share of the samples is a staircase. Unit: 1.
 _STAIRCASE = 0.2
-# Overshoot up to this is none: a damped stem ends a slip within it. Unit: % of J.
+# Largest overshoot that counts as none: a damped stem ends a slip within it. Unit: % of J.
 _OVERSHOOT = 5.0
 STEP_SIZES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # %
 # The largest W for which every test stays inside 0..100 %. Unit: %.
@@ -42,7 +42,7 @@ _CENTRE = 50.0
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """One thing an ideal valve does: whether this one does it, with the measured and the ideal number."""
+    """One property of an ideal valve, true or false for this one, with the measured and the ideal number."""
 
     what: str
     holds: bool
@@ -58,7 +58,7 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class BenchOutcome:
-    """One test of one law: signals (n,) in % over time in s, the three figures (None: not a matter of this test)."""
+    """One test of one law: signals (n,) in % over time in s, and three figures (None: not measured by this test)."""
 
     test: str
     summary: str
@@ -83,7 +83,7 @@ class BenchOutcome:
 
 @dataclass(frozen=True, slots=True)
 class _Scale:
-    """Sizes of a bench in %: S, J, f_s, W, one command `step`, what counts as `near`; `step_s` in s."""
+    """Sizes of a bench in %: S, J, f_s, W, one command `step`, and the tolerance `near`; `step_s` in s."""
 
     S: float
     J: float
@@ -110,7 +110,7 @@ class _Scale:
 
 
 class _Path:
-    """A command built piece by piece; `at` remembers where pieces begin."""
+    """A command built piece by piece; `at` holds the sample at which each piece begins."""
 
     def __init__(self, scale: _Scale) -> None:
         self.scale, self.values = scale, [_CENTRE]
@@ -125,24 +125,24 @@ class _Path:
         return self
 
     def hold(self, samples: int) -> _Path:
-        """Rest."""
+        """Hold the command for so many samples."""
         self.at.append(len(self.values) - 1)
         self.values += [self.values[-1]] * samples
         return self
 
     def jump(self, by: float, samples: int) -> _Path:
-        """Move by so many % at once and rest."""
+        """Move by so many % at once and hold the command for so many samples."""
         self.at.append(len(self.values) - 1)
         self.values += [self.values[-1] + by] * samples
         return self
 
     def command(self) -> FloatArray:
-        """All of it (n,), %."""
+        """The whole command (n,), %."""
         return np.array(self.values)
 
 
 def _moves(x: FloatArray, start: int, direction: float, least: float) -> int | None:
-    """First sample after `start` at which the stem has gone `least` from its furthest point against `direction`."""
+    """First sample after `start` at which the stem has moved `least` along `direction` from its furthest point back."""
     way = direction * x[start:]
     gone = way - np.minimum.accumulate(way) > least
     return start + int(gone.argmax()) if gone.any() else None
@@ -155,7 +155,7 @@ def _width(u: FloatArray, x: FloatArray, start: int, direction: float, scale: _S
 
 
 def _jump(u: FloatArray, x: FloatArray, k: int, direction: float) -> float | None:
-    """Size of the slip that begins at sample k: how far the force falls from break-away to its least."""
+    """Size of the slip that begins at sample k: the fall of the force from break-away to its least value."""
     if k < 1:
         return None
     force = direction * (u - x)
@@ -182,7 +182,7 @@ def _calm(overshoot: float | None) -> tuple[Expectation, ...]:
 
 
 def _slides(x: FloatArray, start: int, stop: int, scale: _Scale) -> Expectation:
-    """From half a W after the first move on, the stem follows the ramp without resting."""
+    """Expectation: from half a W after the first move on, the stem follows the ramp without resting."""
     begin = start + _STEPS_PER_W // 2
     rests = np.abs(np.diff(x[begin:stop])) <= _REST * scale.step if start > 0 and stop - begin > 2 else np.ones(1)
     share = float(np.mean(rests))
@@ -190,7 +190,7 @@ def _slides(x: FloatArray, start: int, stop: int, scale: _Scale) -> Expectation:
 
 
 def _unbroken(x: FloatArray, start: int, scale: _Scale) -> Expectation:
-    """After its first move the stem does not freeze again while the command goes on."""
+    """Expectation: after its first move the stem does not stop again while the command goes on."""
     moving = np.abs(np.diff(x[max(start, 0):])) > _REST * scale.step
     longest = run = 0
     for moves in moving[:_STEPS_PER_W].tolist():
@@ -202,7 +202,7 @@ def _unbroken(x: FloatArray, start: int, scale: _Scale) -> Expectation:
 
 
 def _held_by_friction(u: FloatArray, x: FloatArray, scale: _Scale, slack: float = 0.0) -> Expectation:
-    """Where the stem rests, the force is no more than static friction can hold."""
+    """Expectation: where the stem rests, the force is no more than static friction can hold."""
     rests = np.abs(np.diff(x)) <= _REST * scale.step
     force = float(np.abs(u - x)[1:][rests].max(initial=0.0))
     return Expectation("at rest the force stays within f_s", force <= scale.fs + scale.near + scale.step + slack,
@@ -236,7 +236,7 @@ def _staircase(run: _Run, scale: _Scale) -> BenchOutcome:
     moved = np.abs(np.diff(x[ends]))
     jumps = moved[moved > 0.5 * stair]
     jump = float(jumps[1:].mean()) if jumps.size > 1 else None
-    # A stair that breaks the stem away carries it past J by what the stair was too high, half of it on average.
+    # A stair that breaks the stem away moves it past J by the excess of the stair, half of it on average.
     return run.outcome("staircase", u, x, None, None, None, (
         Expectation("after each rest it jumps by J", jump is not None and abs(jump - max(scale.J, stair))
                     <= stair + scale.near, jump, max(scale.J, stair)),
@@ -266,7 +266,7 @@ def _steps(run: _Run, scale: _Scale) -> BenchOutcome:
 
 
 def _first(what: str, found: float | None, wanted: float | None, width: float, scale: _Scale) -> Expectation:
-    """The smallest step that moved the stem; one that ties with the width may go either way."""
+    """Expectation on the smallest step that moved the stem; one that equals the width may go either way."""
     ties = found is not None and abs(found - width) <= scale.near
     return Expectation(what, found == wanted or ties, found, wanted)
 
@@ -292,7 +292,7 @@ def _turn_at_once(run: _Run, scale: _Scale) -> BenchOutcome:
 
 
 def _resume(run: _Run, scale: _Scale) -> BenchOutcome:
-    # 2.3, so that laws that move in stairs rest somewhere between two of them.
+    # 2.3 W, so that laws that move in stairs rest somewhere between two of them.
     path = _Path(scale).ramp(-2 * scale.W).ramp(2.3 * scale.W).hold(_STEPS_PER_W).ramp(2 * scale.W)
     u, x = run(path.command(), False)
     width, k = _width(u, x, path.at[-1], 1.0, scale)
@@ -352,7 +352,7 @@ TESTS: Mapping[str, tuple[str, Callable[[_Run, _Scale], BenchOutcome]]] = {
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """Runs one law under a command; physical laws get it held or going straight between samples."""
+    """Runs one law under a command; for physical laws it is held, or moves in a straight line, between samples."""
 
     law: Law
     scale: _Scale
@@ -373,8 +373,8 @@ def put_on_bench(law: Law, *, S: float = 5.0, J: float = 3.0, tests: tuple[str, 
                  values: Mapping[str, float] | None = None) -> list[BenchOutcome]:
     """Run `tests` on a law with S and J in % (and `values` of its own parameters); one-parameter laws take J = S.
 
-    Raises ModelError for numbers the law refuses, UsageError for an unknown test and where the larger of S and J
-    exceeds LARGEST_W, because the command would leave 0..100 %.
+    Raises ModelError for numbers the law refuses and UsageError for an unknown test. UsageError, too, where the larger
+    of S and J exceeds LARGEST_W, because the command would leave 0..100 %.
     """
     unknown = [name for name in tests if name not in TESTS]
     if unknown:

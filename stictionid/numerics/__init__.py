@@ -1,1 +1,1 @@
-"""Numerical methods that know nothing of valves: kernels, searches, least squares, autoregression."""
+"""Numerical methods without any knowledge of valves: compiled kernels, searches, least squares, autoregression."""

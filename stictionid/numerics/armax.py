@@ -1,14 +1,22 @@
 """ARMAX models: a linear difference equation with a moving-average noise model, fitted to one record.
 
-A(q) y = c + sum_j B_j(q) q^-d x_j + C(q) xi (Eq. 4 with a constant, a dead time d in samples, any number of inputs)
+    A(q) y = c + sum_j B_j(q) q^-d x_j + C(q) xi
 
-`armax` starts from Hannan and Rissanen's regressions and then minimises the squared one-step errors by Gauss-Newton
+This is Eq. 4 with a constant, a dead time d in samples and any number of inputs.
+
+`armax` starts from Hannan and Rissanen's regressions. It then minimises the squared one-step errors by Gauss-Newton
 with the exact gradient (prediction error method). Measured on 40 simulated ARMAX(2,2,1) records of 1000 samples: rms
-error of c_1 0.024 (Hannan and Rissanen alone 0.037, iterated least squares 0.037), of the static gain 2.2 % (2.3, 2.3
-%), 2.4 ms a fit (1.2, 4.8 ms). On ten such records beside libraries, c_1 and time as a multiple of this one's: here
-0.029; SIPPY 1.0.1 by iterated least squares 0.037 (16 times), by its non-linear optimisation 0.025 (60 times);
-statsmodels 0.15, whose SARIMAX takes Eq. 4 only with lagged y as regressors, 0.025 (over 100 times). Neither of these
-takes a gap in the record: both raise.
+error of c_1 0.024 (Hannan and Rissanen alone 0.037, iterated least squares 0.037). Rms error of the static gain 2.2 %
+(2.3, 2.3 %); time of a fit 2.4 ms (1.2, 4.8 ms).
+
+Measured on ten such records beside libraries: rms error of c_1, and time as a multiple of this module's:
+
+    this module                               0.029
+    SIPPY 1.0.1, iterated least squares       0.037     16 times
+    SIPPY 1.0.1, non-linear optimisation      0.025     60 times
+    statsmodels 0.15, SARIMAX                 0.025     over 100 times
+
+SARIMAX takes Eq. 4 only with lagged y as regressors. Both libraries raise an error on a gap in the record.
 
 Wrong when C has a root on the unit circle (over-differenced data), and for fewer than some 20 rows a coefficient.
 
@@ -24,12 +32,12 @@ import numpy as np
 from ..typing import BoolArray, FloatArray
 from .jit import kernel
 
-# Order of the long regression whose residual stands for the noise: this many lags, more for higher orders.
+# Lags of the long regression whose residual is the first estimate of the noise: at least _LONG, more for higher orders.
 _LONG, _LONG_PER_ORDER = 10, 4
 _ROUNDS, _HALVINGS = 20, 8
-# Gauss-Newton has settled when a round lowers the cost by less than this share.
+# Gauss-Newton has converged when a round lowers the cost by less than this share.
 _SETTLED = 1e-7
-# Roots of C are kept inside this radius, so that its inverse forgets.
+# Largest modulus of a root of C, so that the response of 1/C decays.
 _LARGEST_ROOT = 0.98
 
 
@@ -125,7 +133,10 @@ def armax(regression: Regression, *, order: int, delay: int, noise_order: int | 
 
 def three_regressions(regression: Regression, design: FloatArray, use: BoolArray,
                       p: int) -> tuple[FloatArray, FloatArray]:
-    """Hannan and Rissanen: the residual of a long regression stands for the noise in a second one; then C is kept."""
+    """Start by Hannan and Rissanen's method: coefficients (q,) of the design, and C (p,) with stable roots.
+
+    The residual of a long regression is the regressor for the noise in a second one.
+    """
     y = regression.y
     order = max((design.shape[1] - 1) // (1 + regression.x.shape[1]), 1)
     delay = 0 if not use.any() else max(int(np.flatnonzero(use)[0]) - order - 1, 0)

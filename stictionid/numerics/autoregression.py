@@ -1,4 +1,4 @@
-"""Noise: autoregressive models of a residual, and the estimate of the error that no model could remove."""
+"""Autoregressive noise models of a residual, the Ljung-Box test, and an estimate of the irreducible error."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from ..typing import BoolArray, FloatArray
 
-# First samples of the segments of a record: nothing is a pair across them.
+# First samples of the segments of a record; no pair of samples crosses them.
 Starts = tuple[int, ...]
 # Lags of the free model that estimates the irreducible noise (CRITICISM.md section 7, step 9).
 CEILING_LAGS = 20
@@ -17,7 +17,7 @@ _PIECE = 50_000
 
 
 def autocovariance(signal: FloatArray, good: BoolArray, lags: int, starts: Starts = (0,)) -> FloatArray:
-    """Autocovariances at 0..lags from the pairs of which both samples are good, divided by all good samples.
+    """Autocovariances at lags 0..lags from the pairs whose samples both count, divided by the number that counts.
 
     Pairs lie in one segment; `starts` are the segments' first samples.
     """
@@ -28,14 +28,15 @@ def autocovariance(signal: FloatArray, good: BoolArray, lags: int, starts: Start
 
 
 def chi_square_z(value: float, freedom: float) -> float:
-    """Wilson and Hilferty's normal value of a χ² with so many degrees of freedom."""
+    """Normal value of a χ² with `freedom` degrees of freedom, by Wilson and Hilferty."""
     a = 2.0 / (9.0 * freedom)
     return float(((max(value, 0.0) / freedom) ** (1.0 / 3.0) - (1.0 - a)) / np.sqrt(a))
 
 
 def ljung_box(rho: FloatArray, rows: int, fitted: int) -> tuple[float, float]:
-    """Joint test of autocorrelations (k,) at lags 1…k of so many rows: Q and its normal value; `fitted` taps made them.
+    """Joint test of autocorrelations (k,) at lags 1…k over `rows` rows: Q and its normal value.
 
+    `fitted` is the number of taps that were fitted; it lowers the degrees of freedom.
     Source: Ljung and Box 1978.
     """
     q = rows * (rows + 2.0) * float(np.sum(rho**2 / (rows - np.arange(1, rho.size + 1))))
@@ -43,9 +44,9 @@ def ljung_box(rho: FloatArray, rows: int, fitted: int) -> tuple[float, float]:
 
 
 def filtered(residual: FloatArray, counted: BoolArray, polynomial: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """A residual (n,) passed through a polynomial in the lag, and where all the samples behind a value count.
+    """A residual (n,) passed through a polynomial in the lag, and a mask (n,) of values made of counted samples only.
 
-    NaN counts as 0; where it stands no sample may count.
+    NaN counts as 0, and `counted` must be False there.
     """
     good = counted.copy()
     for lag in range(1, polynomial.size):
@@ -55,10 +56,10 @@ def filtered(residual: FloatArray, counted: BoolArray, polynomial: FloatArray) -
 
 
 def first_rows(taps: FloatArray) -> FloatArray:
-    """What the first p samples of an autoregression (p,) are multiplied by (p, p) to be white like the later ones.
+    """Factor (p, p) that whitens the first p samples of an autoregression (p,) to the innovations of the later ones.
 
     Sample k is predicted by the best predictor of order k and scaled to the innovations of the whole (Prais and
-    Winsten for p = 1). Of an autoregression that is not stable the first samples say nothing: zeros.
+    Winsten for p = 1). For an autoregression that is not stable the factor is zero.
     """
     p = taps.size
     out, predictor, scale = np.zeros((p, p)), np.asarray(taps, dtype=np.float64), 1.0
@@ -110,8 +111,8 @@ def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray
     """Standard deviation of the error that a free linear model of y and valve position leaves, in the unit of y.
 
     Regresses y on CEILING_LAGS of its own past and of the position (n,) shifted by `delay` samples; corrected for the
-    fitted numbers. None where the record is too short. Too low where the noise is coloured: it is an innovation.
-    Every segment (`starts`) has a level of its own, and no row reaches back across a gap.
+    number of coefficients. None where the record is too short. Too low where the noise is coloured, because only its
+    innovations are left. Every segment (`starts`) has its own level, and no row reaches back across a gap.
     """
     lags = CEILING_LAGS
     first = lags + delay + 1
@@ -125,8 +126,8 @@ def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray
     rows = rows[keep]
     if rows.size < 6 * lags:
         return None
-    # Centred, so that the constant costs nothing; triangular factors of pieces are those of the whole (its size would
-    # count in memory: 40 columns of a long record).
+    # Centred, so that the constant costs nothing. The record is factored in pieces, which gives the factor of the
+    # whole: 40 columns of a long record would take much memory.
     y_mean, v_mean = float(process_value[rows].mean()), float(position[rows - delay].mean())
     y, v = process_value - y_mean, position - v_mean
     further = range(1, len(starts))

@@ -1,9 +1,9 @@
-"""Sums of products behind the normal equations of many candidates, collected in lockstep: candidates are the fast axis.
+"""Sums of products for the normal equations of many candidates, formed in lockstep with candidates as the fast axis.
 
-`products` serves any own columns, whatever they are. `lagged_products` serves those of an ARX model, which are one
-signal at neighbouring lags against one y at neighbouring lags: sums that differ by a shift only are formed once, over
-one window, and moved to the next lag by the few rows that enter and leave it. Both take four rows a pass, so that the
-sums are loaded and stored once for four rows, and all sums of a pass share what was loaded.
+`products` serves any own columns. `lagged_products` serves an ARX model, whose columns are one signal at neighbouring
+lags against y at neighbouring lags. Sums that differ by a shift only are formed once, over one window. They are moved
+to the next lag by the few rows that enter and leave the window. Both functions take four rows a pass: a pass loads and
+stores each sum once, and all sums share the loaded values.
 
 Source: normal equations of paper Eq. 17; the shift structure is that of covariance-type linear prediction (Morf,
 Dickinson, Kailath and Vieira 1977).
@@ -16,7 +16,7 @@ import numpy as np
 from ..typing import FloatArray, IntArray
 from .jit import LANES, LINE, kernel
 
-# Sums of the widest pass.
+# Number of sums of the pass that forms most of them.
 _SUMS = 7
 
 
@@ -120,7 +120,7 @@ def products_kernel(base: FloatArray, offsets: IntArray, right: FloatArray, star
     lanes = base.shape[1]
     work = np.empty(_SUMS * LANES + LINE)
     work = work[-(work.ctypes.data // 8) % LINE:]
-    none = own - own  # no literal: one for the compiler would be another type, and another version of all this
+    none = own - own  # 0 of the type of `own`: a literal would have another type and compile a second version
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
         for i in range(0, own, 2):
@@ -146,7 +146,7 @@ def products_kernel(base: FloatArray, offsets: IntArray, right: FloatArray, star
                             squares[1, i, first + p] = work[2 * LANES + p]
                         cross[i, c, first + p] = work[3 * LANES + p]
                         cross[i, c + 1, first + p] = work[4 * LANES + p]
-            # Products of columns that are in different pairs; a last one alone has had the first pair already.
+            # Products of columns of different pairs; a single last column already has those with the first pair.
             for h in range(i, min(i + 2, own)):
                 for g in range(0 if j < own else 2, i, 2):
                     _of_one(base, offsets[h], offsets[g], offsets[g + 1], right, none, starts, stops, first, width,
@@ -164,8 +164,8 @@ def products(base: FloatArray, offsets: tuple[int, ...], right: FloatArray, star
              stops: IntArray) -> tuple[FloatArray, FloatArray]:
     """Products (own, own, P) among own columns and (own, c, P) with the columns `right` (n, c), c even.
 
-    Column i of candidate p is base[offsets[i] + row, p], so that lagged copies and stacked signals need no copying;
-    rows starts[r] to stops[r] - 1 of every run r count.
+    Column i of candidate p is base[offsets[i] + row, p], so lagged copies and stacked signals need no copying.
+    Rows starts[r] to stops[r] - 1 of every run r count.
     """
     own, lanes = len(offsets), base.shape[1]
     squares, cross = np.empty((own, own, lanes)), np.empty((own, right.shape[1], lanes))

@@ -1,11 +1,11 @@
-"""Ellipses: the direct least-squares fit to points, and how wide an ellipse is along one axis.
+"""Direct least-squares fit of an ellipse to points, and the width of the ellipse along the x axis.
 
-The fit minimises the algebraic distance |a x^2 + b x y + c y^2 + d x + e y + f| under 4 a c - b^2 = 1, which admits
-ellipses only and is one eigenvalue problem. The points are centred and scaled first and the linear part is eliminated,
-so that the problem stays well conditioned.
+The fit minimises the algebraic distance |a x^2 + b x y + c y^2 + d x + e y + f| under 4 a c - b^2 = 1. The constraint
+admits ellipses only and makes the fit one eigenvalue problem. The points are centred and scaled first and the linear
+part is eliminated, so that the problem stays well conditioned.
 
-Wrong for points on a line (no ellipse exists, the fit says so) and for a small arc, where the algebraic distance pulls
-the ellipse flat.
+Wrong for points on a line: no ellipse exists, and the fit returns None. Wrong, too, for a small arc, where the
+algebraic distance makes the ellipse too flat.
 
 Source: Fitzgibbon, Pilu and Fisher 1999, "Direct least square fitting of ellipses"; the reduction to 3 x 3 of Halir
 and Flusser 1998.
@@ -19,7 +19,7 @@ import numpy as np
 
 from ..typing import FloatArray
 
-# Points spread less than this across their main direction, as a share of it, lie on a line. Unit: 1.
+# Points lie on a line if their spread across the main direction is below this share of that along it. Unit: 1.
 _FLAT = 1e-6
 
 
@@ -56,7 +56,7 @@ def fit_ellipse(x: FloatArray, y: FloatArray) -> Ellipse | None:
         return None
     squares = np.stack([px**2, px * py, py**2], axis=1)
     lines = np.stack([px, py, np.ones_like(px)], axis=1)
-    # The linear part follows from the quadratic one; what is left is a 3 x 3 problem with 4ac - b^2 = 1.
+    # The linear part follows from the quadratic one, which leaves a 3 x 3 problem with 4ac - b^2 = 1.
     follow = -np.linalg.solve(lines.T @ lines, lines.T @ squares)
     reduced = squares.T @ squares + squares.T @ lines @ follow
     bound = np.array([reduced[2] / 2.0, -reduced[1], reduced[0] / 2.0])

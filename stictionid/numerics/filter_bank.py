@@ -1,12 +1,12 @@
-"""Costs of valve paths whatever the process does: a few lags and delays whose best sum stands for any process.
+"""Fast cost of a valve position without a process model: y is fitted by a bank of fixed first-order lags and delays.
 
-Every path goes through the same lags, which are fitted together with a level and the decay of an unknown start, once
-for each delay; the best delay counts. What the candidates share is done once for all of them: products with y are the
-paths' own products with a y that went through the lags backwards, and the sums of squares of one delay are those of the
-one before but for the rows that enter and leave the window. One pass over a path does the rest.
+Every path of the valve position goes through the same lags. They are fitted to y together with a level and the decay
+of an unknown start, once for each delay; the best delay counts. Two parts of the work are shared by all candidates.
+Products with y are products of the path with y filtered backwards by the lags. The sums of squares of one delay follow
+from those of the delay before, by the rows that enter and leave the window.
 
-Wrong where a process is faster than the shortest lag by much, or later than the longest delay.
-Source: normal equations as in `regression`; adjoint of a filter: Claerbout 1992, chapter 5.
+Wrong where a process is much faster than the shortest lag, or its dead time exceeds the longest delay.
+Source: normal equations as in numerics/varpro.py; adjoint of a filter: Claerbout 1992, chapter 5.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from ..typing import BoolArray, FloatArray, IntArray
 from .jit import LANES, LINE, kernel
 from .varpro import Shared
 
-# Sums that a pass forms: products of four lags with each other, with a constant, and with a decay.
+# Sums formed in a pass: products of four lags with each other, with a constant, and with a decay.
 _LAGS, _SUMS = 4, 18
 
 
 class LagBank:
-    """What y (n,) asks of valve paths on the rows (n,) that `count`; lags and the decay in seconds, delays in samples.
+    """Bank of lags and delays for one y (n,) over the rows (n,) of `count`; lags and decay in s, delays in samples.
 
-    There are four lags, the shortest last. No row up to the longest delay may count, and delays ascend. Where the sign
-    of the process's gain is known (`direction` 1 or -1, 0 where not) its first answer must have it: in a closed loop y
-    also follows from u by the controller's inverse, which answers the other way and asks for no friction.
+    There are four lags, the shortest last. No row up to the longest delay may count, and delays ascend. `direction` is
+    the sign of the process gain (1 or -1), 0 where unknown; the first response of y must have that sign. In a closed
+    loop y also follows from u by the inverse of the controller, which has the other sign and needs no friction.
     """
 
     def __init__(self, y: FloatArray, count: BoolArray, lags_s: Sequence[float], decay_s: float,
@@ -42,19 +42,19 @@ class LagBank:
         self._decays = np.exp(-step_s / (parts * np.asarray(lags_s)))
         self._decay = decay
         w = count.astype(np.int8)
-        # Whether a row of a path counts for the first delay, and how that changes from each delay to the next.
+        # Rows of a path that count for the first delay, and the changes from each delay to the next.
         moved = np.array([np.append(w[d:], np.zeros(d, np.int8)) for d in delays])
         self._enters = np.concatenate([moved[:1], np.diff(moved, axis=0)])
         edges = np.abs(self._enters[1:]).sum(axis=0) > 0
         self._edges = edges
-        # The orthonormal columns of `shared` by level and decay of a path's own rows, which are later by the delay.
+        # Orthonormal columns of `shared`, written in level and decay of a path's own rows (later by the delay).
         mix = np.linalg.lstsq(np.stack([np.ones(n), decay], axis=1)[count], self.shared.basis[count], rcond=None)[0]
         later = np.exp(-self.delays * step_s / decay_s)
         self._mix = np.stack([np.ones((self.delays.size, 1)) * mix[0], later[:, None] * mix[1]], axis=1)
         self._adjoint, self._first = _backwards(self.shared.target, self.delays, self._decays, parts)
 
     def costs(self, position: FloatArray) -> FloatArray:
-        """Sum of squared errors (P,) of paths (n*parts, P), each with its best delay; inf for one that never moves."""
+        """Sum of squared errors (P,) of paths (n*parts, P), each with its best delay; inf for a constant path."""
         lanes, many, q = position.shape[1], self.delays.size, self.shared.freedom
         sums = np.empty((many, _SUMS, lanes))
         _sums(position, self._parts, self._decays, self._enters, self._edges, self._decay, sums)
@@ -65,7 +65,7 @@ class LagBank:
         squares = squares.reshape(_LAGS, _LAGS, -1)
         cost, sizes = self.shared.solved(squares, cross.reshape(_LAGS, q + 1, -1))
         if self._direction:
-            # The shortest lag is left out where it answers the wrong way: the last pivot says what that costs.
+            # The shortest lag is left out where its sign is wrong: the last pivot gives the increase of the cost.
             wrong = self._direction * sizes[-1] < 0.0
             cost[wrong] += sizes[-1, wrong] ** 2 * squares[-1, -1, wrong]
         least: FloatArray = cost.reshape(many, lanes).min(axis=0)
@@ -75,7 +75,7 @@ class LagBank:
 def _backwards(y: FloatArray, delays: IntArray, decays: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
     """Rows (lags*delays, n*parts) whose products with a path are those of y (n,) with the path's lags, and their sums.
 
-    y is 0 where no row counts.
+    `y` is 0 in rows that do not count.
     """
     n = y.size
     out = np.empty((decays.size, delays.size, n, parts))
@@ -91,7 +91,7 @@ def _filter_backwards(y: FloatArray, delays: IntArray, decays: FloatArray, out: 
         a = decays[i]
         for t in range(delays.size):
             total = 0.0
-            # The last part of the record moves nothing that is measured.
+            # The last part of the record affects no measured sample.
             for s in range(parts):
                 out[i, t, n - 1, s] = 0.0
             for k in range(n - 1, 0, -1):
@@ -104,7 +104,7 @@ def _filter_backwards(y: FloatArray, delays: IntArray, decays: FloatArray, out: 
 @kernel
 def _sums(position: FloatArray, parts: int, decays: FloatArray, enters: IntArray, edges: BoolArray, decay: FloatArray,
           sums: FloatArray) -> None:
-    """Fill sums (delays, 18, P): those of the first delay, then what each delay adds to the one before."""
+    """Fill sums (delays, 18, P): those of the first delay, then the increment of each further delay."""
     samples, lanes = edges.size, position.shape[1]
     many = enters.shape[0]
     # States of the lags, first positions, and the sums of the first delay, each for all lanes.
@@ -175,7 +175,7 @@ def _sums(position: FloatArray, parts: int, decays: FloatArray, enters: IntArray
 @kernel
 def _normals(sums: FloatArray, mix: FloatArray, shown: FloatArray, first: FloatArray, start: FloatArray,
              squares: FloatArray, cross: FloatArray) -> None:
-    """Normal equations of every delay and lane from the sums of `_sums`, which become those of every delay."""
+    """Normal equations of every delay and lane; `sums` holds increments on entry and every delay's sums on exit."""
     many, _, lanes = sums.shape
     q = mix.shape[2]
     for t in range(many):

@@ -1,7 +1,7 @@
-"""One fold of a hold-out: many candidates, each solved by separable least squares on the rows that train.
+"""One fold of a cross-validation: many candidates, each solved by separable least squares on the training rows.
 
-Either the best of them answers for the rows held out, or all of them, each as likely as its cost on the training rows
-says. Source: CRITICISM.md section 7, step 6; Hoeting et al. 1999 for averages over models.
+The held-out rows are predicted by the best candidate, or by all of them, weighted by their likelihood on the training
+rows. Source: CRITICISM.md section 7, step 6; Hoeting et al. 1999 for averages over models.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from ..typing import BoolArray, FloatArray
 
-# Candidates less likely than this share of the best one have no part in an average. Unit: 1.
+# Least likelihood, as a share of the best candidate's, that counts in an average. Unit: 1.
 _UNLIKELY = 1e-3
 
 
@@ -45,10 +45,11 @@ def best_of_fold(own: FloatArray, columns: FloatArray, goal: FloatArray, train: 
 
 def mean_of_fold(own: FloatArray, columns: FloatArray, goal: FloatArray, train: BoolArray,
                  fixed_gain: float | None) -> FloatArray:
-    """What all candidates predict (n,), each as likely as its cost on the training rows says; shapes as `best_of_fold`.
+    """Prediction (n,) averaged over all candidates by their likelihood on the training rows; shapes as `best_of_fold`.
 
-    Many places of a plateau fit the training rows alike and slip at another sample in the block: one of them, picked
-    by chance, would answer for all. Wrong where the errors of the training rows are far from independent.
+    Many points on a plateau of the cost fit the training rows alike, and slip at different samples of the held-out
+    block. The prediction of the best point alone would depend on chance. Wrong where the errors of the training rows
+    are far from independent.
     """
     solved = _solved(own, columns, goal, train, fixed_gain)
     ratio = np.maximum(solved.costs, 1e-300) / max(float(solved.costs.min()), 1e-300)

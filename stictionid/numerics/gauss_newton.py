@@ -1,9 +1,9 @@
-"""Local descent for many starts at once: Gauss-Newton with differences of the residuals, a ladder of dampings a turn.
+"""Batched Levenberg-Marquardt: many starts descend at once, with difference quotients and eight dampings a turn.
 
-The free-run cost is a sum of squares that is smooth but for the instants where the valve breaks away. Along its narrow
-valleys (S against dead time, J against gain) a population needs hundreds of evaluations to learn a direction that
-the derivatives of the residuals show at once. Differences are taken over a share of the range that shrinks only when
-nothing is gained, so that small steps of the cost are looked across. Works in the unit cube, like `search`.
+The free-run cost is a sum of squares that is smooth except at the instants of break-away. Along its narrow valleys (S
+against dead time, J against gain) a population needs hundreds of evaluations to learn the direction. The derivatives
+of the residuals give it at once. Differences are taken over a share of the range that shrinks only after a turn
+without gain, so that they span small steps of the cost. Works in the unit cube, like numerics/population.py.
 
 Wrong where the cost has steps larger than the differences (S under a held command): search there first.
 Source: Levenberg 1944, Marquardt 1963; residuals after the linear part was fitted are those of variable projection
@@ -23,7 +23,7 @@ from .population import Cost, Found
 Residuals = Callable[[FloatArray], FloatArray]
 # Dampings tried in every turn, as shares of the diagonal. Unit: 1.
 _DAMPINGS = np.array([1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0])
-# Differences shrink by this factor after a turn that gains nothing; after so many such turns in a row a start is done.
+# Factor on the differences after a turn without gain, and the number of such turns in a row that ends a start.
 _SHRINK, _IDLE = 0.03, 2
 
 
@@ -32,8 +32,8 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
     """Polish every start (k, d); best points and costs (k,), best first.
 
     `residuals` maps points (P, d) to (n, P), `cost` to (P,). `spread` is the first difference as a share of the range,
-    for all or per dimension; a start whose cost falls by less than the share `settle` with finer differences, too, is
-    done. Dimensions of spread 0 stay as they are.
+    for all or per dimension; dimensions of spread 0 stay fixed. A start is done when its cost falls by less than the
+    share `settle` in two turns in a row; the differences shrink in between.
     """
     points = np.clip(starts, 0.0, 1.0).copy()
     k, d = points.shape
@@ -89,7 +89,8 @@ def normals_at(residuals: Residuals, points: FloatArray, free: IntArray,
                step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Products (k, f, f) of the slopes of `slopes_at` with each other and (k, f) with the residuals, summed over n.
 
-    As many points at a time as the kernels take together, filled up: their residuals are used up before the next ones.
+    Points are evaluated in groups as large as a block of the kernels, filled up to full lanes. The residuals of a
+    group are used before those of the next are formed.
     """
     k, f = points.shape[0], free.size
     trial, width = beside(points, free, step)
@@ -107,7 +108,7 @@ def normals_at(residuals: Residuals, points: FloatArray, free: IntArray,
 
 
 def beside(points: FloatArray, free: IntArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points (k (2f+1), d) for the differences of points (k, d), themselves first, and the widths (k, f)."""
+    """Trial points (k (2f+1), d) for central differences at points (k, d), each point first, and the widths (k, f)."""
     (k, d), f = points.shape, free.size
     trial, width = points[:, None, :].repeat(2 * f + 1, axis=1), np.empty((k, f))
     _fill(trial, free, step, width)
@@ -116,7 +117,7 @@ def beside(points: FloatArray, free: IntArray, step: FloatArray) -> tuple[FloatA
 
 @kernel
 def _fill(trial: FloatArray, free: IntArray, step: FloatArray, width: FloatArray) -> None:
-    """Move the free numbers of points, one by one up and then down, in trial (k, 2f+1, d) that holds them unmoved."""
+    """Move the free numbers of trial points (k, 2f+1, d) in place, one at a time, first all up and then all down."""
     k, f = width.shape
     for g in range(k):
         for j in range(f):
@@ -130,7 +131,7 @@ def _fill(trial: FloatArray, free: IntArray, step: FloatArray, width: FloatArray
 
 @kernel
 def _normals(r: FloatArray, factor: FloatArray, normals: FloatArray, gradients: FloatArray) -> None:
-    """Sums over the rows of r (n, k (2f+1)); what is not finite counts as 0."""
+    """Add the products of one group's residuals r (n, k (2f+1)) to the normal equations; non-finite ones count as 0."""
     starts, f = factor.shape
     slope = np.empty(f)
     for row in range(r.shape[0]):
@@ -164,7 +165,7 @@ def principal(normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def damped_moves(normal: FloatArray, gradient: FloatArray) -> FloatArray:
-    """Steps (…, dampings, f) that lower the squared residuals, by their slopes' products with each other and them."""
+    """Steps (…, dampings, f) that lower the squared residuals, from the normal matrix (…, f, f) and gradient (…, f)."""
     f = gradient.shape[-1]
     moves = np.empty((gradient.size // f, _DAMPINGS.size, f))
     _moves(np.ascontiguousarray(normal).reshape(-1, f, f), np.ascontiguousarray(gradient).reshape(-1, f), _DAMPINGS,
@@ -174,7 +175,7 @@ def damped_moves(normal: FloatArray, gradient: FloatArray) -> FloatArray:
 
 @kernel
 def _moves(normal: FloatArray, gradient: FloatArray, dampings: FloatArray, moves: FloatArray) -> None:
-    """Every damped system by a Cholesky factor, its slopes scaled to a length of 1 as in `principal`."""
+    """Solve every damped system by a Cholesky factor, its slopes scaled to length 1 as in `principal`."""
     k, f = gradient.shape
     size, x = np.empty(f), np.empty(f)
     root = np.empty((f, f))

@@ -1,7 +1,7 @@
-"""How kernels are compiled: numba, cached beside the source, never fastmath; the cache may be absent.
+"""Numba set-up of the kernels (cached beside the source, never fastmath), and the scratch arrays they share.
 
 House rule: a kernel never calls another file's kernel. Numba's cache would keep the old callee after that file
-changed (measured), and a loop that takes a compiled function as an argument recompiles in every process.
+changed (measured). A loop that takes a compiled function as an argument recompiles in every process.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-# Candidates are evaluated in blocks of at most this many: enough to hide that each valve waits for its own last step,
-# and one row of every state still fits in L1.
+# Largest number of candidates in one block of a kernel. So many hide the latency of each valve's recursion, and one row
+# of every state still fits in L1.
 LANES = 64
-# Candidates are filled up to a multiple of this, so that no loop over them ends in single steps.
+# The number of candidates is filled up to a multiple of this, so that vector loops have no remainder.
 FULL = 8
-# A table that a kernel goes through again and again begins where a line of the cache does, this many numbers long: the
-# widest vector loads are as long, and one that reaches over two lines costs twice (measured: 76 instead of 109 µs for
-# 4,000 commands of a law). As many numbers more are asked for, and those before the line are left out.
+# Length of a cache line in numbers. Tables that a kernel reads repeatedly begin at a line: the widest vector loads are
+# as long, and one that crosses two lines costs twice (measured: 76 instead of 109 µs for 4,000 commands of a law). An
+# array is asked for with so many numbers more, and those before the line are left out.
 LINE = 8
-# Larger arrays than this are not kept. Unit: numbers; four blocks of a search.
+# Size of the largest scratch array that is kept. Unit: numbers; four blocks of a search.
 _KEPT = 1 << 22
 
 _own = threading.local()
@@ -48,9 +48,9 @@ def kernel(function: Compiled) -> Compiled:
 def scratch(name: str, rows: int, lanes: int) -> NDArray[np.float64]:
     """An array (rows, lanes) of undefined numbers that lives until the next call with this name in this thread.
 
-    A search asks for the same few arrays thousands of times, and fresh ones of this size come from the system page by
-    page: more time than the arithmetic on them (measured). What is lent must be used up before the lender is called
-    again; whoever keeps a result asks for an array of its own.
+    A search asks for the same few arrays thousands of times. Fresh ones of this size come from the system page by page,
+    which takes more time than the arithmetic on them (measured). The content must be used before the next call with the
+    same name. A caller that keeps a result allocates an array of its own.
     """
     size = rows * lanes
     if size > _KEPT:
@@ -63,12 +63,12 @@ def scratch(name: str, rows: int, lanes: int) -> NDArray[np.float64]:
 
 
 def output(name: str, rows: int, lanes: int, lent: bool) -> NDArray[np.float64]:
-    """A result of a kernel: lent (see `scratch`), or the caller's to keep."""
+    """Array for the result of a kernel: scratch where `lent` (see `scratch`), else one that the caller may keep."""
     return scratch(name, rows, lanes) if lent else _aligned(rows * lanes).reshape(rows, lanes)
 
 
 def _aligned(size: int) -> NDArray[np.float64]:
-    """Undefined numbers (size,) that begin at a line of the cache."""
+    """Undefined numbers (size,) that begin at a cache line."""
     room = np.empty(size + LINE)
     first = -(room.ctypes.data // 8) % LINE
     return room[first:first + size]

@@ -1,8 +1,10 @@
-"""A noise model with a resonance: white noise plus a band whose phase wanders, fitted to a residual's spectrum.
+"""Narrow-band noise model: white noise plus a band of wandering phase, fitted to the spectrum of a residual.
 
-f(w) = level (1 + strength g(w) / mean g), g the spectrum of an AR(2) with poles r exp(±i w0); fitted by Whittle's
-likelihood and returned as a long autoregression, so that it prewhitens like any other noise model. Three numbers and a
-level, where a free autoregression would need many. Source: METHODS.md section 5; Whittle 1953.
+    f(w) = level (1 + strength g(w) / mean g),    g the spectrum of an AR(2) with poles r exp(±i w0)
+
+Whittle's likelihood gives the parameters. The model is returned as a long autoregression, so that it prewhitens like
+any other noise model. It has three numbers and a level, where a free autoregression would need many. Source:
+METHODS.md section 5; Whittle 1953.
 """
 
 from __future__ import annotations
@@ -15,9 +17,9 @@ from ..typing import BoolArray, FloatArray
 from .autoregression import levinson
 from .population import refine
 
-# Order of the autoregression that stands for the spectrum. Unit: samples.
+# Order of the autoregression that approximates the spectrum. Unit: samples.
 _ORDER = 24
-# Limits of coherence in cycles and of the band's power over the white one, searched on logarithms.
+# Limits of the coherence in cycles and of the band's power relative to the white noise; searched as logarithms.
 _COHERENCE, _STRENGTH = (0.3, 60.0), (0.02, 100.0)
 _PEAKS = 6
 NUMBERS = 4

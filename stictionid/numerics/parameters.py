@@ -1,4 +1,4 @@
-"""Parameters with names, units, limits and a neutral value, and the map between names and search vectors."""
+"""Named parameters with unit, limits and neutral value, and the map between their values and search vectors."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ AT_BOUND_SHARE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One number of a law, an effect or a process: what it is called, its unit, its limits, where it vanishes.
+    """One number of a law, an effect or a process: name, unit, limits, and the neutral value at which it vanishes.
 
-    `log` says that the search moves it on a logarithmic scale (time constants, rates), `power` that it moves a root:
-    for small values in a wide range that begins at 0.
+    `log` makes the search move it on a logarithmic scale (time constants, rates). `power` makes the search move a root
+    of it, for small values in a wide range that begins at 0.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Parameter:
         return share <= AT_BOUND_SHARE or share >= 1.0 - AT_BOUND_SHARE
 
     def share(self, value: float) -> float:
-        """Where `value` lies in the range as the search moves it, 0 to 1 (there, too, beyond it); 0 where fixed."""
+        """Position of `value` in the range on the scale of the search, clipped to 0..1; 0 for a fixed parameter."""
         if not self.high > self.low:
             return 0.0
         value = min(max(value, self.low), self.high)
@@ -59,7 +59,7 @@ class Space:
 
     @property
     def size(self) -> int:
-        """How many numbers a vector has."""
+        """Number of entries of a vector."""
         return len(self.parameters)
 
     def index(self, name: str) -> int:

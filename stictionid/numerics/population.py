@@ -1,8 +1,8 @@
-"""Global and local search over few parameters, with the whole population evaluated in one call.
+"""Population searches over few parameters: particle swarm and covariance matrix adaptation, one cost call a round.
 
-`swarm` is the particle swarm of the paper, synchronous, several independent swarms side by side; `refine` polishes
-starts without derivatives by covariance matrix adaptation (Hansen 2016, the tutorial's default constants), which
-suits a jagged cost with a narrow valley. Both work in the unit cube; the caller maps it to parameters.
+`swarm` is the synchronous particle swarm of the paper, as several independent swarms side by side. `refine` polishes
+starts without derivatives by covariance matrix adaptation (Hansen 2016, the tutorial's default constants). That suits
+a jagged cost with a narrow valley. Both work in the unit cube; the caller maps it to parameters.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from .jit import kernel
 Cost = Callable[[FloatArray], FloatArray]
 # Inertia and attraction of the swarm (Clerc and Kennedy 2002).
 _INERTIA, _PULL = 0.7298, 1.49618
-# A population whose step has shrunk below this share of the range has converged. Unit: 1.
+# A population has converged when its step is below this share of the range. Unit: 1.
 _SMALLEST_STEP = 1e-5
-# Rounds without progress after which a polish may be done; it is when half its population also lies within this many
-# times `settle` of its best: a population that has not yet found the direction of a narrow valley makes no progress.
+# Rounds without progress after which a polish may be done. Half its population must then also lie within _FLAT times
+# `settle` of its best. A population that still learns the direction of a narrow valley makes no progress either.
 _PATIENCE, _FLAT = 14, 10.0
-# Most sweeps of rotations over a covariance matrix, and the correlation that is none. Unit: 1.
+# Largest number of Jacobi sweeps over a covariance matrix, and the correlation that counts as 0. Unit: 1.
 _SWEEPS, _ROUNDING = 30, 1e-14
 
 
@@ -37,7 +37,7 @@ class Found:
 
 
 def together(one: Found, other: Found) -> Found:
-    """What two searches found, best first."""
+    """Results of two searches as one, best first."""
     costs = np.concatenate([one.costs, other.costs])
     order = np.argsort(costs, kind="stable")
     return Found(np.concatenate([one.points, other.points])[order], costs[order], one.evaluations + other.evaluations)
@@ -83,8 +83,8 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
            population: int = 0, rounds: int = 60, settle: float = 0.0) -> Found:
     """Polish every start (k, d) by its own covariance matrix adaptation; all populations are one call a round.
 
-    `spread` is the first standard deviation, as a share of the range, for all or per dimension (d,). A start whose
-    best cost fell by less than the share `settle` over `_PATIENCE` rounds is done once its population is as flat.
+    `spread` is the first standard deviation, as a share of the range, for all or per dimension (d,). A start is done
+    when its best cost fell by less than the share `settle` over `_PATIENCE` rounds and its population is as flat.
     """
     k, d = starts.shape
     lam = population or max(12, 4 + int(3 * np.log(d)) * 2)
@@ -142,8 +142,8 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
 def _principal(live: IntArray, cov: FloatArray, vectors: FloatArray, root: FloatArray) -> None:
     """Principal axes (columns of `vectors`) and standard deviations `root` of the populations `live`.
 
-    Cyclic Jacobi rotations (Golub and Van Loan): to rounding for each standard deviation, however unlike they are,
-    and at these sizes faster than a call of LAPACK.
+    Cyclic Jacobi rotations (Golub and Van Loan) give each standard deviation to rounding, however much they differ. At
+    these sizes they are faster than a call of LAPACK.
     """
     d = cov.shape[1]
     a = np.empty((d, d))

@@ -1,9 +1,9 @@
-"""Separable least squares for many candidates at once: the one cost, and the information criteria.
+"""Separable least squares (variable projection) for many candidates at once, and the information criterion BIC.
 
-For each candidate the columns that differ between candidates (valve position, or response of the process) are
-fitted together with the columns that all share. Sums of products are collected with the candidates as the fast axis
-(`products`), and so are the small normal equations solved. Shared columns are made orthonormal first, so that the sums
-stay well conditioned. Source: paper Eq. 16 to 19 (squared norm), variable projection.
+Each candidate has columns of its own (valve position, or response of the process), fitted together with the columns
+that all share. Sums of products are collected with the candidates as the fast axis (numerics/cross_products.py), and
+the small normal equations are solved in the same way. Shared columns are made orthonormal first, so that the sums stay
+well conditioned. Source: paper Eq. 16 to 19 (squared norm); variable projection: Golub and Pereyra 1973.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from ..typing import BoolArray, FloatArray, IntArray
 from .cross_products import products
 from .jit import kernel, output
 
-# A candidate whose own columns carry less than this share of the energy of what they were before the shared
-# columns were taken out never moved: it is rejected. Unit: 1.
+# Least share of the energy of a candidate's own columns that must remain without the shared columns. A candidate below
+# it never moves and is rejected. Unit: 1.
 DEPENDENT = 1e-10
 REJECTED = np.inf
-# Share of the largest direction below which columns have none of their own: shared ones, and a model's responses, whose
-# rounding is larger. Unit: 1.
+# Size, as a share of the largest direction, below which a direction is left out. The first is for shared columns, the
+# second for a model's responses, whose rounding is larger. Unit: 1.
 _SHARED, SAME = 1e-10, 1e-8
 
 
 @kernel
 def _whiten(base: FloatArray, taps: FloatArray, out: FloatArray) -> None:
-    """out[k] = base[k] + taps[0] * base[k-1] + ...; the first rows use what is there."""
+    """out[k] = base[k] + taps[0] * base[k-1] + ...; the first rows use the taps that have a row."""
     rows, lanes = base.shape
     for k in range(rows):
         sink = out[k]
@@ -71,7 +71,7 @@ def whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
 
 
 def axes(columns: FloatArray, least: float) -> FloatArray:
-    """Orthonormal axes (n, k) of what columns (n, c) span, each column as long as any other.
+    """Orthonormal axes (n, k) of the span of columns (n, c), after each column was scaled to length 1.
 
     Directions that carry less than the share `least` of the largest are left out.
     """
@@ -85,10 +85,10 @@ def axes(columns: FloatArray, least: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """What all candidates share in a least squares: rows (n,) that count, orthonormal columns, target without them.
+    """Part of a least squares that all candidates share: weights (n,), orthonormal columns, target without them.
 
-    `runs` (2, r) are first and last row + 1 of every stretch that counts; `right` (n, even) holds the orthonormal
-    columns, the target without them, and zeros where that makes an odd number.
+    `runs` (2, r) are first row and last row + 1 of every run of rows that count. `right` (n, even) holds the
+    orthonormal columns, the target without them, and a column of zeros where the number would be odd.
     """
 
     weight: FloatArray
@@ -102,11 +102,11 @@ class Shared:
 
     @classmethod
     def prepare(cls, target: FloatArray, columns: FloatArray, weight: BoolArray | FloatArray) -> Shared:
-        """Target (n,), shared columns (n, q) and weights (n,) 0 or 1; rows of weight 0 are never looked at."""
+        """Target (n,), shared columns (n, q) and weights (n,) 0 or 1; rows of weight 0 are never read."""
         w = np.asarray(weight, dtype=np.float64)
         columns = np.where(w[:, None] > 0, columns, 0.0) if columns.size else np.empty((target.size, 0))
-        # Rounding leaves 1e-17 in rows that don't count, where a start-up transient is still 1: its whole energy
-        # in the rows that do count may be smaller, and the cost then came out as 0.
+        # Rounding leaves 1e-17 in rows that don't count, where a start-up transient is still 1. Its whole energy in the
+        # rows that count may be smaller, and the cost then came out as 0.
         columns = np.where(w[:, None] > 0, axes(columns, _SHARED), 0.0)
         y = np.where(w > 0, target, 0.0)
         y = y - columns @ (columns.T @ y)
@@ -127,9 +127,9 @@ class Shared:
         return self.solved(*products(base, offsets, self.right, *self.runs))
 
     def solved(self, squares: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same from products (own, own, P) and (own, freedom + 1 or more, P).
+        """Costs and own coefficients as in `solve`, from products (own, own, P) and (own, freedom + 1 or more, P).
 
-        Overwrites the squares, and of the others those with the target.
+        Overwrites the squares, and the row of products with the target.
         """
         own, _, lanes = cross.shape
         cost, sizes = np.empty(lanes), np.empty((own, lanes))
@@ -139,7 +139,7 @@ class Shared:
     def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,), *, lent: bool = False) -> FloatArray:
         """Residuals (n, P) of each candidate after the fit of `solve`, 0 where a row does not count.
 
-        `lent` ones hold until the next call (see `kernels.scratch`).
+        `lent` ones hold until the next call (see `scratch` in numerics/jit.py).
         """
         squares, cross = products(base, offsets, self.right, *self.runs)
         cost, sizes = self.solved(squares, cross)
@@ -154,7 +154,7 @@ class Shared:
 @kernel
 def _residuals(base: FloatArray, offsets: IntArray, sizes: FloatArray, cross: FloatArray, weight: FloatArray,
                target: FloatArray, basis: FloatArray, out: FloatArray) -> None:
-    """Target less own columns times sizes, and what the shared columns then give back: their products are known."""
+    """Residuals: target less own columns times sizes, less their projection on the shared columns (from `cross`)."""
     own, lanes = sizes.shape
     q = basis.shape[1]
     back = np.zeros((q, lanes))
@@ -199,7 +199,7 @@ def _solve(squares: FloatArray, cross: FloatArray, q: int, energy: float, cost: 
         cost[p] = cost[p] if squares[0, 0, p] > least[0, p] else np.inf
     for i in range(own):
         for p in range(lanes):
-            # A further column that says nothing new (a transient long gone, say) gets no coefficient.
+            # A further column that is dependent on the others (a transient that has decayed, say) gets no coefficient.
             new = squares[i, i, p] > least[i, p]
             squares[i, i, p] = squares[i, i, p] if new else 1.0
             cross[i, q, p] = cross[i, q, p] if new else 0.0
@@ -227,7 +227,7 @@ def _solve(squares: FloatArray, cross: FloatArray, q: int, energy: float, cost: 
 
 
 def _runs(counts: BoolArray) -> IntArray:
-    """First row and last row + 1 (2, r) of every stretch of rows (n,) that count."""
+    """First row and last row + 1 (2, r) of every run of rows (n,) that count."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], counts, [False]]).astype(np.int8)))
     return np.ascontiguousarray(edges.reshape(-1, 2).T.astype(np.int64))
 

@@ -1,11 +1,11 @@
 """Separable least squares over a record of several segments, each with linear columns of its own.
 
-Every candidate has common columns (the response of the process, linear effects), whose sizes hold for all segments,
-and local ones (what is left of each segment's unknown start), whose sizes are each segment's own, as are the level and
-drift that all candidates share. The segments' sums are made on their own rows, the local columns taken out there, and
-what is left is added up: as much work as one segment of the same length, whatever the number of segments.
+Every candidate has common columns (the response of the process, linear effects), whose sizes hold for all segments.
+Its local columns (the remainder of each segment's unknown start) have sizes of their own in each segment. So have
+the level and drift that all candidates share. Sums are formed on each segment's own rows, local columns are eliminated
+there, and the rest is added up. The work is that of one segment of the same length, whatever the number of segments.
 
-Source: block elimination of the normal equations of regression.py; paper Eq. 16 to 19.
+Source: block elimination of the normal equations of numerics/varpro.py; paper Eq. 16 to 19.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .varpro import DEPENDENT, REJECTED, Shared
 
 @dataclass(frozen=True, slots=True)
 class Blockwise:
-    """The least squares of each segment and their rows (`firsts`); the first `common` own columns have one size."""
+    """Least squares of each segment, with their first rows (`firsts`); the first `common` own columns have one size."""
 
     blocks: tuple[Shared, ...]
     common: int
@@ -39,7 +39,7 @@ class Blockwise:
 
     @property
     def target(self) -> FloatArray:
-        """Target (n,) without what the shared columns explain of it."""
+        """Target (n,) without its projection on the shared columns."""
         return np.concatenate([b.target for b in self.blocks])
 
     @property
@@ -49,12 +49,12 @@ class Blockwise:
 
     @property
     def rows(self) -> int:
-        """Rows that count."""
+        """Number of rows that count."""
         return sum(b.rows for b in self.blocks)
 
     @property
     def freedom(self) -> int:
-        """Shared columns of all segments together."""
+        """Number of shared columns of all segments together."""
         return sum(b.freedom for b in self.blocks)
 
     @property
@@ -123,7 +123,8 @@ def _solve(squares: FloatArray, cross: FloatArray, raw: FloatArray, common: int,
            sizes: FloatArray) -> None:
     """Normal equations of every candidate: each segment's local columns by elimination, then the common ones.
 
-    A column that says nothing new (a transient long gone, say) gets no coefficient. `squares` is used up.
+    A column that depends on the others (a transient that has decayed, say) gets no coefficient. `squares` is
+    overwritten.
     """
     count, own, lanes = cross.shape
     a = np.empty((count, own, own))

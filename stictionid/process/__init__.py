@@ -1,1 +1,1 @@
-"""Linear dynamics from valve position to process value, and the command between two samples."""
+"""Process dynamics from valve position to process value, and the controller output between two samples."""

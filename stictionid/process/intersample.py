@@ -1,10 +1,10 @@
-"""What the controller output did between its samples.
+"""Controller output between its samples: held, or rebuilt as a continuous curve with corners.
 
 * `hold`: the output was held from one sample to the next (a DCS whose scan is the historian's step): exact.
 * `corner`: the output moved continuously; its corners and peaks lie between samples and are rebuilt. Each interval
-  takes the smoother of the two parabolas through its neighbours; where the curvature is concentrated in one
-  interval, both flanks are extended into it and the corner is where they meet. A setpoint that moves kicks the output
-  by the controller's gain: the output is continuous but for these kicks.
+  takes the smoother of the two parabolas through its neighbours. Where the curvature is concentrated in one
+  interval, both flanks are extended into it up to the corner, their intersection. A setpoint step makes the output
+  jump by the controller's gain times the step (a kick); elsewhere the output is continuous.
 
 Wrong for a noisy continuous output (the flanks then follow the noise) and for a held output of an unknown scan.
 Source: METHODS.md section 4, trap 4; the reconstruction is the essentially non-oscillatory scheme with subcell
@@ -43,8 +43,8 @@ def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray 
     jumps = kicks(command, setpoint)
     if not jumps.any():
         return _smooth(command, substeps, jumps)
-    # A kick at sample k came between the one before and this one. What the output was just before it is where the
-    # valve turned, and is met one step of the grid early rather than not at all.
+    # A kick at sample k came between the sample before and this one. The output just before the kick is where the valve
+    # reverses. The fine grid reaches it one step early; it would otherwise miss it.
     fine = _smooth(command - np.cumsum(jumps), substeps, jumps) + np.repeat(np.cumsum(jumps), substeps)
     at = np.flatnonzero(jumps)
     fine[at * substeps - 1] = command[at] - jumps[at]
@@ -52,11 +52,11 @@ def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray 
 
 
 def kicks(command: FloatArray, setpoint: FloatArray | None) -> FloatArray:
-    """How far each move of the setpoint kicks the command (n,): the gain that most moves agree on times the move.
+    """Jumps (n,) of the command at setpoint moves: the gain on which most moves agree, times each move.
 
-    The gain is read from the command alone (the rest of it is smooth): y has noise that a continuous controller may
-    not see. At each move the flank before it, extended as a parabola, says how far the command jumped; behind it the
-    integral part has another slope at once.
+    The gain is read from the command alone, which is smooth elsewhere; y has noise that a continuous controller may
+    not see. The size of a jump is the distance from the flank before it, extended as a parabola. The flank behind it
+    can't serve, because the integral part changes its slope at once.
     """
     none = np.zeros(command.size)
     if setpoint is None:
@@ -75,11 +75,10 @@ def kicks(command: FloatArray, setpoint: FloatArray | None) -> FloatArray:
 
 
 def _smooth(command: FloatArray, substeps: int, jumps: FloatArray) -> FloatArray:
-    """A command whose kicks, `jumps` (n,), were taken out on the finer grid: parabolas, and corners where their flanks
-    meet.
+    """Command on the finer grid, after its kicks `jumps` (n,) were taken out: parabolas and rebuilt corners.
 
-    The corner of a kick came with it, before its sample: one put just behind would show a valve that slides the old,
-    slower pace once more, at which it may stick again.
+    The corner of a kick lies at the kick, before its sample. A corner placed just behind it would let the valve slide
+    once more at the old, slower speed, at which it may stick again.
     """
     n = command.size
     curve = np.zeros(n)
@@ -148,11 +147,11 @@ def _means(command: FloatArray, fs_up: FloatArray, fs_down: FloatArray, drift: F
 
 
 def interval_means(command: FloatArray, table: FloatArray, profile: FloatArray, position: FloatArray) -> None:
-    """Replace each position (rows, P) by its mean over the part that ends there, the break-away at its instant in it.
+    """Replace each position (rows, P) by its mean over the part that ends there, with break-away inside the part.
 
-    A valve at rest breaks away when |e| reaches f_s, which a command moving in a straight line does at a known share
-    of the part; before it the position is the old one, after it the new. That makes the cost continuous in S, which
-    a break-away on the next grid point does not (the jaggedness of METHODS.md section 4, trap 3). A second array of
-    this size would leave the cache (an eighth of the time of both, measured).
+    A valve at rest breaks away when |e| reaches f_s. A command that moves in a straight line does so at a known share
+    of the part. Before that instant the position is the old one, after it the new. That makes the cost continuous in
+    S, which a break-away on the next grid point does not (the jaggedness of METHODS.md section 4, trap 3). Works in
+    place: a second array of this size would leave the cache (an eighth of the time of both, measured).
     """
     _means(command, table[FS_UP], table[FS_DOWN], table[FS_DRIFT], profile, position)

@@ -3,8 +3,8 @@
 G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1)), or the same over s when integrating; T2 = 0 is the base process. The gain
 K stays outside (it is linear), so responses are per unit of gain and start from rest at the first position.
 
-The position is held over each of `substeps` equal parts of a sampling interval; between parts nothing is
-approximated, and the dead time L may be any fraction of a part. Wrong when the position moves inside a part.
+The position is held over each of `substeps` equal parts of a sampling interval. Between parts nothing is approximated,
+and the dead time L may be any fraction of a part. Wrong when the position moves inside a part.
 Source: exact discretisation of cascaded lags (zero-order hold), METHODS.md sections 3 and 4.
 """
 
@@ -17,20 +17,20 @@ import numpy as np
 from ..numerics.jit import LANES, LINE, kernel, output, scratch
 from ..typing import FloatArray, IntArray
 
-# Rows of the coefficient table: decays over a part of either lag and of an integral, the weights of their sums in the
-# response and that of the position there; then for one lag the weights of the position in the part and before, for two
-# the second one's decay over the rest of a part and the first one's share in the response.
+# Rows of the coefficient table. First the decays over a part of either lag and of an integral, the weights of their
+# sums in the response, and that of the position there. For one lag the weights of the position in the part and before
+# follow. For two lags the second one's decay over the rest of a part and the first one's share in the response follow.
 _A1, _A2, _ENDLESS, _W1, _W2, _W_ENDLESS, _W_NOW, _B1, _C1, _E2, _CROSS = range(11)
 _COEFFICIENTS = 11
-# Sums that `_run` keeps, by their decays: lags alone, and with an integral; one lag alone has kernels of its own.
+# Decay rows of the sums that `_run` keeps: two lags, or lags with an integral; one lag alone has kernels of its own.
 _TWO_LAGS, _INTEGRAL, _INTEGRAL_TWO = (np.array(rows) for rows in ((_A1, _A2), (_A1, _ENDLESS), (_A1, _A2, _ENDLESS)))
-# Rows of the working table of `_run`: first position, part to report, weight of the position there, response; and for
-# every mode decay, weight and sum.
+# Rows of the working table of `_run`: first position, part to report, weight of the position there, response. Every
+# mode adds decay, weight and sum.
 _START, _PICK, _WEIGHT, _OUT, _ROWS = range(5)
 _DECAY, _SHARE, _TOTAL = range(3)
-# Parts taken in one pass over the lanes: the sums stay in the registers.
+# Parts taken in one pass over the lanes; the sums then stay in the registers.
 _TOGETHER = 4
-# Two time constants closer than this share are spread apart: the cascade's formula divides by their difference.
+# Two time constants closer than this share are spread apart, because the cascade's formula divides by their difference.
 # Unit: 1; at 1e-6 the response moves by less than 1e-6 of its size.
 _SPREAD = 1e-6
 
@@ -45,16 +45,16 @@ class Dynamics:
     integrating: bool
 
 
-# The kernels below end a sample alike, each in lines of its own: as a kernel that they call it took twice the time of a
-# short one (108 against 47 µs for 64,000 positions, measured).
+# The kernels below repeat the lines that end a sample. In a kernel of their own, called from here, these lines doubled
+# the time of a short one (108 against 47 µs for 64,000 positions, measured).
 @kernel
 def _run(position: FloatArray, substeps: int, table: FloatArray, kinds: IntArray, whole: IntArray, fine: IntArray,
          response: FloatArray) -> None:
     """Fill response (samples + longest whole delay, P); rows before a lane's delay stay as they are (zero).
 
-    Every mode is a sum of all positions so far, the older the more decayed: s = a s + u for each part, a = 1 for an
-    integral. The response is the position of the part to report and every mode's sum before it, each with its weight:
-    two lags answer as the weighted difference of what each alone would.
+    Every mode is a sum over all positions so far, decayed by age: s = a s + u for each part, a = 1 for an integral.
+    The response is the weighted position of the part to report plus the weighted sums of the modes before it. Two lags
+    respond as the weighted difference of two single lags.
     """
     modes, lanes = kinds.size, response.shape[1]
     samples = position.shape[0] // substeps
@@ -124,7 +124,7 @@ def _run(position: FloatArray, substeps: int, table: FloatArray, kinds: IntArray
 
 @kernel
 def _run_plain(position: FloatArray, table: FloatArray, whole: IntArray, response: FloatArray) -> None:
-    """`_run` for one lag and positions held between samples: most of what a search asks for."""
+    """`_run` for one lag and positions held between samples, the most frequent case in a search."""
     lanes = response.shape[1]
     work = np.empty(6 * LANES + LINE)
     work = work[-(work.ctypes.data // 8) % LINE:]
@@ -164,8 +164,9 @@ def _run_parts(position: FloatArray, substeps: int, table: FloatArray, whole: In
                response: FloatArray) -> None:
     """`_run` for one lag and parts of samples: each sample is a decay of the last one and a weighted sum of its parts.
 
-    With h_0 = b, h_i = a^(i-1) (a b + c) for a part that ended i parts before the sample, the response at a sample is
-    a^m times the one before plus the h_i of the m parts since then, and a^(m-1) c of the part before these.
+    The weights are h_0 = b and h_i = a^(i-1) (a b + c) for a part that ended i parts before the sample. The response at
+    a sample is a^m times the one before, plus the h_i of the m parts since then, plus a^(m-1) c of the part before
+    these.
     """
     lanes = response.shape[1]
     samples = position.shape[0] // substeps
@@ -199,7 +200,7 @@ def _run_parts(position: FloatArray, substeps: int, table: FloatArray, whole: In
             work[LANES + p] = total * position[0, q]
             work[2 * LANES + p] = 0.0
             work[3 * LANES + p] = 0.0
-            # Before the record the position was the first one, so that nothing is left over from there.
+            # Before the record the position was the first one, so that no earlier part contributes.
             start = 0.0
             for s in range(substeps):
                 start += weights[s, 1, p] * position[0, q]
@@ -240,7 +241,7 @@ def _run_path(path: FloatArray, substeps: int, table: FloatArray, whole: IntArra
               response: FloatArray) -> None:
     """`_run_parts` for one path (n*substeps,) that all lanes share and one or two `lags`, and no path to load for each.
 
-    Two lags answer as the weighted difference of what each alone would; their weights are (T1, -T2) / (T1 - T2).
+    Two lags respond as the weighted difference of two single lags; their weights are (T1, -T2) / (T1 - T2).
     """
     lanes = response.shape[1]
     samples = path.size // substeps
@@ -276,7 +277,7 @@ def _run_path(path: FloatArray, substeps: int, table: FloatArray, whole: IntArra
             at[p] = (1 + whole[q]) * lanes + q
         for k in range(samples - 1):
             for s in range(substeps):
-                # From rest at the first position: before the record nothing is left over.
+                # From rest at the first position: no earlier part contributes.
                 u[s] = path[k * substeps + s] - path[0]
             for lag in range(lags):
                 i = 4 * lag * LANES
@@ -307,8 +308,10 @@ def _run_path(path: FloatArray, substeps: int, table: FloatArray, whole: IntArra
 @kernel
 def _coefficients(T1: FloatArray, L: FloatArray, T2: FloatArray, part: float, substeps: int, ahead: bool,
                   integrating: bool, table: FloatArray, whole: IntArray, fine: IntArray) -> tuple[bool, int]:
-    """Fill the coefficient table and the dead times in whole samples and parts; true when any second lag acts, and the
-    longest dead time in whole samples."""
+    """Fill the coefficient table, and the dead times in whole samples and in parts.
+
+    Returns True where any second lag acts, and the longest dead time in whole samples.
+    """
     any_lagged = False
     late = 0
     for p in range(T1.size):
@@ -325,7 +328,7 @@ def _coefficients(T1: FloatArray, L: FloatArray, T2: FloatArray, part: float, su
         a1, e1 = np.exp(-part / t1), np.exp(-rest / t1)
         a2, e2 = (np.exp(-part / t2), np.exp(-rest / t2)) if lagged else (0.0, 0.0)
         cross = t1 / (t1 - t2) if lagged else 1.0
-        # Shares of the lags in the response; an integral lags behind by what either of them holds.
+        # Shares of the lags in the response; an integral is reduced by the content of either lag.
         one = -t1 - t2 * cross if integrating else cross
         two = -t2 * (1.0 - cross) if integrating else 1.0 - cross
         table[_A1, p], table[_A2, p], table[_ENDLESS, p] = a1, a2, 1.0
@@ -340,7 +343,7 @@ def _coefficients(T1: FloatArray, L: FloatArray, T2: FloatArray, part: float, su
 
 
 def _for_each(x: FloatArray, lanes: int) -> FloatArray:
-    """One number for every candidate (P,), in one piece."""
+    """One number for every candidate (P,), as a contiguous array."""
     return x if x.shape == (lanes,) and x.flags.c_contiguous else np.ascontiguousarray(np.broadcast_to(x, lanes))
 
 
@@ -349,10 +352,10 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
     """Response per unit of gain (n, P) at the samples to positions (n*substeps, P), from rest at the first one.
 
     Positions (n*substeps, 1) are a path that all candidates share. `step_s` is the sampling time. A position holds
-    over the part that follows its instant or, with `ahead`, over the part that ended there (as
-    `between.interval_means` gives them); dead times below one part then count as one part.
-    `room` rows are left behind the response for further columns of the caller; what they hold is undefined. A `lent`
-    response holds until the next call (see `kernels.scratch`).
+    over the part that follows its instant. With `ahead` it holds over the part that ended there (see `interval_means`
+    in process/intersample.py), and dead times below one part count as one part.
+    `room` rows, with undefined content, follow the response for further columns of the caller. A `lent` response holds
+    until the next call (see `scratch` in numerics/jit.py).
     """
     lanes = max(position.shape[1], dynamics.time_constant_s.size)
     table = np.empty((_COEFFICIENTS, lanes))
@@ -394,7 +397,7 @@ def _decay(T: FloatArray, step_s: float, out: FloatArray) -> None:
         before = out[k - 1]
         row = out[k]
         for p in range(lanes):
-            # Below this the transient is gone; denormal numbers would only cost time.
+            # Below this the transient has decayed; denormal numbers would only cost time.
             row[p] = before[p] * factor[p] if before[p] > 1e-14 else 0.0
 
 

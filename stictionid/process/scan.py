@@ -1,15 +1,18 @@
-"""The controller output at the scans between the samples of a slow export: a 1 s scan seen every 10 s.
+"""Controller output at the scans between the samples of a slow export, for example a 1 s scan exported every 10 s.
 
 The controller is a PI law of r and y; its gain and integral time are read from the changes of u from sample to sample.
-Between two samples y is unknown, but u tells its mean: the integral part grew by exactly the errors of the scans in
-between. So the error there is a cubic through the samples around plus a parabola that makes that mean right, and the
-PI law turns it into the output of every scan. A model found this way knows y between samples better than a cubic does
-(where a slip arrives y has a kink): given its course, the next one gets a better command. Measured against the true
-scans: to a tenth of their noise where every second one is exported, to their noise, which nothing tells, elsewhere.
+Between two samples y is unknown, but u gives its mean: the integral part grew by exactly the errors of those scans.
+The error there is a cubic through the samples around, plus a parabola that makes that mean right. The PI law turns it
+into the output of every scan.
 
-Without a setpoint, or where the controller is no PI law, the output is rebuilt from its own corners (`between`) at the
-instants of the scans. Wrong where the controller filters y or has a derivative, and where the valve moves more than
-once between two samples.
+The response of a fitted model describes y between samples better than a cubic does, because y has a kink where the
+response to a slip arrives. With that response given as `course` the command is more exact. Measured against the true
+scans, the error is a tenth of their noise where every second scan is exported. For slower exports it is as large as
+the noise, which can't be recovered.
+
+Without a setpoint, or where the controller is no PI law, the output is rebuilt from its own corners
+(process/intersample.py) at the instants of the scans. Wrong where the controller filters y or has a derivative, and
+where the valve moves more than once between two samples.
 Source: METHODS.md section 4, trap 4; positional PI algorithm with rectangular integration, one step a scan.
 """
 
@@ -23,21 +26,22 @@ from ..record.loop import Loop
 from ..typing import FloatArray
 from .intersample import MOVES_ALWAYS, rebuild
 
-# The name of this way between samples (`between.MODES` are the others).
+# Name of this mode between samples (`MODES` of intersample.py holds the others).
 DECIMATED = "decimated"
-# Most scans that are rebuilt between two samples; slower exports are rebuilt at every tenth of a sample.
+# Largest number of scans rebuilt between two samples; slower exports are rebuilt at every tenth of a sample.
 MOST_PARTS = 10
-# A controller that is a PI law explains the changes of its output but for this share of their variance. Unit: 1.
+# Largest share of the variance of the output's changes that a PI law may leave unexplained. Unit: 1.
 _PI_LEAVES = 0.1
-# A PI law that ran with the samples leaves less of the changes of u than this share of what one that ran between them
-# does. Measured: nothing at all against 1e-6 to 1e-4; where it did run between them, 0.9 to 1.5 times as much. Unit: 1.
+# Largest ratio of unexplained variances, PI law at the samples to PI law between them, for a controller that ran with
+# the samples. Measured for such a controller: 0 against 1e-6 to 1e-4 unexplained. Measured for one that ran between
+# the samples: ratio 0.9 to 1.5. Unit: 1.
 _EXACT = 0.25
 _FEWEST_CHANGES = 20
 
 
 @dataclass(frozen=True, slots=True)
 class PiLaw:
-    """A PI law read from sampled r, y and u: % per unit of e, % per unit of e and scan, share of changes explained."""
+    """PI law read from sampled r, y and u: gain (% per unit of e), per scan too, and share of the changes explained."""
 
     gain: float
     per_scan: float
@@ -45,14 +49,14 @@ class PiLaw:
 
 
 def parts_of(step_s: float, scan_s: float) -> int:
-    """How many scans are rebuilt in one sampling interval; 1 where the record is as fast as its scan."""
+    """Number of scans rebuilt in one sampling interval; 1 where the record is as fast as its scan."""
     return int(np.clip(round(step_s / scan_s), 1, MOST_PARTS))
 
 
 def scanned(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatArray:
-    """The command at `parts` scans from each sample to the next, shape (n*parts,); the last sample is held.
+    """Command at `parts` scans from each sample to the next, shape (n*parts,); the last sample is held.
 
-    `course` (n*parts,) is what y does at the scans as far as it is known (but for a smooth remainder).
+    `course` (n*parts,) is y at the scans as far as it is known, up to a smooth remainder.
     """
     u = _filled(loop.output)
     law = pi_law(loop, parts, course)
@@ -60,7 +64,7 @@ def scanned(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatAr
         return rebuild(u, parts, "corner", loop.setpoint)
     e, between, moved = _errors(loop, parts, course)
     missing = (np.diff(u) - law.gain * np.diff(e)) / law.per_scan - between.sum(axis=1)
-    # A setpoint that moved between two samples did so at the scan from which on it makes the mean right.
+    # A setpoint that moved between two samples is moved at the first scan from which it makes the mean right.
     for k in np.flatnonzero(moved).tolist():
         early = int(np.clip(round(missing[k] / moved[k]), 0, parts - 1))
         between[k, parts - 1 - early:parts - 1] += moved[k]
@@ -78,7 +82,7 @@ def scanned(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatAr
 
 
 def pi_law(loop: Loop, parts: int, course: FloatArray | None = None) -> PiLaw | None:
-    """The PI law behind a sampled record whose controller scans `parts` times a sample; None where it is none."""
+    """PI law of the controller that made u, with `parts` scans a sample; None where u follows no such law."""
     if loop.setpoint is None:
         return None
     e, between, moved = _errors(loop, parts, course)
@@ -97,39 +101,43 @@ def pi_law(loop: Loop, parts: int, course: FloatArray | None = None) -> PiLaw | 
 
 
 def ran_with_samples(loop: Loop) -> bool:
-    """Whether the samples of r and y alone give u by a PI law: then the controller ran with them and held u in between.
+    """True where a PI law of the sampled r and y gives u exactly: the controller ran with the samples and held u.
 
-    Nothing else tells that beyond doubt: beside a missing effect the way u moved between samples can't be seen in y.
-    False where rounding, a derivative or a filter hides the law.
+    No other evidence is beyond doubt: where an effect is missing in the model, y does not show the course of u between
+    samples. False where rounding, a derivative or a filter hides the law.
     """
     with_them = pi_law(loop, 1)
     return with_them is not None and _exact(with_them, pi_law(loop, MOST_PARTS))
 
 
 def answers(loop: Loop) -> float:
-    """The sign of the process's gain, 1 or -1, as a controller that works has its own; 0 where r, y and u show none."""
+    """Sign of the process gain, 1 or -1, taken from the gain of the controller's PI law; 0 where u shows no PI law.
+
+    The two signs agree in every loop with negative feedback.
+    """
     law = pi_law(loop, 1)
     return 0.0 if law is None else float(np.sign(law.gain))
 
 
 def ran_between(loop: Loop, parts: int) -> bool:
-    """Whether u is a PI law's that ran `parts` times a sample: one that ran with the samples explains u exactly."""
+    """True where u follows a PI law that ran `parts` times a sample, and not one that ran with the samples exactly."""
     between, with_them = pi_law(loop, parts), pi_law(loop, 1)
     return between is not None and not (with_them is not None and _exact(with_them, between))
 
 
 def _exact(with_samples: PiLaw, between: PiLaw | None) -> bool:
-    """Whether a law that ran with the samples explains u so much better than one that ran between them."""
-    # (Where no law between them is one, it leaves at least what makes it none.)
+    """True where the PI law at the samples explains the changes of u far better than the one between them."""
+    # Without a PI law between the samples, the largest share that one may leave takes its place.
     return 1.0 - with_samples.fit <= _EXACT * (_PI_LEAVES if between is None else 1.0 - between.fit)
 
 
 def _errors(loop: Loop, parts: int, course: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The control error at the samples (n,) and at the scans up to the next one (n-1, parts), and moves of r (n-1,).
+    """Control error at the samples (n,) and at the scans up to the next one (n-1, parts), and moves of r (n-1,).
 
-    What `course` does not know of y runs on cubics through four samples: straight lines make the integral of a bending
-    error too small, and the law's integral time with it (5 % met). A setpoint that moves now and then is held up to the
-    next sample, and the intervals in which it moved are named; one that moves all the time runs on cubics as well.
+    The remainder of y beside `course` follows cubics through four samples. Straight lines make the integral of a
+    curved error too small, and with it the integral time of the law (5 % in one case). A setpoint that moves now and
+    then is held up to the next sample, and the moves returned are not zero there. One that moves all the time follows
+    cubics as well.
     """
     assert loop.setpoint is not None
     r, y = _filled(loop.setpoint), _filled(loop.process_value)

@@ -1,14 +1,14 @@
 """Gain, time constant and dead time from an open-loop step test, as the paper takes them from its Fig. 7.
 
-The record's command (or its measured valve position, where there is one) runs through K e^{-L s} / (T s + 1); T and L
-are searched, K and the level follow by least squares, and the whole record counts, so a test with several steps is
-used as it is. The result can serve `identify` as its fixed plant.
+The record's command (or its measured valve position, where there is one) runs through K e^{-L s} / (T s + 1). T and L
+are searched; K and the level follow by least squares. The whole record counts, so a test with several steps is used
+as it is. The result can serve `identify` as its fixed plant.
 
 Wrong where the valve sticks in the test itself: after a reversal up to S of the step never reaches the stem, and K
-comes out low by that share; a measured position avoids it. Wrong for a process that integrates or is far from first
-order: the first is refused, the second shows in `rmse`.
+is low by that share. A measured position avoids it. Wrong for a process that integrates or is far from first order:
+the first is refused, the second shows in `rmse`.
 
-Source: the paper, Fig. 7 and Eq. 21 (the tank); exact discretisation in process.py.
+Source: the paper, Fig. 7 and Eq. 21 (the tank); exact discretisation in process/linear.py.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ..typing import BoolArray, FloatArray
 from .linear import Dynamics, free_run
 
 _FEWEST_SAMPLES = 20
-# More than this share of samples in which the command moves is a controller at work, not a step test. Unit: 1.
+# Largest share of samples in which the command of a step test moves; more is a controller at work. Unit: 1.
 _CLOSED_LOOP = 0.2
 # The model must explain at least this share of y's variance after the step.
 _EXPLAINED = 0.7
@@ -55,7 +55,7 @@ class StepTest:
         return {"gain": self.gain, "time_constant_s": self.time_constant_s, "dead_time_s": self.dead_time_s}
 
     def finding(self, file: str | None = None) -> Finding:
-        """What was found, for the study."""
+        """Finding for the study that states the process and the share of variance explained."""
         source = "the measured valve position" if self.from_position else "the output"
         return Finding("step-test", "info",
                        f"the process is that of a step test{f' in {file}' if file else ''}: gain {self.gain:.4g}, time "

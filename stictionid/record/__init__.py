@@ -1,1 +1,1 @@
-"""One loop's record and the study made of it: signals, stretches, oscillation, preconditions, JSON."""
+"""Record of one control loop and the study made of it: signals, segments, oscillation, preconditions, JSON."""

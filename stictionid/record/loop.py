@@ -1,4 +1,4 @@
-"""One control loop's record: read-only arrays on an even time grid, with what is known about where it came from."""
+"""Record of one control loop: read-only arrays of its signals on an even time grid, with their origin."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where a loop came from and how it was understood; everything `report` needs to find and re-read it.
+    """File, columns and options from which a loop was read; `report` finds and re-reads the data by them.
 
-    `segment_starts` are the stamps of the first sample of every segment: a Loop's own time leaves the gaps out.
+    `segment_starts` are the stamps of the first sample of every segment: the time of a Loop leaves the gaps out.
     """
 
     file: str | None = None
@@ -71,8 +71,8 @@ class Loop:
     unit of `units["process_value"]`, position in the unit of `units["position"]`. `setpoint` and `position` may
     be None. `used` (n,) marks samples that count; a False sample still drives the valve but enters no cost.
     `starts` holds the first index of every segment: nothing is continuous across a segment boundary. `begins_s` are
-    the times of those samples in seconds since the first one, gaps included; none given, no time passed in a gap.
-    `picked` are their indices in the record that the segments were picked from, where they were.
+    the times of those samples in seconds since the first one, gaps included. Where it is empty, gaps take no time.
+    `picked` are the first indices of the segments in the record from which `pick` took them.
     Raises DataError when lengths differ or a used sample is not finite.
     """
 
@@ -127,13 +127,13 @@ class Loop:
 
     @property
     def moving_extras(self) -> tuple[str, ...]:
-        """Further tags whose values that count differ: one that rests disturbs nothing."""
+        """Names of further tags that vary over the samples that count; a constant one disturbs nothing."""
         seen = {tag: values[self.used & np.isfinite(values)] for tag, values in self.extras.items()}
         return tuple(tag for tag, values in seen.items() if values.size and values.min() < values.max())
 
     @property
     def samples(self) -> int:
-        """How many samples the record has, used or not."""
+        """Number of samples of the record, used or not."""
         return int(self.output.size)
 
     @property
@@ -151,7 +151,7 @@ class Loop:
 
     @property
     def segments(self) -> tuple[slice, ...]:
-        """Stretches without a gap, in order."""
+        """Segments of the record (no gap inside), in order."""
         ends = (*self.starts[1:], self.samples)
         return tuple(slice(a, b) for a, b in zip(self.starts, ends, strict=True))
 
@@ -161,11 +161,11 @@ class Loop:
 
     @property
     def longest(self) -> slice:
-        """The samples of the longest stretch without a gap."""
+        """The samples of the longest segment."""
         return max(self.segments, key=lambda s: s.stop - s.start)
 
     def longest_segment(self) -> Loop:
-        """The longest stretch without a gap, as a loop of its own."""
+        """The longest segment, as a loop of its own."""
         piece = self.longest
         return self if len(self.starts) == 1 else self.cut(piece.start, piece.stop)
 
@@ -177,7 +177,7 @@ class Loop:
         return self._of([slice(first, last)], part, (first, *(s for s in self.starts if first < s < last)))
 
     def pick(self, pieces: Sequence[slice]) -> Loop:
-        """Segments of this loop, in order, as a loop of their own that keeps their times on the clock."""
+        """The given segments of this loop, in order, as a loop that keeps their clock times."""
         def part(a: NDArray[Any] | None) -> Any:
             return None if a is None else np.concatenate([a[p] for p in pieces])
 
@@ -185,7 +185,7 @@ class Loop:
 
     @classmethod
     def joined(cls, parts: Sequence[Loop], *, begins_s: tuple[float, ...] = ()) -> Loop:
-        """Loops of one step and the same tags as the segments of one, not continuous from one to the next."""
+        """Loops of one step and the same tags joined to one loop; each is a segment of it."""
         first = parts[0]
 
         def all_of(arrays: list[Any]) -> Any:

@@ -1,8 +1,8 @@
-"""Does the loop oscillate, how fast, and how far does the command swing: period (Eq. 20) and S_max (Eq. 21).
+"""Oscillation of a record: cycles, period (paper Eq. 20) and S_max, the swing of the controller output (Eq. 21).
 
-Cycles are counted on up-crossings of the deviation e = r - y through its mean, with hysteresis against noise; only
-whole cycles count, and the first one is left out when enough remain, because it still holds the start. M in Eq. 20
-counts cycles, and the two equations numbered 21 in the paper are this one and the tank's transfer function.
+Cycles are counted on up-crossings of the deviation e = r - y through its mean, with hysteresis against noise. Only
+whole cycles count. The first one is left out when enough remain, because it still holds the start. M in Eq. 20
+counts cycles; two equations of the paper are numbered 21, this one and the tank's transfer function.
 Without a setpoint the mean of y is the reference, and the result says so.
 """
 
@@ -23,16 +23,16 @@ _HYSTERESIS = 0.3
 _HYSTERESIS_NOISE = 3.0
 # Share of samples at either end of the deviation that sets neither level nor band.
 _TRIM = 0.05
-# Fewer whole cycles than this are no oscillation to judge (gate 0 of CRITICISM.md).
+# Least number of whole cycles that make an oscillation (gate 0 of CRITICISM.md).
 FEWEST_CYCLES = 3
-# Cycle lengths that scatter more than this around their median are no one oscillation (coefficient of variation).
+# Largest coefficient of variation of the cycle lengths of one oscillation.
 _REGULAR = 0.6
-# A swing of y below this share of its size, or of u below this share, is no variation. Unit: 1.
+# A swing of y or u below this share of its magnitude is no variation. Unit: 1.
 FLAT = 1e-9
 
 
 def deviation(loop: Loop) -> FloatArray:
-    """Control error (n,), from the mean of y without a setpoint; the setpoint's mean offset does not matter."""
+    """Control error (n,); without a setpoint the deviation of y from its mean, with the sign turned."""
     if loop.setpoint is not None:
         return loop.setpoint - loop.process_value
     level = float(loop.process_value[loop.used].mean()) if loop.used.any() else 0.0
@@ -68,7 +68,7 @@ def crossings(signal: FloatArray, band: float) -> FloatArray:
 
 
 def reversals(command: FloatArray, threshold: float) -> list[int]:
-    """Samples at which the command has turned by more than `threshold` and it is sure."""
+    """Samples at which the command has come back by more than `threshold` from its last extreme."""
     turns: list[int] = []
     direction, extreme = 0, float(command[0]) if command.size else 0.0
     for k, value in enumerate(command.tolist()):
@@ -85,13 +85,13 @@ def reversals(command: FloatArray, threshold: float) -> list[int]:
 
 
 def count_reversals(command: FloatArray, threshold: float) -> int:
-    """How often the command turns by more than `threshold` (zigzag count)."""
+    """Number of turns of the command by more than `threshold` (zigzag count)."""
     return len(reversals(command, threshold))
 
 
 @dataclass(frozen=True, slots=True)
 class _Swings:
-    """The cycles of one segment and how often its output turns; `reason` says why there is nothing to count."""
+    """Cycles of one segment and the reversals of its output; `reason` explains an empty result."""
 
     cycles: tuple[Cycle, ...] = ()
     reversals: int = 0
@@ -99,9 +99,9 @@ class _Swings:
 
 
 def find_range(loop: Loop) -> Range:
-    """Period, S_max and the cycles behind them; never raises, a record that does not oscillate says why.
+    """Period, S_max and the cycles behind them; never raises, `reason` explains a record that does not oscillate.
 
-    Cycles are whole inside one segment of the record; their starts are seconds of the record without its gaps.
+    Cycles are whole inside one segment of the record. Their starts are seconds of the record without its gaps.
     """
     unit = loop.unit("output", "%")
     parts = [loop] if len(loop.starts) == 1 else [loop.cut(p.start, p.stop) for p in loop.segments]
@@ -136,7 +136,7 @@ def _swings(loop: Loop, start_s: float) -> _Swings:
     if used.sum() < 8:
         return _Swings(reason=f"only {int(used.sum())} usable samples")
     e = deviation(loop)
-    # A start-up or a setpoint step must neither shift the level of the crossings nor widen the band.
+    # Trimmed, so that a start-up or a setpoint step neither shifts the level of the crossings nor widens the band.
     low, high = np.quantile(e[used], [_TRIM, 1.0 - _TRIM])
     core = e[used][(e[used] >= low) & (e[used] <= high)]
     e = e - core.mean()

@@ -1,4 +1,4 @@
-"""Gate 0: what a record must hold before S and J can be asked for; everything else is an abstention with its reason.
+"""Preconditions of an identification (gate 0): a record that lacks one gets an abstention with the reason.
 
 Source: CRITICISM.md section 7, gate 0; METHODS.md section 4, identifiability.
 """
@@ -15,7 +15,7 @@ from .study import Range
 FEWEST_SAMPLES = 60
 # Without enough cycles, setpoint moves must make the valve reverse at least this often.
 FEWEST_REVERSALS = 4
-# Fewer samples than this in one period hide the slips. Unit: samples.
+# Least number of samples in one period; fewer hide the slips. Unit: samples.
 SAMPLES_PER_PERIOD = 10
 # An output beyond this is no valve position in %. Unit: %.
 _HIGHEST_OUTPUT = 110.0
@@ -83,7 +83,7 @@ def check(loop: Loop, found: Range) -> None:
 
 
 def _driven_reversals(loop: Loop) -> int:
-    """Reversals of the output in a record whose setpoint moves, or that starts away from it; 0 elsewhere."""
+    """Reversals of the output, all segments; 0 where the setpoint rests and the record starts near it, or has none."""
     r = loop.setpoint
     if r is None:
         return 0
@@ -97,11 +97,11 @@ def _driven_reversals(loop: Loop) -> int:
 
 
 def time_scale_s(loop: Loop, found: Range) -> float:
-    """The time scale of the record's swings in seconds: the median period, or less where the loop rests in between.
+    """Time scale of the swings in seconds: the median period, or less where the loop rests between its swings.
 
-    A loop that rests between its swings has a long period and fast swings, and these are what a search must resolve:
-    the scale is at most the period of the sine that moves as fast as y does on average. Without two cycles the mean
-    time between reversals takes the place of the period. How fast y moves is seen in the longest segment.
+    Such a loop has a long period and fast swings, and a search must resolve the swings. The scale is at most the
+    period of the sine that has the slope of y (standard deviation, longest segment). Without two cycles twice the mean
+    time between reversals takes the place of the period.
     """
     length = loop.samples * loop.step_s
     if found.period_median_s is not None and len(found.cycles) >= 2:

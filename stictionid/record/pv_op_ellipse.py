@@ -1,4 +1,4 @@
-"""The ellipse through the plot of process value against controller output."""
+"""Ellipse fitted to the plot of process value against controller output."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _PLOTTED = 0.9
 
 
 def pv_op_ellipse(loop: Loop, period_s: float) -> Ellipse | None:
-    """The ellipse through the plot of y against u (x is u), both reduced to the oscillation and its first harmonics.
+    """Ellipse through the plot of y against u (x is u), both reduced to the oscillation and its first harmonics.
 
     `period_s` is the oscillation's period. None where the points lie on a line or the record holds no whole cycle.
     """

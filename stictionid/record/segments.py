@@ -1,11 +1,12 @@
-"""Which segments of a record are identified together: what lies between its gaps, each long enough to say something.
+"""Choice of the segments of a record that are identified together, each long enough for an estimate.
 
-A stretch that does not count (manual, frozen, saturated) for a period or longer is a gap, too: the valve may be known
-there, but what moved the process is not, and it seldom ends at the level at which it began. A shorter one is run
-through with the recorded output.
+Samples that do not count (manual, frozen, saturated) for a period or longer are a gap, too. The valve may be known
+there, but the cause of the process's moves is not. The level at the end is seldom that at the beginning. The model
+runs through a shorter stretch with the recorded output.
 
-Segments are never glued: a model restarts in each with an unknown valve force, level and start-up (restarts.py). A
-segment shorter than two periods mostly shows its own unknown start, and each further one adds a number to the search.
+Segments are never joined to one run: a model restarts in each with an unknown valve force, level and start-up
+(model/segments.py). A segment shorter than two periods mostly shows its own unknown start. Each further segment adds
+a number to the search.
 Source: METHODS.md section 4 (trap 1, the unknown start); HISTORIAN.md item 3.12 (gaps).
 """
 
@@ -21,19 +22,19 @@ from ..errors import DataError
 from .loop import Finding, Loop
 from .oscillation import find_range
 
-# Most segments that are identified together, and the least periods that each must hold.
+# Largest number of segments that are identified together, and least number of periods in each.
 MOST, FEWEST_PERIODS = 4, 2.0
-# A run of samples that do not count is no gap if it is shorter, whatever the period. Unit: samples.
+# Least length of a run of samples that do not count, to be a gap; it must also last a period. Unit: samples.
 _FEWEST_MASKED = 10
 _ALONE = ("severity, causes, the fit to a measured position and methods other than auto look at the longest of them "
           "alone")
 
 
 def chosen(loop: Loop, *, restarts: bool = True) -> tuple[Loop, tuple[Finding, ...]]:
-    """The segments that are identified, as one loop, and what must be said of the others.
+    """The segments to identify, as one loop, and findings about the others.
 
-    Up to MOST of at least FEWEST_PERIODS periods, longest first, in the order of time; without `restarts`, or where
-    only one is long enough, the longest alone.
+    Up to MOST segments of at least FEWEST_PERIODS periods are chosen, longest first, and kept in the order of time.
+    Without `restarts`, or where fewer than two are long enough, the longest alone.
     """
     whole = len(loop.starts) == 1
     if whole and not (restarts and max(_masked(loop, loop.segments[0])[1], default=0) >= _FEWEST_MASKED):
@@ -94,7 +95,7 @@ def _longest(loop: Loop, piece: Loop, why: str) -> Finding:
 
 
 def described(loop: Loop, description: Mapping[str, Any]) -> tuple[Loop, tuple[slice, ...]]:
-    """The segments of a record that a described model was fitted to, as one loop, and where they are in the record.
+    """Segments of a record that a described model was fitted to, as one loop, and their positions in the record.
 
     DataError where the record does not have them.
     """

@@ -1,7 +1,7 @@
-"""Frozen results and their JSON form: range, estimate, verdict, steps, candidates, and the study that holds them.
+"""Results as frozen dataclasses and their JSON form: oscillation, estimate, verdict, steps, candidates, study.
 
-Field names are the field names of the contract's JSON, so that one reading serves both. Numbers are written at
-full precision; what does not exist (or is not finite) is null. Files of older schemas load; newer ones are refused.
+Field names are those of the contract's JSON. Numbers are written at full precision; a number that does not exist or
+is not finite is null. Files of older schemas load; newer ones are refused.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class CreatedBy:
 
 @dataclass(frozen=True, slots=True)
 class DataRecord:
-    """What a study remembers of its data: enough to find, check and re-read them."""
+    """Description of a study's data by which they are found, checked and read again."""
 
     file: str | None
     sha256: str | None
@@ -80,7 +80,7 @@ class DataRecord:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether the valve sticks: "stiction", "no stiction" or "undecided", with the reason and a confidence 0..1."""
+    """Verdict on stiction: "stiction", "no stiction" or "undecided", with the reason and a confidence 0..1."""
 
     stiction: str
     reason: str
@@ -92,8 +92,8 @@ class Verdict:
 class PositionEstimate:
     """S and J read from a measured valve position, with the error of that fit in the unit of the position.
 
-    `rmse_proportional` is the error of a position in proportion to the output, as that of a valve without friction;
-    `shows_stiction` whether the difference is beyond what the resolution of the position could make.
+    `rmse_proportional` is the error of a position in proportion to the output, as that of a valve without friction.
+    `shows_stiction` is true where the difference is more than the resolution of the position could make.
     """
 
     S: float
@@ -132,10 +132,11 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Severity:
-    """What the friction means for the plant: band of S (and the bands its interval touches), and the loop repaired.
+    """Effect of the friction on the plant: band of S, the bands its interval touches, and the loop with repaired valve.
 
-    `pv_sd` and `pv_sd_repaired` in the unit of y, `share_of_pv_variance` what the valve causes, travel in % a day,
-    the PI law read from the record; null where the loop could not be run again, and `statement` says why.
+    `pv_sd` and `pv_sd_repaired` are in the unit of y, travel in % a day. `share_of_pv_variance` is the valve's share
+    of the variance of y. Gain and integral time are those of the PI law read from the record. Null where the loop could
+    not be run again; `statement` then gives the reason.
     """
 
     band: str | None
@@ -167,7 +168,7 @@ class ParameterValue:
 
 @dataclass(frozen=True, slots=True)
 class ErrorSummary:
-    """How far model and measurement are apart, in the unit of y; see the contract for each field."""
+    """Distance of model and measurement in the unit of y; see the contract for each field."""
 
     rmse: float
     rmse_holdout: float | None = None
@@ -180,7 +181,7 @@ class ErrorSummary:
 
 @dataclass(frozen=True, slots=True)
 class Restarts:
-    """How many independent searches ran and how many ended in the best optimum found."""
+    """Number of independent searches, and how many of them ended in the best optimum found."""
 
     runs: int
     agree: int
@@ -190,7 +191,7 @@ class Restarts:
 class Step:
     """One stage of a study: the model so far, its parameters and its errors.
 
-    `model` is the full description from which the model runs again without a search (see model.describe); `variant`
+    `model` is the full description from which the model runs again without a search (model/restore.py). `variant`
     says where an added disturbance enters ("output" or "load"), or which tag it is.
     """
 
@@ -217,7 +218,7 @@ class LawResult:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One effect of the catalogue refitted into the model, with what it gained and whether it was accepted.
+    """One effect of the catalogue added to the model and refitted: its gain, and the decision to accept it or not.
 
     `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
     """
@@ -241,7 +242,7 @@ class Candidate:
 class CostMap:
     """Free-run error over a grid of S (rows) and J (columns), the rest held, for the S-J picture.
 
-    `step` is the index of the step whose model it maps (None: not written down, as older versions did).
+    `step` is the index of the step whose model it maps (None in files of older versions, which did not write it).
     """
 
     S: tuple[float, ...]
@@ -253,7 +254,7 @@ class CostMap:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Everything one identification found out, step by step; the only thing commands hand to each other."""
+    """Result of one identification, step by step; the only object that commands hand to each other."""
 
     created_by: CreatedBy
     data: DataRecord
@@ -273,7 +274,7 @@ class Study:
 
     @property
     def interval_caution(self) -> str:
-        """What to know of the intervals of a model that misses something, as a sentence; empty for an adequate one."""
+        """Caution about the intervals of a model that is not adequate, as a sentence; empty for an adequate one."""
         if self.adequate is not False or self.estimate is None or self.estimate.S_interval is None:
             return ""
         return "The intervals hold only as far as this model does; what it misses may move S and J out of them."
@@ -315,9 +316,9 @@ def to_json(value: Any) -> str:
 
 
 def _indented(content: Any, line: str) -> str:
-    """JSON text with a line for every item but those of lists of numbers and words; `line` begins one.
+    """JSON text with one line for every item, except lists of numbers and words; `line` begins a line.
 
-    The library would write a line for every number, item by item in Python.
+    `json.dumps` with an indent writes one line for every number, item by item in Python.
     """
     inner = line + " "
     if isinstance(content, dict) and content:
@@ -329,7 +330,7 @@ def _indented(content: Any, line: str) -> str:
 
 
 def study_from_json(text: str) -> Study:
-    """The study written in `text`; DataError where it is none, is damaged, or has a newer schema."""
+    """The study written in `text`; DataError where it is no study, is damaged, or has a newer schema."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -398,7 +399,7 @@ def _hints(kind: Any) -> dict[str, Any]:
 
 
 def intervals_withheld(steps: Iterable[Step]) -> bool:
-    """Whether a finding of some step says that no intervals can be given (`no_intervals` in its evidence)."""
+    """True where a finding of some step withholds the intervals (`no_intervals` in its evidence)."""
     return any(finding.evidence.get("no_intervals") for step in steps for finding in step.findings)
 
 

@@ -1,4 +1,4 @@
-"""Writing a loop as CSV, TSV or Parquet: columns time_s, SP, PV, OP, ZT and any extra tag, the same bytes each time."""
+"""Writer of a loop as CSV, TSV or Parquet: columns time_s, SP, PV, OP, ZT and further tags; equal bytes each time."""
 
 from __future__ import annotations
 

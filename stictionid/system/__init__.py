@@ -1,1 +1,1 @@
-"""Services of the operating system and of Python: whole files, signals, safe cells, catalogues that are folders."""
+"""Services around the computation: whole-file writes, signals, safe CSV cells, and the registry of catalogues."""

@@ -1,8 +1,8 @@
-"""Foreign text in a CSV or TSV cell, so that it stays text in a spreadsheet and in one cell."""
+"""Cells of CSV and TSV files from foreign text, quoted so that no spreadsheet takes one for a formula."""
 
 from __future__ import annotations
 
-# What makes a spreadsheet take a cell for a formula. Source: OWASP, "CSV Injection".
+# First characters of a cell that a spreadsheet takes for a formula. Source: OWASP, "CSV Injection".
 _FORMULA = "=+-@\t\r"
 
 

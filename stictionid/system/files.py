@@ -1,4 +1,4 @@
-"""Writing whole files or none, and the fingerprint of a file."""
+"""Atomic writing of files (whole or not at all), bounded reading of small ones, and the SHA-256 of a file."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def ensure_writable(path: str | Path, *, force: bool = False, kind: bytes | None
 
 
 def keep_apart(output: str | Path, *inputs: str | Path, what: str = "the export") -> None:
-    """UsageError where a result would replace what it is made from, which --force is not meant for either."""
+    """UsageError where the output is one of the inputs it is made from; --force does not permit that either."""
     for given in inputs:
         try:
             same = os.path.samefile(output, given)
@@ -109,7 +109,7 @@ def keep_apart(output: str | Path, *inputs: str | Path, what: str = "the export"
 
 
 def _is_special(path: Path) -> bool:
-    """Whether a path is a device or a pipe (/dev/null, /dev/stdout), which must never be replaced by a file."""
+    """True for a path to a device or a pipe (/dev/null, /dev/stdout), which a file must never replace."""
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError):

@@ -1,7 +1,7 @@
-"""Interruptions: SIGINT and SIGTERM as exceptions, and a memory of them.
+"""Handlers of SIGINT and SIGTERM that raise exceptions and remember which signal came.
 
-Compiled libraries turn an exception that meets them half-way through an import or a callback into another one; whoever
-then sees a failure asks `ended_by` whether it was an interruption.
+Compiled libraries may turn an exception raised inside an import or a callback into another one. Code that sees a
+failure therefore asks `ended_by` for an interruption.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import threading
 from typing import Any
 
 INTERRUPTED, TERMINATED = 130, 143
-# Wait before a signal is sent again whose exception a callback has swallowed. Unit: s.
+# Wait before a signal is sent again, after a callback has lost its exception. Unit: s.
 _AGAIN = 0.02
 _ended: list[int] = []
-# Set, inline and before anything else, by whoever deals with an interruption: calls are where the next one strikes.
+# True once an interruption is being handled. Set inline and first: a call would be a place for the next signal.
 over = False
 
 
 def install() -> None:
-    """From now on SIGINT raises KeyboardInterrupt and SIGTERM SystemExit, so that both tidy up on their way out.
+    """Make SIGINT raise KeyboardInterrupt and SIGTERM SystemExit, so that both clean up before the exit.
 
     A signal that the caller had ignored (a job in the background, nohup) stays ignored.
     """
@@ -33,7 +33,7 @@ def install() -> None:
 
 
 def finish() -> None:
-    """The work is over: a signal from now on could only change the exit code."""
+    """Ignore further signals: the work is over, and a signal could only change the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "SIGTERM"):
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -45,7 +45,7 @@ def ended_by() -> int | None:
 
 
 def _unraisable(unraisable: Any) -> None:
-    """An interruption that met a callback of compiled code is lost there: quietly send it again a moment later."""
+    """Send a signal again a moment later, where its exception was lost in a callback of compiled code."""
     if _ended and isinstance(unraisable.exc_value, KeyboardInterrupt | SystemExit):
         number = signal.SIGINT if _ended[0] == INTERRUPTED else signal.SIGTERM
         again = threading.Timer(_AGAIN, os.kill, (os.getpid(), number))

@@ -1,6 +1,6 @@
-"""A catalogue that is a folder: one file for each entry, each with one constant, found by looking.
+"""Registry of a catalogue kept as a folder: one module for each entry, each with one constant of a given name.
 
-Laws, effects and methods are such folders; a new entry is one new file and nothing else.
+Laws, effects and methods are such folders. A new entry is one new file and no other change.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..errors import UsageError
 
 
 class Named(Protocol):
-    """What every entry has."""
+    """Entry of a catalogue; it has a name."""
 
     @property
     def name(self) -> str:
@@ -29,10 +29,10 @@ Entry = TypeVar("Entry", bound=Named)
 
 def room(package: str, constant: str, kind: type[Entry], word: str,
          order: Callable[[Entry], Any]) -> tuple[Callable[[], dict[str, Entry]], Callable[[str], Entry]]:
-    """Two functions for the modules of `package` that hold a `constant` of some `kind`: all by name, and one by name.
+    """Two functions over the modules of `package` that hold a `constant` of type `kind`: all by name, and one by name.
 
-    All come sorted by `order`. One loads its own file only, where the file bears its name; UsageError with the nearest
-    name where there is none (`word` says what it is).
+    The first returns all entries sorted by `order`. The second imports only the file that bears the name, where there
+    is one. It raises UsageError with the nearest name for an unknown one; `word` is the kind of entry in that message.
     """
     @cache
     def catalogue() -> dict[str, Entry]:

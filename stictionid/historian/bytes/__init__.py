@@ -1,1 +1,1 @@
-"""Bytes of an export: found, unpacked, decoded, limited."""
+"""Bytes of an export: opening, unpacking, decoding, limits, and the options of the reader."""

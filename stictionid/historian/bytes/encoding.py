@@ -1,4 +1,4 @@
-"""Bytes to UTF-8: byte-order marks, UTF-16 without one, NUL padding, and the usual code pages of plants."""
+"""Decoding of an export's bytes to UTF-8: byte-order marks, UTF-16 without one, NUL padding, legacy code pages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MIN_COMMON_SHARE = 0.6
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A file's text as UTF-8 bytes with "\\n" or "\\r\\n" line ends; `guessed` where nothing in the file says so."""
+    """A file's text as UTF-8 bytes with "\\n" or "\\r\\n" line ends; `guessed` where the file does not state it."""
 
     data: bytes
     encoding: str
@@ -81,7 +81,7 @@ def _newlines(data: bytes) -> bytes:
 
 
 def _without_nul(data: bytes, name: str) -> tuple[bytes, str]:
-    """UTF-16 without a mark, or padding with NUL bytes taken away; anything else with NUL is binary."""
+    """Text of UTF-16 without a mark, or without NUL padding; any other NUL is refused as binary."""
     sample = data[:4096]
     for offset, code in ((1, "utf-16-le"), (0, "utf-16-be")):
         zeros = sample[offset::2].count(0)

@@ -1,4 +1,4 @@
-"""How much a file may hold before it is refused, and the option that raises it."""
+"""Size limits of an export (rows, columns, bytes), and the option that raises them."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ...errors import DataError, UsageError
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """`rows` and `columns` of a table; bytes of a `line`, of a `file`, and of what is held `unpacked` in memory.
+    """Limits of `rows` and `columns` of a table; of bytes of a `line`, of a `file`, and of content held `unpacked`.
 
-    30 million rows are one second over a year and take about 4 GB; 10,000 columns of 100 characters are a line of
-    1 MiB; text of UTF-8 is read in pieces up to the file limit; everything that must be held whole (gzip, zip,
-    standard input, other encodings, the wanted columns of Parquet) stays below `unpacked`.
+    30 million rows are one second over a year and take about 4 GB. 10,000 columns of 100 characters are a line of
+    1 MiB. UTF-8 text is read in pieces up to the file limit. Content that must be held whole (gzip, zip, standard
+    input, other encodings, the wanted columns of Parquet) stays below `unpacked`.
     """
 
     rows: int = 30_000_000
@@ -39,7 +39,7 @@ _SIZE = re.compile(r"(\d+(?:\.\d+)?(?:e\d{1,2})?)\s*([kmgt]i?)?b?", re.IGNORECAS
 
 
 def limits_from(said: tuple[str, ...]) -> Limits:
-    """Limits as said with --limit, for example ("rows=1e8", "file=100GB"). UsageError for anything else."""
+    """Limits from the values of --limit, for example ("rows=1e8", "file=100GB"). UsageError for anything else."""
     changes = {}
     for pair in said:
         what, _, size = pair.partition("=")

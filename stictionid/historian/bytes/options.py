@@ -1,4 +1,4 @@
-"""What a caller may say about an export; everything left out is guessed, shown, and refused with `no_guess`."""
+"""Options of the reader: columns, formats, spans and window; options not given are guessed, and guesses are listed."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ...errors import UsageError
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """How to read a file: names of columns, formats, spans, window; None or empty means "find out".
+    """Options for reading a file: names of columns, formats, spans, window; None or empty means "find out".
 
     `sp pv op position time mode quality extra` are column names or 1-based column numbers. `step_s` seconds.
     `span_pv`, `span_op`, `split` are (low, high) in the unit of the column. `start`, `end` are time stamps, or
-    seconds since the first row. `dayfirst` True, False, or None to decide over the whole file. `mode_map` sends
-    a mode as written to AUTO, CAS, MAN or OFF. `roles` sends the reason of a guess, as `Reading.why` words it
-    ("suffix 'mv'"), to the role it stands for on this site: profiles keep it. `sentinels` are numbers that mean
+    seconds since the first row. `dayfirst` True, False, or None to decide over the whole file. `mode_map` maps
+    a mode as written to AUTO, CAS, MAN or OFF. `roles` maps the reason of a guess, as `Reading.why` words it
+    ("suffix 'mv'"), to the role it has on this site; profiles store it. `sentinels` are numbers that mean
     "no value". `limit` raises limits, for example "rows=1e8".
     """
 
@@ -58,7 +58,7 @@ class ReadOptions:
     roles: dict[str, str] = field(default_factory=dict)
 
     def said(self) -> dict[str, Any]:
-        """The options that differ from the defaults, as plain JSON types: what `Origin.options` remembers."""
+        """The options that differ from the defaults, as plain JSON types, for `Origin.options`."""
         default = ReadOptions()
         changed = {
             f.name: getattr(self, f.name)
@@ -83,7 +83,7 @@ _KINDS = {f.name: str(f.type) for f in dataclasses.fields(ReadOptions)}
 
 
 def typed(name: str, value: Any) -> Any:
-    """A value of TOML or JSON in the type of its option; UsageError where it is another."""
+    """A value of TOML or JSON in the type of its option; UsageError where its type is another."""
     kind = _KINDS[name]
     several = list(value) if isinstance(value, (list, tuple)) else []
     numbers = bool(several) and all(_is_number(v) for v in several)

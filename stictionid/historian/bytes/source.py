@@ -1,6 +1,6 @@
-"""The bytes of an export: found, unpacked within limits, named for what they are, fingerprinted.
+"""Content of an export: opened, unpacked within limits, its kind recognised, with its SHA-256.
 
-Everything that is not text or Parquet is refused here, by its first bytes and not by its extension.
+Content that is neither text nor Parquet is refused here, by its first bytes and not by its extension.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .limits import Limits
 MAX_UNPACKED_RATIO = 200
 """Unpacked over packed size; real exports pack 5 to 30 times, a bomb a thousand times."""
 MIN_UNPACKED_BYTES = 64 << 20
-"""Unpacked size below which the ratio is not looked at, bytes."""
+"""Unpacked size below which the ratio is not checked, bytes."""
 PIECE_BYTES = 32 << 20
 """Piece of a large text file that is parsed at once."""
 MIN_STREAMED_BYTES = 256 << 20
@@ -65,8 +65,8 @@ class Source:
 def open_source(file: Any, limits: Limits | None = None) -> Source:
     """The content of a path, of '-' (standard input) or of an object with read().
 
-    A large text file is left where it is (`data` empty, `kind` "text"): `pieces` reads it. UsageError where the file
-    is absent or not readable; DataError where the content is no text and no Parquet, or above a limit.
+    A large text file is not loaded (`data` empty, `kind` "text"): `pieces` reads it. UsageError where the file
+    is absent or not readable; DataError where the content is neither text nor Parquet, or above a limit.
     """
     limits = limits or Limits()
     if hasattr(file, "read"):
@@ -86,7 +86,7 @@ def open_source(file: Any, limits: Limits | None = None) -> Source:
         if path.is_char_device() or path.is_block_device():
             raise UsageError(f"{path} is a device, which may have no end", "give a file, or - for standard input")
         with open(path, "rb") as stream:
-            # Enough to see that a line has no end even if it begins after some header lines.
+            # Enough to find a line without an end, even below some header lines.
             start = stream.read(_BLOCK + min(limits.line, _BLOCK) + 1)
             size = os.fstat(stream.fileno()).st_size
             limits.check("file", size, path.name, "cut it into pieces")
@@ -114,7 +114,7 @@ def _read_limited(stream: BinaryIO, name: str, limits: Limits, before: int = 0) 
 
 
 def in_short(error: Exception) -> str:
-    """What a library says about damage, on one line."""
+    """Message of a library's error, on one line."""
     return " ".join(str(error).split())[:160] or type(error).__name__
 
 
@@ -144,9 +144,9 @@ def _from_bytes(data: bytes, name: str, limits: Limits, path: Path | None = None
 
 
 def _check_lines(data: bytes, name: str, limits: Limits, before: int = 0) -> None:
-    """Refuse a line longer than the limit; hops from line end to line end, so it costs one look per megabyte.
+    """Refuse a line longer than the limit; it jumps from line end to line end, one search per megabyte.
 
-    `before` is how many bytes of the file came before `data`.
+    `before` is the number of bytes of the file before `data`.
     """
     position = 0
     while len(data) - position > limits.line:
@@ -192,7 +192,7 @@ def _unzip(data: bytes, name: str, limits: Limits) -> tuple[bytes, str]:
 
 
 def _unpack(stream: Any, packed: int, name: str, limits: Limits) -> bytes:
-    """Everything in `stream`, stopped before it fills the memory; a limit that was said lifts the ratio as well."""
+    """Everything in `stream`, stopped before it fills the memory; a limit given by the user lifts the ratio as well."""
     most = limits.unpacked
     if most == Limits().unpacked:
         most = min(most, max(MIN_UNPACKED_BYTES, packed * MAX_UNPACKED_RATIO))
@@ -210,7 +210,7 @@ def _unpack(stream: Any, packed: int, name: str, limits: Limits) -> bytes:
 
 
 def pieces(source: Source, limits: Limits) -> Iterator[tuple[bytes, str]]:
-    """A large text file in pieces of whole lines, each with the fingerprint of all bytes so far.
+    """A large text file in pieces of whole lines, each with the SHA-256 of all bytes so far.
 
     DataError where a line is too long or the file changes while it is read.
     """
@@ -219,7 +219,7 @@ def pieces(source: Source, limits: Limits) -> Iterator[tuple[bytes, str]]:
     try:
         with open(source.path, "rb") as stream:
             at_start = os.fstat(stream.fileno())
-            # Not beyond the size it had: a file that grows as fast as it is read would never end.
+            # Never beyond the size at the start: a file that grows as fast as it is read would have no end.
             while before + len(left) <= at_start.st_size and (block := stream.read(PIECE_BYTES)):
                 digest.update(block)
                 block = left + block

@@ -1,4 +1,4 @@
-"""Writes the cleaned loop: time, signals under their plain names, and which samples count."""
+"""Writer of the cleaned loop: time, signals under their plain names, and a column that marks samples that count."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ def write_clean(result: Any, path: str, *, force: bool = False) -> None:
     else:
         from pyarrow import csv
 
-        # The header by hand: tags are foreign text, and pyarrow neither quotes them here nor disarms formulas.
+        # The header is written here: tags are foreign text, and pyarrow neither quotes them nor makes formulas safe.
         sink.write((",".join(map(cell, columns)) + "\n").encode())
         csv.write_csv(table, sink, csv.WriteOptions(include_header=False, quoting_style="none"))
         write_whole(path, sink.getvalue(), force=force, kind=own_kind(path))
 
 
 def own_kind(path: str) -> bytes:
-    """The first bytes of a file that this module wrote: what may be replaced without --force."""
+    """First bytes of a file that this module wrote; such a file may be replaced without --force."""
     if path.lower().endswith(".parquet"):
         return b"PAR1"
     try:
@@ -75,7 +75,7 @@ def own_kind(path: str) -> bytes:
 
 
 def _nullable(values: FloatArray) -> Any:
-    """Values with empty cells where there are none."""
+    """Values with empty cells in place of NaN."""
     import pyarrow.compute as pc
 
     column = numbers(np.array(values))

@@ -1,4 +1,4 @@
-"""Findings about how a file was read: order, step, gaps, modes. What is wrong inside the signals is in `spoilt`."""
+"""Findings about the reading of a file: order of rows, step, gaps, modes (faults of the signals: checks/spoilt.py)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MAX_OFFSET_S = 1e-6
 
 
 def order_findings(shaped: Shaped) -> list[Finding]:
-    """Newest first, out of order, duplicates, dropped seconds, folded clock."""
+    """Findings on the order of rows: newest first, out of order, duplicates, dropped seconds, folded clock."""
     found = []
     orders = shaped.orders
     duplicates = sum(int(o.duplicates.size) for o in orders)
@@ -80,7 +80,7 @@ def _times(count: int) -> str:
 
 
 def tag_findings(shaped: Shaped, aligned: Aligned) -> list[Finding]:
-    """Offsets between tags, the slower tag, tags recorded on change, doubted values."""
+    """Findings on tags: offsets between stamps, the slower tag, tags recorded on change, uncertain values."""
     found = []
     offsets = {k: v for k, v in aligned.offsets_s.items() if abs(v) > MAX_OFFSET_S}
     if offsets:
@@ -120,7 +120,7 @@ def tag_findings(shaped: Shaped, aligned: Aligned) -> list[Finding]:
 
 
 def setpoint_findings(shaped: Shaped) -> list[Finding]:
-    """A cascade slave without a setpoint: it is the output of its master, which may stand in the same file."""
+    """Finding on a cascade slave without a setpoint: it is the output of its master, perhaps in the same file."""
     modes = shaped.modes
     if "setpoint" in shaped.series or modes is None or "CAS" not in modes.meaning:
         return []
@@ -138,7 +138,7 @@ def setpoint_findings(shaped: Shaped) -> list[Finding]:
 
 
 def irregular(step: GridStep, honest: float, frame: Frame) -> Finding:
-    """Steps that fit no even grid."""
+    """Finding on steps that fit no even grid."""
     low, high = (float(f(np.diff(frame.ns))) / 1e9 for f in (np.min, np.max))
     return Finding(
         "irregular-steps",
@@ -151,7 +151,7 @@ def irregular(step: GridStep, honest: float, frame: Frame) -> Finding:
 
 
 def jitter(step: GridStep) -> Finding:
-    """Steps that are even but for a little."""
+    """Finding on steps that are even except for a small deviation."""
     what = "rounded to a coarse clock" if step.kind == "rounded" else "jittering"
     return Finding(
         "jitter",
@@ -162,7 +162,7 @@ def jitter(step: GridStep) -> Finding:
 
 
 def gaps(frame: Frame, step: GridStep, naive: bool) -> Finding:
-    """Where the record was split."""
+    """Finding on the gaps at which the record was split."""
     count = len(frame.starts) - 1
     at = frame.starts[1:]
     lengths = [(int(frame.ns[i]) - int(frame.ns[i - 1])) / 1e9 for i in at]
@@ -178,7 +178,7 @@ def gaps(frame: Frame, step: GridStep, naive: bool) -> Finding:
 
 
 def oversampled(every: int, step: GridStep) -> Finding:
-    """Every value stands k times."""
+    """Finding on a record in which every value is repeated k times."""
     return Finding(
         "oversampled",
         "warning",
@@ -190,7 +190,7 @@ def oversampled(every: int, step: GridStep) -> Finding:
 
 
 def short_segments(count: int) -> list[Finding]:
-    """Stretches too short to use."""
+    """Finding on stretches too short to use."""
     if not count:
         return []
     return [
@@ -204,7 +204,7 @@ def short_segments(count: int) -> list[Finding]:
 
 
 def mode_findings(unclear: dict[str, int], shaped: Shaped, guesses: list[str]) -> list[Finding]:
-    """Modes whose meaning the reader does not know."""
+    """Finding on modes of unknown meaning."""
     if not unclear:
         return []
     column = shaped.columns.get("mode", "mode")
@@ -228,7 +228,7 @@ def mode_findings(unclear: dict[str, int], shaped: Shaped, guesses: list[str]) -
 
 
 def time_text(shaped: Shaped, options: ReadOptions) -> str:
-    """One phrase about the time column."""
+    """Description of the time column in one phrase."""
     if shaped.times is None:
         return f"no time column, {options.step_s:g} s per row as said"
     zone = (
@@ -242,7 +242,7 @@ def time_text(shaped: Shaped, options: ReadOptions) -> str:
 
 
 def mask_findings(samples: dict[str, int]) -> list[Finding]:
-    """Stretches that stay in the loop but do not count."""
+    """Findings on samples that stay in the loop but do not count."""
     words = {
         "manual": "the controller is in manual",
         "start-up": "PV is far from where the record is run, and on its way there or away (--keep-startup)",
@@ -280,7 +280,7 @@ _CAPPING = ("frozen", "filled", "saturated")
 
 
 def bad_findings(rows: dict[str, int]) -> list[Finding]:
-    """Rows without a usable number."""
+    """Finding on rows without a usable number."""
     bad = rows.get("bad", 0)
     if not bad:
         return []

@@ -1,4 +1,4 @@
-"""Spoilt data: signals that repeat or do not vary, and the list of all tests on the signals themselves."""
+"""Signals that repeat or do not vary, and the list of all tests for spoilt data."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ MIN_LADDER_CHANGES = 20
 MAX_LADDER = 60
 """Longest repetition looked for, samples: one value a minute recorded every second."""
 MAX_JUDGED = 500_000
-"""Samples from the start on which texture is judged: more say nothing new."""
+"""Number of samples from the start on which texture is judged; more carry no further information."""
 MIN_JUDGED = 60
-"""Samples below which texture is not judged: shares of so few say nothing."""
+"""Number of samples below which texture is not judged: shares of so few are unreliable."""
 DEAD_SPAN = 1e-9
 """Span below this share of the magnitude is rounding noise, not a signal."""
 TINY = 1e-30
@@ -24,7 +24,7 @@ TINY = 1e-30
 
 
 def ladder(frame: Frame) -> tuple[int, int]:
-    """(k, phase) when every signal only changes at every k-th sample; (1, 0) otherwise."""
+    """(k, phase) where every signal changes at every k-th sample only; (1, 0) otherwise."""
     signals = [frame.values[r] for r in ("process_value", "output") if r in frame.values]
     changed = np.zeros(frame.ns.size - 1, np.bool_)
     each = []
@@ -45,7 +45,7 @@ def ladder(frame: Frame) -> tuple[int, int]:
 def spoilt_findings(
     loop: Signals, *, name_hints: list[str], names: dict[str, str], fractions: float = 0.0
 ) -> list[Finding]:
-    """Everything the signals themselves give away; `caps_verdict` in the evidence forbids a sure verdict."""
+    """Findings of all tests on the signals; `caps_verdict` in the evidence forbids a sure verdict."""
     found = _dead(loop)
     if found or loop.output.size < MIN_JUDGED:
         return found
@@ -81,7 +81,7 @@ def _dead(loop: Signals) -> list[Finding]:
 
 
 def is_dead(values: FloatArray) -> bool:
-    """Whether a signal has no variation beyond rounding."""
+    """True where a signal has no variation beyond rounding."""
     if not values.size:
         return True
     low, high = float(values.min()), float(values.max())

@@ -1,6 +1,6 @@
-"""The texture of signals: straight lines of compression, averages, coarse steps, clipping, a changed range.
+"""Tests of signals for compression, averaging, quantisation, clipping, swapped columns and a changed range.
 
-Each test returns a finding with its share and what it does to S and J, or None.
+Each test returns a finding with its share and its effect on S and J, or None.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ _AVERAGE_WORDS = ("avg", "average", "mean", "moyenne", "mittel", "среднее
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """What the tests look at, uncopied: arrays (n,) in the units of the loop, step in seconds, segment starts."""
+    """Signals for the tests, uncopied: arrays (n,) in the units of the loop, step in seconds, segment starts."""
 
     output: FloatArray
     process_value: FloatArray
@@ -78,7 +78,7 @@ class Signals:
 
 
 def compressed(loop: Signals) -> Finding | None:
-    """Straight lines between few recorded points: swinging-door compression, or interpolation on export."""
+    """Finding on straight lines between few recorded points: swinging-door compression, or interpolation on export."""
     straight, slopes = _straight(loop.process_value, loop.starts)
     if straight < MAX_STRAIGHT_SHARE or slopes < MIN_DIFFERENT_SLOPES:
         return None
@@ -98,7 +98,7 @@ def compressed(loop: Signals) -> Finding | None:
 
 
 def _straight(values: FloatArray, starts: tuple[int, ...]) -> tuple[float, float]:
-    """Share of samples on sloping straight lines of four or more, and different slopes per line."""
+    """Share of samples on sloping straight lines of four or more points, and number of different slopes per line."""
     steps, bends = np.diff(values), np.diff(values, 2)
     resolution = _resolution(values)
     moving = np.abs(steps[steps != 0])
@@ -135,7 +135,7 @@ def _rough(values: FloatArray) -> bool:
 
 
 def swapped(loop: Signals, names: dict[str, str]) -> Finding | None:
-    """PV and SP, or PV and OP, in each other's columns: one rests like a setpoint, or obeys the controller's law."""
+    """Finding on PV and SP, or PV and OP, in each other's columns: one rests like a setpoint, or follows a PI law."""
     pv, op, sp = loop.process_value, loop.output, loop.setpoint
     if sp is not None:
         rests, moves = (float(np.mean(np.diff(v) != 0)) for v in (pv, sp))
@@ -148,7 +148,7 @@ def swapped(loop: Signals, names: dict[str, str]) -> Finding | None:
 
 
 def identical(loop: Signals, names: dict[str, str]) -> Finding | None:
-    """PV that is OP or SP times a number plus a number to the last digit: the same tag twice."""
+    """Finding on PV that is OP or SP times a number plus a number to the last digit: the same tag twice."""
     for role, other in (("output", loop.output), ("setpoint", loop.setpoint)):
         if other is None:
             continue
@@ -183,7 +183,7 @@ def _swapped(one: str, other: str, flags: str, names: dict[str, str], evidence: 
 
 
 def _obeys(output: FloatArray, measured: FloatArray, setpoint: FloatArray | None) -> float:
-    """Share of the moves of `output` that a PI controller of `measured` explains (R²); 0 where it can't be told."""
+    """Share of the moves of `output` that a PI controller of `measured` explains (R²); 0 where it can't be computed."""
     part = slice(0, 20_000)
     du, dy, y = np.diff(output[part]), np.diff(measured[part]), measured[part][1:]
     columns = [np.ones(y.size), y, dy]
@@ -200,8 +200,7 @@ def _obeys(output: FloatArray, measured: FloatArray, setpoint: FloatArray | None
 
 
 def averaged(loop: Signals, name_hints: list[str], fractions: float = 0.0) -> Finding | None:
-    """Averages over the interval instead of snapshots; `fractions` is the share of mode codes that are no whole number.
-    """
+    """Finding on averages over the interval instead of snapshots; `fractions` is the share of fractional mode codes."""
     named = next((n for n in name_hints if any(w in n.lower() for w in _AVERAGE_WORDS)), None)
     evidence: dict[str, object] = {"named": named} if named else {}
     why = f"{shown(named)} names an average" if named else ""
@@ -236,7 +235,7 @@ def averaged(loop: Signals, name_hints: list[str], fractions: float = 0.0) -> Fi
 
 
 def _long_digits(values: FloatArray) -> float:
-    """Share of values with more digits than any snapshot, 0 unless others are as short as snapshots are."""
+    """Share of values with more digits than any snapshot; 0 unless the others are as short as snapshots are."""
     known = values[np.isfinite(values) & (values != 0)][:100_000]
     if not known.size:
         return 0.0
@@ -245,7 +244,7 @@ def _long_digits(values: FloatArray) -> float:
 
 
 def _written_with(values: FloatArray, digits: int) -> np.ndarray:
-    """Whether a value is a decimal number of at most so many significant digits."""
+    """True where a value is a decimal number of at most so many significant digits."""
     scale = 10.0 ** np.clip(digits - 1 - np.floor(np.log10(np.abs(values))), -300, 300)
     scaled = values * scale
     return np.asarray(np.abs(scaled - np.rint(scaled)) <= 4 * np.finfo(float).eps * np.abs(scaled))
@@ -262,7 +261,7 @@ def _between_levels(setpoint: FloatArray) -> float:
 
 
 def quantised(loop: Signals) -> list[Finding]:
-    """Signals whose resolution is coarse against what they do."""
+    """Findings on signals whose resolution is coarse against their swing."""
     found = []
     for role, words, values in (("process_value", "PV", loop.process_value), ("output", "OP", loop.output)):
         levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
@@ -290,7 +289,7 @@ def quantised(loop: Signals) -> list[Finding]:
 
 
 def clipped(loop: Signals) -> Finding | None:
-    """PV that sits at its highest or lowest value again and again: the transmitter's range ends there."""
+    """Finding on PV that stays at its highest or lowest value repeatedly: the end of the transmitter's range."""
     values = loop.process_value
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     lively = float(np.mean(np.diff(values) != 0))
@@ -310,13 +309,13 @@ def clipped(loop: Signals) -> Finding | None:
 
 
 def _blocks(values: FloatArray) -> FloatArray:
-    """A long record by blocks of 100 neighbours spread evenly over it: enough for a median, in a tenth of the time."""
+    """Blocks of 100 neighbours spread evenly over a long record: enough for a median, in a tenth of the time."""
     every = values.size // (100 * MAX_BLOCKS)
     return values if every < 2 else values[: values.size // 100 * 100].reshape(-1, 100)[::every].reshape(-1)
 
 
 def re_ranged(loop: Signals) -> Finding | None:
-    """A jump after which level and noise are larger or smaller by one and the same factor: units or range changed."""
+    """Finding on a jump after which level and noise differ by one and the same factor: units or range changed."""
     values = loop.process_value
     steps = np.abs(np.diff(values))
     at = int(np.nanargmax(steps)) + 1

@@ -1,1 +1,1 @@
-"""Even time grid of a loop: alignment, step, window, samples that do not count."""
+"""Even time grid of a loop: alignment of tags, step, window, and masks of samples that do not count."""

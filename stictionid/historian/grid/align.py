@@ -1,4 +1,4 @@
-"""Series with stamps of their own, brought to those of the slower of PV and OP; offsets are kept."""
+"""Alignment of series with stamps of their own to the stamps of the slower of PV and OP; offsets are reported."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SLOWER = 1.5
 
 @dataclass
 class Aligned:
-    """The frame, what each held or interpolated role needed, and the offset of its stamps against PV in seconds."""
+    """The aligned frame, the offset of each role's stamps against PV in seconds, and the roles recorded on change."""
 
     frame: Frame
     offsets_s: dict[str, float] = field(default_factory=dict)
@@ -118,12 +118,12 @@ def _grids(stamps: IntArray, step_ns: float) -> IntArray:
 
 
 def resample(frame: Frame, step_ns: float, on_change: set[str]) -> IntArray:
-    """Irregular stamps onto even grids, in place: PV by straight lines over short gaps, held signals held.
+    """Put irregular stamps onto even grids, in place: PV by straight lines over short gaps, held signals held.
 
-    A gap longer than what may be filled ends a grid: the next begins at the first stamp behind it, so that a clock
-    that was wrong once by years does not make a million empty samples.
+    A gap too long to be filled ends a grid, and the next begins at the first stamp behind it. A clock that was wrong
+    once by years then makes no million empty samples.
 
-    Returns the rows (of the first source) that no grid sample stands for.
+    Returns the rows (of the first source) that no grid sample represents.
     """
     ns = _grids(frame.ns, step_ns)
     count = ns.size

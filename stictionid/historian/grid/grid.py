@@ -1,6 +1,6 @@
-"""Stamps to an even grid: the step, the tolerance for jitter, gaps that split, values that may be filled.
+"""Even grid from time stamps: the step, the tolerance for jitter, gaps that split, values that may be filled.
 
-Held signals (OP, SP, mode) are filled forward; PV is interpolated over at most two missing samples; nothing is
+Held signals (OP, SP, mode) are filled forward. PV is interpolated over at most two missing samples. Nothing is
 continued across a longer gap.
 """
 
@@ -17,7 +17,7 @@ from ..table.rows import CODE
 MAX_FILLED = 2
 """Missing PV samples that may be interpolated, in a row (HISTORIAN.md 3.12)."""
 JITTER_TOLERANCE = 0.25
-"""Deviation from the even grid that counts as jitter, share of the step; more is said as irregular."""
+"""Largest deviation from the even grid that counts as jitter, share of the step; more is irregular."""
 MIN_REGULAR_SHARE = 0.8
 """Share of steps that must fit multiples of the median step for a record to count as evenly sampled."""
 MAX_SINGLE_STEP_SHARE = 0.9
@@ -51,7 +51,7 @@ class Frame:
     starts: list[int] = field(default_factory=lambda: [0])
 
     def take(self, index: IntArray | BoolArray) -> None:
-        """Keep only some samples, in place."""
+        """Keep only the samples of `index`, in place."""
         self.ns = self.ns[index]
         self.values = {k: v[index] for k, v in self.values.items()}
         self.rows = [r[index] for r in self.rows]
@@ -107,7 +107,7 @@ def place_on_grid(frame: Frame, step: GridStep) -> IntArray:
     whole = np.rint(np.diff(frame.ns) / step.ns).astype(np.int64)
     keep = np.concatenate([[True], whole >= 1])
     if not keep.all():
-        # Two samples within half a step: the later one has no place of its own on the grid.
+        # Two samples within half a step: the later one has no position of its own on the grid.
         frame.reason[~keep & (frame.reason == 0)] = CODE["off grid"]
     place = np.concatenate([[0], np.cumsum(np.maximum(whole, 0))])
     return place
@@ -138,9 +138,9 @@ def insert_missing(frame: Frame, place: IntArray) -> None:
 
 
 def fill(frame: Frame, on_change: set[str]) -> BoolArray:
-    """Fill what may be filled, in place; True (n,) where PV, OP or SP is not a measurement of its own.
+    """Fill missing values where that is allowed, in place; True (n,) where PV, OP or SP is filled and not measured.
 
-    Roles in `on_change` are recorded only when they change: there an empty cell is the value before it.
+    Roles in `on_change` are recorded only when they change: there an empty cell is the value before it, as measured.
     """
     filled = np.zeros(frame.ns.size, np.bool_)
     breaks = np.zeros(frame.ns.size, np.bool_)
@@ -157,7 +157,7 @@ def fill(frame: Frame, on_change: set[str]) -> BoolArray:
         else:
             new = _interpolate(values, missing, breaks)
         if role == "setpoint" and np.isnan(new).any() and not np.isnan(new).all():
-            # Before its first record a setpoint is unknown: the next value stands in, masked.
+            # Before its first record a setpoint is unknown: the next value takes its place, masked.
             new = _hold(new[::-1], np.isnan(new)[::-1], np.zeros(new.size, np.bool_), None)[::-1]
         frame.values[role] = new
         if role in ("output", "setpoint", "process_value"):
@@ -202,7 +202,7 @@ def _interpolate(values: FloatArray, missing: BoolArray, breaks: BoolArray) -> F
 
 
 def split(frame: Frame, valid: BoolArray) -> tuple[IntArray, list[int], int]:
-    """Indices kept, segment starts among them, and how many stretches were too short to keep."""
+    """Indices kept, segment starts among them, and number of stretches too short to keep."""
     n = valid.size
     breaks = np.zeros(n, np.bool_)
     breaks[[s for s in frame.starts if s < n]] = True

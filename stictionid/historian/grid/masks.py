@@ -1,4 +1,4 @@
-"""Samples that do not count: manual, saturated and frozen stretches, the other valve of a split range."""
+"""Masks of samples that do not count: manual, saturated, frozen and start-up stretches."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LIMITS = ((-6.9, 106.9), (-5.0, 105.0), (0.0, 100.0))
 
 
 def manual(frame: Frame, modes: Modes | None) -> tuple[BoolArray, dict[str, int]]:
-    """True (n,) where the controller does not control; how many samples each unclear mode has.
+    """True (n,) where the controller does not control; number of samples of each unclear mode.
 
     A mode of unknown meaning counts as controlling only where OP moves in it, and is always reported.
     """
@@ -37,7 +37,7 @@ def manual(frame: Frame, modes: Modes | None) -> tuple[BoolArray, dict[str, int]
     if modes is None or codes is None:
         return off, unclear
     op = frame.values["output"]
-    # A mode that never changes says nothing about which samples differ from the others.
+    # With one mode throughout, the mode can't distinguish samples.
     single = np.unique(codes[~np.isnan(codes)]).size == 1
     for code, (word, meaning) in enumerate(zip(modes.words, modes.meaning, strict=True)):
         here = codes == code
@@ -72,7 +72,7 @@ def saturated(
 
 
 def frozen(frame: Frame) -> BoolArray:
-    """True (n,) where every signal stands still far longer than it ever does otherwise, in a record with live noise."""
+    """True (n,) where every signal is constant far longer than elsewhere, in a record with live noise."""
     pv, op = frame.values["process_value"], frame.values["output"]
     n = pv.size
     none = np.zeros(n, np.bool_)
@@ -101,11 +101,10 @@ def frozen(frame: Frame) -> BoolArray:
 
 
 def startup(frame: Frame) -> BoolArray:
-    """True (n,) from the first sample of a record that begins far outside where it is run until PV first gets there.
+    """True (n,) during a start-up: from a first sample far outside the later range of PV until PV first reaches it.
 
-    Far: several times as far from PV's later range as that range is wide, with OP at rest, shut, fully open, or as far
-    outside its own, so that the answer to a step of the setpoint is not taken for it. Backwards in time the same is a
-    shut-down.
+    Far means several widths of that range away. OP must also rest, be shut, fully open, or be as far outside its own
+    range. The response to a setpoint step is then not taken for a start-up. Backwards in time it is a shut-down.
     """
     found = np.zeros(frame.ns.size, np.bool_)
     for way in (1, -1):
@@ -115,7 +114,7 @@ def startup(frame: Frame) -> BoolArray:
 
 
 def _off_range(pv: FloatArray, op: FloatArray) -> int:
-    """How many samples from the first on are start-up; 0 for none."""
+    """Number of samples at the start of the record that are start-up; 0 for none."""
     n = pv.size
     if n < 3 * MIN_STARTUP_RUN:
         return 0
@@ -132,7 +131,7 @@ def _off_range(pv: FloatArray, op: FloatArray) -> int:
 
 
 def _within(values: FloatArray, usual: FloatArray, wide: float) -> BoolArray:
-    """Where values lie within the range of others, widened so many times; unknown values do."""
+    """True where values lie within the range of others, widened by a factor; unknown values count as inside."""
     known = usual[~np.isnan(usual)]
     if not known.size:
         return np.ones(values.size, np.bool_)
@@ -146,7 +145,7 @@ def _thinned(values: FloatArray) -> FloatArray:
 
 
 def _noisy(pv: FloatArray, outside: BoolArray) -> bool:
-    """Whether a signal jitters from sample to sample: a noise-free record at rest is silent without being frozen."""
+    """True where a signal has noise from sample to sample; without noise a record at rest is not taken for frozen."""
     steps = np.abs(np.diff(pv))[outside]
     bends = np.abs(np.diff(pv, 2))[outside[1:]]
     return bool(steps.size and np.median(bends) > 0.5 * np.median(steps) > 0)

@@ -1,4 +1,4 @@
-"""The window of --start and --end, and stamps as text."""
+"""Time window of a record (--start and --end), and the text form of stamps."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def cut_window(frame: Frame, start: str | None, end: str | None, *, elapsed: boo
 
 
 def check_bound(text: str, flag: str) -> None:
-    """UsageError for a text that is no bound of any record."""
+    """UsageError for a text that can be no bound of any record."""
     _bound(text, flag, 0, False)
 
 

@@ -1,1 +1,1 @@
-"""Series of one loop in a table: wide, long or paired, assigned to roles."""
+"""Series of one loop from a table (wide, long or paired), assigned to their roles (SP, PV, OP, …)."""

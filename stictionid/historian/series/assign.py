@@ -1,4 +1,4 @@
-"""Which columns of a table carry which role, for which loop, and why: what was said, then what names say."""
+"""Assignment of columns to roles (SP, PV, OP, …) for one loop: first by the options, then by the names."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _SURE_WORDS = """
     time stamp, time utc, timestamp, valve position, zi, zt
 """
 SURE = frozenset(w.strip() for w in _SURE_WORDS.split(","))
-"""Names that mean one thing only; every other match is a guess and is said to be one (MV and OUT among them)."""
+"""Names with one meaning only; every other match is a guess and is reported as one (MV and OUT among them)."""
 
 
 @dataclass
 class Assignment:
-    """Names by role, for one loop. `index` maps roles to column numbers (or, in long tables, to tags)."""
+    """Columns by role, for one loop. `index` maps roles to column numbers (or, in long tables, to tags)."""
 
     index: dict[str, int]
     why: dict[str, str]
@@ -41,10 +41,9 @@ class Assignment:
 
 
 def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set[int], numeric: set[int]) -> Assignment:
-    """Roles of the signal columns. `skip` are columns already spoken for (time); `numeric` those that hold numbers.
+    """Roles of the signal columns. `skip` are columns already used (time); `numeric` those that hold numbers.
 
-    DataError where PV or OP is nowhere or in several places; UsageError where the loop is unknown
-    or several are found.
+    DataError where PV or OP is in no column or in several; UsageError where the loop is unknown or several are found.
     """
     found = Assignment({}, {})
     for role, option in _OPTIONS.items():
@@ -84,7 +83,7 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
 
 
 def _flags_like_mode(tags: dict[int, Tag]) -> list[int]:
-    """Further mode-like columns when one is surer: only the surest counts."""
+    """Mode columns without a loop except the surest, which alone counts."""
     modes = sorted((t.rank, i) for i, t in tags.items() if t.role == "mode" and not t.loop)
     return [i for _, i in modes[1:]]
 
@@ -102,14 +101,14 @@ def _refuse_shared(index: dict[str, int], skip: set[int], names: tuple[str, ...]
 
 
 def key_of(loop: str) -> str:
-    """A loop's name for comparing: case and separators ignored."""
+    """A loop's name for comparison: case and separators ignored."""
     return tidy(loop).replace(" ", "")
 
 
 def _choose_loop(
     tags: dict[int, Tag], found: Assignment, names: tuple[str, ...], options: ReadOptions, file: str
 ) -> str:
-    """The key of the loop whose columns are taken; "" where names carry none."""
+    """Key of the loop whose columns are taken; "" where names carry none."""
     groups: dict[str, dict[str, Any]] = {}
     for tag in tags.values():
         group = groups.setdefault(key_of(tag.loop), {"name": tag.loop, "roles": set()})
@@ -145,7 +144,7 @@ def _choose_loop(
 
 
 def _complete(found: Assignment, tags: dict[int, Tag], group: str, known: dict[str, str], file: str) -> None:
-    """Take the roles not yet said from the chosen loop, else from what has no loop or is the only one of its kind."""
+    """Assign the roles not given by options: from the chosen loop, else from columns of no loop or the only one."""
     digits = "".join(c for c in group if c.isdigit())
     for role in _OPTIONS:
         if role in found.index:

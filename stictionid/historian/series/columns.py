@@ -1,4 +1,4 @@
-"""Columns of a table by what they hold: time, tags, values, names of loops."""
+"""Columns of a table by their content: time, tags, values, names of loops."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PEEK = 50
 
 
 def kind_of(table: Table, column: int) -> str:
-    """What a column holds: time, date, clock (time of day), number, text or nothing."""
+    """Content of a column: time, date, clock (time of day), number, text or nothing."""
     import pyarrow as pa
 
     values = table.columns[column]
@@ -111,7 +111,7 @@ def loop_names(table: Table, column: int) -> list[str]:
 
 
 def without_loop_column(table: Table, kinds: list[str], options: ReadOptions) -> ReadOptions:
-    """Options for `assign`: where a column names the loop, its columns don't."""
+    """Options for `assign`: where a column names the loop, the names of columns need not."""
     from dataclasses import replace
 
     return options if loop_column(table, kinds) < 0 else replace(options, loop=None)

@@ -1,4 +1,4 @@
-"""Long tables (tag, time, value, quality) and paired columns (time1, value1, time2, value2) as series per role."""
+"""Series per role from long tables (tag, time, value, quality) and paired columns (time1, value1, time2, value2)."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def shape_paired(table: Table, options: ReadOptions, book: RowBook, stamps: list
 
 
 def _paired_name(table: Table, time: int, column: int) -> str:
-    """The tag of a pair: its value column's name, else its time column's, else what stands above it in the header."""
+    """The tag of a pair: the name of its value column, else of its time column, else the cell above in the header."""
     above = [row[i] for row in table.header_cells for i in (column, time) if i < len(row)]
     for name in (table.names[column], table.names[time], *above):
         bare = re.sub(

@@ -1,4 +1,4 @@
-"""Series of one loop as they come out of a table, with everything learnt on the way."""
+"""Series of one loop as taken from a table, with their stamps and the information gathered with them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Series:
 
 @dataclass
 class Shaped:
-    """The loop's series with everything learnt on the way; `shared` when all series have the same stamps."""
+    """The loop's series with roles, units, stamps, modes, guesses; `shared` where all series have the same stamps."""
 
     shape: str
     assignment: Assignment
@@ -49,7 +49,7 @@ class Shaped:
 
 
 def times_of(table: Table, columns: list[int], options: ReadOptions) -> Times:
-    """The stamps of one or two columns, in the zone that was said."""
+    """The stamps of one or two columns, in the zone that the options give."""
     times = parse_times(
         [table.columns[i] for i in columns],
         table.names[columns[0]],
@@ -69,7 +69,7 @@ def times_of(table: Table, columns: list[int], options: ReadOptions) -> Times:
 def order_of(
     times: Times, options: ReadOptions, keep: IntArray, worth: Callable[[], FloatArray] | None = None
 ) -> tuple[Order, Times]:
-    """Rows `keep` in time order, after the zone; `worth` gives how good each of them is, for those with one stamp."""
+    """Rows `keep` in time order, after the zone; `worth` ranks rows that have the same stamp."""
     times = apply_zone(times, options.zone, keep)
     zoned = options.zone is not None or times.zone is not None
     order = put_in_order(times.ns[keep], elapsed=times.elapsed, zoned=zoned, worth=worth)

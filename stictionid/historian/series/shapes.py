@@ -1,4 +1,4 @@
-"""The shape of a table (wide, long, paired) and the series of one loop inside it."""
+"""Recognition of the shape of a table (wide, long, paired), and the series of one loop in it."""
 
 from __future__ import annotations
 

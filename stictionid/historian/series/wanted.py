@@ -1,4 +1,4 @@
-"""Which columns of a table one loop needs: large files are read without the others."""
+"""Selection of the columns that one loop needs, so that large files are read without the others."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .columns import is_paired, kind_of, long_columns, loop_column, time_columns
 def wanted_columns(head: Table, options: ReadOptions) -> tuple[set[int] | None, list[str]]:
     """Columns that the loop needs, judged by the first rows, and the kind of each; None for all of them.
 
-    Long and paired tables need all. Errors as `assign`: a role nowhere, several loops.
+    Long and paired tables need all. Errors as in `assign`: a role in no column, several loops.
     """
     kinds = [kind_of(head, i) for i in range(len(head.names))]
     times = {i for i, k in enumerate(kinds) if k in ("time", "date", "clock")}
@@ -33,13 +33,13 @@ def wanted_columns(head: Table, options: ReadOptions) -> tuple[set[int] | None, 
 
 
 def by_rows(head: Table) -> bool:
-    """Whether rows, not columns, say which loop a value belongs to."""
+    """True where the loop of a value is named by its row, not by its column."""
     kinds = [kind_of(head, i) for i in range(len(head.names))]
     return loop_column(head, kinds) >= 0 or min(long_columns(head, kinds)) >= 0
 
 
 def without_others(table: Table, columns: dict[int, Any], kinds: list[str], rows: int) -> Table:
-    """The table with the columns given; the others keep their names and kinds but hold nothing."""
+    """The table with the given columns; the others keep their names and kinds but hold nothing."""
     import pyarrow as pa
 
     empty = {True: pa.nulls(rows, pa.null()), False: pa.nulls(rows, pa.bool_())}

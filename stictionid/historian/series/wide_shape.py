@@ -1,4 +1,4 @@
-"""Wide tables (one column per signal) as series per role."""
+"""Series per role from wide tables (one column per signal)."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def shape_wide(table: Table, kinds: list[str], options: ReadOptions, book: RowBo
 
 
 def _worth(table: Table, assignment: Assignment, quality_columns: set[int], options: ReadOptions) -> FloatArray:
-    """How many of PV and OP each row has (n,), bad quality counted as nothing."""
+    """Number of usable values among PV and OP in each row (n,); values of bad quality do not count."""
     found = np.zeros(table.rows)
     for role in ("process_value", "output"):
         column = assignment.index[role]
@@ -108,7 +108,7 @@ def _fill_wide(
 
 
 def _quality_for(column: int, table: Table, columns: set[int], options: ReadOptions) -> Quality | None:
-    """The quality column that belongs to a value column: by its name, by standing right behind it, or the only one."""
+    """Quality column of a value column: by its name, else the only one, else the column right of it."""
     if options.quality is not None:
         return read_quality_column(pick(table.names, options.quality, "--quality", table.file), table, options)
     if not columns:

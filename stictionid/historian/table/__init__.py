@@ -1,1 +1,1 @@
-"""Tables of an export: text, HTML and Parquet as columns."""
+"""Table of an export as columns, from text, HTML or Parquet."""

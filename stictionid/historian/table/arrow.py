@@ -1,4 +1,4 @@
-"""Arrow columns to numpy and back through their buffers: pyarrow's own way imports pandas, 0.45 s for nothing."""
+"""Conversion of Arrow columns to numpy and back through their buffers; pyarrow's own way imports pandas (0.45 s)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A table from a source of any format: Parquet, text that is held whole, text in pieces."""
+"""Dispatch of a source to its reader: Parquet, text held whole, or text in pieces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .table import Table, text_table
 
 
 def read_table(source: Source, options: ReadOptions, *, loops: bool = False) -> Table:
-    """The one table in a source; with `loops` only as much as it takes to name the loops in it.
+    """The one table in a source; with `loops` only the part needed to name the loops in it.
 
     DataError where it can't be read as a table, or is above a limit.
     """

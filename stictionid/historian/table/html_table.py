@@ -1,4 +1,4 @@
-"""Rows of the first HTML table of a text: what some systems save under the extension .xls."""
+"""Rows of the first HTML table in a text; some systems save such tables under the extension .xls."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The layout of a text export: separator, header lines (names, units, descriptions), where data begin, decimal mark.
+"""Layout of a text export: separator, header lines (names, units, descriptions), first data line, decimal mark.
 
-Decided on the first lines, by what cells look like and not by where they stand.
+It is decided on the first lines, by the form of the cells and not by their position.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _UNIT = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How a text file is built; `offset` is the byte where data begin and `first_line` its 1-based line number."""
+    """Layout of a text file; `offset` is the byte where data begin and `first_line` its 1-based line number."""
 
     separator: str
     names: tuple[str, ...]
@@ -130,7 +130,7 @@ def _separator(lines: list[str], name: str) -> str:
             continue
         cells = [cell for row in rows if len(row) == width for cell in row]
         typed = sum(map(_typed, cells)) / len(cells)
-        # Blanks also stand inside stamps and names: they separate only where everything then falls into place.
+        # Blanks also occur inside stamps and names: they separate only where all cells then have a type.
         if candidate != " " or (typed > MIN_TYPED_BLANKS and not any(score > MIN_SURE_SCORE for score, _ in scores)):
             scores.append((round(min(votes / len(rows), 0.95) * (0.2 + typed), 2), candidate))
     if not scores:
@@ -148,7 +148,7 @@ def _typed(cell: str) -> bool:
 
 @functools.lru_cache(maxsize=20_000)
 def _value(cell: str) -> bool:
-    """Whether a cell holds a number, a time or a system state."""
+    """True where a cell holds a number, a time or a system state."""
     return bool(cell) and (bool(_NUMBER.match(cell)) or bool(_TIME.match(cell)) or is_state(cell))
 
 
@@ -171,7 +171,7 @@ def _data_start(cells: list[list[str]], width: int, name: str) -> int:
 
 
 def _damaged_first(cells: list[list[str]], start: int, width: int) -> int:
-    """Where data begin when their first rows are damaged: right below the names, unless more header lines follow."""
+    """First data line where the first rows are damaged: right below the names, unless more header lines follow."""
     for i in range(start):
         if len(cells[i]) == width and _filled(cells[i]) >= 0.6 * width and _named(cells[i]) >= 2:
             below = [j for j in range(i + 1, start) if any(cells[j]) and (cells[j] == cells[i] or _numeric(cells[j]))]
@@ -180,7 +180,7 @@ def _damaged_first(cells: list[list[str]], start: int, width: int) -> int:
 
 
 def _numeric(row: list[str]) -> bool:
-    """Whether a line of any width looks like numbers: most cells typed, or most characters digits from the first on."""
+    """True for a line of any width that looks like numbers: most cells typed, or most characters digits."""
     text = "".join(row)
     digits = sum(c.isdigit() for c in text)
     return sum(map(_typed, row)) > MIN_TYPED_CELLS * len(row) or (
@@ -232,7 +232,7 @@ def _filled(row: list[str]) -> int:
 
 
 def _named(row: list[str]) -> int:
-    """How many cells of a header line carry a known role: the line with tags beats the line with descriptions."""
+    """Number of cells of a header line with a known role; it finds the line of tags among lines of descriptions."""
     from ..words.roles import role_of
 
     return sum(role_of(c) is not None for c in row)
@@ -258,7 +258,7 @@ def unit_in(name: str) -> str:
 
 
 def _refuse_comma_in_comma(header: list[list[str]], width: int, separator: str, name: str) -> None:
-    """Decimal commas in a file separated by commas can't be taken apart again."""
+    """Refuse decimal commas in a file separated by commas, because they can't be told apart."""
     texts = [row for row in header if any(row) and len(row) > 1]
     if separator == "," and texts and width >= 2 * len(texts[-1]) - 1 and len(texts[-1]) >= 2:
         raise DataError(

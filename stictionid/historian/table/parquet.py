@@ -1,6 +1,6 @@
-"""Parquet: what its footer promises is checked first, then only the wanted columns are read, never through a map.
+"""Parquet reader: the footer is checked against the limits first, then only the wanted columns are read.
 
-A memory-mapped file that is cut short by its writer kills the process; read in the ordinary way it is refused.
+No file is memory-mapped: one that its writer cuts short would kill the process. Read in the ordinary way it is refused.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def read_parquet(source: Source, options: ReadOptions, limits: Limits, *, loops:
         limits.check("rows", footer.num_rows, source.name, "split it")
         words = [f.name for f in schema if pa.types.is_string(f.type) or pa.types.is_large_string(f.type)
                  or pa.types.is_binary(f.type)]
-        # A word that stands a million times is held once.
+        # Text that is repeated a million times is held once.
         file = pq.ParquetFile(place, read_dictionary=words) if words else probe
         plain = [f.name for f in schema if not pa.types.is_nested(f.type)]
         wanted = None
@@ -64,9 +64,9 @@ def read_parquet(source: Source, options: ReadOptions, limits: Limits, *, loops:
 
 
 def _unpacked(footer: Any, schema: Any, names: list[str]) -> int:
-    """Bytes that the columns take in memory, as far as the footer tells.
+    """Bytes that the columns take in memory, as far as the footer states.
 
-    The footer's entries of single columns are not looked at: damaged ones end the process inside pyarrow (26.0).
+    The footer's entries of single columns are not read: damaged ones end the process inside pyarrow (26.0).
     """
     import pyarrow as pa
 

@@ -1,4 +1,4 @@
-"""The book of rows: every row of the file is either used or listed under exactly one reason."""
+"""Bookkeeping of rows: every row of the file is either used or listed under exactly one reason."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class RowBook:
         return len(rows)
 
     def mark_codes(self, rows: NDArray[np.int64], codes: NDArray[np.uint8]) -> None:
-        """Give each of `rows` (-1 = no row) the reason whose code stands beside it; code 0 leaves it used."""
+        """Give each of `rows` (-1 = no row) the reason with the code at the same place in `codes`; 0 leaves it used."""
         wanted = (rows >= 0) & (codes > 0)
         rows, codes = rows[wanted], codes[wanted]
         free = self._reason[rows] == 0

@@ -1,4 +1,4 @@
-"""Large text files in pieces: only the wanted columns are kept, so that memory follows the rows and not the file."""
+"""Reader of large text files in pieces: only the wanted columns are kept, so that memory grows with the rows only."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def read_streamed(source: Source, options: ReadOptions, limits: Limits, *, loops
 
 
 def _whole(source: Source, options: ReadOptions, limits: Limits) -> Table:
-    """What can't be read in pieces, read at once."""
+    """Table of a text that can't be read in pieces, read at once."""
     assert source.path is not None
     limits.check("unpacked", source.path.stat().st_size, source.name,
                  "convert it to UTF-8 text with commas, semicolons or tabs, which is read in pieces")
@@ -65,7 +65,7 @@ def _whole(source: Source, options: ReadOptions, limits: Limits) -> Table:
 def _pieces(
     source: Source, limits: Limits, columns: list[int], kinds: list[str], head: Table, mark: int
 ) -> Table:
-    """All pieces parsed alike and put together; `mark` is the length of a byte-order mark."""
+    """Table of all pieces, parsed alike and joined; `mark` is the length of a byte-order mark."""
     layout = replace_layout(head)
     found: dict[int, list[Any]] = {i: [] for i in columns}
     types: dict[str, Any] | None = None
@@ -95,7 +95,7 @@ def _pieces(
 
 
 def replace_layout(head: Table) -> Any:
-    """The layout of a table, for its pieces."""
+    """Layout of a table, for parsing its pieces."""
     from .layout import Layout
 
     return Layout(head.separator, head.names, head.units, head.descriptions, 0, head.first_line, head.decimal,

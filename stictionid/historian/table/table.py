@@ -1,4 +1,4 @@
-"""A table as columns: text through pyarrow.csv, Parquet through pyarrow, every line that is no row noted."""
+"""Table of an export as columns, parsed from text by pyarrow.csv or taken from Arrow, with a list of dropped lines."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ class Table:
 
     @property
     def rows(self) -> int:
-        """How many rows the columns have."""
+        """Number of rows of the columns."""
         return len(self.columns[0]) if self.columns else 0
 
     def line(self, row: int) -> int:
-        """1-based line of the file where row `row` (0-based) stands; lines that are no rows are counted in."""
+        """1-based line of the file that holds row `row` (0-based); lines that are no rows are counted."""
         line = self.first_line + row
         for dropped, _, _ in self.dropped:
             if dropped <= line:
@@ -62,7 +62,7 @@ class Table:
         return line
 
     def cell(self, row: int, column: int) -> str:
-        """The text of one cell; of a stamp beyond the calendar the bare number, "" where there is none."""
+        """Text of one cell, "" where it is empty; of a stamp beyond the calendar the bare number."""
         scalar = self.columns[column][row]
         if not scalar.is_valid:
             return ""
@@ -72,7 +72,7 @@ class Table:
             return str(getattr(scalar, "value", ""))
 
     def where(self, row: int, column: int) -> str:
-        """File, line (of text; row of Parquet) and column of a cell, for a refusal."""
+        """File, line (of text; row of Parquet) and column of a cell, for an error message."""
         name = self.names[column] or str(column + 1)
         at = f"line {self.line(row):,}" if self.separator else f"row {row + 1:,}"
         return f"{self.file}, {at}, column {shown(name)}"
@@ -105,7 +105,7 @@ def as_table(
     text: Text,
     notes: tuple[str, ...] = (),
 ) -> Table:
-    """Parsed columns with everything that is known about them."""
+    """Table of parsed columns, with layout, encoding and dropped lines."""
     return Table(
         source.name,
         layout.names,
@@ -125,7 +125,7 @@ def as_table(
 
 
 def _html_rows(data: bytes) -> tuple[bytes, tuple[str, ...]]:
-    """Rows of an HTML table (what some systems save as .xls) as tab-separated text; other text unchanged."""
+    """Rows of an HTML table (saved by some systems as .xls) as tab-separated text; other text unchanged."""
     head = data[:2000].lower()
     if b"<table" not in head and b"<html" not in head:
         return data, ()
@@ -139,7 +139,7 @@ def parse(
 ) -> tuple[Any, tuple[tuple[int, str, str], ...]]:
     """An Arrow table of the columns (named by number; only the wanted ones) and the lines that are no rows.
 
-    `types` are those that earlier pieces of the file had; where a cell does not fit them they are found anew.
+    `types` are those of earlier pieces of the file; where a cell does not fit them they are found anew.
     """
     import pyarrow as pa
     from pyarrow import csv
@@ -152,10 +152,10 @@ def parse(
         return "skip"
 
     body = pa.py_buffer(data).slice(layout.offset)
-    block = min(1 << 23, len(data) + 64)  # it is allocated whole, whatever the file needs
+    block = min(1 << 23, len(data) + 64)  # the whole block is allocated, whatever the file needs
 
     def read(exact: bool, types: dict[str, Any] | None) -> Any:
-        """Exact: blank lines are noted as rows of one cell and every row carries its number, at half the speed."""
+        """Read the text; `exact` notes blank lines as rows of one cell and numbers every row, at half the speed."""
         bad.clear()
         return csv.read_csv(
             pa.BufferReader(body),
@@ -178,7 +178,7 @@ def parse(
         )
 
     try:
-        # Small files are read once, exactly: a pool of threads would cost them more than the second look.
+        # Small files are read exactly at once: threads would cost them more than a second reading.
         small = len(data) < MIN_THREADED_BYTES
         try:
             table = read(small, types)

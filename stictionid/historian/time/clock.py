@@ -1,4 +1,4 @@
-"""Order of rows: newest first, out of order, duplicates, seconds dropped by a display, clocks set back."""
+"""Time order of rows: newest first, out of order, duplicates, seconds dropped by a display, clocks set back."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MINUTE = 60 * _SECOND
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """`index` (m,) rows in time order; `ns` (m,) their stamps; `duplicates` rows left out; what was noticed."""
+    """Rows `index` (m,) in time order, their stamps `ns` (m,), `duplicates` left out, and counts of corrections."""
 
     index: IntArray
     ns: IntArray
@@ -33,7 +33,7 @@ def put_in_order(
 ) -> Order:
     """Rows in time order without duplicates: of several rows with one stamp the best wins, of equals the last written.
 
-    `worth` gives how good each row is; it is asked only where stamps repeat.
+    `worth` gives the rank of each row; it is called only where stamps repeat.
     """
     index = np.arange(ns.size)
     steps = np.diff(ns)
@@ -76,7 +76,7 @@ def _spread_minutes(ns: IntArray, steps: IntArray) -> int:
 
 
 def _spread(ns: IntArray) -> IntArray:
-    """Rows of each minute placed evenly inside it; the first minute may have begun late."""
+    """Stamps of the rows of each minute spread evenly over it; the record may begin late in the first minute."""
     new = np.concatenate([[True], np.diff(ns) > 0])
     first = np.flatnonzero(new)
     counts = np.diff(np.concatenate([first, [ns.size]]))
@@ -88,7 +88,7 @@ def _spread(ns: IntArray) -> IntArray:
 
 
 def _unfold(ns: IntArray, steps: IntArray) -> tuple[IntArray, int]:
-    """Rows after the clock went back one hour (end of daylight saving time) moved on by it."""
+    """Stamps after a clock that went back one hour (end of daylight saving time), moved on by that hour."""
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     back = np.flatnonzero((steps < 0) & (np.abs(steps + _HOUR - usual) <= 0.5 * usual))
     if back.size != 1 or usual >= _HOUR:

@@ -1,4 +1,4 @@
-"""Dates written as text: one pattern over the whole column, day and month decided by all rows together or refused."""
+"""Dates as text: one pattern for the whole column; all rows together decide on day and month, or it is refused."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ _COMPILED = tuple(re.compile(p.replace(r"\d", "[0-9]").replace(r"\pL", r"[^\W\d_
 
 
 def looks_like_time(cells: list[str]) -> bool:
-    """Whether most of some cells fit one of the patterns."""
+    """True where at least 80 % of the non-empty cells fit one of the patterns."""
     texts = [c.strip() for c in cells if c.strip()]
     return bool(texts) and any(sum(map(bool, map(p.match, texts))) >= 0.8 * len(texts) for p in _COMPILED)
 
@@ -134,7 +134,7 @@ def parse_text(
 
 
 def _best_pattern(text: Any, place: Callable[[int], str]) -> tuple[str, Any]:
-    """The first pattern that most cells fit, with the cells taken apart."""
+    """The pattern that most cells fit, with the fields of the cells."""
     import pyarrow.compute as pc
 
     present = text.drop_null()
@@ -170,7 +170,7 @@ def _months(column: Any) -> IntArray:
 
 
 def _clock(fields: dict[str, Any]) -> tuple[IntArray, str]:
-    """Time of day in ns, -1 where it is none, and the words for it."""
+    """Time of day in ns, -1 where it is invalid, and its description."""
     import pyarrow.compute as pc
 
     if "h" not in fields:
@@ -205,7 +205,7 @@ def _to_ns(year: IntArray, month: IntArray, day: IntArray) -> tuple[IntArray, Bo
 
 
 def _zones(column: Any) -> tuple[IntArray | int, str | None]:
-    """UTC offsets in ns and the word for the zone; zone abbreviations are remembered, never converted."""
+    """UTC offsets in ns and the word for the zone; zone abbreviations are reported, never converted."""
     if column is None:
         return 0, None
     encoded = column.dictionary_encode()
@@ -242,7 +242,7 @@ def _day_order(
     column: Any,
     place: Callable[[int], str],
 ) -> tuple[bool, tuple[str, ...]]:
-    """Whether the first number is the day, with what had to be assumed for it."""
+    """True where the first number is the day, with the assumptions made for it."""
     if time_format in ("dmy", "mdy"):
         dayfirst = time_format == "dmy"
     first_high, second_high = np.flatnonzero(valid & (day > 12)), np.flatnonzero(valid & (month > 12))

@@ -1,6 +1,6 @@
-"""Time stamps to nanoseconds: every format is decided over the whole column, or refused.
+"""Time stamps as nanoseconds: the format of a column is decided over all its rows, or the column is refused.
 
-Text goes through Arrow's ISO parser, else through one of a few patterns applied to the whole column; numbers are
+Text goes through Arrow's ISO parser, else through one of a few patterns applied to the whole column. Numbers are
 elapsed time, epoch (s, ms, µs, ns), Excel serials or FILETIME, told apart by their size.
 """
 
@@ -133,7 +133,7 @@ _PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 
 
 def _in_ns(column: Any) -> tuple[IntArray, BoolArray]:
-    """Arrow time stamps of any unit in ns, and which of them are there and of this age."""
+    """Arrow time stamps of any unit in ns, and a mask of those that are present and within the accepted years."""
     import pyarrow as pa
 
     per_second = _PER_SECOND[column.type.unit]
@@ -211,7 +211,7 @@ def _numeric_kind(
 
 
 def _unit_of(name: str, unit: str) -> str | None:
-    """The unit a numeric time column says in its unit cell or at the end of its name, or None."""
+    """Unit of a numeric time column, from its unit cell or the end of its name, or None."""
     last = (
         name.strip()
         .lower()
@@ -238,14 +238,14 @@ def _scaled(
     valid = valid & (seconds > EARLIEST_NS / SECOND) & (seconds < LATEST_NS / SECOND)
     numbers, whole = np.where(valid, numbers, 0.0), None if whole is None else np.where(valid, whole, 0)
     if whole is not None and scale <= 1.0:
-        # Whole numbers scaled as whole numbers: a nanosecond epoch does not fit a float, nor 1601 a 64-bit nanosecond.
+        # Whole numbers are scaled as integers: a nanosecond epoch does not fit a float, nor 1601 a 64-bit nanosecond.
         per_second = round(1 / scale)
         ns = (whole - np.int64(-zero * per_second) if zero else whole) * np.int64(SECOND // per_second)
     else:
         unit_ns = scale * SECOND
         ns = np.rint(np.where(valid, numbers * unit_ns + float(zero) * SECOND, 0.0)).astype(np.int64)
         if scale >= 60.0:
-            # Days in a float hold about a microsecond, in text often less: to the millisecond it is a clock again.
+            # Days in a float resolve about a microsecond, in text often less; rounded to ms the stamps are even again.
             ns = np.rint(ns / 1e6).astype(np.int64) * 1_000_000
     return Times(
         ns,

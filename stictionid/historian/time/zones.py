@@ -1,4 +1,4 @@
-"""Local time with a zone that was said, to UTC: the hour that comes twice is told apart by the order of the rows."""
+"""Local time to UTC, for a zone given by the user; the order of rows settles the hour that occurs twice."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .stamps import Times
 
 
 def apply_zone(times: Times, zone: str | None, keep: IntArray) -> Times:
-    """Naive local stamps of rows `keep` as UTC; stamps that carry a zone of their own and elapsed times stay."""
+    """Naive local stamps of rows `keep` as UTC; stamps with a zone of their own and elapsed times stay."""
     if zone is None or times.elapsed or times.zone is not None:
         return times
     local = times.ns[keep]
@@ -28,7 +28,7 @@ def apply_zone(times: Times, zone: str | None, keep: IntArray) -> Times:
 
 
 def check_zone(zone: str) -> None:
-    """UsageError for a time zone that is not known here."""
+    """UsageError for an unknown time zone."""
     _to_utc(np.zeros(1, dtype=np.int64), zone)
 
 

@@ -1,1 +1,1 @@
-"""Words of an export: roles, units, modes, quality, states, numbers as text."""
+"""Vocabulary of exports: roles, units, modes, quality codes, system states, numbers as text."""

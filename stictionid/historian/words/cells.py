@@ -1,7 +1,7 @@
-"""Cells to numbers: decimal comma, thousands marks, Unicode minus, units and per cent signs, states as words.
+"""Numbers from text cells: decimal comma, thousands marks, Unicode minus, units and per cent signs, states as words.
 
-Whole columns at a time with pyarrow's string functions; a cell that is no number becomes NaN and its text
-is counted.
+Whole columns are converted with pyarrow's string functions. A cell that is no number becomes NaN and its text is
+counted.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ...typing import BoolArray, FloatArray
 from ..table.arrow import floats, indices, texts
 
 NULLS = ("", "NaN", "nan", "NAN", "null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a")
-"""Cells that stand for "nothing here"; other states are counted by their own word."""
+"""Cells that mean "no value"; other states are counted under their own word."""
 
 _POINT = re.compile(r"\d{1,3}(?:,\d{3})+\.\d|\d{1,3}(?:,\d{3}){2,}(?!\d)|[1-9]\d*\.\d+")
 _COMMA = re.compile(
@@ -33,20 +33,20 @@ _UNIT_TAIL = rf"^([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*(?:%|°\s?[CFK]|{_UNIT})$"
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """A column as numbers: `values` (n,) with NaN where there is none; `words` counts the texts found instead."""
+    """A column as numbers: `values` (n,) with NaN where a cell has none; `words` counts the texts of those cells."""
 
     values: FloatArray
     words: dict[str, int] = field(default_factory=dict)
 
 
 def shown(cell: object, limit: int = 60) -> str:
-    """A cell as it stands, in quotes, cut where it is too long for a sentence."""
+    """A cell as written, in quotes, cut where it is too long for a sentence."""
     text = str(cell)
     return repr(text if len(text) <= limit else text[:limit] + "…")
 
 
 def brief(name: str, limit: int = 60) -> str:
-    """A name as it stands, on one line, cut where it is too long for a sentence."""
+    """A name as written, on one line, cut where it is too long for a sentence."""
     text = " ".join(name.split())
     return text if len(text) <= limit else text[:limit] + "…"
 
@@ -110,7 +110,7 @@ _EXCEL = re.compile(r'="?([^"]*)"?\Z')
 
 
 def _few(text: Any, decimal: str) -> Numbers:
-    """A column of few different cells as numbers, each of them looked at once."""
+    """A column of few different cells as numbers; each different cell is converted once."""
     import pyarrow as pa
 
     encoded = text.dictionary_encode()
@@ -127,7 +127,7 @@ def _few(text: Any, decimal: str) -> Numbers:
 
 
 def _number(cell: str, decimal: str) -> float:
-    """The number in one cell, NaN where there is none: the same steps as `_normalised`."""
+    """The number in one cell, NaN where it has none, by the same steps as `_normalised`."""
     if not _NUMBER.match(cell):
         cell = "-" + cell[1:] if cell[:1] in "−–" and cell else cell
         cell = cell.replace("e−", "e-").replace("E−", "e-")
@@ -143,7 +143,7 @@ def _number(cell: str, decimal: str) -> float:
 
 
 def _normalised(text: Any, decimal: str) -> Any:
-    """Number texts in the plain form "-1234.5e-3"; texts that are no numbers stay what they are."""
+    """Number texts in the plain form "-1234.5e-3"; other texts are unchanged."""
     import pyarrow.compute as pc
 
     text = pc.replace_substring_regex(text, "^[−–]", "-")
@@ -163,7 +163,7 @@ def _normalised(text: Any, decimal: str) -> Any:
 
 
 def check_thousands(column: Any, decimal: str, place: Any) -> None:
-    """Refuse a text column whose commas may be thousands or decimals, when the sample did not settle it.
+    """Refuse a text column whose commas may be thousands or decimals, where the sample did not settle it.
 
     `place` turns a row into the words for file, line and column.
     """
@@ -201,7 +201,7 @@ inside double precision."""
 
 
 def _numbers(values: FloatArray, words: dict[str, int] | None = None) -> Numbers:
-    """Numbers without absurd magnitudes; those too large are counted among the words found instead of numbers."""
+    """Numbers without absurd magnitudes; those too large are counted among the words."""
     size = np.abs(values)
     large: BoolArray = size > LARGEST
     small: BoolArray = (size < SMALLEST) & (size > 0)

@@ -56,7 +56,7 @@ def blank_codes(
 
 
 def _guessed(values: np.ndarray) -> BoolArray:
-    """Where a value is a well-known sentinel or a state code, isolated and far outside the rest."""
+    """True where a value is a known sentinel or a state code, isolated and far outside the rest."""
     none: BoolArray = np.zeros(values.size, np.bool_)
     low, high = (float(f(values)) for f in (np.nanmin, np.nanmax)) if not np.isnan(values).all() else (0.0, 0.0)
     if high < NUMERIC_STATES.start and low > max(s for s in SENTINELS if s < 0):
@@ -76,7 +76,7 @@ def _guessed(values: np.ndarray) -> BoolArray:
 
 
 def _dropouts(values: np.ndarray, role: str) -> BoolArray:
-    """Where a measurement falls to exactly 0 or -1 for a few samples, far from everything else: a failed read."""
+    """True where a measurement falls to exactly 0 or -1 for a few samples, far from all others: a failed read."""
     none: BoolArray = np.zeros(values.size, np.bool_)
     if role not in ("process_value", "position"):
         return none

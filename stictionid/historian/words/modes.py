@@ -1,4 +1,4 @@
-"""Controller modes: words of several languages and vendors, and integers whose meaning is a site's own."""
+"""Controller modes: words of several languages and vendors, and integers whose meaning differs between sites."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ WORDS = {
     startup hold standby aus arrêt выкл 停止 o.s.
     """,
 }
-"""What a mode means for the loop: AUTO and CAS control the valve by the error, MAN does not, OFF is neither."""
+"""Meanings of a mode for the loop: AUTO and CAS control the valve by the error, MAN does not, OFF is neither."""
 _KNOWN = {word: kind for kind, words in WORDS.items() for word in words.split()}
 _TRUE_WORDS = """
     true, yes, on, ein, ja, oui, si, sí, vrai, wahr, verdadero, вкл, да, истина, 是, 开, 真, オン, 1, 1.0, t, y
@@ -60,7 +60,7 @@ class Modes:
 
 
 def meaning_of(word: str, mode_map: dict[str, str]) -> str:
-    """What a mode word or number means; the site's own map comes first."""
+    """Meaning of a mode word or number; the site's own map comes first."""
     for key, value in mode_map.items():
         if key.strip().lower() == word.strip().lower() or (_number(key) is not None and _number(key) == _number(word)):
             return value.upper()
@@ -73,7 +73,7 @@ def meaning_of(word: str, mode_map: dict[str, str]) -> str:
 
 
 def check_map(mode_map: dict[str, str]) -> None:
-    """Refuse a map to anything but the four meanings."""
+    """Refuse a map to anything except the four meanings."""
     for key, value in mode_map.items():
         if value.upper() not in WORDS:
             raise UsageError(f"mode {shown(key)} is mapped to {shown(value)}", f"use one of {', '.join(WORDS)}")
@@ -91,7 +91,7 @@ def _flag(words: tuple[str, ...], name: str, mode_map: dict[str, str]) -> dict[s
 
 
 def read_modes(column: Any, mode_map: dict[str, str], name: str = "") -> Modes:
-    """A mode column (words or numbers) as codes with meanings; `name` tells what a flag says."""
+    """A mode column (words or numbers) as codes with meanings; `name` gives the meaning of a flag."""
     import pyarrow as pa
 
     if pa.types.is_dictionary(column.type):
@@ -111,7 +111,7 @@ def read_modes(column: Any, mode_map: dict[str, str], name: str = "") -> Modes:
 
 
 def fractions(modes: Modes | None) -> float:
-    """Share of rows whose mode is a number but no whole one: means of codes, which no controller writes."""
+    """Share of rows whose mode is a fractional number: an average of codes, which no controller writes."""
     if modes is None:
         return 0.0
     odd = [i for i, w in enumerate(modes.words) if (n := _number(w)) is not None and abs(n) < 1e9 and n != int(n)]

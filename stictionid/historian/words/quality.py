@@ -1,4 +1,4 @@
-"""Quality columns: OPC codes, words, PHD confidence, PI flags; good, uncertain or bad per row."""
+"""Quality columns: OPC codes, words, PHD confidence, PI flags; result good, uncertain or bad for each row."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KINDS = ("opc", "phd", "ip21", "flag", "words", "used")
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """Per row (n,): `bad` True where the value must not be used, `uncertain` True where it is kept but doubted."""
+    """Quality per row (n,): `bad` where the value must not be used, `uncertain` where it is used with a caution."""
 
     bad: BoolArray
     uncertain: BoolArray
@@ -71,7 +71,7 @@ def read_quality(column: Any, name: str, kind: str | None) -> Quality:
 
 
 def _kind_of(values: Any, name: str) -> str:
-    """The code a number column uses, by its values: OPC has 192, confidence reaches 100, flags are 0 and 1."""
+    """Code of a number column, by its values: OPC has 192, confidence reaches 100, flags are 0 and 1."""
     seen = np.unique(values[~np.isnan(values)])
     if name.strip().lower() in ("confidence", "conf"):
         return "phd"

@@ -1,4 +1,4 @@
-"""Which column is what: roles by common names and by the tag suffixes of the vendors.
+"""Synonyms of column names: roles (SP, PV, OP, …) by common names and by the tag suffixes of the vendors.
 
 A tag is a loop's name and a suffix (FIC101.SP, \\\\SERVER\\FIC101.PV, 2411FIC20102.MV, FT_211 with FV_211).
 """
@@ -84,7 +84,7 @@ _MEASURED = "FPLTAQDMSJ"
 
 @dataclass(frozen=True, slots=True)
 class Tag:
-    """A column name taken apart: `role` or None, the `loop` it belongs to (""= not said), `rank` (lower is surer)."""
+    """Parts of a column name: `role` or None, the `loop` it belongs to ("" if not named), `rank` (lower is surer)."""
 
     name: str
     role: str | None
@@ -102,7 +102,7 @@ def tidy(name: str) -> str:
 
 
 def role_of(name: str) -> str | None:
-    """The role a column name says, or None."""
+    """The role that a column name indicates, or None."""
     return take_apart(name).role
 
 
@@ -156,7 +156,7 @@ _ONE_SIGNAL = ("--sp", "--pv", "--op", "--position", "--mode", "--extra")
 
 
 def pick(names: tuple[str, ...], wanted: str, option: str, file: str) -> int:
-    """The index of the column an option names: exactly, without case and separators, or by its 1-based number."""
+    """Index of the column that an option names: exactly, without case and separators, or by its 1-based number."""
     same = [i for i, n in enumerate(names) if n == wanted]
     if len(same) > 1 and option in _ONE_SIGNAL:
         numbers = " and ".join(str(i + 1) for i in same[:3]) + ("" if len(same) < 4 else " and more")

@@ -1,4 +1,4 @@
-"""System states: what historians write where a number should be, as words and as numbers."""
+"""System states that historians write in place of a number, as words and as numeric codes."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ _BRACKETED = re.compile(r"\[-?\d+\]\s*")
 
 
 def is_state(cell: str) -> bool:
-    """Whether a cell is a known system state, whatever its case, brackets or number in front."""
+    """True for a known system state, whatever its case, brackets or leading number."""
     return bool(cell) and tidy(cell) in SYSTEM_STATES
 
 
 def tidy(cell: str) -> str:
-    """A state word as it stands in the list: lower case, one blank, no brackets or leading error number."""
+    """A state word in the form of the list: lower case, one blank, no brackets or leading error number."""
     return re.sub(r"\s+", " ", _BRACKETED.sub("", cell).strip(" <>()[]\"'").lower().replace("_", " "))

@@ -1,4 +1,4 @@
-"""Units and scaling: is OP a per cent of travel, spans to per cent, split range, reversed output."""
+"""Units and scaling of OP and PV: per cent of travel or not, spans to per cent, split range, reversed output."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def to_percent(values: FloatArray, span: tuple[float, float]) -> FloatArray:
 
 
 def output_unit(values: FloatArray, unit: str) -> tuple[str, Finding | None]:
-    """The unit of OP ("%" or "unit of OP") by its values and its unit cell, with the finding when it is no per cent."""
+    """Unit of OP ("%" or "unit of OP") by its values and its unit cell, with a finding where it is no per cent."""
     known = values[~np.isnan(values)]
     if not known.size:
         return OTHER, None
