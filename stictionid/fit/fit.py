@@ -131,9 +131,9 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
             enough: Callable[[FloatArray, float], bool] | None = None) -> tuple[FloatArray, float]:
     """One search from nothing (or from given starts): best point (d,) and cost. `near` are known basins.
 
-    `enough` gets point and cost before the search along the curve of equal cost (S against dead time), and once after
-    its first turns where that curve is smooth. The search ends where it returns true. A record with very many samples a
-    period is thinned and searched first: the curve of the thinned record is short.
+    `enough` gets point and cost before the search along the curve of equal cost (S against dead time). Where that curve
+    is smooth it gets them once more, after the first turns. The search ends where it returns true. A record with very
+    many samples a period is thinned and searched first: the curve of the thinned record is short.
     """
     moving = not model.spec.held
     every = thinning(model)

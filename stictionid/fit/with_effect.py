@@ -169,8 +169,8 @@ def together_on_valve(model: Model, values: FloatArray, rng: np.random.Generator
     """Values (d,) of a model with two or more effects on the valve, all searched together from the present values.
 
     The search takes longer where the innovations are not white. Under a command that moves between samples the values
-    stay. Effects found one after the other are each fitted to the others as they were then: slips a sample late, for a
-    dead time a sample short, look like one more effect.
+    stay. Each effect was fitted beside the others as they were then. Slips a sample late, for a dead time a sample
+    short, then look like one more effect.
     """
     if not model.spec.held or has_noise(model.spec) or sum(map(on_valve, model.effects)) < 2:
         return values

@@ -6,7 +6,7 @@ position on the way up and on the way down. Its best fit of a sticking valve is 
 and no J. The method returns the reason, with three free-run errors: the best first-order process behind a polynomial,
 behind a straight line, and behind a valve that sticks.
 
-The ARMAX model itself may come out unstable: in a closed loop without noise a regression of y on u finds the inverse of
+The ARMAX model itself may come out unstable. In a closed loop without noise a regression of y on u finds the inverse of
 the controller as readily as the process. Its poles are in the evidence. Source: paper Eq. 3 to 6; the split is Bai
 1998.
 """

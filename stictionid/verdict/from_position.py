@@ -20,9 +20,10 @@ from ..typing import FloatArray
 # Samples by which a recorded position may lag the command.
 _LARGEST_LAG = 3
 _FEWEST_SAMPLES = 20
-# Three conditions for a position that shows stiction. The law leaves less than this share of the error of a position in
-# proportion to the output; S exceeds this share of the range of the output; S exceeds this multiple of the smallest
-# recorded change (the quantile that stands for it). A valve that moves freely may rest and jump in a record, too.
+# Three conditions for a position that shows stiction. First, the law leaves less than this share of the error of a
+# position in proportion to the output. Second, S exceeds this share of the range of the output. Third, S exceeds this
+# multiple of the smallest recorded change (the quantile that stands for it). A valve that moves freely may rest and
+# jump in a record, too.
 _LEFT, _RELEVANT, _BEYOND, _SMALLEST = 0.5, 0.1, 3.0, 0.05
 
 

@@ -30,8 +30,8 @@ CLOUD = 120
 # Likelihood-ratio threshold for a 90 % interval of a smooth parameter, calibrated on benchmarks/verdicts.py, seeds
 # below 300. One such parameter alone would ask for 2.71. S under a held command is not smooth: its interval comes from
 # the likelihood of all steps of the cost (thresholds.py). Coverage, seeds below 500, held command: S in 93 and J in 96
-# % of 111 loops with white noise; in 93 and 91 % of 199 with AR(1) noise of root 0.8. Before the steps were looked at
-# one by one and noise/bias_correction.py existed, the latter were 88 and 88 %.
+# % of 111 loops with white noise. With AR(1) noise of root 0.8 it is 93 and 91 % of 199 loops. Before the steps were
+# looked at one by one and noise/bias_correction.py existed, the latter were 88 and 88 %.
 INTERVAL_THRESHOLD = 3.0
 # The same for the parameters of the process, whose ends smooth.py follows as far as the cost allows. It is larger for
 # plateaus that no search met and for the noise model, which is an estimate. Seeds 200 to 352 (both noises, 0.5 to 5 %):

@@ -3,7 +3,7 @@
 A held command makes the cost a step function of S. A valve that breaks away one sample later, with a dead time one
 sample shorter, does nearly as well. Its plateau may be twenty times narrower than the distance to it. A fine scan of S
 at every such dead time finds them all. The slopes at the optimum give what the smooth parameters (J, process, effects)
-would still gain: a descent removes the part of a residual that lies in their span. Only plateaus that come out as
+would still gain. A descent removes the part of a residual that lies in their span. Only plateaus that come out as
 possible get a descent.
 
 All S on a plateau are equally likely, and a plateau is as likely as its cost says. An interval of S is therefore made
@@ -37,8 +37,8 @@ _POSSIBLE, _FURTHER, _ALIKE, _MOST = 8.0, 8.0, 0.5, 10
 _FAR = 2
 # Loss at one sample of dead time beyond which the next one is not looked at.
 _BARRIER = 40.0
-# Turns of a descent on one plateau and when it has settled; step of the differences for the slopes; share of the
-# largest slope below which a slope counts as zero.
+# Turns of a descent on one plateau, and when it has settled. Then the step of the differences for the slopes, and the
+# share of the largest slope below which a slope counts as zero.
 _TURNS, _SETTLED, _DIFFERENCE, _NO_SLOPE = 6, 1e-4, 1e-3, 1e-9
 # Slip jumps tried on each plateau, as shares of that of the optimum.
 _JUMPS = (1.0, *(1.0 + 0.01 * np.array([-9, -6, -4, -3, -2, -1, -0.5, 0.5, 1, 2, 3, 4, 6, 9])).tolist())

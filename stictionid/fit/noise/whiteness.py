@@ -1,10 +1,10 @@
 """Tests for whiteness: does a noise model explain all of a residual, so that no effect or other base is needed.
 
-An autoregression imitates a slow disturbance by a root near 1. It leaves what valve and process do: innovations that
-follow past positions or past values of a further tag, that are larger after moves or in some stretches, or that have
-heavy tails. If the noise has a short memory and its innovations pass joint tests for all that, no search for effects is
-needed. Wrong where an effect moves y by less than the tests see: some 2 per cent of the innovations' variance in 1500
-samples, less than names an effect.
+An autoregression imitates a slow disturbance by a root near 1. It leaves traces of valve and process in the
+innovations. They follow past positions or past values of a further tag, are larger after moves or in some stretches, or
+have heavy tails. If the noise has a short memory and its innovations pass joint tests for all that, no search for
+effects is needed. Wrong where an effect moves y by less than the tests see: some 2 per cent of the innovations'
+variance in 1500 samples, less than names an effect.
 
 Source: CRITICISM.md section 7, steps 1 and 2; Ljung and Box 1978; Fisher 1929 (a line); Engle 1982 (squares).
 """

@@ -39,8 +39,8 @@ _SCAN, _SCAN_KEPT, _SCAN_LAG, _SCAN_DEAD = 20000, 96, 0.4, 0.25
 _EVEN = 1.2207440846057596 ** -np.arange(1.0, 4.0)
 # Shares of the record in a growing search, points polished on each, and periods in the shortest part.
 _GROWTH, _GROWN_KEPT, _GROWN_PERIODS = (0.1, 0.2, 0.4, 0.7, 1.0), 16, 2.0
-# The scan along the curve of equal cost: points and span in S (share), dead time in samples either way, and slip jumps
-# tried as shares of S (None: the point's own).
+# The scan along the curve of equal cost: points and span in S (share), and dead time in samples either way. Then the
+# slip jumps, as shares of S (None: the point's own).
 _RIDGE_POINTS, _RIDGE_S, _RIDGE_SAMPLES = 161, 0.12, 5
 _RIDGE_J = (None, 0.3, 0.9)
 # Where a valve rests at every sample, each slip after the first waits for J, so J decides its time. Points in S and J,
@@ -228,8 +228,8 @@ def roamed(model: Model, rng: np.random.Generator) -> FloatArray:
 def grown(model: Model, rng: np.random.Generator, lag_s: float | None = None) -> FloatArray:
     """Starting points (k, d) for records whose ARX cost is all noise: a scan of a tenth, polished on longer parts.
 
-    `lag_s` is a known time constant of the record; the scan tries a single one. An integrator adds up its slips: on a
-    whole record the basin is as narrow as one slip in a wrong sample (0.2 % of S after 80 slips), and swarms miss it.
+    `lag_s` is a known time constant of the record; the scan tries a single one. An integrator adds up its slips. On a
+    whole record its basin is as narrow as one slip in a wrong sample (0.2 % of S after 80 slips), and swarms miss it.
     On a tenth it is ten times as wide. An even scan of valves with every dead time finds it there, and each longer part
     polishes the points of the shorter one. On a Karnopp valve of itptd, held, at 1 % noise, 28 of 32 seeds find it. Of
     several segments the longest is used.

@@ -1,11 +1,11 @@
 """An evolution strategy with niches: points in neighbouring basins of a valve with several effects, best first.
 
 Under a held command the cost has a step at every sample at which a valve might break away. With two effects on the
-friction the way to the right S, J and sizes crosses many steps in all directions at once: a polish of one point stops
+friction the way to the right S, J and sizes crosses many steps in all directions at once. A polish of one point stops
 after a few. One valve costs a few microseconds on a whole record. Hundreds are therefore drawn about each of several
 points, at all distances. The best get a process that fits them and a polish; the best distinct ones of old and new
-survive. Measured on 3 scanned records with two effects on the friction, two seeds each, 1 % noise: from 1.6 to 3.8
-times the noise down to 1.0 to 1.8, in half a second; with one point in place of several to 1.2 to 2.2.
+survive. Measured on 3 scanned records with two effects on the friction, two seeds each, 1 % noise. The error fell from
+1.6 to 3.8 times the noise to 1.0 to 1.8, in half a second. With one point in place of several it fell to 1.2 to 2.2.
 
 Source: evolution strategies, Beyer and Schwefel 2002; METHODS.md section 4, trap 3.
 """
@@ -35,7 +35,7 @@ _APART = (0.003, 0.02)
 # Then turns of the descent of the process, and the fall of the cost at which a polish has settled.
 PATIENCE, _WORTH, _TURNS, _DESCENT, _SETTLED = 6, 0.01, 5, 3, 1e-4
 # Patience of a population from a single point, which first has to meet a second basin. Measured on uneven jumps with a
-# stop, from 15 times the noise: 7 of 8 seeds at the noise in 2.4 s; with the patience above none in 0.9 s. With a
+# stop, from 15 times the noise: 7 of 8 seeds at the noise in 2.4 s. With the patience above none were, in 0.9 s. With a
 # drift, from 6 to 23 times the noise: 9 of 10, against 1.
 ALONE = 20
 # Valves beyond the kinetic friction at which a drifting one rests: drawn, started, and kept. Then the ranges of S, J
@@ -49,9 +49,9 @@ _CROSS_OTHER, _CROSS_APART = 0.03, 0.01
 def herded(model: Model, points: FloatArray, rng: np.random.Generator, patience: int = PATIENCE) -> Found:
     """Points (k, d) of the unit cube, evolved as a population by the model's cost; the best distinct ones, best first.
 
-    The strategy ends after `patience` turns without a gain. Neighbours are drawn along the natural numbers of the
-    valve, where it has any (see `ridge_of`). Wrong where the right basin is further from all points than a tenth of the
-    range.
+    The strategy ends after `patience` turns without a gain. Neighbours are drawn along the natural numbers of the valve
+    (see reparametrised.py), where it has any. Wrong where the right basin is further from all points than a tenth of
+    the range.
     """
     herd = _distinct(Found(points, model.costs(points), 0))
     spread = spreads(model)

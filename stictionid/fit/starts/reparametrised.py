@@ -18,8 +18,8 @@ from ...numerics.population import Found, refine
 from ...typing import BoolArray, FloatArray
 from ..moves import behind_valve, spreads, with_start
 
-# Scans around a valve, from a first one to one between the samples that all slips allow: reach of the swing, of the
-# slip (factor) and of the effect (share of its range), and points of each.
+# Scans around a valve, from a first one to one between the samples that all slips allow. Each has a reach of the swing,
+# of the slip (factor) and of the effect (share of its range). Then the points of each axis.
 _REACHES = ((0.006, 1.35, 0.3), (0.003, 1.15, 0.15), (0.0015, 1.3, 0.1), (0.001, 1.05, 0.05))
 _POINTS = (41, 7, 25)
 # Valves of a scan that get a process of their own and a polish, costs looked at, and distance in slip (share) and

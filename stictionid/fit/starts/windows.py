@@ -1,10 +1,10 @@
 """Basins of a valve that rests at every scan: many short windows of the record, which grow until they are the whole.
 
 Such a valve slips several times a stroke and each slip waits for the one before. Where one comes at another scan so do
-all that follow. On a whole record the right S, J and size of an effect lie in a basin far narrower than that of a valve
-that slides; a part that grows from the beginning (continuation.py) is as narrow after a few cycles. A window of one
-cycle whose start is unknown forgives errors of a tenth. A dozen windows all over the record leave few valves that fit
-all. Other events in the record (a step, a ramp, a wave) bend few windows or none.
+all that follow. On a whole record the basin of the right S, J and size of an effect is far narrower than that of a
+valve that slides. On a part that grows from the beginning (continuation.py) it is as narrow after a few cycles. A
+window of one cycle whose start is unknown forgives errors of a tenth. A dozen windows all over the record leave few
+valves that fit all. Other events in the record (a step, a ramp, a wave) bend few windows or none.
 
 Each window assumes no process (numerics/filter_bank.py) and takes the best of a ladder of starts. Their errors add up
 as standard deviations, so that one spoilt window does not decide. Measured on eight Karnopp valves of integrators and
@@ -59,7 +59,7 @@ def resting_valves(model: Model, names: Sequence[str], still: slice, rng: np.ran
     """Points (k, d) from a search over S, J, start and effects `names` for a valve that rests at every scan.
 
     The columns `still` are at their upper end. The search uses windows. Where the stem lags behind its friction it uses
-    parts that grow from the beginning: the lag at the start of a window is unknown, and those parts cost a fifth.
+    parts that grow from the beginning. The lag at the start of a window is unknown, and those parts cost a fifth.
     """
     own = [0, 1, *(i for name in names for i in range(model.rows_of(name).start, model.rows_of(name).stop))]
     if not any(parse(name)[0].place is Place.STEM for name in names):
@@ -79,7 +79,7 @@ def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: 
 
     Where several effects are searched together, `known` holds values (d,) and the rows of the one that they do not
     know. A second scan then lies about these values. The polish goes further, along the natural numbers (see
-    `ridge_of`).
+    reparametrised.py).
     """
     at = longest_piece(model)
     whole = search_model(model.pieces[at])
@@ -142,7 +142,7 @@ def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: 
 
 def _scanned(first: Callable[[FloatArray], FloatArray], then: Callable[[FloatArray], FloatArray], points: FloatArray,
              taken: int, left: int) -> FloatArray:
-    """Of the `taken` points with the best first cost, the best distinct points (left, d) by the second cost."""
+    """The best distinct points (left, d) by a second cost, among the `taken` points that are best by a first one."""
     points = points[np.argsort(first(points), kind="stable")[:taken]]
     points = points[np.argsort(then(points), kind="stable")]
     return points[distinct(points, left, _APART)]
