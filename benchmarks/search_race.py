@@ -10,9 +10,9 @@ scipy's differential evolution. The latter two drive the plain Python and lstsq 
 
 length: identify (and diagnose) over N; `--longest 1000000` takes minutes.
 
-Targets: one evaluation 120 times faster than its twin, the free run within 2 times of it; search 40 times faster than
-pyswarms at equal or better cost; exponent over N at most 1.1. Times are CPU seconds, which a busy machine disturbs
-less.
+Targets: one evaluation 120 times faster than its twin, the free run within 2 times of it. The search is 40 times faster
+than pyswarms at equal or better cost. The exponent over N is at most 1.1. Times are CPU seconds, which a busy machine
+disturbs less.
 """
 
 from __future__ import annotations

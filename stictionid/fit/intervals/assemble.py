@@ -35,7 +35,7 @@ CLOUD = 120
 INTERVAL_THRESHOLD = 3.0
 # The same for the parameters of the process, whose ends smooth.py follows as far as the cost allows. It is larger for
 # plateaus that no search met and for the noise model, which is an estimate. Seeds 200 to 352 (both noises, 0.5 to 5 %):
-# gain in 89, time constants in 90 and dead time in 93 %; with 3.0 in 88, 85 and 91 %.
+# gain in 89, time constants in 90 and dead time in 93 %. With 3.0 in 88, 85 and 91 %.
 PROCESS_THRESHOLD = 3.8
 INTERVAL_LEVEL = 0.90
 

@@ -28,9 +28,9 @@ SUBSTEPS = 8
 # Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
 _ROUGH = 2e-3
 # Ratio of two sample-to-sample noises, of the command and of y, each as a share of its swing. Below it the controller
-# did not see the samples of y. Purely integral control passes a quarter of the noise at four samples a period; a filter
-# averages it over its samples. Measured: 1e-11 to 0.07 without scans (above 0.007 only at corners of an integrator),
-# 0.15 and more with scans.
+# did not see the samples of y. Purely integral control gives about four over the samples of a period, a filter about
+# one over its samples. Measured: 1e-11 to 0.07 without scans (above 0.007 only at corners of an integrator), 0.15 and
+# more with scans.
 _UNSEEN = 0.01
 # Corners make up less than a fifth of a command. Quantile of its third differences that shows its permanent noise, the
 # same quantile of normal noise, and the share of resting samples above which neither shows.

@@ -43,7 +43,7 @@ _WIDE, _FINE = 0.02, 0.008
 # and points closer together may all lie in one basin that only short windows favour.
 _APART = 0.02
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
-# Where effects are searched together: points about the known values and half of those all over the range, since no
+# Where effects are searched together: points about the known values, and twice as many all over the range, since no
 # number is dense in six dimensions. Then points that go on and that either scan leaves. Then rounds and first standard
 # deviation of their polish, which has a long way to go. Last the standard deviation about the known values (shares of
 # the range).
