@@ -1,9 +1,10 @@
 """Bias of S and J where a historian keeps one scan of the controller in several, and where the tool abstains.
 
 Run: python benchmarks/decimation.py [--loops 6] [--keep 1,2,3,5,10] [--noise 0.05,0.5,1,3] [--between auto]
-Loops with a 1 s scan, PI control and S of 1 to 6 %, simulated at 1 s and thinned afterwards; noise in % of the swing of
-y, seen by the controller at every scan, kept or not. Errors in % of S (J, too: it may be small). `chosen` is what the
-method took the command for between its samples.
+
+Loops with a 1 s scan, PI control and S of 1 to 6 %, simulated at 1 s and thinned afterwards. Noise is in % of the swing
+of y and is seen by the controller at every scan, kept or not. Errors are in % of S (J, too: it may be small). `chosen`
+is the method's choice for the command between its samples.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Effects × plants × noise × seeds: is the hidden effect named, are clean loops left alone, do S and J come back?
+"""Effects × plants × noise × seeds: hidden effects named, clean loops without an effect, errors of S and J.
 
-Thresholds are set on seeds 0 to 999; figures are reported from 10,000 on. Six plants (first and second order, an
-integrator, a tank); half of the loops are scan-driven (20 integration steps a scan), a quarter have a command that
-moves between samples, a quarter a Karnopp valve under a held command: 24 seeds give every effect all of them. Noise is
-a share of the swing of PV. An effect that the record can't show (told from the truth: see `loops_with_effects.shown`)
-is counted and left out, and so is one under which the loop runs away.
+Thresholds are set on seeds 0 to 999; figures are reported from 10,000 on. There are six plants (first and second order,
+an integrator, a tank). Half of the loops are scan-driven (20 integration steps a scan), a quarter have a command that
+moves between samples, a quarter a Karnopp valve under a held command. 24 seeds give every effect all of them. Noise is
+a share of the swing of PV. An effect that the record cannot show is counted and left out (told from the truth: see
+`loops_with_effects.shown`). So is one under which the loop runs away.
 
     python benchmarks/effects_matrix.py --seeds 10000:10024
     python benchmarks/effects_matrix.py --effects none --seeds 10000:10200
@@ -84,7 +84,7 @@ def pairs() -> list[str]:
 
 
 def hidden(wanted: str, seed: int) -> list[str | None]:
-    """What is hidden in the loops of one seed: names, "none", or "pairs" (one pair a seed, drawn from all)."""
+    """Effects hidden in the loops of one seed: names, "none", or "pairs" (one pair a seed, drawn from all)."""
     out: list[str | None] = []
     for name in wanted.split(",") if wanted else catalogue():
         if name == "pairs":

@@ -99,7 +99,7 @@ def table(runs: list[dict[str, Any]], *, kinds: bool = False) -> str:
 
 
 def on_this_code(runs: list[dict[str, Any]]) -> str:
-    """How much of the fuzzing ran on exactly the code as it stands, and on how many states of it in all."""
+    """The part of the fuzzing that ran on exactly the present code, and the number of earlier code states."""
     now = hard_results.code()
     here = sum(sum(map(sum, run["doors"].values())) for run in _of(runs, "fuzz") if run["code"] == now)
     states = {run["code"] for run in _of(runs, "fuzz")}

@@ -1,8 +1,9 @@
 """Loops whose truth is known: the paper's tank with noise (10 seeds) and the shared loops with a hidden effect.
 
 Run: python benchmarks/known_loops.py
-Targets: tank S within 4 % and J within 14 % of 1.678 and 1.159 with noise of 1 % of the PV swing; hidden_01 and
-hidden_02 (nothing hidden) S within 1 %, J within 5 %, free-run error and the tool's own noise within 5 % of the truth.
+
+Targets: tank S within 4 % and J within 14 % of 1.678 and 1.159 with noise of 1 % of the PV swing. For hidden_01 and
+hidden_02 (nothing hidden): S within 1 %, J within 5 %, free-run error and the tool's own noise within 5 % of the truth.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Random loops whose truth is known, for the tables of verdicts and intervals: half of them stick, half do not.
 
 Processes of first to third order with SIMC-tuned PI controllers, scanned or continuous, 1 s samples; stiction S 0.5 to
-8 %, J/S 0.1 to 1.2; without stiction a sine, a neighbour's limit cycle, tight tuning, coloured noise or setpoint moves
+8 %, J/S 0.1 to 1.2. Without stiction a sine, a neighbour's limit cycle, tight tuning, coloured noise or setpoint moves
 make the loop move. Every loop has at least five cycles; noise is a share of the swing of y.
 """
 

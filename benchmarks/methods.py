@@ -1,11 +1,12 @@
-"""Truth by each law x identification by each method and law x noise x plant: errors of S and J, time, failures.
+"""Truth by each law × identification by each method and law × noise × plant: errors of S and J, time, failures.
 
 Run: python benchmarks/methods.py [--quick] [--jobs 2] [-o docs/methods_results.txt] (25 minutes with two jobs)
-Errors are in % of the true S and J. A method that gives no answer on a record that others could use counts as 100 %
-(so that nobody wins by silence) and as a failure; records that the gates refuse count for nobody and are listed.
-Targets: `auto` has the lowest mean error of S and of J at every noise level (ties within 0.05 %); on Karnopp and LuGre
-truths S within 3 % at 1 % noise where the data settle the law or re-sticking, and the truth inside what the tool says
-where they don't.
+
+Errors are in % of the true S and J. A method without an answer on a record that others could use counts as 100 % and as
+a failure, so that silence is no advantage. Records that fail the preconditions count for no method and are listed.
+Targets: `auto` has the lowest mean error of S and of J at every noise level (ties within 0.05 %). On Karnopp and LuGre
+truths S is within 3 % at 1 % noise where the data settle the law or re-sticking; elsewhere the truth is inside the
+stated intervals.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class Case:
 
 @dataclass
 class Row:
-    """What came out of one case: errors in % and seconds by identifier ("method", or "law:name" for auto)."""
+    """Results of one case: errors in % and seconds by identifier ("method", or "law:name" for auto)."""
 
     case: Case
     refused: str = ""

@@ -1,9 +1,11 @@
-"""The paper's Tables 2 and 3, ours beside the paper beside `--method arx`: S_max, S, J, errors, agreement over seeds.
+"""The paper's Tables 2 and 3: the package beside the paper beside `--method arx`, agreement over seeds.
 
 Run: python benchmarks/paper_tables.py [--seeds 20]
-Noise-free loops of Table 1, 1000 samples at 1 s. Targets: S_max of every row within 2 % and 0.6 % on average; mean
-e_S and e_J below the paper's in both tables and e_S in every row; the same optimum for at least 19 of 20 seeds; the
-cost of every seed no more than `SLACK` above that of the true parameters polished in the same model.
+
+Noise-free loops of Table 1, 1000 samples at 1 s; columns S_max, S, J and errors. Targets: S_max of every row within 2 %
+and 0.6 % on average; mean e_S and e_J below the paper's in both tables and e_S in every row. At least 19 of 20 seeds
+find the same optimum. The cost of every seed is no more than `SLACK` above that of the true parameters, polished in the
+same model.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
-"""A plant through `stictionid batch`: rates, memory, starts, and what a site would need on a cluster.
+"""A plant through `stictionid batch`: rates, memory, starts, and the needs of a site on a cluster.
 
 Run: python benchmarks/plant.py [--loops 24] [--rows 1000] [--level identify] [--memory 200] [--site 5000] [--cold]
-Every line comes from real runs of the command on a made-up Parquet dataset; only the site's line is extrapolated, from
-the cluster's measured rate and a small real Dask run (left out where Dask is not installed). Targets: two jobs at
-least 1.8 times one; parent under 1,000 MB, workers under 500 MB, workers at work within 2 s of their start.
---cold adds the first run after install: two processes on one empty kernel cache, and an install that can't be written.
+
+Every line comes from real runs of the command on a simulated Parquet dataset. Only the site's line is extrapolated,
+from the cluster's measured rate and a small real Dask run (left out where Dask is not installed). Targets: two jobs at
+least 1.8 times one; parent under 1,000 MB, workers under 500 MB, workers at work within 2 s of their start. --cold adds
+the first run after install: two processes on one empty kernel cache, and an install that cannot be written.
 """
 
 from __future__ import annotations

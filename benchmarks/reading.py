@@ -1,7 +1,7 @@
 """Reading 2.6 million rows of four tags (one per second for 30 days): time and peak memory, one process each.
 
-Run: python benchmarks/reading.py [rows]
-     python benchmarks/reading.py --wide GIGABYTES      a CSV of 64 columns of which four are wanted, read in pieces
+    python benchmarks/reading.py [rows]
+    python benchmarks/reading.py --wide GIGABYTES      a CSV of 64 columns of which four are wanted, read in pieces
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Reports: time, memory and page weight for short and long records.
 
 Run: python benchmarks/reports.py
-The record is simulated and its study identified from the first 1,000 s only, then written against the whole record,
-because reports re-run a model and search nothing. Targets: 10,000 rows under 3 s and 400 MB, 600,000 rows under 15 s;
-a page of 10,000 points under 1.5 MB.
+
+The record is simulated. Its study is identified from the first 1,000 s only and written against the whole record,
+because reports re-run a model and search nothing. Targets: 10,000 rows under 3 s and 400 MB, 600,000 rows under 15 s; a
+page of 10,000 points under 1.5 MB.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Compares the studies of this checkout with those of another commit: python benchmarks/same_studies.py REV.
+"""Comparison of the studies of this checkout with those of another commit: python benchmarks/same_studies.py REV.
 
-Each commit identifies and diagnoses every loop of sample_data/ and, where it is there, of ../shared/hidden_effects in
-processes of its own. A row says whether the studies are equal byte for byte, else how far their numbers lie apart
-(relative, the largest) or where their structure differs. Exit 1 where a difference exceeds --within.
+Each commit identifies and diagnoses every loop of sample_data/ and, where present, of ../shared/hidden_effects in
+processes of its own. A row says whether the studies are equal byte for byte. Otherwise it gives the largest relative
+difference of their numbers, or the place where their structure differs. Exit 1 where a difference exceeds --within.
 """
 
 from __future__ import annotations

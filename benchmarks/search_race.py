@@ -1,12 +1,17 @@
 """The search kernel against its limits, the whole search against general optimisers, identify against record length.
 
 Run: python benchmarks/search_race.py [--seeds 20] [--longest 100000] [--only kernel|search|length] [--diagnose]
-kernel: one ARX cost evaluation beside the bare valve recursion, the plain twin (tests/naive.py) and what this machine's
-memory and arithmetic would allow. search: the paper's problem (S and J of Chen's law, ARX of order 2, given delay) by
-this package, by pyswarms and by scipy's differential evolution, both driving the plain Python and lstsq cost; every
-winner is priced by that same plain cost. length: identify (and diagnose) over N; `--longest 1000000` takes minutes.
-Targets: one evaluation 120 times faster than its twin, the free run within 2 times of it; search 40 times faster
-than pyswarms at equal or better cost; exponent over N at most 1.1. Times are CPU seconds, which a busy machine
+
+kernel: one ARX cost evaluation beside the bare valve recursion, the plain twin (tests/naive.py) and the limits of this
+machine's memory and arithmetic.
+
+search: the paper's problem (S and J of Chen's law, ARX of order 2, given delay) by this package, by pyswarms and by
+scipy's differential evolution. The latter two drive the plain Python and lstsq cost, and that cost prices every winner.
+
+length: identify (and diagnose) over N; `--longest 1000000` takes minutes.
+
+Targets: one evaluation 120 times faster than its twin, the free run within 2 times of it. The search is 40 times faster
+than pyswarms at equal or better cost. The exponent over N is at most 1.1. Times are CPU seconds, which a busy machine
 disturbs less.
 """
 

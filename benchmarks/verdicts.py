@@ -1,10 +1,11 @@
 """Verdicts and intervals on simulated loops whose truth is known (benchmarks/loops.py), by cause of the movement.
 
 Run: python benchmarks/verdicts.py [--loops 100] [--first 10000] [--jobs 2]
-Half of the loops stick: --loops 600 gives intervals of 300. Targets of the verdict: right or undecided in 98 %,
-undecided in at most 15 % of either half. Of the intervals: 90 % intervals of S, J, gain, time constants and dead time
-hold the truth in 85 to 95 % of the sticking loops. Of the time: identify takes at most 3 times the point estimate alone
-(`identify --base-only`; CPU time of one process, sticking loops); what it takes beside the bare searches of that is
+
+Half of the loops stick: --loops 600 gives intervals of 300. Target of the verdict: right or undecided in 98 %,
+undecided in at most 15 % of either half. Target of the intervals: 90 % intervals of S, J, gain, time constants and dead
+time hold the truth in 85 to 95 % of the sticking loops. Target of the time: identify takes at most 3 times the point
+estimate alone (`identify --base-only`; CPU time of one process, sticking loops). The time beyond its bare searches is
 printed, too. Thresholds were set on seeds below 1000. Every second sticking loop with a scanning controller has AR(1)
 noise of root 0.8, the others white noise.
 """
@@ -43,7 +44,7 @@ NUMBERS = ("S", "J", "gain", "time constants", "dead time")
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What the tool said of one loop: verdict, whether each interval holds the truth, relative errors, CPU seconds.
+    """Results of one loop: verdict, whether each interval holds the truth, relative errors, CPU seconds.
 
     `holds` has one entry for each time constant; none for these and the dead time where the model has another order
     than the process, and its numbers are not those of the process.
@@ -90,7 +91,7 @@ def searches() -> Iterator[list[float]]:
 
 
 def held(e: Estimate, known: Known) -> dict[str, tuple[bool, ...]]:
-    """Whether the interval of each number holds the truth."""
+    """Mask of the numbers whose interval holds the truth, by name."""
     plant = known.setting.plant
     lags = sorted((t for t in (plant.time_constant_s, plant.second_time_constant_s) if t > 0), reverse=True)
     numbers = {"S": [(e.S_interval, known.S)], "J": [(e.J_interval, known.J)], "gain": [(e.gain_interval, plant.gain)]}

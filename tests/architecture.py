@@ -1,4 +1,4 @@
-"""Reads the imports of a package and lists the faults of its layout; the rules stand in architecture.toml."""
+"""Imports of a package, and the faults of its layout against the rules in architecture.toml."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Made-up plants for batch tests and benchmarks: tiny loops in every layout that a batch reads."""
+"""Simulated plants for batch tests and benchmarks: tiny loops in every layout that a batch reads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Makes one loop's record and writes it in the shapes and locales of historians; used by the tests of reading."""
+"""Files of one simulated loop in the shapes and locales of historians, for the tests of reading."""
 
 from __future__ import annotations
 

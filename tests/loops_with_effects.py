@@ -1,8 +1,8 @@
-"""Loops with hidden effects and what counts as finding them: shared by tests and by the matrix of effects.
+"""Simulated loops with hidden effects and the criterion for finding them, for tests and the effects matrix.
 
-`loop_of` draws a loop from a seed: six plants, half of the loops scan-driven (20 integration steps a scan), a quarter
-with a command that moves between samples, a quarter with a Karnopp valve under a held command. What this record can't
-show is told by `shown`, from the truth alone. `SMALL` are fixed, quick ones, each effect once and plainly visible.
+`loop_of` draws a loop from a seed: six plants, half of the loops scan-driven (20 integration steps a scan). A quarter
+has a command that moves between samples, a quarter a Karnopp valve under a held command. `shown` tells from the truth
+alone what a record can show. `SMALL` are fixed, quick loops, each effect once and plainly visible.
 """
 
 from __future__ import annotations

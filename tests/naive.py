@@ -1,6 +1,6 @@
-"""Slow, obvious twins of every kernel, written from the equations (METHODS.md, the paper) and not from the kernels.
+"""Reference versions of every kernel in plain Python, from the equations (METHODS.md, the paper), not from the kernels.
 
-Plain Python, one sample at a time; nothing here is imported by the package.
+They run one sample at a time and are slow; nothing here is imported by the package.
 """
 
 from __future__ import annotations

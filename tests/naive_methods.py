@@ -1,4 +1,4 @@
-"""Slow, obvious second versions of what the methods compute, written from the equations, for tests to compare with."""
+"""Reference versions of the methods' computations, slow and written from the equations, for tests to compare with."""
 
 from __future__ import annotations
 

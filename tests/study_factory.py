@@ -1,6 +1,6 @@
-"""Made-up studies and curves for report tests: one good, one doubtful, one abstained, one hostile, any length.
+"""Hand-made studies and curves for report tests: a good, a doubtful, an abstained, a hostile one, of any length.
 
-The records are sums of exact shapes rather than simulations, so that golden files don't move with the simulator.
+The records are sums of exact shapes rather than simulations, so that golden files do not depend on the simulator.
 """
 
 from __future__ import annotations

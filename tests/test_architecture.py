@@ -1,4 +1,5 @@
-"""The house: imports run one way, heavy rooms load only where they are used, one file for each law and effect."""
+"""Layout of the package: imports run one way, heavy libraries load only where used, one file for each law and effect.
+"""
 
 from __future__ import annotations
 

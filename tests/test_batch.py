@@ -1,4 +1,4 @@
-"""What a batch keeps and tells: retries, resuming, the store, the summary made from it, and who does the work."""
+"""Batch: retries, resuming, the store, the summary made from it, and the executors."""
 
 from __future__ import annotations
 

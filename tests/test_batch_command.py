@@ -1,4 +1,4 @@
-"""`stictionid batch` as scripts and people meet it: output, exit codes, and being killed in the middle."""
+"""`stictionid batch` through real processes: output, exit codes, and a kill in the middle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which loops a batch finds, under which names it keeps them, and how it refuses what is not clear."""
+"""Plan of a batch: the loops that it finds, their file names, and refusals of ambiguous input."""
 
 from __future__ import annotations
 

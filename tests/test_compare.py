@@ -1,4 +1,4 @@
-"""Compare: clean loops show no fault, faults show where they are, and a second record validates what the first gave."""
+"""Compare: clean loops show no fault, faults show where they are, a second record validates the model of the first."""
 
 from __future__ import annotations
 

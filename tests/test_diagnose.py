@@ -1,4 +1,4 @@
-"""Diagnose and add: hidden effects are named first, the base is put right first, clean loops are left alone."""
+"""Diagnose and add: hidden effects are named first, the base is corrected first, clean loops stay unchanged."""
 
 from __future__ import annotations
 

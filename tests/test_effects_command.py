@@ -1,4 +1,4 @@
-"""Every effect of the catalogue on the command line: hidden by `simulate`, taken in by `identify --with` and `add`."""
+"""Every effect of the catalogue on the command line: hidden by `simulate`, fitted by `identify --with` and `add`."""
 
 from __future__ import annotations
 

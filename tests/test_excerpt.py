@@ -1,4 +1,4 @@
-"""Long records are searched on an excerpt: the right one, with the answer of the whole record, judged on all of it."""
+"""Long records: choice of the excerpt, agreement with the answer of the whole record, errors over all of it."""
 
 from __future__ import annotations
 

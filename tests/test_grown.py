@@ -1,4 +1,5 @@
-"""Effects behind other things: narrow basins, a second lag beside a valve effect, what changes of y do not show."""
+"""Effects hidden behind others: narrow basins, a second lag beside a valve effect, misfit that differences of y hide.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small sample of what is done at length in tests/fuzz and tests/faults, and every mend that those led to."""
+"""A small sample of tests/fuzz and tests/faults, and a test for every defect that those found."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Every effect of the catalogue hidden once: named first, the error falls to the noise, S and J come back.
 
-And loops with nothing hidden, in which nothing may be invented; and pairs, of which both are found.
+In loops with nothing hidden no effect may be named; of pairs both are found.
 """
 
 from __future__ import annotations

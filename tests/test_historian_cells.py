@@ -1,4 +1,4 @@
-"""One cell at a time and whole columns at a time give the same numbers; what looks like a unit is none."""
+"""Cells read one by one and as whole columns give the same numbers; texts that only look like units are none."""
 
 from __future__ import annotations
 

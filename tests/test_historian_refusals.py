@@ -1,4 +1,4 @@
-"""What can't be read is refused in one sentence that names the place, with the option that would settle it."""
+"""Files that cannot be read are refused in one sentence that names the place and the option that would settle it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong inside a record is found, said, and masked or split: never glued, never dropped silently."""
+"""Faults inside a record are found, reported, and masked or split: never joined, never dropped silently."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records that are spoilt as a whole: start-ups, swapped columns, averages; what caps the verdict does so."""
+"""Records that are spoilt as a whole: start-ups, swapped columns, averages; faults that cap the verdict do so."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""S and J come back: the paper's loops, the shared loops with nothing hidden, integrators, the paper's own method."""
+"""Identify: S and J of the paper's loops, of the shared loops with nothing hidden, of integrators, by `arx` too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stiction laws: kernels against their twins, and the properties that any friction law must have."""
+"""Stiction laws: kernels against their reference versions, and the properties that any friction law must have."""
 
 from __future__ import annotations
 

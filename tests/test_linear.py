@@ -1,4 +1,4 @@
-"""Process response, products, normal equations and filters against their slow obvious twins."""
+"""Process response, products, normal equations and filters against their reference versions."""
 
 from __future__ import annotations
 

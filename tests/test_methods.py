@@ -1,4 +1,4 @@
-"""The methods side by side: each on loops with known answers, what each can't see, laws ranked, step tests."""
+"""The methods side by side: each on loops with known answers, its limits, ranking of laws, step tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the intervals of S and J reach: the ends of the steps of the cost, another first slip, other dead times."""
+"""Intervals of S and J: the ends of the steps of the cost, another first slip, other dead times."""
 
 from __future__ import annotations
 

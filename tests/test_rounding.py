@@ -1,4 +1,4 @@
-"""An output recorded in coarse steps: how far that moves y, and that no effect is named for it."""
+"""An output recorded in coarse steps: the resulting uncertainty of y, and no effect named for it."""
 
 from __future__ import annotations
 

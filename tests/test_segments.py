@@ -1,4 +1,4 @@
-"""Records with gaps: segments are restarted with a start of their own and never glued; S, J and process are common."""
+"""Records with gaps: each segment has a start of its own and none are joined; S, J and process are common."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Verdict, severity, descent, noise completed: what must hold on loops whose truth is known."""
+"""Verdict, severity, descent and completion with a noise model, on loops whose truth is known."""
 
 from __future__ import annotations
 

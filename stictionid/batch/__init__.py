@@ -1,7 +1,7 @@
-"""Many loops: what there is to do, who does it, what is kept, and the summary that follows from what was kept.
+"""Batch of many loops: tasks, workers, an output folder, and a summary made from that folder.
 
-`sources` and `peek` find loops in files, folders and datasets, `looplist` reads a list of them, `plan` makes one plain
-Task of each. `worker` turns a Task into an Outcome and touches nothing else; `crew` are the executors that run it, here
-or on a cluster; `drive` keeps them busy, retries once after a worker's death and hands outcomes to `store`, which
-writes them whole. `summary` is rebuilt from the store alone, ordered by `rank`; `page` shows it in a browser.
+`plan` finds loops in files, folders, datasets and loop lists, and makes one plain Task of each. `work/worker` turns a
+Task into an outcome and touches nothing else. `work/crew` holds the executors that run it, local or on a cluster.
+`work/drive` keeps them busy, retries once after a worker's death and passes outcomes to `work/store`, which writes them
+whole. `summary` is rebuilt from the store alone, ordered by `summary/rank`; `summary/page` shows it in a browser.
 """

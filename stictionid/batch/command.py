@@ -1,4 +1,4 @@
-"""The command that makes one loop's study again: what a study remembers, and what tells whether it still fits."""
+"""The command that reproduces one loop's study. The study stores it, and a resumed batch compares it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FLAGS = {"span_pv": "--span-pv", "span_op": "--span-op", "time_format": "--time
 
 
 def command_for(path: str, work: Work, reading: ReadOptions) -> str:
-    """`stictionid batch PATH` with every option that shapes the study; nothing about how the work is shared out."""
+    """`stictionid batch PATH` with every option that shapes the study, without those that only distribute the work."""
     return "stictionid batch " + shlex.join([path, *_work(work), *_reading(reading)])
 
 

@@ -1,4 +1,4 @@
-"""What travels between the batch and its workers: one plain description each way, picklable and small."""
+"""Messages between the batch and its workers: one plain description each way, picklable and small."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ OK, ABSTAINED, FAILED = "ok", "abstained", "failed"
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One loop to do: where its record is, how to read it, and under which name its study is kept.
+    """One loop to do: the place of its record, the options to read it, and the name of its study.
 
     `kind` is "file" (one file holds it), "wide" or "dataset" (it is the columns or rows `select` of `path`), or "tags"
-    (its `files` hold one tag each). `problem` is what is known to be wrong before work began. `have` is the
-    fingerprint of the data behind a study that is there already and would be made the same way, `had` its status.
+    (its `files` hold one tag each). `problem` is a fault known before work began. `have` is the fingerprint of the data
+    behind an existing study that would be made the same way, `had` its status.
     """
 
     loop: str
@@ -35,7 +35,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What is done with every loop: the level, the options of `identify`, and whether each gets an HTML page."""
+    """Work on every loop: the level, the options of `identify`, and whether each loop gets an HTML page."""
 
     level: str = "identify"
     options: Options = field(default_factory=Options)
@@ -44,10 +44,10 @@ class Work:
 
 @dataclass(frozen=True, slots=True)
 class TaskOutcome:
-    """What became of a task: the study's text, or why there is none; `kept` when the study at hand still holds.
+    """Result of a task: the study's text, or why there is none; `kept` when the existing study still holds.
 
-    `page` is its HTML page, where one was wanted; `seconds` is the time by stage; `detail` the traceback of a defect;
-    `version` that of the worker's program.
+    `page` is its HTML page, if requested; `seconds` is the time by stage; `detail` the traceback of a defect; `version`
+    that of the worker's program.
     """
 
     key: str

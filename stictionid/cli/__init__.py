@@ -1,4 +1,4 @@
-"""The command line: a client of the library, and the only room that prints or exits. One file per command."""
+"""The command line, one file per command: a client of the library, and the only room that prints or exits."""
 
 # Commands register themselves on `app` when they are imported.
 from . import agree, batch, compare, diagnose, effects, identify, laws, range, read, report, selftest, simulate

@@ -1,4 +1,4 @@
-"""`stictionid agree`: S and J of several records of one loop, whether they agree, and whether they drift."""
+"""`stictionid agree`: S and J of several records of one loop, their agreement, and their drift."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def _root(version: bool = typer.Option(False, "--version", callback=_version, is
 
 def main() -> None:
     """Entry point: runs a command and turns every outcome into the contract's exit code."""
-    # Small matrices on many loops: threads inside BLAS only wait for each other, and would fight with --jobs.
+    # Small matrices on many loops: threads inside BLAS only wait for each other, and would compete with --jobs.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     code = 0
     try:
@@ -63,7 +63,7 @@ def main() -> None:
 
 
 def _drop_stdout() -> None:
-    """Point stdout elsewhere where it takes no more, so that the interpreter's last flush is quiet."""
+    """Point stdout elsewhere once it is closed, so that the interpreter's last flush is quiet."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -71,7 +71,7 @@ def _drop_stdout() -> None:
 
 
 def _refuse(message: str, hint: str, code: int) -> int:
-    # The option parser repeats what was typed, whatever its length.
+    # The option parser repeats the user's input, whatever its length.
     message = message if len(message) <= _LONGEST_SENTENCE else message[:_LONGEST_SENTENCE] + "…"
     print(f"stictionid: {safe(message)}", file=sys.stderr)
     if hint:
@@ -80,7 +80,7 @@ def _refuse(message: str, hint: str, code: int) -> int:
 
 
 def _other(error: Exception) -> int:
-    """Usage errors of the option parser, and defects (exit 1, with the traceback a report needs)."""
+    """Exit code of usage errors of the option parser, and of defects (exit 1, with the traceback for a report)."""
     if hasattr(error, "exit_code") and hasattr(error, "format_message"):
         context = getattr(error, "ctx", None)
         where = context.command_path if context else "stictionid"

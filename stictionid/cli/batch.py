@@ -1,4 +1,4 @@
-"""`stictionid batch`: many loops, here or on a cluster, with a summary that puts the worst first."""
+"""`stictionid batch`: many loops, local or on a cluster, with a summary that puts the worst first."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def batch(
 
 
 def _refuse_ignored(work: Any) -> None:
-    """Options that screening would only ignore."""
+    """Refuse options that screening would ignore."""
     from ..errors import UsageError
 
     o = work.options
@@ -126,7 +126,8 @@ def _tell_plan(todo: Any, quiet: bool) -> None:
 
 
 def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, watch: Watch) -> Any:
-    """Drive to the end and summarise; interrupted, or out of room, summarise what is there and say how to go on."""
+    """Drive to the end and summarise; interrupted, or out of room, summarise the results so far and say how to go on.
+    """
     from ..batch.summary.write import write_summary
     from ..batch.work.drive import drive
     from ..errors import StictionidError
@@ -154,7 +155,7 @@ def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, wat
 
 
 def _none_left(store: Any) -> None:
-    """No part of a summary that could not be written whole."""
+    """Remove the parts of a summary that could not be written whole."""
     from ..batch.work.store import SUMMARIES
 
     for name in SUMMARIES:
@@ -181,7 +182,7 @@ def _terminable() -> Any:
 
 @contextmanager
 def _deaf() -> Any:
-    """While what is done is put in order, a second Ctrl-C changes nothing."""
+    """Ignore a second Ctrl-C while the summary is written."""
     before = [(s, signal.signal(s, signal.SIG_IGN)) for s in (signal.SIGINT, signal.SIGTERM)]
     try:
         yield

@@ -1,4 +1,4 @@
-"""`stictionid diagnose` and `stictionid add`: which effect is missing, and the study with it."""
+"""`stictionid diagnose` and `stictionid add`: the effect that is missing, and the study with it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .common.output import (
 )
 from .common.study_files import DataArgument, StudyArgument, open_data, open_study
 
-# Characters that the ladder has for a name in 80 columns.
+# Characters for a name in the ladder at 80 columns.
 _NAME = 19
 
 
@@ -125,7 +125,7 @@ def _write(study: Any, place: Path, force: bool, quiet: bool) -> None:
 
 def _candidates(study: Any) -> Any:
     table = plain_table("effect", "named", "drop %", "BIC", "would show", title="candidates")
-    # The name is never broken: the numbers are narrow, and the last column may be.
+    # The name is never broken: the numbers are narrow, and the last column may be broken.
     table.columns[0].no_wrap = True
     same = study.candidates[0].equivalent_to
     for c in study.candidates:
@@ -158,6 +158,6 @@ def _ladder(study: Any) -> Any:
 
 
 def _broken(name: str) -> str:
-    """A long name in two lines, parted after a hyphen: seven columns leave a name no more room in 80."""
+    """A long name in two lines, broken after a hyphen: seven columns leave a name no more room in 80."""
     head, mark, rest = name.partition("-")
     return f"{head}{mark}\n  {rest}" if len(name) > _NAME else name

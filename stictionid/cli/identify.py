@@ -115,7 +115,7 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
     if options.fixed:
         given = ", ".join("--" + name.removesuffix("_s").replace("_", "-") for name in options.fixed)
         raise UsageError(f"--step-test and {given} both fix the process", "give one of them")
-    # A step test is made by hand, and its times are its own.
+    # A step test is made by hand, so manual samples count; it has times of its own.
     whole = replace(reading, keep_manual=True, keep_startup=True, start=None, end=None)
     test = read_file(file, whole, quiet=quiet).loop
     try:
@@ -177,7 +177,7 @@ def _error_table(study: Any) -> Any:
 
 
 def _law_table(study: Any) -> Any:
-    """Laws best first; "alike" marks those that the record can't tell from the best."""
+    """Laws best first; "alike" marks those that the record cannot tell from the best."""
     unit = study.data.units.get("process_value") or "unit of y"
     remarks: dict[str, Any] = {}
     for finding in study.steps[-1].findings:

@@ -57,7 +57,7 @@ def laws(
 
 
 def _chosen(name: str | None, test: str) -> tuple[Law, tuple[str, ...], dict[str, float]]:
-    """The law, the tests and the law's own numbers that `[NAME] --test NAME` asks for."""
+    """The law, the tests and the law's own parameters that `[NAME] --test NAME` asks for."""
     from ..errors import UsageError
     from ..laws import get
     from ..model.valve_bench import TESTS
@@ -77,7 +77,7 @@ def _chosen(name: str | None, test: str) -> tuple[Law, tuple[str, ...], dict[str
 
 
 def _table(*columns: str) -> Any:
-    """A table without frames, so that it is plain text wherever it goes."""
+    """A table without frames: plain text on any output."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
@@ -88,7 +88,7 @@ def _table(*columns: str) -> Any:
 
 
 def _record(law: Law) -> dict[str, Any]:
-    """A law as the JSON shows it."""
+    """A law as in the JSON."""
     return {
         "name": law.name, "summary": law.summary, "equation": law.equation, "source": law.source,
         "checked": law.checked, "cannot": law.cannot, "searchable": law.searchable,

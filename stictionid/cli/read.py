@@ -1,4 +1,4 @@
-"""`stictionid read`: what was understood of an export, and what was left out, row by reason."""
+"""`stictionid read`: the interpretation of an export, and the rows left out by reason."""
 
 from typing import Annotated, Any
 
@@ -51,7 +51,7 @@ def read(
 
 
 def _check_targets(file: str, output: str | None, save_profile: str | None, force: bool) -> None:
-    """Refuse places that can't be written before anything is read."""
+    """Refuse places that cannot be written before anything is read."""
     from ..errors import UsageError
     from ..historian.checks.clean import own_kind
     from ..system.files import ensure_writable, keep_apart

@@ -1,4 +1,4 @@
-"""`stictionid selftest`: the tool's own rates on simulated loops, so that a user can see what to trust."""
+"""`stictionid selftest`: the tool's own rates on simulated loops, as a guide to what to trust."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Compare a model with a measurement: how large the error is, where it fails, and which effects that points to.
+"""Comparison of a model with a measurement: size of the error, parts of the record where it fails, likely effects.
 
-One question is one function in `questions`; each gives a table of numbers and, where the model fails, one finding.
+Each question is one function in `questions`. It gives a table of numbers and, where the model fails, one finding.
 """
 
 from .compare import Comparison, compare

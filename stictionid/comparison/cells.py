@@ -1,7 +1,7 @@
-"""The residual split into cells (stretches, phases, deciles), each held against all the others.
+"""The residual split into cells (stretches, phases, deciles), each tested against all the others.
 
-A cell stands out when its mean, or its mean square, differs from that of the other samples by more than chance allows
-at 1 % over all cells of all questions, and by a size that matters. Source: CRITICISM.md section 7, step 2.
+A cell stands out when its mean, or its mean square, differs from that of the other samples. The difference must exceed
+chance at 1 % over all cells of all questions, and be of a size that matters. Source: CRITICISM.md section 7, step 2.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from ..typing import BoolArray, FloatArray
 from .model_run import Ground
 
-# Joint level of all cells of all questions, and how many cells there are in a full comparison (Bonferroni).
+# Joint level of all cells of all questions, and the number of cells in a full comparison (Bonferroni).
 LEVEL, CELLS = 0.01, 80
-# A cell with fewer samples says nothing. Unit: samples.
+# Fewest samples of a cell. Unit: samples.
 FEWEST = 12
-# Sizes that matter: the cell's error is larger than elsewhere by this factor, or its mean is this share of it.
+# Sizes that matter: the factor of the cell's error over the error elsewhere, and its mean as a share of its error.
 _LARGER, _SHIFTED = 1.2, 0.35
 BEYOND = NormalDist().inv_cdf(1.0 - LEVEL / (2.0 * CELLS))
 
@@ -28,7 +28,7 @@ BEYOND = NormalDist().inv_cdf(1.0 - LEVEL / (2.0 * CELLS))
 class Cell:
     """One cell: shares of samples and of squared error (0..1), rms and mean in the unit of y, both as z values.
 
-    `rms_one_step` is that of the errors one step ahead, with the noise model that the residual asks for.
+    `rms_one_step` is that of the one-step errors, with the noise model that the residual asks for.
     """
 
     label: str
@@ -45,7 +45,7 @@ class Cell:
 
     @property
     def fails(self) -> bool:
-        """Whether the error stands out here, by more than chance and by a size that matters."""
+        """True where the error stands out in this cell, by more than chance and by a size that matters."""
         rest = max(1.0 - self.share, 1e-12)
         outside = np.sqrt(max((1.0 - self.energy_share) / rest, 1e-12))
         inside = np.sqrt(self.energy_share / max(self.share, 1e-12))
@@ -55,12 +55,12 @@ class Cell:
 
     @property
     def fails_ahead(self) -> bool:
-        """Whether the one-step error stands out here, which a slow error of the free run can't hide."""
+        """True where the one-step error stands out in this cell, which a slow error of the free run cannot hide."""
         return self.z_one_step > BEYOND and self.rms_one_step > _LARGER * self.one_step_elsewhere
 
     @property
     def weight(self) -> float:
-        """How strongly it stands out, for choosing the worst."""
+        """The strongest of the three z values, for the choice of the worst cell."""
         return max(self.z_energy, abs(self.z_mean), self.z_one_step)
 
 

@@ -1,6 +1,6 @@
-"""The whole comparison: errors, findings, whether the model is adequate, and the curves behind them.
+"""The comparison of a model with a record: errors, findings, adequacy, and the curves behind them.
 
-Free-run and one-step errors stand beside what costs nothing: the predictor y(k) = y(k-1). A one-step fit hides
+Free-run and one-step errors are reported with the error of the trivial predictor y(k) = y(k-1). A one-step fit hides
 everything (CRITICISM.md section 1); skill over persistence shows that. Source: METHODS.md section 6.
 """
 
@@ -23,14 +23,14 @@ from .questions import ask_all
 from .residual_tests import POINT_99, Spectra, follows_valve, frequencies, own_innovation, whiteness
 from .validate import rebuilt, transferred
 
-# A model holds on another record up to this many times the noise: S is known to one step of the command only, so that
-# single slips may come a sample early or late there. Unit: 1.
+# Multiple of the noise up to which a model holds on another record. S is known to one step of the command only, so that
+# single slips may come a sample early or late there.
 TRANSFERS = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Errors in the unit of y; skills are shares of the persistence error's square that the model takes away."""
+    """Errors in the unit of y; skills are shares of the persistence error's square that the model removes."""
 
     rmse: float
     rmse_holdout: float | None
@@ -48,7 +48,7 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What `compare` found. `tables` hold every question's cells; `ground` the arrays, for pictures and series."""
+    """Result of `compare`. `tables` hold every question's cells; `ground` the arrays, for pictures and series."""
 
     error: Errors
     findings: tuple[Finding, ...]
@@ -65,7 +65,7 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     """The study's last model against its record, or against `other` with S, J and process held.
 
     `loop` may be None only with `other`; the gain is then refitted. Raises DataError for an abstained study, or where
-    the model can't run on the other record.
+    the model cannot run on the other record.
     """
     if not study.steps or not study.steps[-1].model:
         raise DataError("the study abstained, so there is no model to compare", study.verdict.reason)
@@ -122,7 +122,7 @@ def _errors(ground: Ground, study: Study, *, own: bool) -> Errors:
 
 
 def _h_step(ground: Ground, h: int) -> float:
-    """Error h samples ahead: the free run plus what the model's noise model still knows of the residual by then."""
+    """Error h samples ahead: the free run plus the part of the residual that the noise model still predicts."""
     taps = ground.model.taps
     if taps.size == 0:
         return ground.rmse

@@ -1,6 +1,6 @@
-"""What all questions share: one model run over one record, its residual, and how strongly neighbours are correlated.
+"""One model run over one record for all questions: residual, innovations, and the residual's autocovariance.
 
-Residuals are judged with the autocovariance of an autoregression fitted to them, so that coloured noise does not look
+Residuals are tested with the autocovariance of an autoregression fitted to them, so that coloured noise does not look
 like a failing stretch. Source: CRITICISM.md sections 3 and 7; variance of a mean of correlated samples.
 """
 
@@ -19,7 +19,7 @@ from ..typing import BoolArray, FloatArray
 
 # Largest order of the autoregression behind the standard errors. Unit: samples.
 _ORDER = 10
-# Its autocovariance is followed over this many samples at the most, and at most this share of the record.
+# Most lags of its autocovariance, in samples and as a share of the record.
 _MOST_LAGS, _LAG_SHARE = 400, 0.1
 
 
@@ -27,7 +27,8 @@ _MOST_LAGS, _LAG_SHARE = 400, 0.1
 class Ground:
     """One comparison's arrays (n,): `good` are the samples that count, `covariance` (k,) of the residual at lags 0….
 
-    `taps` are those of the autoregression of the free-run residual; `innovation` what it and the model leave.
+    `taps` are those of the autoregression of the free-run residual. `innovation` are the errors after model and noise
+    model.
     """
 
     loop: Loop
@@ -57,7 +58,7 @@ class Ground:
 
     @property
     def effective_rows(self) -> float:
-        """How many independent samples the residual is worth, n over the sum of its correlations."""
+        """Number of independent samples that the residual is worth: n over the sum of its correlations."""
         c = self.covariance
         total = (c[0] + 2.0 * c[1:].sum()) / c[0] if c[0] > 0 else 1.0
         n = float(self.good.sum())
@@ -74,7 +75,7 @@ class Ground:
 
 
 def prepare(loop: Loop, model: Model, found: Range, evaluated: Evaluated) -> Ground:
-    """The ground for questions about one evaluated model on one record."""
+    """The arrays for all questions about one evaluated model on one record."""
     good = evaluated.counted > 0
     residual = np.where(good, np.nan_to_num(evaluated.residual), 0.0)
     taps = autoregression(residual, good, _ORDER, loop.starts)

@@ -1,7 +1,7 @@
-"""Where does the model fail? One function a question: a table of cells and, where it fails, one finding.
+"""Questions about the parts of a record where the model fails: each gives a table of cells and at most one finding.
 
 A finding names the numbers it rests on and the effects of the catalogue that leave such a trace (CRITICISM.md section
-8); which of them it is only a refit can tell.
+8). Only a refit can tell which of these effects it is.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .model_run import Ground
 from .valve_phases import delayed, directions, valve_phases
 
 BLOCKS, DECILES, CYCLE_PARTS = 10, 10, 12
-# Error above this multiple of the rest is serious, and a mean below this share of an error says nothing. Unit: 1.
+# Factor on the error elsewhere above which an error is serious, and share of an error below which a mean is not stated.
 _SERIOUS, _MEAN = 2.0, 0.02
 _SOURCE = "cell against the rest, 1 % over all cells, autocorrelation allowed for; CRITICISM.md section 7, step 2"
 
@@ -79,7 +79,7 @@ def by_time(ground: Ground) -> Answer:
 
 
 def by_phase(ground: Ground) -> Answer:
-    """While the valve sticks, just after it slipped, while it slides, as y sees it."""
+    """Stick, slip (just after break-away) and slide, delayed to where y shows them."""
     cells = split(ground, {name: delayed(ground, mask) for name, mask in valve_phases(ground).items()})
     points = {"stick": ("extra-lag", "step-disturbance", "sinusoidal-disturbance"),
               "slip": ("extra-lag", "slew-limit", "slip-overshoot", "asymmetric-stiction"),
@@ -89,7 +89,7 @@ def by_phase(ground: Ground) -> Answer:
 
 
 def by_direction(ground: Ground) -> Answer:
-    """After opening moves against closing ones."""
+    """Samples after opening moves against those after closing ones."""
     cells = split(ground, {name: delayed(ground, mask) for name, mask in directions(ground).items()})
     return _answer(ground, "direction", cells, lambda c: f"after the {c.label} strokes",
                    ("asymmetric-stiction", "travel-limit", "valve-characteristic"))
@@ -103,7 +103,7 @@ def by_output(ground: Ground) -> Answer:
 
 
 def by_value(ground: Ground) -> Answer:
-    """Deciles of the process value, as the model has it: noise must not sort itself into the outer deciles."""
+    """Deciles of the model's process value: measured values would let the noise sort itself into the outer deciles."""
     cells = split(ground, quantile_masks(ground.evaluated.model, ground.good, DECILES, "PV"))
     return _answer(ground, "value", cells, lambda c: f"at {c.label}",
                    ("gain-nonlinearity", "valve-characteristic", "travel-limit"))
@@ -124,7 +124,7 @@ def by_cycle(ground: Ground) -> Answer:
 
 
 def around_setpoint(ground: Ground) -> Answer:
-    """Within one period after a setpoint move against the rest of the record."""
+    """Samples within one period after a setpoint move against the rest of the record."""
     r = ground.loop.setpoint
     if r is None:
         return "setpoint", (), None

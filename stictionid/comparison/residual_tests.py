@@ -1,6 +1,6 @@
-"""Is what is left white, does it follow the valve, and at which frequencies does it lie? Joint tests at 1 %.
+"""Tests of the residual: whiteness, correlation with the valve, lines in the spectrum. Joint tests at 1 %.
 
-Point-wise 99 % bounds are shown, but never decide: 22 % of perfectly white residuals leave one lag of 25 outside.
+Point-wise 99 % bounds are shown but never decide: 22 % of perfectly white residuals leave one lag of 25 outside.
 Source: Ljung and Box 1978; CRITICISM.md sections 1, 3 and 7.
 """
 
@@ -20,9 +20,9 @@ from .model_run import Ground
 # Level of each joint test, and the two-sided 99 % point of one lag. Unit: 1, standard deviations.
 LEVEL, POINT_99 = 0.01 / 3.0, 2.576
 _FEWEST_LAGS, _MOST_LAGS, _MOST_RESPONSE = 20, 200, 12
-# A correlation that would lower the one-step error by less than this share is no fault whatever its significance.
+# A correlation that would lower the one-step error by less than this share is no fault, however significant.
 _MATTERS = 0.005
-# A line must hold this share of the residual's power.
+# Share of the residual's power that a line must hold.
 _LINE_SHARE = 0.05
 _BANDS = 8
 # The slowest lines are drift, not oscillation; neighbours on either side that set a line's floor. Unit: lines.
@@ -70,7 +70,7 @@ def whiteness(ground: Ground) -> tuple[FloatArray, Finding | None]:
 
 
 def own_innovation(ground: Ground) -> tuple[FloatArray, np.ndarray]:
-    """The complete model's one-step errors (n,) and where they count: the residual itself without a noise model."""
+    """The complete model's one-step errors (n,) and where they count; without a noise model they are the residual."""
     if ground.model.taps.size:
         return ground.innovation, ground.innovation != 0.0
     return ground.residual, ground.good
@@ -88,7 +88,7 @@ def follows_valve(ground: Ground) -> tuple[FloatArray, Finding | None]:
     e = ground.innovation
     good = e != 0.0
     v = ground.evaluated.position
-    # What the errors are: residuals passed through the whitening filter. The position passes it too.
+    # The errors are residuals passed through the whitening filter; the position passes through it, too.
     taps = ground.model.taps if ground.model.taps.size else ground.taps
     v = np.convolve(v - v.mean(), np.concatenate([[1.0], taps]))[:v.size]
     moves = np.diff(v, prepend=v[0])
@@ -96,7 +96,7 @@ def follows_valve(ground: Ground) -> tuple[FloatArray, Finding | None]:
     # A short record (a second one, compared with an old study) may hold less than one period.
     longest = min(int(np.clip(ground.period_s / ground.step_s, 2, 60)), v.size - 1)
     for start in ground.loop.starts[1:]:
-        good[start:start + longest + taps.size + 1] = False  # what the valve did before them lies beyond the gap
+        good[start:start + longest + taps.size + 1] = False  # the valve's moves before these samples lie beyond the gap
     n = int(good.sum())
     cross = np.array([_correlation(e, _shifted(moves, k), good) for k in range(longest + 1)])
     lags = np.unique(np.round(np.linspace(0, longest, _MOST_RESPONSE)).astype(int))
@@ -134,8 +134,8 @@ def _correlation(a: FloatArray, b: FloatArray, good: np.ndarray) -> float:
 def frequencies(ground: Ground) -> tuple[tuple[tuple[float, float, float, float], ...], Finding | None]:
     """Residual power by bands (period from, to, share of the power, share of the lines), and a line that stands out.
 
-    The largest line is held against the median of its neighbours, so that coloured noise has none. Of several segments
-    the longest is looked at: a spectrum knows no gaps.
+    The largest line is compared with the median of its neighbours, so that coloured noise has none. Of several segments
+    the longest is used: a spectrum knows no gaps.
     """
     part = ground.loop.longest
     good = ground.good[part]
@@ -156,7 +156,7 @@ def frequencies(ground: Ground) -> tuple[tuple[tuple[float, float, float, float]
     ratio = np.where(np.arange(power.size) < _SLOWEST, 0.0, power / floor)
     k = int(ratio.argmax())
     held = float(power[max(k - 1, 0):k + 2].sum()) / total
-    # The largest of m exponential lines.
+    # Chance of the largest of m exponential lines.
     chance = -float(np.expm1(ratio.size * np.log1p(-np.exp(-min(float(ratio[k]), 700.0)))))
     if chance > LEVEL or held < _LINE_SHARE:
         return bands, None
@@ -176,7 +176,7 @@ def frequencies(ground: Ground) -> tuple[tuple[tuple[float, float, float, float]
 
 
 def _floor(power: FloatArray) -> FloatArray:
-    """Local mean (k,) of a spectrum from medians over neighbours, which a line does not lift."""
+    """Local mean (k,) of a spectrum from medians over neighbours, which a line does not raise."""
     out = np.empty_like(power)
     for k in range(power.size):
         half = max(_NEIGHBOURS, k // 8)

@@ -1,7 +1,7 @@
-"""Running a study's model on another record: S, J and the process held, start state and bias refitted.
+"""A study's model on another record: S, J and the process held, start state and bias refitted.
 
-What is tied to the first record's clock (steps, ramps, sine waves, drifting stiction) says nothing about another one
-and is left out, with a note that says so. Source: CLI.md, compare STUDY FILE.
+Effects tied to the first record's clock (steps, ramps, sine waves, drifting stiction) say nothing about another record.
+They are left out, with a note. Source: CLI.md, compare STUDY FILE.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..model.segments import bound
 from ..model.spec import Evaluated, Spec
 from ..record.loop import Finding, Loop
 
-# Start forces tried, and how often the ladder is refined.
+# Start forces tried, and number of refinements of the ladder.
 _FORCES, _TURNS = 41, 3
 
 

@@ -1,4 +1,4 @@
-"""Where the valve is: stuck, slipping or sliding, and in which direction, as the process value gets to see it."""
+"""Masks of the valve's phases (stick, slip, slide) and directions, and their delay to the process value."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from .model_run import Ground
 
 # A slip shows in y for one time constant after the dead time, at most this share of a period.
 _LONGEST_SLIP = 0.1
-# The position has moved when it changed by more than this share of S. Unit: 1.
+# The position has moved when it changed by more than this share of S.
 _REST = 1e-6
 
 
 def delayed(ground: Ground, mask: BoolArray) -> BoolArray:
-    """A mask of the valve (n,) as y sees it, one dead time later."""
+    """A mask of the valve (n,) as y shows it, one dead time later."""
     return _later(mask, round(ground.evaluated.values["dead_time_s"] / ground.step_s) + 1, ground.loop.segments)
 
 

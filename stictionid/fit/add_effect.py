@@ -1,4 +1,4 @@
-"""One more effect in a model: refitted, carried into a model of its own, polished to the answer that a study gives.
+"""One effect added to a fitted model: refit, choice of the model for the study, last polish with errors and intervals.
 
 Source: METHODS.md section 6; CRITICISM.md section 7.
 """
@@ -18,18 +18,19 @@ from .noise.completion import Refit, complete, has_noise, own_taps
 from .starts.beside_effect import starting_pool
 from .with_effect import scout, settled
 
-# Refits after which an effect that follows y has settled, and independent refits of the effect that is added.
+# Refits after which an effect that follows y has settled, and independent refits with the added effect.
 _FOLLOWED, REFITS = 3, 2
 
 
 def added(fit: Fitted, name: str, rng: np.random.Generator) -> Fitted:
-    """A fit with one more effect."""
+    """The fit of the same model with effect `name` added, ready for a step of the study."""
     done = refitted(fit, name, starting_pool(fit.model, fit.values, rng), rng)
     return polished(carrier(done, name, fit.model), done.values, rng)
 
 
 def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitted:
-    """The last polish, with errors, hold-out and intervals; repeated where an effect follows the model's own y."""
+    """Last polish of `values`, with errors, hold-out and intervals; repeated where an effect follows the model's own y.
+    """
     point = model.cube(values[:, None])
     after = finish(model, point, model.costs(point), rng)
     for _ in range(_FOLLOWED if model.follows_y else 0):
@@ -37,7 +38,7 @@ def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitt
                       residual=after.best.left)
         point = model.cube(after.values[:, None])
         again = finish(model, point, model.costs(point), rng)
-        # What counts is the model that follows its own y: following the y of the fit before, it may predict y from y.
+        # Compare models that follow their own y. One that follows the y of the fit before may predict y from y.
         if not again.best.sse < after.best.sse:
             break
         after = again
@@ -45,17 +46,17 @@ def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitt
 
 
 def refitted(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, count: int = REFITS) -> Refit:
-    """A fit with effect `name` added, at its best and completed with the noise that its residual asks for."""
+    """A fit with effect `name` added, at its best, completed with the noise model that its residual asks for."""
     noise = parse(name)[0].noise
     if noise is not None:
         return complete(fit.model, fit.values, pool, rng, noise=noise)
-    # Two independent refits: what goes into the study must not hang on one search.
+    # Two independent refits: the study should not depend on a single search.
     model, values, _ = min((settled(scout(fit, name, pool, rng), rng) for _ in range(count)), key=lambda r: r[2])
     return complete(model, values, None, rng)
 
 
 def carrier(done: Refit, name: str, before: Model) -> Model:
-    """The model that goes into a study: a noise model enters only as a step of its own, never with another effect."""
+    """The model that a study stores after a refit: a noise model enters as a step of its own, never with an effect."""
     effects = tuple(dict.fromkeys((*before.spec.effects, name)))
     if parse(name)[0].noise is not None or has_noise(before.spec):
         spec = replace(done.spec, effects=effects)

@@ -1,10 +1,10 @@
 """The ARX cost: one-step error of a linear difference equation driven by the valve position (paper Eq. 7 to 19).
 
-For given S and J the position follows from the command, then the coefficients follow by linear least squares, so a
-candidate costs one valve recursion and a handful of sums. The one-step error finds the right basin reliably but
-pulls J low when y is noisy (METHODS.md section 4, trap 2); `identify` therefore finishes with the free-run error,
-and only `--method arx` stops here. Misprints of the paper are corrected: the first row of Eq. 15 starts with
-y(n+τ-1), Eq. 16 and 19 want the squared norm, Eq. 17 wants Φᵀy.
+For given S and J the position follows from the command. The coefficients then follow by linear least squares. A
+candidate therefore costs one valve recursion and a few sums. The one-step error finds the right basin reliably but
+pulls J low when y is noisy (METHODS.md section 4, trap 2). `identify` therefore finishes with the free-run error; only
+`--method arx` stops here. Misprints of the paper are corrected: the first row of Eq. 15 starts with y(n+τ-1), Eq. 16
+and 19 want the squared norm, Eq. 17 wants Φᵀy.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..typing import FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True)
 class _Shifts:
-    """What `lagged_products` needs of a record without gaps; `mix` makes the columns of `Shared` of y at its lags."""
+    """Inputs of `lagged_products` for a record without gaps; `mix` makes the columns of `Shared` from y at its lags."""
 
     level: float
     y: FloatArray
@@ -33,13 +33,13 @@ class _Shifts:
     @classmethod
     def of(cls, arx: Arx, y: FloatArray, constant: bool) -> _Shifts:
         rows = (arx.first, y.size)
-        # With a constant among the columns any level will do: the middle of the signals keeps the sums small.
+        # With a constant among the columns any level is valid; the middle of the signals keeps the sums small.
         y = y - y[arx.first:].mean() if constant else y
         raw = np.stack([y[arx.first - i:y.size - i] for i in range(3)] + [np.ones(y.size - arx.first)], axis=1)
         kept = [1, 2, 3] if constant else [1, 2]
         scale, coordinates = np.linalg.norm(raw[:, kept], axis=0), arx.shared.basis.T
         mix = np.zeros((4, arx.shared.freedom + 1))
-        # The basis is that of the raw columns, so each of its columns is a sum of them; so is the target without it.
+        # The basis spans the raw columns, so each of its columns is a sum of them; so is the target freed of them.
         turned = np.linalg.lstsq(raw[:, kept] / scale, arx.shared.basis, rcond=None)[0] / scale[:, None]
         mix[kept, :-1] = turned
         mix[kept, -1] = -turned @ (coordinates @ raw[:, 0])
@@ -51,8 +51,8 @@ class _Shifts:
 class Arx:
     """ARX costs of valve candidates for one order and a set of delays (in samples), on one record.
 
-    With `constant` an offset is fitted; without it the signals are taken as deviations from the mean of the samples
-    used, which is the paper's Eq. 9.
+    With `constant` an offset is fitted. Without it the signals are deviations from the mean of the samples used, which
+    is the paper's Eq. 9.
     """
 
     def __init__(self, model: Model, order: int, delays: tuple[int, ...], *, constant: bool = True) -> None:
@@ -77,7 +77,7 @@ class Arx:
         self._shifts = _Shifts.of(self, y, constant) if order == 2 and bool(weight[rows].all()) else None
 
     def _driving(self, values: FloatArray) -> FloatArray:
-        """Position at the samples (n, P), lent: the mean over each interval where the command moves in between."""
+        """Position at the samples (n, P), lent. Over a command that moves between samples it is the mean."""
         position = self.model.positions(values, lent=True)
         m = self.model.parts
         return position if m == 1 else position.reshape(-1, m, position.shape[1]).mean(axis=1)
@@ -122,7 +122,7 @@ class Arx:
 def continuous(a: FloatArray, b: FloatArray, step_s: float) -> tuple[float, tuple[float, ...], bool]:
     """Static gain, time constants in seconds and integrating flag of A(q) y = B(q) u (coefficients after the 1).
 
-    An integrating model's gain is per second. Poles that are no decaying exponential give no time constant.
+    The gain of an integrating model is per second. A pole that is no decaying exponential gives no time constant.
     """
     poles = np.roots(np.concatenate([[1.0], a]))
     integrating = bool(np.any(np.abs(poles - 1.0) < 1e-3))

@@ -1,4 +1,4 @@
-"""What the methods share: one record with its oscillation and options, and the way from a fit to a study's step."""
+"""One identification on one record: oscillation, options, shared intermediate results, and study steps from fits."""
 
 from __future__ import annotations
 
@@ -32,12 +32,13 @@ from .starts.continuation import grown_valves
 # Free-run error within this factor of the irreducible noise is adequate (CRITICISM.md section 7, step 1).
 ADEQUATE = 1.05
 WALK = "random-walk-disturbance"
-# Beyond this many times the noise the intervals, which take the model for right, are said to be conditional.
+# Above this multiple of the irreducible noise the intervals are reported as conditional on the model.
 CONDITIONAL, _CONDITIONAL = "intervals-conditional", 2.0
-# A lag beyond this share of the period looks like an integrator; that must then lower the error of the differences by
-# this share.
+# A time constant beyond this share of the period suggests an integrator. It must then lower the error of the
+# differences by this share.
 LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
-# Models that stay at hand, and the most samples of a record for which they do: each is many times as large as that.
+# Number of models kept, and the longest record in samples for which they are: each is many times as large as the
+# record.
 _AT_HAND, _NOT_LONG = 6, 20_000
 # Grid of start forces, time constants and dead times (shares of their ranges) for the process of a given valve.
 _FORCES, _LAGS, _DEADS = np.linspace(-0.96, 0.96, 13), np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12)
@@ -53,8 +54,8 @@ class Run:
         self.loop, self.found, self.options, self.rng, self.tell = loop, found, options, rng, tell
         self.law, self.order = law, order
         self.period_s, self.s_max = time_scale_s(loop, found), swing_of(loop, found)
-        # First looks at an effect by the structure they were made for, basins by the valve, the noise by the position:
-        # several stages ask for the same ones.
+        # Results that several stages ask for. First fits of an effect are kept by structure, basins by valve, noise by
+        # position.
         self.looks: dict[str, Any] = {}
         self._basins: dict[tuple[Any, ...], FloatArray] = {}
         self._valves: dict[tuple[Any, ...], FloatArray] = {}
@@ -62,7 +63,7 @@ class Run:
         self._models: dict[str, Model] = {}
 
     def model(self, spec: Spec) -> Model:
-        """The spec bound to this record; the last few of a record that is not long are at hand."""
+        """The spec bound to this record. The last few models are kept unless the record is long."""
         key = repr(spec)
         model = self._models.pop(key, None) or bound(self.loop, spec, s_max=self.s_max, period_s=self.period_s)
         if self.loop.samples <= _NOT_LONG:
@@ -72,9 +73,9 @@ class Run:
         return model
 
     def basins(self, spec: Spec) -> FloatArray:
-        """Basins (k, d) of the spec's valve on the ARX cost, looked for once for all structures of the process.
+        """Basins (k, d) of the spec's valve on the ARX cost, searched once for all structures of the process.
 
-        They are looked for with a held command: one that moves between samples has the same.
+        The search uses a held command: a command that moves between samples has the same basins.
         """
         key = (spec.law, spec.effects)
         if key not in self._basins:
@@ -82,7 +83,7 @@ class Run:
         return self._basins[key]
 
     def open_valves(self, spec: Spec) -> FloatArray:
-        """Points (k, d) of the spec's valve under a held command that were looked for whatever the process does."""
+        """Points (k, d) of the spec's valve under a held command, found with no assumption on the process."""
         key = (spec.law, spec.effects)
         if key not in self._valves:
             model = self.model(spec)
@@ -90,7 +91,7 @@ class Run:
         return self._valves[key]
 
     def used_y(self) -> FloatArray:
-        """The process values that count (m,); of several segments, each without its own mean."""
+        """The process values in use (m,). With several segments the mean of each is removed."""
         y, used = self.loop.process_value, self.loop.used
         if len(self.loop.starts) == 1:
             return y[used]
@@ -99,9 +100,9 @@ class Run:
 
     def fit(self, spec: Spec, starts: FloatArray | None = None,
             before: tuple[FloatArray, FloatArray] | None = None) -> Fitted:
-        """Search, restarts and last polish of one model; CannotTell where no valve model moves.
+        """Search, restarts and last polish of one model; CannotTell where no candidate valve moves.
 
-        Its intervals wait for `fit.reaching`: most models that are fitted are not the last one.
+        The intervals are left to `fit.reaching`, since most fitted models are not the last one.
         """
         model = self.model(spec)
         points, costs = search(model, self.rng, starts=starts, before=before)
@@ -113,7 +114,8 @@ class Run:
     def floor(self, position: FloatArray, dead_time_s: float, disturbance: FloatArray | None = None) -> float | None:
         """Irreducible noise in the unit of y for a valve position (n,), None where the record is too short.
 
-        A `disturbance` (n,) that the model knows is no noise: a step would count as one, as large as itself.
+        A `disturbance` (n,) that the model knows is subtracted first. A step would otherwise count as noise of its own
+        size.
         """
         delay = int(dead_time_s / self.loop.step_s)
         key = (sha256(np.ascontiguousarray(position).data).digest(), delay)
@@ -168,13 +170,13 @@ class Run:
                     Restarts(fit.runs, fit.agree), tuple(findings), fit.model.describe(fit.values), variant=variant)
 
     def step_again(self, before: Step, fit: Fitted) -> Step:
-        """A step with a better fit of its model; what was said of it stays."""
+        """A step with a better fit of the same model; the findings of the step before stay."""
         again, codes = self.step(fit, before.added), {f.code for f in before.findings}
         return replace(again, variant=before.variant, findings=(
             *before.findings, *(f for f in again.findings if f.code not in codes)))
 
     def adequate(self, step: Step) -> tuple[bool, str]:
-        """Whether the step's free-run error is the irreducible noise, and the sentence that says so."""
+        """True where the step's free-run error is the irreducible noise, and the sentence that says so."""
         floor, error = step.error.noise_sd, step.error.rmse
         if floor is None:
             return False, "the record is too short to estimate its irreducible noise"
@@ -193,10 +195,11 @@ class Run:
                        f"{floor:.4g}: something is missing (stictionid diagnose)")
 
     def with_valve(self, S: float, J: float, *, law: str | None = None) -> Fitted:
-        """The free-run process that goes best with a valve whose S and J in % are given, which stay as they are.
+        """The free-run process that fits best with a valve whose S and J in % are given and stay fixed.
 
-        For methods that find S and J in another way and still owe a model that runs. First order, or integrator where
-        the lag gets long and the differences of y then fit better. No held-out error and no intervals.
+        It serves methods that find S and J in another way and still owe a model that runs. The process is first order,
+        or an integrator where the time constant gets long and the differences of y then fit better. No held-out error,
+        no intervals.
         """
         first = self._with_valve(Spec(law=law or self.law), S, J)
         if first.best.values["time_constant_s"] < LONG_LAG * self.period_s:
@@ -236,11 +239,11 @@ class Run:
 
 
 def bic_gain(before: Fitted, after: Fitted) -> float:
-    """BIC by which one fit does better than another of the same record in the same form, on equally many rows.
+    """BIC by which `after` does better than `before`: fits of the same record in the same form, on equally many rows.
 
-    The error of a wrong model remembers and is worth fewer rows: by the criterion of each on its own rows the unit of
-    y would decide. What counts are the rows of the fit that leaves less: an error that is all misfit says nothing of
-    the noise (5 rows of 1500 met), and where nothing is gained both remember alike.
+    The error of a wrong model is autocorrelated and worth fewer independent rows. If each fit counted its own rows, the
+    unit of y would decide. Both therefore count the rows of the fit that leaves less: a residual that is all misfit
+    says nothing of the noise (5 rows of 1500 met). Where nothing is gained both are autocorrelated alike.
     """
     less = min((before, after), key=lambda fit: fit.sse / max(fit.best.rows, 1))
     rows = innovation_rows(less.model, less.best)
@@ -250,7 +253,7 @@ def bic_gain(before: Fitted, after: Fitted) -> float:
 
 
 def _count(fit: Fitted) -> int:
-    """How many numbers a fit has found."""
+    """Number of parameters that a fit has estimated."""
     return fit.model.space.size - len(fit.model.spec.fixed) + fit.model.shared.freedom + len(fit.best.own)
 
 
@@ -262,7 +265,7 @@ def increment_error(e: Evaluated) -> float:
 
 
 def level_holdout(fit: Fitted) -> float | None:
-    """Held-out error in the unit of y: as it is, or scaled from the prewhitened form that the model is fitted in."""
+    """Held-out error in the unit of y; where the model is fitted prewhitened, scaled from that form."""
     if fit.rmse_holdout is None or not fit.model.spec.whitening().size:
         return fit.rmse_holdout
     inner = float(np.sqrt(fit.sse / max(fit.best.rows, 1)))
@@ -270,9 +273,9 @@ def level_holdout(fit: Fitted) -> float | None:
 
 
 def parameters(fit: Fitted) -> tuple[ParameterValue, ...]:
-    """The numbers of a fit as rows of the study, those of effects under their public names."""
+    """The parameters of a fit as rows of the study, those of effects under their public names."""
     e, model = fit.best, fit.model
-    # Not % where the output is not in % of its span (normalised data).
+    # The unit is not % where the output is not in % of its span (normalised data).
     of_u = model.loop.unit("output", "%")
     rows = []
     for p, (name, value) in zip(model.space.parameters, e.values.items(), strict=True):
@@ -291,7 +294,7 @@ def parameters(fit: Fitted) -> tuple[ParameterValue, ...]:
 
 
 def process_numbers(fit: Fitted) -> dict[str, Any]:
-    """What an estimate says of a fit's process: gain, time constants and dead time with their intervals, and kind."""
+    """The process as an estimate reports it: gain, time constants and dead time with their intervals, and its kind."""
     values, fixed = fit.best.values, fit.model.spec.fixed
     spans = {name: span for name, span in fit.intervals.items() if name not in fixed}
     lags = [name for name in values if name == "time_constant_s" or name.endswith(":second_time_constant_s")]

@@ -1,8 +1,8 @@
 """Held-out errors of a completed model, block by block, so that two models can be compared on the same blocks.
 
-The valve runs through the whole record; only the rows of a block and a gap beside it are left out of the regression.
-Each fold is polished again from the optimum by damped Gauss-Newton steps on its own rows, of which it takes the best.
-Source: CRITICISM.md section 7, step 6.
+The valve runs through the whole record. Only the rows of a block and a gap beside it are left out of the regression.
+Each fold starts from the optimum, tries damped Gauss-Newton steps on its own rows, and takes the best. Source:
+CRITICISM.md section 7, step 6.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from .fit import fold_rows
 from .moves import movable
 from .noise.completion import Refit
 
-# Difference behind the slopes, as a share of the range.
+# Step of the finite differences behind the slopes, as a share of the range.
 _DIFFERENCE = 1e-3
-# Share of what a number does to the residuals that a fold must see of it.
+# Share of a parameter's effect on the residuals that a fold's rows must contain for the fold to move it.
 _TOLD = 0.05
 
 
@@ -99,11 +99,11 @@ def _folds(model: Model, optimum: FloatArray) -> list[tuple[BoolArray, BoolArray
 
 
 def _polished(model: Model, top: FloatArray, trains: list[BoolArray]) -> FloatArray:
-    """The optimum (d,) and, for each fold's rows, the points that damped steps from it reach (k, d).
+    """The optimum (d,) and the points that damped steps from it reach on the rows of each fold (k, d).
 
-    What a fold's rows can't tell stays as it is: the start of the valve, as its transient does, and numbers that show
-    in the block alone. So does all friction under a held command: whether it breaks away at one sample or the next in
-    the block, rows elsewhere can't say, and slopes see no such jumps.
+    Parameters that a fold's rows cannot determine stay: the start of the valve, and those that show in the block alone.
+    Under a held command all friction stays too. A break-away one sample earlier or later inside the block is unknown to
+    the other rows, and slopes see no such jumps.
     """
     free = movable(model) > 0
     free[list(model.forces)] = False

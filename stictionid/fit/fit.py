@@ -1,7 +1,7 @@
-"""Fitting one model to one record: independent searches until two agree, last polish, hold-out, intervals.
+"""One model fitted to one record: independent searches until two agree, last polish, hold-out error, intervals.
 
-The free-run cost finishes all starts side by side by covariance matrix adaptation. Whether the restarts agree is part
-of the answer. Source: METHODS.md section 4, traps 1 to 5; CRITICISM.md sections 5 and 7.
+Covariance matrix adaptation on the free-run cost finishes all starts side by side. The agreement of the restarts is
+part of the answer. Source: METHODS.md section 4, traps 1 to 5; CRITICISM.md sections 5 and 7.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from .starts.basins import along_ridge, basins, grown, roamed, with_other_start,
 _MOST_RUNS, _RIDGE_TURNS = 4, 3
 # A restart of an integrator whose cost is this many times the best so far starts from a growing record.
 _MUCH_WORSE = 1.5
-# Turns of descent that tell which of the points beside the best deserve a population, and how many get one.
+# Turns of descent that rank the starts beside the best one, and the number of starts that then get a population.
 _GLANCE, _KEPT = 3, 3
-# A polish has settled when its cost falls by less than this share in a dozen rounds. Unit: 1.
+# A polish has settled when its cost falls by less than this share in a dozen rounds.
 _SETTLED = 1e-4
 # Points closer than this in S and J (share of the range) need only one last polish.
 _SAME_POINT = 2e-3
@@ -47,20 +47,20 @@ AGREE_S, AGREE_J = 0.01, 0.05
 # Their costs must agree as well: -2 ln LR, or a share of the cost where the record is noise-free.
 _AGREE_COST, _AGREE_SIGNAL = 0.05, 0.002
 HOLDOUT_BLOCKS = 5
-# Likelihood ratio below which friction is in no record (as in the verdict).
+# Likelihood ratio below which friction explains nothing (as in the verdict).
 _EXPLAINS_NOTHING = 15.0
-# Costs that differ by less than this share are those of one valve path; where the path ends is looked for on a ladder.
+# Costs that differ by less than this share belong to one valve path; a ladder of S searches where the path ends.
 _SAME_PATH = 1e-9
 _PLATEAU_LADDER = np.geomspace(1e-6, 0.05, 30)
-# Twice the log-likelihood by which another step of S must do better for the answer to go there, and how often to look.
+# Twice the log-likelihood that moves the answer to another step of S, and the most moves.
 _BETTER, _STEPS_BETTER = 0.5, 3
-# Neighbouring minima of a command rebuilt between samples, in parts of a sample of dead time, and how often to look.
+# Dead times tried beside a minimum (in parts of a sample; each may hold a minimum), turns, and starts kept a turn.
 _BESIDE, _BESIDE_TURNS, _BESIDE_KEPT = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0), 4, 3
 
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """The best values (d,) of a model, how the restarts agreed, and what else is needed for a step of a study."""
+    """The best values (d,) of a model, the agreement of its restarts, and the rest of what a study's step reports."""
 
     model: Model
     values: FloatArray
@@ -71,12 +71,12 @@ class Fitted:
     rmse_holdout: float | None
     intervals: dict[str, tuple[float, float]]
     searched: FloatArray
-    # Points (k, d) around the best ones and their costs (k,): what `reaching` and a wider model's intervals start from.
+    # Points (k, d) around the best ones and their costs (k,): starts for `reaching` and for a wider model's intervals.
     around: tuple[FloatArray, FloatArray] | None = None
 
 
 def as_it_stands(model: Model, values: FloatArray) -> Fitted:
-    """A model at values (d,) that were found elsewhere, ready for refits: no search, hold-out or intervals."""
+    """A model at values (d,) found elsewhere, ready for refits: no search, hold-out or intervals."""
     best = model.evaluate(values)
     return Fitted(model, values, best.sse, 1, 1, best, None, {}, values[None, :2])
 
@@ -85,8 +85,8 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
            before: tuple[FloatArray, FloatArray] | None = None) -> tuple[FloatArray, FloatArray]:
     """Independent runs until two agree, four at the most: their best points (k, d) and costs (k,), best first.
 
-    `before` are runs that were made already. A run that has come to the best optimum so far is not polished further.
-    Where two runs found no friction that explains anything there is no S to agree on, and they are left at that.
+    `before` are runs that were made already. A run that reaches the best optimum so far is not polished further. Where
+    two runs find no friction that explains anything there is no S to agree on, and the search ends.
     """
     coarse = search_model(model)
     points, costs = before or (np.empty((0, model.space.size)), np.empty(0))
@@ -100,7 +100,8 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
     while len(costs) < _MOST_RUNS and not (len(costs) >= 2 and agreement(coarse, points, costs) >= 2):
         point, cost = one_run(coarse, rng, starts, enough=agrees)
         if coarse.spec.increments and starts is None and cost > _MUCH_WORSE * costs.min(initial=np.inf):
-            # The best so far lies in a basin too narrow for swarms; a restart that can't find it says nothing of it.
+            # The best so far lies in a basin too narrow for swarms. A restart that cannot find it says nothing against
+            # it.
             point, cost = one_run(coarse, rng, grown(coarse, rng))
         points, costs = np.concatenate([points, point[None]]), np.append(costs, cost)
         order = np.argsort(costs, kind="stable")
@@ -111,7 +112,7 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
 
 
 def _nothing_found(model: Model, point: FloatArray, cost: float) -> bool:
-    """Whether a valve without friction, its process descended to from point (d,), explains as much as that point."""
+    """True where a valve without friction explains as much as point (d,), once its process has descended from there."""
     if model.spec.friction_free or not movable(model)[0]:
         return False
     free = bound(model.loop, replace(model.spec, friction_free=True, between="hold", substeps=1), s_max=model.s_max,
@@ -125,12 +126,11 @@ def _nothing_found(model: Model, point: FloatArray, cost: float) -> bool:
 
 def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = None, near: FloatArray | None = None,
             enough: Callable[[FloatArray, float], bool] | None = None) -> tuple[FloatArray, float]:
-    """One search from nothing (or from given starts): best point (d,) and cost. `near` are basins that are known.
+    """One search from nothing (or from given starts): best point (d,) and cost. `near` are known basins.
 
-    `enough` is asked about point and cost before the ridge is walked, and after a first walk along it where it is
-    smooth; it ends the search where it says so.
-    A record with very many samples a period is searched thinned first: its ridge is too long to walk sample by
-    sample, and the thinned one is short.
+    `enough` gets point and cost before the search along the curve of equal cost (S against dead time). Where that curve
+    is smooth it gets them once more, after the first turns. The search ends where it returns true. A record with very
+    many samples a period is thinned and searched first: the curve of the thinned record is short.
     """
     moving = not model.spec.held
     every = thinning(model)
@@ -158,7 +158,7 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
         if abs(dead[1] - dead[0]) < 0.5 * model.step_s:
             break
     if moving:
-        # Where the command moves between samples the ridge is a smooth, narrow valley: walk along it.
+        # Where the command moves between samples the curve of equal cost is a smooth, narrow valley: descend along it.
         found = descended(model, with_start(model, points), turns=6, settle=1e-2)
         points = found.points
         if enough is not None and enough(points[0], float(found.costs[0])):
@@ -172,8 +172,8 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
 def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
     """Point (d,) moved to the middle of the break-away forces that give the very same valve path.
 
-    A held command jumps over every force between two of its values, so that a range of f_s, with f_d and e(0) as they
-    are, explains the record equally well; its middle is the answer with the smallest error to expect.
+    A held command jumps over every force between two of its values. A range of f_s, with f_d and e(0) unchanged,
+    therefore explains the record equally well. Its middle has the smallest expected error.
     """
     if model.law.one_parameter or not movable(model)[:3].all():
         return point
@@ -211,8 +211,11 @@ def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
 
 
 def polish_smooth(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
-    """Point (d,) polished with the break-away as it is: S has a plateau narrower than anything else, and holding it
-    lets J, the process and the effects settle in a smooth cost."""
+    """Point (d,) polished with the break-away fixed, and its cost.
+
+    The plateau of S is narrower than that of any other parameter. With S fixed, J, the process and the effects settle
+    in a smooth cost.
+    """
     found = descended(model, point[None], held=(0, *model.forces))
     return found.points[0], float(found.costs[0])
 
@@ -221,7 +224,7 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
            rounds: int = 200, holdout: bool = True, reach: bool = True) -> Fitted:
     """The last polish of the best points, with errors, hold-out and intervals.
 
-    Without `reach` the intervals are only those of the points that were met; `reaching` makes up for that.
+    Without `reach` the intervals span only the points met so far; `reaching` completes them.
     """
     values = model.values(points)
     near = with_start(model, _distinct(points)[:3])
@@ -250,10 +253,10 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
 
 
 def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False) -> Fitted:
-    """A fit that was finished without `reach`, its intervals with all that S and J reach.
+    """A fit finished without `reach`, its intervals now as wide as the cost allows for S and J.
 
-    With `steps_only` only with the steps of S under a held command, for a wider model that looks at the rest. Where
-    one of these does better than the fit, the answer goes there.
+    With `steps_only` only the steps of S under a held command are looked at, for a wider model that looks at the rest.
+    Where one of these steps does better than the fit, the answer moves there.
     """
     if fit.around is None:
         return fit
@@ -266,7 +269,7 @@ def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False)
         same = abs(moved.values[0] - fit.values[0]) <= AGREE_S * fit.values[0]
         fit = replace(moved, runs=fit.runs, agree=fit.agree if same else 1, searched=fit.searched)
     if S is None and steps_only:
-        return fit  # no steps: nothing was looked at that `finish` had not
+        return fit  # no steps of S: `finish` has looked at everything
     return replace(fit, intervals=intervals_of(fit.model, cube, cost, min(fit.sse, best), fit.best, S),
                    around=(cube, cost))
 
@@ -274,7 +277,8 @@ def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False)
 def _beside(model: Model, found: Found) -> Found:
     """The best minimum (1, d) among those a few parts of a sample of dead time away.
 
-    The rebuilt command is known on a grid of parts, so that each part of dead time may hold a minimum of its own.
+    The rebuilt command is known on a grid of parts of a sample, so each part of dead time may hold a minimum of its
+    own.
     """
     dead, part = model.space.parameters[4], model.step_s / model.spec.substeps
     if dead.high <= dead.low:
@@ -306,12 +310,11 @@ def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
 
 
 def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
-    """Error on contiguous blocks that were masked while a fold weighed the points of the cloud with their linear parts.
+    """Held-out error on contiguous blocks; each fold averages the points of the cloud, weighted on its training rows.
 
-    `cube` (k, d) has the best point of all rows first.
-
-    The valve runs through the whole record, so no fold restarts it; the block and a gap beside it are left out. The
-    start-up transient is taken from the full fit: a fold without the start could not know it.
+    `cube` (k, d) has the best point of all rows first. The valve runs through the whole record, so no fold restarts it.
+    The block and a gap beside it are left out. The start-up transient is taken from the full fit: a fold without the
+    start could not know it.
     """
     values = model.values(cube)
     own = model.own_columns(*model.responses(values))
@@ -322,7 +325,7 @@ def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
     if model.spec.increments:
         columns = columns[:, len(model.pieces):]  # a constant has no differences
     total, rows = 0.0, 0
-    # The first fold can't know where the valve started, either: it has every candidate from the start of the full fit.
+    # The first fold cannot know the valve's start either: every candidate starts as the full fit does.
     first = model.own_columns(*model.responses(_started(model, best, values)))[:own.shape[0]]
     folds = fold_rows(model, values[:, 0], [max(p.skip, p.taps.size) for p in model.pieces])
     for fold, (test, near) in enumerate(folds):
@@ -337,10 +340,10 @@ def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
 
 
 def _started(model: Model, best: Evaluated, values: FloatArray) -> FloatArray:
-    """Values (d, k) with the start of the first: as much of the output's way is left until the valve first breaks away.
+    """Values (d, k) that all start as the first: the same output change is left until the valve first breaks away.
 
-    The force at the start is a share of the break-away force: as it stands it would let the first slip of a slightly
-    other valve come a sample early or late, which no other row tells.
+    The start force is a share of the break-away force. Left as it is, it would move the first slip of a slightly
+    different valve by a sample, which no other row tells.
     """
     out = values.copy()
     fs = values[0] + values[1]
@@ -371,18 +374,18 @@ def fold_rows(model: Model, values: FloatArray, firsts: Sequence[int]) -> list[t
 
 
 def held_out_error(model: Model, point: FloatArray, rng: np.random.Generator) -> float | None:
-    """Held-out error of a point (d,) of the unit cube as it is, in the form the model is fitted in; see `_holdout`."""
+    """Held-out error of a point (d,) of the unit cube as it is, in the form the model is fitted in (see `_holdout`)."""
     cube, cost = cloud(model, point, rng)
     cube = cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]
     return _holdout(model, model.evaluate(model.values(cube[:1])[:, 0]), cube)
 
 
 def gap_rows(model: Model, values: FloatArray, first: int) -> int:
-    """Rows left out on either side of a block: while the process of values (d,) remembers, half a period at least."""
+    """Rows left out on either side of a block: the memory of the process of values (d,), half a period at least."""
     wanted = max(values[4] + 3.0 * values[3], model.period_s / 2.0) / model.step_s
     return int(min(wanted, (model.loop.samples - first) / (2 * HOLDOUT_BLOCKS)))
 
 
 def _distinct(points: FloatArray) -> FloatArray:
-    """Points (k, d) without those that repeat an earlier one's S and J: restarts that agree need one polish."""
+    """Points (k, d) without those that repeat the S and J of an earlier one: restarts that agree need one polish."""
     return points[first_distinct(points, len(points), _SAME_POINT)]

@@ -1,6 +1,6 @@
-"""Ways to move points of a model: descent, the initial force, thinned and coarser models that stand for the whole.
+"""Moves of a model's points, and substitutes for the model: descent, initial force, thinned, coarser and held models.
 
-What searches, intervals and diagnosis share. Source: METHODS.md section 4; DESIGN.md section 3.
+Searches, intervals and diagnosis share them. Source: METHODS.md section 4; DESIGN.md section 3.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from ..numerics.population import Found
 from ..record.loop import Loop
 from ..typing import FloatArray
 
-# Samples a period on which a search from nothing is made; records with twice as many are thinned for it.
+# Samples a period for a search without starts; records with twice as many are thinned for it.
 _SEARCH_SAMPLES = 60
 _COARSE_SUBSTEPS = 4
 # First differences of a descent, as a share of the range.
 _DIFFERENCE = 1e-3
-# Ladders of initial residual forces, as shares of their range: for points that deserve it, and to choose those.
-# Where there are several segments each force is less known than one: neighbours of what it is are tried, too.
+# Ladders of initial residual forces as shares of their range: a fine one to use, a rough one to rank points. With
+# several segments each force is less certain, so neighbours of the present one are tried too.
 _NEAR_FORCES = np.array([-0.03, -0.015, -0.007, -0.003, 0.003, 0.007, 0.015, 0.03])
 FORCES = np.linspace(0.01, 0.99, 33)
 
 
-# Models that stand for another one, which several stages ask for, as long as that one is there.
+# Substitutes for a model, which several stages ask for; kept while the model exists.
 _coarse: WeakKeyDictionary[Model, Model] = WeakKeyDictionary()
 _held: WeakKeyDictionary[Model, Model] = WeakKeyDictionary()
 
 
 def longest_piece(model: Model) -> int:
-    """Which segment of a model has the most samples that count."""
+    """Index of the segment with the most samples that count."""
     return int(np.argmax([float(piece.weight.sum()) for piece in model.pieces]))
 
 
@@ -47,14 +47,14 @@ def neutral_point(model: Model) -> FloatArray:
 
 
 def with_start(model: Model, points: FloatArray) -> FloatArray:
-    """Points (k, d) with the best initial residual force of a ladder: the force decides basins of its own."""
+    """Points (k, d) with the best initial residual force of a ladder; the force has basins of its own."""
     return first_force(model, points, FORCES)[0]
 
 
 def first_force(model: Model, points: FloatArray, ladder: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points (k, d) with the best initial residual force of a ladder, their own included, and their costs (k,).
 
-    Of several segments each takes its own best, found as if it were alone.
+    With several segments each takes its own best, found as if it were alone.
     """
     if len(model.pieces) == 1:
         trial = points[:, None, :].repeat(ladder.size + 1, axis=1)
@@ -76,14 +76,16 @@ def first_force(model: Model, points: FloatArray, ladder: FloatArray) -> tuple[F
 
 
 def lifted(model: Model, at: int, points: FloatArray) -> FloatArray:
-    """Points (k, d) of one segment's model as points of all, the other segments' starts neutral."""
+    """Points (k, d) of one segment's model as points of the whole model; the starts of the other segments are neutral.
+    """
     values = model.values(neutral_point(model)[None]).repeat(len(points), axis=1)
     values[[0, 1, model.forces[at], 3, 4, *range(model.head, len(values))]] = model.pieces[at].values(points)
     return model.cube(values)
 
 
 def longest_first(model: Model, points: FloatArray) -> FloatArray:
-    """Points (k, d) whose first time constant is the longer one: u and y know no order of two lags in a row."""
+    """Points (k, d) whose first time constant is the longer one: u and y do not show the order of two lags in series.
+    """
     names, movers = list(model.named(np.zeros(model.space.size))), movable(model)
     first = BASE.index("time_constant_s")
     second = [i for i, name in enumerate(names) if name.endswith(":second_time_constant_s")]
@@ -113,7 +115,7 @@ def spreads(model: Model, factor: float = 1.0) -> FloatArray:
 
 
 def search_model(model: Model) -> Model:
-    """The model to search on: a command that moves between samples is searched on a coarser grid than finished on."""
+    """The model for the search: a command that moves between samples gets a coarser grid than the last polish."""
     if model.spec.substeps <= _COARSE_SUBSTEPS or model.spec.held:
         return model
     if model not in _coarse:
@@ -123,9 +125,9 @@ def search_model(model: Model) -> Model:
 
 
 def as_held(model: Model) -> Model:
-    """The same model under a command that is held from sample to sample: its basins, for fewer rows of the valve.
+    """The same model under a held command: the same basins at fewer rows of the valve.
 
-    A thinned model is handed back as it is: its valve sees commands that its samples do not hold.
+    A thinned model is returned unchanged: its valve sees commands that its own samples do not hold.
     """
     if model.spec.held or model.thinned:
         return model
@@ -136,12 +138,12 @@ def as_held(model: Model) -> Model:
 
 
 def thinning(model: Model) -> int:
-    """One sample in how many a search from nothing needs."""
+    """Number n such that a search without starts needs one sample in n."""
     return int(model.period_s / model.step_s / _SEARCH_SAMPLES)
 
 
 def thinned(model: Model, every: int) -> Model:
-    """The same model on every so many samples: y is averaged around them, the valve still sees every command.
+    """The same model on one sample in `every`: y is averaged around it, the valve still sees every command.
 
     The one-step error of a record sampled much faster than its dynamics is all noise; thinned, it shows the valve.
     """
@@ -180,17 +182,17 @@ def _thinned_segments(model: Model, every: int) -> Model:
 
 def descended(model: Model, starts: FloatArray, *, held: tuple[int, ...] = (), turns: int = 20,
               settle: float = 1e-5) -> Found:
-    """Starts (k, d) of a model polished by descent, in all numbers that may move but those `held`; best first."""
+    """Starts (k, d) of a model polished by descent, in all parameters that may move but those `held`; best first."""
     spread = _DIFFERENCE * movable(model)
     spread[list(held)] = 0.0
     return descend(partial(model.residuals, lent=True), model.costs, starts, spread=spread, turns=turns, settle=settle)
 
 
 def behind_valve(model: Model, starts: FloatArray, own: slice, *, turns: int, settle: float) -> Found:
-    """Starts (k, d) polished in the process and one effect's numbers (`own`) only, the valve as it is; best first.
+    """Starts (k, d) polished in the process and one effect's parameters (`own`) only, the valve fixed; best first.
 
-    What a lag takes from dead time and time constant is smooth while no slip moves; together with S and J, which have
-    a step at every sample, a descent stops at the first of these.
+    The exchange between a lag, the dead time and the time constant is smooth while no slip moves. S and J have a step
+    at every sample: a descent in all parameters stops at the first one.
     """
     free = {3, 4, *range(own.start, own.stop)}
     held = tuple(i for i in range(model.space.size) if i not in free)

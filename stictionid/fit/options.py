@@ -20,10 +20,11 @@ ALL_LAWS = "all"
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How to identify; see the command's help. `fixed` may hold gain, time_constant_s and dead_time_s.
+    """Options of one identification; the command's help explains them.
 
-    `law` and `order` None mean the method's own; `scan_s` is the scan of the controller, for an export slower than
-    that. `notes` are findings made before the search (a step test, say) that the study shall remember.
+    `fixed` may hold gain, time_constant_s and dead_time_s. `law` and `order` None mean the method's own. `scan_s` is
+    the scan of the controller, for an export slower than that. `notes` are findings made before the search (a step
+    test, say) that the study keeps.
     """
 
     method: str = "auto"
@@ -40,9 +41,9 @@ class Options:
     scan_s: float = USUAL_SCAN_S
 
     def check_record(self, loop: Loop) -> None:
-        """Refuse effects that need tags the record lacks, and a dead time of more than half of it.
+        """Refuse effects that need tags the record lacks, and a dead time of more than half the record.
 
-        Of so long a dead time nothing could be seen of the valve.
+        With so long a dead time nothing could be seen of the valve.
         """
         for effect in self.effects:
             check_tag(effect, loop)
@@ -56,7 +57,7 @@ class Options:
 
 
 def check_tag(effect: str, loop: Loop) -> None:
-    """UsageError for an effect of a further tag that the record does not have, or that rests throughout."""
+    """UsageError for an effect of a further tag that the record does not have, or that is constant."""
     found, tag = parse(effect)
     if "extra" not in found.needs:
         return

@@ -1,4 +1,4 @@
-"""The fitted numbers of effects under the names the command line and the JSON use, sizes and noise included."""
+"""Fitted parameters of effects under the names of the command line and the JSON, sizes and noise included."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ..record.study import ParameterValue
 from ..typing import FloatArray
 from .fit import Fitted
 
-# Costs that differ by no more than this share are of the same valve path.
+# Costs that differ by no more than this share belong to the same valve path.
 _SAME = 1e-9
 
 
 def values_of(name: str, model: Model, values: FloatArray, evaluated: Evaluated) -> dict[str, float]:
-    """One physical effect's public numbers, out of what was searched and what stayed linear."""
+    """Public values of one physical effect, from its searched and its linear parameters."""
     effect, _ = parse(name)
     named = model.named(values)
     mine = {k.rpartition(":")[2]: v for k, v in named.items() if k.startswith(name + ":")}
@@ -31,11 +31,11 @@ def values_of(name: str, model: Model, values: FloatArray, evaluated: Evaluated)
 
 def noise_values(name: str, taps: FloatArray, increments: bool, innovation_sd: float,
                  step_s: float) -> dict[str, float]:
-    """A noise effect's public numbers from its autoregression (taps after the leading 1)."""
+    """Public values of a noise effect from its autoregression (taps after the leading 1)."""
     kind = parse(name)[0].noise
     polynomial = np.concatenate([[1.0], taps])
     if kind == "random-walk":
-        # The walk's steps are what is left of the differences at frequency zero.
+        # The walk's steps are the gain at frequency zero times the innovations of the differences.
         return {"innovation_sd": innovation_sd / max(abs(float(polynomial.sum())), 1e-12)}
     roots = np.roots(polynomial) if taps.size else np.zeros(1)
     if kind == "resonant":
@@ -51,7 +51,7 @@ def noise_values(name: str, taps: FloatArray, increments: bool, innovation_sd: f
 
 
 def rows_for(name: str, numbers: dict[str, float]) -> tuple[ParameterValue, ...]:
-    """Rows of a study for an effect's numbers."""
+    """Rows of a study for the values of an effect."""
     known = {p.name: p for p in parse(name)[0].parameters}
     return tuple(ParameterValue(parse(name)[0].name, key, value, known[key].unit if key in known else "",
                                 meaning=known[key].meaning if key in known else "")
@@ -59,7 +59,7 @@ def rows_for(name: str, numbers: dict[str, float]) -> tuple[ParameterValue, ...]
 
 
 def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[ParameterValue, ...]:
-    """A step's rows with every effect's public numbers; intervals stay where a number was searched itself."""
+    """A step's rows with every effect's public values; intervals stay where a value was searched itself."""
     out = [r for r in rows if r.effect is None]
     model = fit.model
     innovation = float(np.sqrt(fit.sse / max(fit.best.rows, 1)))
@@ -80,7 +80,8 @@ def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[Para
 
 
 def _idle(model: Model, values: FloatArray) -> set[str]:
-    """Numbers of effects without which the model of values (d,) is the very same: a limit that the stem never meets."""
+    """Parameters of effects that change nothing in the model of values (d,), such as a limit that the stem never meets.
+    """
     names, neutral = [], []
     for name, effect, rows in zip(model.names, model.effects, model.effect_rows, strict=True):
         for at, p in enumerate(effect.parameters_for(model.context), rows.start):

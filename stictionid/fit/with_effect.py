@@ -1,8 +1,7 @@
 """Refit of a model with one more effect: a first look, a joint search with other effects, and the full polish.
 
-An effect's refit starts warm from the model so far and fresh from new basins (starts/beside_effect.py), because a
-missing effect moves S and J into a wrong basin.
-Source: METHODS.md section 6; CRITICISM.md sections 1 and 7.
+An effect's refit starts warm from the model so far and fresh from new basins (starts/beside_effect.py): a missing
+effect moves S and J into a wrong basin. Source: METHODS.md section 6; CRITICISM.md sections 1 and 7.
 """
 
 from __future__ import annotations
@@ -29,23 +28,24 @@ from .starts.windows import windowed_valves
 
 _ROAM, _SCOUTS = 2, 500
 _SETTLED = 1e-4
-# Turns of descent from every start, when one has settled, starts that get a population after it, and twice the
-# log-likelihood that must have been gained by then for one.
+# Turns of descent from every start, fall of the cost at which one has settled, and starts that then get a population.
+# The last number is twice the log-likelihood that the descent must have gained for a population.
 _GLANCE, _GLANCED, _KEPT, _PROMISING = 3, 1e-2, 4, 3.0
 # Rounds of the first look at an effect and of its swarm.
 _LOOK, _SWARM = 25, 14
-# Further polishes go on while each lowers the cost by this share, at most so often.
+# Further polishes go on while each lowers the cost by this share, at most _TURNS times.
 _WORTH, _TURNS = 0.01, 4
 # Fine scans of S for the interval that all slips allow: reach either way (share), points, and slip jumps tried.
 _THRESHOLD_REACH, _THRESHOLDS = (0.02, 0.003), 241
 _THRESHOLD_J = np.array([0.95, 1.0, 1.06])
 # Polishes on the model's own y, for effects that follow it.
 _FOLLOWED = 3
-# Points of a herd that get the interval of S that all slips allow; turns of scans along a ridge.
+# Points of a population that are moved into the interval of S that all slips allow; turns of scans along a curve of
+# equal cost.
 _HERDED, _RIDGED = 2, 4
 # Share of the range of its speed from which a valve that re-sticks rests at every scan.
 _RESTS = 0.9
-# Steps along the ridge of dead time and break-away in a full refit.
+# Steps along the curve of equal cost (dead time against break-away) in a full refit.
 _RIDGE_TURNS = 3
 
 
@@ -76,11 +76,11 @@ class Scouted:
 
 def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *, far: bool = True,
           windows: bool = False) -> Scouted:
-    """The model with effect `name` added, searched far enough to see whether it is worth a full refit.
+    """The model with effect `name` added, searched far enough to decide on a full refit.
 
-    Starts are the neutral effect in the model so far, guesses of the effect in all basins of the pool, and unless `far`
-    is False swarms over valve and effect on the one-step error, and a swarm over everything. Friction that changes
-    with time is looked for in `windows` of the record, too, where that is asked for.
+    Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. Unless `far`
+    is False they include swarms over valve and effect on the one-step error, and a swarm over everything. With
+    `windows` set, friction that changes with time is searched in windows of the record, too.
     """
     before = fit.model
     spec = replace(before.spec, effects=(*before.spec.effects, name))
@@ -121,7 +121,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
                     settle=_SETTLED)
     points, cost = polish.points, float(polish.costs[0])
     if effect.kind in "FT" and spec.held and cost < neutral * (1.0 - _SETTLED):
-        # The effect helps, so the process it was fitted with may be wrong: one step along the ridge.
+        # The effect helps, so the process it was fitted with may be wrong: one step along the curve of equal cost.
         beside = refine(coarse.costs, np.concatenate([along_ridge(coarse, points[:2])[:3],
                                                       across(coarse, points[0], name, 3),
                                                       with_other_start(coarse, points[0], 2)]), rng,
@@ -132,12 +132,11 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
 
 
 def beside_others(fit: Fitted, name: str, look: FloatArray, rng: np.random.Generator) -> Scouted | None:
-    """A look at effect `name` whose size is searched together with S, J and those of the effects on the valve that the
-    model has already; points (k, d) of a first `look` take part. None without such effects, or under a command that
-    moves between samples.
+    """A look at effect `name`, searched together with S, J and the effects on the valve that the model has already.
 
-    Of two effects on a valve each is far from its size, and S and J from theirs, where the other is missing: no search
-    that holds the first meets the second.
+    Points (k, d) of a first `look` take part. None without such effects, or under a command that moves between samples.
+    With one of two effects on a valve missing, the size of the other is far from the right one, and so are S and J. No
+    search that holds the first effect meets the second.
     """
     before = fit.model
     model = bound(before.loop, replace(before.spec, effects=(*before.spec.effects, name)), s_max=before.s_max,
@@ -167,11 +166,11 @@ def beside_others(fit: Fitted, name: str, look: FloatArray, rng: np.random.Gener
 
 
 def together_on_valve(model: Model, values: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Values (d,) of a model with two or more effects on the valve, all searched together from where they are, and for
-    longer where innovations are no noise; as they are under a command that moves between samples.
+    """Values (d,) of a model with two or more effects on the valve, all searched together from the present values.
 
-    Effects that were found one after the other are each as the others were then: slips a sample late, for a dead time
-    a sample short, look like one more effect.
+    The search takes longer where the innovations are not white. Under a command that moves between samples the values
+    stay. Each effect was fitted beside the others as they were then. Slips a sample late, for a dead time a sample
+    short, then look like one more effect.
     """
     if not model.spec.held or has_noise(model.spec) or sum(map(on_valve, model.effects)) < 2:
         return values
@@ -181,8 +180,10 @@ def together_on_valve(model: Model, values: FloatArray, rng: np.random.Generator
 
 
 def _herded_along(model: Model, points: FloatArray, rng: np.random.Generator, patience: int = PATIENCE) -> Found:
-    """A herd about points (k, d), and one beyond where a drifting valve rests; where the valve has a ridge scans along
-    it: a herd spreads there step by step, a scan takes more of the way at once."""
+    """An evolution strategy about points (k, d), one beyond the rest of a drifting valve, and scans along a curve.
+
+    Along a curve of equal cost a population spreads step by step; a scan covers more of it at once.
+    """
     found = herded(model, points, rng, patience)
     beyond = beyond_rest(model, found.points[0], rng)
     if len(beyond):
@@ -208,7 +209,7 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
     points = found.points
     if model.spec.held and look.name and parse(look.name)[0].natural is not None:
         points = followed(coarse, points[:_KEPT], rng).points
-    # A valve that rests was found beside what was still missing, which then bent its S by several slips.
+    # A valve that rests was found while an effect was missing, which bent its S by several slips.
     others = stickbands(coarse, points[0]) if model.spec.held and RESTING in model.spec.effects else points[:0]
     for _ in range(_RIDGE_TURNS if model.spec.held else 1):
         near = np.concatenate([with_start(coarse, points[:2]), others])
@@ -262,8 +263,8 @@ def _following(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
 def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:
     """Point (d,) with the stickband between the right samples, everything else polished; and its cost.
 
-    Under a held command every slip allows S an interval as wide as one step of the command, and all slips together one
-    far narrower than any polish strays into: a single slip a sample early or late costs more than most missing effects.
+    Under a held command every slip allows S an interval as wide as one step of the command. All slips together allow
+    one far narrower than a polish finds. A single slip a sample early or late costs more than most missing effects.
     """
     values = model.values(point[None])[:, 0]
     best, cost = point, float(model.costs(point[None])[0])

@@ -1,13 +1,13 @@
-"""The paper exactly: ARX of a given order, particle swarm over (S, J), 0 < S <= S_max, 0 <= J <= S.
+"""Method `arx`, the paper as published: ARX of given order, particle swarm over (S, J), 0 < S <= S_max, 0 <= J <= S.
 
-For given (S, J) the position follows from the command with u_v(0) = u(0), then the ARX coefficients by linear least
-squares (Eq. 18); the swarm minimises the mean squared one-step error (Eq. 19). Signals are deviations from the mean
-of the samples used, since Eq. 9 has no constant. A free-run process is added for the curves; S and J stay as found.
+For given (S, J) the position follows from the command with u_v(0) = u(0). The ARX coefficients then follow by linear
+least squares (Eq. 18); the swarm minimises the mean squared one-step error (Eq. 19). Signals are deviations from the
+mean of the samples used, since Eq. 9 has no constant. A free-run process is added for the curves; S and J stay as
+found.
 
-Wrong with measurement noise: the one-step error then pulls J low; and where the start of the valve matters, because
-u_v(0) = u(0) can lock the model in a false stuck state (METHODS.md section 4, traps 1 and 2).
-
-Source: the paper, Eq. 7 to 21 with the misprints corrected as in arx.py.
+Wrong with measurement noise: the one-step error then pulls J low. Wrong where the start of the valve matters: u_v(0) =
+u(0) can lock the model in a false stuck state. Both are traps of METHODS.md section 4 (2 and 1). Source: the paper, Eq.
+7 to 21 with the misprints corrected as in fit/arx_cost.py.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _run(run: Run) -> Outcome:
 
 def _free_run(run: Run, model: Model, cube: FloatArray, lags: tuple[float, ...], delay: int,
               integrating: bool) -> tuple[FloatArray, FloatArray]:
-    """A free-run process for the ARX answer, so that curves can be drawn; S and J stay as ARX found them."""
+    """A free-run process for the ARX answer, for the curves; S and J stay as ARX found them."""
     target = model if not integrating else run.model(Spec(law=run.law, process=INTEGRATOR, increments=True))
     values = model.values(cube[:1])
     values[3] = np.clip(max(lags, default=run.loop.step_s), 0.03 * run.loop.step_s, 19 * run.period_s)

@@ -1,10 +1,9 @@
-"""Default method: ARX finds the basin, the free-run error finishes, restarts must agree, the structure is chosen.
+"""Method `auto`, the default: basins by ARX, last polish by the free-run error, restarts, choice of the structure.
 
-Base model: the law asked for, first order with dead time or integrator with lag and dead time, white output noise.
-Decides what the command did between samples and whether the process integrates; adds a further lag as a step of its
-own where the data ask for it. Wrong where something is missing from the model: `diagnose` then looks for it.
-
-Source: METHODS.md section 4, traps 1 to 5; the paper's Eq. 7 to 21 for the ARX part.
+The base model is the given law, first order with dead time or integrator with lag and dead time, and white output
+noise. The method decides how the command moved between samples and whether the process integrates. Where the data ask
+for a further lag it becomes a step of its own. Wrong where something is missing from the model; `diagnose` looks for
+it. Source: METHODS.md section 4, traps 1 to 5; the paper's Eq. 7 to 21 for the ARX part.
 """
 
 from __future__ import annotations
@@ -32,16 +31,16 @@ from ..selection.noise_steps import ask_noise, try_noise, try_walk_alone
 from ..selection.structure import LAG, check_scans, choose, first_look
 from .contract import Method, Outcome
 
-# A free-run error beyond this share of the scatter of y explains nothing, unless an integrator leaves less than the
-# other share of the variance of the changes: 3 to 17 % with a hidden effect. Unit: 1.
+# A free-run error beyond this share of the scatter of y explains nothing. An integrator is excepted if it leaves less
+# than the other share of the variance of the differences: 3 to 17 % with a hidden effect.
 _NOTHING, _CHANGES = 0.995, 0.5
-# Share of the scatter of y by which PV must go back for it to have turned beside fast noise. Unit: 1. Frequencies that
-# hold an oscillation of 2.5 to 7 samples, those below, and those above, in cycles a sample.
+# Share of the scatter of y by which PV must turn back to count beside fast noise. Then the frequency ranges in cycles a
+# sample: below an oscillation, of one of 2.5 to 7 samples, and above.
 _TURN, _SLOW, _FAST, _FASTER = 0.5, (0.0, 0.15), (0.15, 0.4), (0.4, 0.5)
 
 
 def _run(run: Run) -> Outcome:
-    """The search with the command that the record speaks for, looked at once more where a held one was taken."""
+    """The search with the command that the record indicates; where that is a held one, again with a moving one."""
     outcome = _searched(run)
     if run.options.between != "auto" or moved_after_all(outcome.fits[-1], run.options.scan_s) is None:
         return outcome
@@ -56,7 +55,7 @@ def _run(run: Run) -> Outcome:
 
 
 def _searched(run: Run) -> Outcome:
-    """Base model with its process and between-samples choice, then what the data ask for beyond it."""
+    """Base model with its process and its command between samples, then whatever else the data ask for."""
     o = run.options
     noises = noises_in(o.effects)
     spec = Spec(law=run.law, effects=tuple(name for name in o.effects if name not in noises), fixed=dict(o.fixed),
@@ -89,7 +88,7 @@ def _searched(run: Run) -> Outcome:
         try_walk_alone(run, steps, fits)
     if _nothing(run, fits[-1]):
         raise _explains_nothing(run)
-    # (Beside a walk it was asked for already.)
+    # With a random walk the lag was tried already.
     if not o.base_only and not o.fixed and not {LAG, WALK} & set(fits[-1].model.spec.effects):
         run.tell("trying a further lag", 0.7)
         try_step(run, steps, fits, LAG)
@@ -115,9 +114,9 @@ def _searched(run: Run) -> Outcome:
 
 
 def _one_by_one(run: Run, spec: Spec) -> tuple[Fitted, tuple[Finding, ...]]:
-    """The fit of the effects asked for, each added to the best model so far, and what must be said of its structure.
+    """The fit of the requested effects, each added to the best model so far, and the findings on its structure.
 
-    What is narrow (a period, a drift) is found beside a valve that is nearly right, not by a search for everything.
+    A narrow basin (a period, a drift) is found beside a valve that is nearly right, not by a search for everything.
     """
     bare, runs, notes = choose(run, replace(spec, effects=(), process=FIRST_ORDER, increments=False, taps=()))
     fit = run.fit(bare, before=runs)
@@ -132,10 +131,10 @@ def _nothing(run: Run, fit: Fitted) -> bool:
 
 
 def _samples_a_turn(run: Run) -> float:
-    """Samples in which PV turns twice, on average; turns of noise that is as fast as samples are do not count.
+    """Samples in which PV turns twice, on average; turns of noise as fast as the samples do not count.
 
-    The changes of such noise have most power at the fastest frequency a record knows, those of an oscillation below,
-    and those of a slow one, or of a load that strays, further below.
+    The differences of such noise have most power at the highest frequency of a record. Those of an oscillation have it
+    below. Those of a slow oscillation, or of a wandering load, have it further below.
     """
     y = run.used_y()
     power = np.abs(np.fft.rfft(np.diff(y)))**2
@@ -145,16 +144,16 @@ def _samples_a_turn(run: Run) -> float:
 
 
 def _explains_changes(fit: Fitted) -> bool:
-    """Whether the model of an integrator explains most of the changes of y, which is what it is fitted to.
+    """True where the model of an integrator explains most of the differences of y, to which it is fitted.
 
-    The errors of its slips add up: where an effect is missing the level runs away from a model that is nearly right.
+    The errors of its slips add up: with an effect missing, the level runs away from a model that is nearly right.
     """
     model = fit.model
     return model.spec.increments and fit.sse < _CHANGES * model.shared.target_energy
 
 
 def _explains_nothing(run: Run) -> CannotTell:
-    """Why the best model is no better than a constant: PV turns too fast for the samples, or OP does not drive it."""
+    """The reason why the best model is no better than a constant: PV turns too fast for the samples, or ignores OP."""
     per, step = _samples_a_turn(run), run.loop.step_s
     if per < SAMPLES_PER_PERIOD:
         return CannotTell(f"sampled too slowly: the process value turns every {0.5 * per:.1f} samples of {step:g} s, "
@@ -166,7 +165,7 @@ def _explains_nothing(run: Run) -> CannotTell:
 
 
 def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
-    """The fit with intervals that hold whether or not the process has a second lag too small to be named."""
+    """The fit with intervals that hold even if the process has a second lag, too small to be named."""
     fit = reaching(fit, run.rng, steps_only=True)
     model, quick = first_look(run, fit.model, fit.best.values, LAG)
     known = None

@@ -1,9 +1,8 @@
-"""What an identification method must bring, so that one new file is all it takes.
+"""Contract of an identification method: one new file in this folder with a constant `METHOD` is enough.
 
-A method is one file in this folder with a constant `METHOD`. Its `run(run)` gets everything an identification shares
-(record, oscillation, options, random generator, progress; see fit/context.py) and returns an `Outcome`: the steps of
-the study with the fits behind them. The verdict, the comparison with a measured position, the cost map and the study
-around it are made by `identify` for every method alike.
+The method's `run(run)` gets everything that an identification shares: record, oscillation, options, random generator,
+progress (see fit/context.py). It returns an `Outcome`: the steps of the study with the fits behind them. `identify`
+adds the verdict, the comparison with a measured position, the cost map and the study for every method alike.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from ..fit.fit import Fitted
 from ..fit.options import USUAL_ORDER
 from ..record.study import Step, Verdict
 
-# Options that a method may or may not have a use for, and how the command line spells them.
+# Options that only some methods use, and how the command line spells them.
 SPELLING = {
     "law": "--law", "effects": "--with", "base_only": "--base-only", "between": "--between",
     "scan": "--scan",
@@ -27,7 +26,7 @@ SPELLING = {
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """The process in a method's own words, where it is not the one of the free-run model; seconds, gain per %."""
+    """The process as a method estimates it, where it is not the one of the free-run model; seconds, gain per %."""
 
     gain: float
     time_constants_s: tuple[float, ...]
@@ -37,10 +36,10 @@ class Process:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a method found: steps and fits of equal length, the last ones count.
+    """Result of a method: steps and fits of equal length, of which the last ones count.
 
-    A method that has no S and J to give returns no steps and a `verdict` that says why. `gives_jump` is False for a
-    method that says nothing about J; the estimate then holds J = 0 and the interval 0 to S.
+    A method without S and J returns no steps and a `verdict` with the reason. `gives_jump` is False for a method that
+    says nothing about J; the estimate then holds J = 0 and the interval 0 to S.
     """
 
     steps: tuple[Step, ...]
@@ -54,11 +53,11 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """One identification method: what it does, where it comes from, what it can't see, and which options apply.
+    """One identification method: its summary, equation and source, what it cannot see, and the options that apply.
 
     `options` are keys of SPELLING; any other option given with this method is refused. `law` is its default law, and
-    its only one where "law" is not among the options. `gives` names what it estimates; `restarts` says that it can use
-    several segments of a record together, any other method is given the longest alone.
+    its only one where "law" is not among the options. `gives` names what it estimates. `restarts` marks a method that
+    fits several segments of a record together; any other method gets the longest segment alone.
     """
 
     name: str

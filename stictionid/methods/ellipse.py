@@ -1,14 +1,13 @@
-"""Ellipse: S read off the PV-OP plot as the width along OP of the ellipse that fits it.
+"""Method `ellipse`: S is the width along OP of the ellipse fitted to the PV-OP plot.
 
-PV and OP are reduced to the oscillation and its first harmonics, an ellipse is fitted to their plot, and its chord
-through the centre along the OP axis is the apparent stiction S. Nothing is said about J: the estimate holds J = 0
-with the interval 0 to S and a finding says so. A process that runs with this valve is fitted for the curves.
+PV and OP are reduced to the oscillation and its first harmonics, and an ellipse is fitted to their plot. Its chord
+through the centre along the OP axis is the apparent stiction S. The method says nothing about J: the estimate holds J =
+0 with the interval 0 to S, and a finding says so. A process that fits this valve is added for the curves.
 
-Wrong in every loop that turns the plot by itself: the width mixes the valve with the phase of process and controller
-(an integrating process draws an ellipse without any stiction), so it is the apparent S of this loop and tuning.
-
-Source: Shoukat Choudhury, Jain and Shah 2008, after Choudhury, Shah, Thornhill and Shook 2006; the ellipse is fitted
-in record/pv_op_ellipse.py.
+Wrong in every loop that turns the plot by itself: the width mixes the valve with the phase of process and controller.
+An integrating process draws an ellipse without any stiction. The result is the apparent S of this loop and tuning.
+Source: Shoukat Choudhury, Jain and Shah 2008, after Choudhury, Shah, Thornhill and Shook 2006. The ellipse is fitted in
+record/pv_op_ellipse.py.
 """
 
 from __future__ import annotations

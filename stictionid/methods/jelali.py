@@ -1,15 +1,14 @@
-"""Jelali: a first guess from an ellipse or a relay, then pattern search over (S, J) with separable least squares.
+"""Method `jelali`: first guess from an ellipse or a relay, pattern search over (S, J), separable least squares.
 
-The guess for S is the width along OP of the ellipse through the filtered PV-OP plot, or, as for a valve that switches
-like a relay with hysteresis, the swing of the command over a cycle; each is tried with several J, and the best few
-start. A pattern search polls the eight neighbours of the best point and halves its mesh when none is better; for each
-point the linear model follows by least squares (ARX with a scan of the delay and a constant), u_v(0) = u(0).
+One guess for S is the width along OP of the ellipse through the filtered PV-OP plot. The other one treats the valve as
+a relay with hysteresis: the swing of the command over a cycle. Each is tried with several J, and the best few start. A
+pattern search polls the eight neighbours of the best point and halves its mesh when none is better. For each point the
+linear model follows by least squares (ARX with a scan of the delay and a constant), u_v(0) = u(0).
 
-Wrong where the guess lies in another basin than the answer: a pattern search does not leave the one it starts in.
-With noise the one-step error pulls J low (METHODS.md section 4, trap 2).
-
-Source: Jelali 2008, "Estimation of valve stiction in control loops using separable least-squares and global search
-algorithms"; the inner model is ARX here, since C(q) changes the ranking of (S, J) little and costs a hundredfold.
+Wrong where the guess lies in another basin than the answer: a pattern search does not leave the one it starts in. With
+noise the one-step error pulls J low (METHODS.md section 4, trap 2). Source: Jelali 2008, "Estimation of valve stiction
+in control loops using separable least-squares and global search algorithms". The inner model is ARX here, since C(q)
+changes the ranking of (S, J) little and costs a hundredfold.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ _SHARES = np.linspace(0.1, 1.0, 10)
 _FIRST_MESH, _LAST_MESH = 0.1, 1e-4
 _POLL = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j], dtype=np.float64)
 _MOST_ROUNDS = 200
-# Pattern searches made, from as many of the best first guesses.
+# Number of pattern searches, from as many of the best first guesses.
 _STARTS = 6
 
 

@@ -1,14 +1,13 @@
-"""One parameter d by a grid: Stenman's law, ARMAX with a delay scan, order by AIC.
+"""Method `one-parameter`: Stenman's law with S = J = d on a grid of d, ARMAX with a scan of the delay, order by AIC.
 
 Every d of a grid up to S_max gives a valve position (u_v(0) = u(0)) and, by least squares without C, a delay and an
-error; the cost is jagged in d, so the grid is fine. For the best tenth an ARMAX model of every order is fitted, and
-AIC chooses the order. The d with the smallest AIC is the answer, after a finer grid around it; S = J = d.
+error. The cost is jagged in d, so the grid is fine. For the best tenth an ARMAX model of every order is fitted, and AIC
+chooses the order. The d with the smallest AIC is the answer, after a finer grid around it.
 
-Wrong wherever J differs from S: d then lands between them or beside both; and where the record does not start right
-after a jump, because u_v(0) = u(0) then locks the valve out of step (METHODS.md section 4, trap 1). As every method
-that judges by the one-step error it takes noise for dynamics when the record is sampled fast.
-
-Source: Srinivasan, Rengaswamy, Narasimhan and Miller 2005; ARMAX is Eq. 4 of the paper.
+Wrong wherever J differs from S: d then lands between them or beside both. Wrong where the record does not start right
+after a jump: u_v(0) = u(0) then locks the valve out of step (METHODS.md section 4, trap 1). Like every method that uses
+the one-step error it takes noise for dynamics when the record is sampled fast. Source: Srinivasan, Rengaswamy,
+Narasimhan and Miller 2005; ARMAX is Eq. 4 of the paper.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ def check_options(options: Options) -> None:
 
 
 def _check_use(options: Options, method: Method) -> None:
-    """Refuse options that the method would only ignore: they would look as if they had been used."""
+    """Refuse options that the method would ignore: they would look as if they had been used."""
     given = {
         "law": options.law is not None and options.law != method.law, "effects": bool(options.effects),
         "base_only": options.base_only, "between": options.between != "auto",

@@ -1,15 +1,14 @@
-"""Polynomial: a Hammerstein model with a static polynomial and ARMAX. It can't see stiction; it shows why.
+"""Method `polynomial`: a Hammerstein model with a static polynomial and ARMAX, which cannot represent stiction.
 
 The valve is u_v = sum_i gamma_i u^i (Eq. 3), the process ARMAX (Eq. 4). The products gamma_i b_j are fitted as free
-numbers (Eq. 5, 6) and split by their singular value decomposition. A polynomial has no memory: it passes the same
-position on the way up and on the way down, so its best fit of a sticking valve is nearly a straight line, and there
-is no S and no J to read off it. What comes back is the reason, with three free-run errors side by side: the best
-first-order process behind a polynomial, behind a straight line, and behind a valve that sticks.
+parameters (Eq. 5, 6) and split by their singular value decomposition. A polynomial has no memory: it passes the same
+position on the way up and on the way down. Its best fit of a sticking valve is nearly a straight line, and gives no S
+and no J. The method returns the reason, with three free-run errors: the best first-order process behind a polynomial,
+behind a straight line, and behind a valve that sticks.
 
-The ARMAX model itself may come out unstable: in a closed loop without noise a regression of y on u finds the
-inverse of the controller as readily as the process. Its poles are in the evidence.
-
-Source: paper Eq. 3 to 6; the split is Bai 1998.
+The ARMAX model itself may come out unstable. In a closed loop without noise a regression of y on u finds the inverse of
+the controller as readily as the process. Its poles are in the evidence. Source: paper Eq. 3 to 6; the split is Bai
+1998.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from ..record.study import Verdict
 from ..typing import FloatArray
 from .contract import Method, Outcome
 
-# Degree k of Eq. 3; higher ones only follow the noise within one cycle's swing.
+# Degree k of Eq. 3; higher ones only follow the noise within the swing of one cycle.
 DEGREE = 3
 _ORDERS = (1, 2, 3)
 # Grid of time constants and dead times before the polish.
@@ -68,7 +67,7 @@ def _armax(run: Run, model: Model, inputs: FloatArray) -> Armax:
     orders = (run.options.order,) if run.options.order else _ORDERS
     first = max(model.skip, max(orders) + max(delays) + 1)
     regression = Regression(model.context.process_value, inputs, good=model.good())
-    # The delay follows from plain least squares (no C), as cheap as it is decisive; the order from AIC.
+    # The delay follows from plain least squares (no C), which is cheap and decisive; the order follows from AIC.
     delay = min(delays, key=lambda d: armax(regression, order=max(orders), delay=d, noise_order=0, first=first).sse)
     return min((armax(regression, order=order, delay=delay, first=first) for order in orders), key=lambda f: f.aic)
 

@@ -1,5 +1,5 @@
-"""Reports from studies: facts and pictures once, rendered as markdown, one HTML page, JSON or terminal text.
+"""Reports of studies as markdown, HTML, JSON or terminal text, all from the same facts and pictures.
 
-`facts` words and rounds, `pictures` turns curves into numbers to draw, the renderers only lay out. Nothing here
+`facts` words and rounds, `pictures` turns curves into numbers to draw, the renderers in `pages` lay out. Nothing here
 searches: the model of a study is re-run once for its curves.
 """

@@ -1,7 +1,7 @@
-"""What a report consists of before any layout: sections of sentences, tables, pictures and commands, as plain text.
+"""Content of a report before any layout: sections of sentences, tables, pictures and commands, as plain text.
 
-Everything here is unescaped text already made harmless for one line by `wording`; each renderer escapes for its own
-language and adds nothing in words.
+The text is unescaped and made harmless for one line by `wording`. Each renderer escapes for its own language and adds
+no words.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class PageTable:
-    """Rows of text under column names; `numeric` holds the indexes of columns set flush right."""
+    """Rows of text under column names; `numeric` holds the indexes of right-aligned columns."""
 
     caption: str
     columns: tuple[str, ...]
@@ -21,7 +21,7 @@ class PageTable:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One heading with its sentences, bullets, tables, commands, and keys of the pictures that belong to it."""
+    """One heading with its sentences, bullets, tables, commands, and keys of its pictures."""
 
     key: str
     title: str
@@ -34,7 +34,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class KeyNumber:
-    """A number to be read from across the room: label, the number with its interval, and what it means."""
+    """A headline number: label, the value with its interval, and its meaning."""
 
     label: str
     value: str
@@ -43,7 +43,7 @@ class KeyNumber:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """Everything one study says, in reading order; `verdict` is the contract's word, `headline` the sentence."""
+    """The whole content of one study in reading order; `verdict` is the contract's word, `headline` the sentence."""
 
     name: str
     title: str

@@ -1,7 +1,7 @@
-"""Study → facts: the verdict in one sentence, the numbers that matter, and the sections every renderer prints.
+"""Facts of a study: the verdict in one sentence, the main numbers, and the sections that every renderer prints.
 
-This file and its two helpers (`wording` for digits, `sections` for the drier half) are the only place that words and
-rounds what a study holds, so terminal, markdown, HTML and JSON can't disagree.
+Only this file and its two helpers (`wording` for digits, `sections` for the details) word and round the content of a
+study. Terminal, markdown, HTML and JSON therefore cannot disagree.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from ..record.study import Estimate, Study
 from . import sections, wording
 from .document import Facts, KeyNumber, PageTable, Section
 
-# J is called weakly known when its interval is wider than this share of its value. Unit: 1; half the value either way.
+# J is called weakly known when its interval is wider than this share of its value: half the value either way.
 WEAK_J_SHARE = 0.5
-# Free-run error up to this many times the noise counts as the noise floor. Unit: 1; METHODS.md section 6 measured
-# 0.95 to 1.04 for the right model, and 1.4 and more with an effect missing.
+# Free-run error up to this multiple of the noise counts as the noise floor. METHODS.md section 6 measured 0.95 to 1.04
+# for the right model, and 1.4 and more with an effect missing.
 NOISE_FLOOR_RATIO = 1.1
 
 _HEADINGS = {"stiction": "The valve sticks", "no stiction": "No stiction found", "undecided": "Undecided"}
@@ -33,7 +33,7 @@ def facts(study: Study, *, no_pictures: str = "") -> Facts:
 
 
 def _reason(study: Study) -> str:
-    """Why the verdict; where it was reached before the last effects were added, its numbers are of that model."""
+    """The reason of the verdict. Where it is older than the last effects, its numbers are marked as of that model."""
     reason = wording.sentence(study.verdict.reason)
     added = sections.added_later(study)
     judged = study.verdict.evidence.get("effects")
@@ -45,12 +45,12 @@ def _reason(study: Study) -> str:
 
 
 def adds(facts: Facts) -> bool:
-    """Whether the reason says more than the headline, which an abstention's does not."""
+    """True where the reason says more than the headline; that of an abstention does not."""
     return bool(facts.reason) and facts.reason[:-1].casefold() not in facts.headline.casefold()
 
 
 def headline(study: Study) -> str:
-    """The verdict in one sentence with the number that matters."""
+    """The verdict in one sentence with the main number."""
     e = study.estimate
     word = _HEADINGS.get(study.verdict.stiction, wording.name(study.verdict.stiction))
     if e is None:
@@ -92,7 +92,7 @@ def _numbers(study: Study) -> tuple[KeyNumber, ...]:
 
 def _key(label: str, value: float, interval: tuple[float, float] | None, unit: str, level: str,
          meaning: str) -> KeyNumber:
-    """A number large, its interval and its meaning beside it."""
+    """A headline number with its interval and its meaning."""
     shown, ends = wording.apart(value, interval)
     about = "no interval" if ends == wording.NOTHING else f"{ends}, {level}"
     return KeyNumber(label, f"{shown} {wording.name(unit)}".rstrip(), f"{about}; {meaning}")
@@ -133,7 +133,7 @@ def _size(study: Study) -> Section | None:
 
 
 def severity_sentences(study: Study) -> list[str]:
-    """What the friction does to the loop (by the damage, not by S alone); none where the study does not say."""
+    """The effect of the friction on the loop (its damage, not S alone); empty where the study has none."""
     return [wording.sentence(study.severity.statement)] if study.severity is not None else []
 
 

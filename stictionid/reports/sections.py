@@ -1,4 +1,4 @@
-"""The drier half of the facts: candidates, laws, what to do next, range, data, parameters, method and commands."""
+"""Details of the facts: candidates, laws, next steps, range, data, parameters, method and commands."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from ..record.study import Estimate, Step, Study
 from . import wording
 from .document import PageTable, Section
 
-# Samples per period below which the slips can't be resolved. Unit: samples; METHODS.md section 4.
+# Samples per period below which the slips cannot be resolved. Unit: samples; METHODS.md section 4.
 FEWEST_SAMPLES_PER_PERIOD = 10
-# Cycles a new record should hold. Unit: cycles; three is the least that is judged, ten make intervals useful.
+# Cycles that a new record should hold. Three is the least that is judged, ten make intervals useful. Unit: cycles.
 WANTED_CYCLES = 10
 # A bump in MAN that a healthy valve follows. Unit: % of OP span; HISTORIAN.md section 1.
 BUMP_PERCENT = 0.5
-# Cycles shown in the table before the rest is left to the JSON. Unit: rows; half a printed page.
+# Cycles shown in the table; the rest is left to the JSON. Unit: rows; half a printed page.
 _CYCLES_SHOWN = 12
 _ROLE_NAMES = {"setpoint": "setpoint SP", "output": "controller output OP", "process_value": "process value PV",
                "position": "valve position", "time": "time"}
@@ -25,7 +25,7 @@ _ROLE_NAMES = {"setpoint": "setpoint SP", "output": "controller output OP", "pro
 def mapped_step(study: Study) -> int | None:
     """Index of the step whose model the cost map shows, the last one of identify; None where it is not known.
 
-    Studies that don't say so: the step whose S and J lie deepest in the map.
+    For studies without that index it is the step whose S and J have the least cost in the map.
     """
     m = study.cost_map
     if m is None or not study.steps:
@@ -46,7 +46,7 @@ def mapped_step(study: Study) -> int | None:
 
 
 def added_later(study: Study) -> tuple[Step, ...]:
-    """Steps that diagnose or add put behind what identify found."""
+    """Steps that diagnose or add put behind those of identify."""
     last = mapped_step(study)
     return () if last is None else tuple(s for s in study.steps[last + 1:] if s.added)
 
@@ -80,7 +80,7 @@ def laws(study: Study) -> Section | None:
 
 
 def next_steps(study: Study) -> Section:
-    """What to do or measure next, by verdict and by what this record lacks."""
+    """Next actions and measurements, by the verdict and by what this record lacks."""
     period = study.range.period_median_s
     wait = f"at least five periods, {wording.duration(5 * period)}" if period else "several minutes"
     manual = (f"Put the loop in MAN for {wait}: if the oscillation stops, it comes from valve or tuning; if it goes "
@@ -124,7 +124,7 @@ def _for_the_model(study: Study) -> list[str]:
 
 
 def _for_abstained(study: Study) -> list[str]:
-    """What a record must have that this one lacks."""
+    """Requirements that this record does not meet, as advice for the next one."""
     r, step = study.range, study.data.step_s
     bullets = []
     if r.period_s is None and r.reversals < 2:
@@ -165,7 +165,7 @@ def oscillation(study: Study) -> Section:
 
 
 def data(study: Study) -> Section:
-    """Where the data came from, how they were understood, and what was noticed while reading."""
+    """Source of the data, the interpretation of its columns, and findings of the reading."""
     d = study.data
     rows = [("file", wording.name(d.file or wording.NOTHING)),
             ("SHA-256", wording.clean(d.sha256 or wording.NOTHING, 80)),
@@ -186,7 +186,7 @@ def data(study: Study) -> Section:
 
 
 def parameters(study: Study) -> Section | None:
-    """Every fitted number of the last step, and the process in words."""
+    """Every fitted parameter of the last step, and the process in words."""
     if not study.steps:
         return None
     rows = []
@@ -218,7 +218,7 @@ def _with_ends(value: float, span: tuple[float, float] | None, unit: str) -> str
 
 
 def method(study: Study) -> Section:
-    """Versions, seed, evidence behind the verdict, and the commands that give this study again."""
+    """Versions, seed, evidence behind the verdict, and the commands that reproduce this study."""
     c, d = study.created_by, study.data
     rows = [("stictionid", wording.name(c.version)), ("seed", str(c.seed)), ("Python", wording.name(c.python)),
             ("NumPy", wording.name(c.numpy)), ("Numba", wording.name(c.numba)), ("study schema", study.schema)]

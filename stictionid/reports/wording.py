@@ -1,4 +1,4 @@
-"""How numbers and foreign text are written: rounding, intervals, durations, severity words, harmless one-liners.
+"""Format of numbers and foreign text: rounding, intervals, durations, severity words, harmless one-liners.
 
 Only this file and `facts` decide digits and words, so that terminal, markdown, HTML and alt texts agree.
 """
@@ -9,12 +9,12 @@ import math
 
 NOTHING = "-"
 
-# Severity bands of S in % of OP span: upper limit of each band and its word. No standard fixes them; anchors are
-# digital positioner precision 0.1 %, EnTech nominal backlash + stiction at most 1 %, cycling from 0.5 % (Ruel, Gerry),
-# 2 % in the Tennessee Eastman benchmark. Source: conventions of the trade, HISTORIAN.md section 1.
+# Severity bands of S in % of OP span: upper limit of each band and its word. No standard fixes them. Anchors are
+# digital positioner precision 0.1 % and EnTech nominal backlash + stiction at most 1 %. Others are cycling from 0.5 %
+# (Ruel, Gerry) and 2 % in the Tennessee Eastman benchmark. Source: conventions of the trade, HISTORIAN.md section 1.
 SEVERITY_BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (math.inf, "severe"))
 
-# Most decimals of a number of 1 or more, however narrow its interval. Unit: digits; no positioner resolves 0.001 %.
+# Most decimals of a number of 1 or more, however narrow its interval; no positioner resolves 0.001 %. Unit: digits.
 _MOST_DECIMALS = 3
 # Longest foreign text (tag, unit, file name) shown in full. Unit: characters; a line of an 80 column terminal.
 LONGEST_NAME = 60
@@ -46,7 +46,7 @@ def _harmless(c: str) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number with `digits` significant digits; scientific only where plain digits would be silly."""
+    """A number with `digits` significant digits; scientific only for very large and very small ones."""
     if value is None or not math.isfinite(value):
         return NOTHING
     if value == 0:
@@ -108,7 +108,7 @@ def percent(value: float | None, digits: int = 2) -> str:
 
 
 def duration(seconds: float | None) -> str:
-    """Seconds, with minutes, hours or days beside them where those read better."""
+    """Seconds, with minutes, hours or days added where those read better."""
     if seconds is None or not math.isfinite(seconds):
         return NOTHING
     plain = f"{number(seconds)} s"

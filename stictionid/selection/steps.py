@@ -1,4 +1,4 @@
-"""Adding one effect to a study: the refit, the step with its numbers in public names, and what became superfluous."""
+"""One effect added to a study: refit, step with public parameter names, earlier effects that became superfluous."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ def extended(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: boo
     """The study with one more step: the model refitted with `effect` ("step-disturbance@load" names a variant).
 
     Earlier effects that the new one makes superfluous are named in a finding, and left out with `prune`. A refit that
-    is `known` already takes the place of one of two, of both where it leaves nothing but noise. Verdict and severity
-    are still those of the study before (`verbs.add.judged_anew`). Raises UsageError for an unknown effect, one that is
-    in the model already, or one that needs what is not there.
+    is `known` already replaces one of two, or both where it leaves only noise. Verdict and severity are still those of
+    the study before (`verbs.add.judged_anew`). Raises UsageError for an unknown effect, one that the model has already,
+    or one that needs a signal that is not there.
     """
     tell = progress or (lambda text, share: None)
     run, fit = opened(loop, study, seed)
@@ -103,9 +103,10 @@ def extended(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: boo
 
 
 def _as_it_moved(run: Run, fit: Fitted) -> Fitted:
-    """The fit under a command that moves between samples, where the one it was taken for is held and does worse.
+    """The fit under a command that moves between samples, where the fit is for a held one and does worse.
 
-    How the command moves can't be seen beside a missing effect, and taken for held it leaves a lag of half a sample.
+    The motion of the command cannot be seen beside a missing effect. Taken for held, the command leaves a lag of half a
+    sample.
     """
     moved = moved_after_all(fit, run.options.scan_s)
     if moved is None:
@@ -115,9 +116,9 @@ def _as_it_moved(run: Run, fit: Fitted) -> Fitted:
 
 
 def _entering_elsewhere(fit: Fitted, newest: str, rng: np.random.Generator) -> tuple[Fitted, list[Finding]]:
-    """The fit with earlier disturbances at the output or the load, wherever they explain more beside the newest effect.
+    """The fit with earlier disturbances moved between output and load, where that explains more beside the newest one.
 
-    Where one enters was judged while the other was missing.
+    Their place was chosen while the newest effect was missing.
     """
     findings = []
     for name in fit.model.spec.effects:
@@ -147,7 +148,7 @@ def _entering_elsewhere(fit: Fitted, newest: str, rng: np.random.Generator) -> t
 
 
 def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -> Study:
-    """The study with new steps: main numbers and adequacy are those of the last one's fit."""
+    """The study with new steps: main values and adequacy are those of the last step's fit."""
     adequate, why = judged(run, steps[-1], after)
     main = estimate(study, after)
     if intervals_withheld(study.steps):
@@ -156,7 +157,8 @@ def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -
 
 
 def judged(run: Run, step: Step, after: Fitted) -> tuple[bool, str]:
-    """Whether a step is adequate: the free run at the noise, or white innovations under a noise model."""
+    """True where a step is adequate (free run at the noise, or white innovations under a noise model); and the reason.
+    """
     if has_noise(after.model.spec):
         return True, f"the one-step error {step.error.rmse_one_step:.4g} is that of white innovations"
     return run.adequate(step)
@@ -165,14 +167,14 @@ def judged(run: Run, step: Step, after: Fitted) -> tuple[bool, str]:
 def finished_step(run: Run, after: Fitted, added: str | None, findings: Sequence[Finding] = ()) -> Step:
     """A fit as a step of its own.
 
-    Whether its intervals are conditional is said of this fit, not of one whose `findings` are kept.
+    The finding on conditional intervals is that of this fit, not one of `findings`.
     """
     step = run.step(replace(after, runs=1, agree=1), added)
     return replace(step, findings=(*step.findings, *(f for f in findings if f.code != CONDITIONAL)))
 
 
 def superfluous(after: Fitted, newest: str, rng: np.random.Generator) -> tuple[str, ...]:
-    """Earlier physical effects without which the model, refitted, loses next to nothing."""
+    """Earlier physical effects without which the refitted model loses less than SUPERFLUOUS."""
     spec = after.model.spec
     found: list[str] = []
     full = complete(after.model, after.values, None, rng, order=0) if not has_noise(spec) else None
@@ -191,7 +193,8 @@ def superfluous(after: Fitted, newest: str, rng: np.random.Generator) -> tuple[s
         coarse = search_model(model)
         polish = refine(coarse.costs, with_start(coarse, coarse.cube(values[:, None])), rng, spread=spreads(coarse),
                         rounds=60, population=16, settle=1e-4)
-        # The model with the effect had its last polish; without that a lag of a fifth of a sample seemed worth 314.
+        # The model with the effect had its last polish; compared with an unpolished one, a lag of a fifth of a sample
+        # gained 314.
         if loss(model, coarse.values(polish.points[:1])[:, 0]) < SUPERFLUOUS \
                 or loss(model, polished(model, values, rng).values) < SUPERFLUOUS:
             found.append(name)
@@ -199,7 +202,7 @@ def superfluous(after: Fitted, newest: str, rng: np.random.Generator) -> tuple[s
 
 
 def without(after: Fitted, names: Sequence[str]) -> tuple[Model, FloatArray]:
-    """The model without some of its effects, at the values it had."""
+    """The model without some of its effects, its other values unchanged."""
     before = after.model
     spec = replace(before.spec, effects=tuple(n for n in before.spec.effects if n not in names))
     model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
@@ -208,7 +211,7 @@ def without(after: Fitted, names: Sequence[str]) -> tuple[Model, FloatArray]:
 
 
 def estimate(study: Study, fit: Fitted) -> Estimate | None:
-    """The study's main numbers after a refit."""
+    """The study's main values after a refit."""
     if study.estimate is None:
         return None
     v = fit.best.values

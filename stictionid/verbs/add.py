@@ -1,4 +1,4 @@
-"""The verb `add`: one effect more in a study, and the verdict of the new model."""
+"""The verb `add`: one more effect in a study, and the verdict of the new model."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     """The study with one more step, the model refitted with `effect`, and the verdict of that model.
 
     `effect` may name a variant ("step-disturbance@load"). Earlier effects that the new one makes superfluous are named
-    in a finding, and left out with `prune`. Raises UsageError for an unknown effect, one that is in the model already,
-    or one that needs what is not there; DataError for an abstained study.
+    in a finding, and left out with `prune`. Raises UsageError for an unknown effect, one that the model has already, or
+    one that needs a signal that is not there; DataError for an abstained study.
     """
     return judged_anew(loop, extended(loop, study, effect, seed=seed, prune=prune, progress=progress), seed)
 
 
 def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
-    """The study with the verdict and the severity of its last model; an effect that is known no longer hides the valve.
+    """The study with the verdict and the severity of its last model: an effect in the model no longer hides the valve.
 
     Raises DataError for an abstained study.
     """

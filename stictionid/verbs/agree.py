@@ -1,13 +1,13 @@
-"""Do several records of one loop tell the same S and J, and do these change with time.
+"""Agreement of S and J between several records of one loop, and their drift with time.
 
-Each record is identified on its own. An interval becomes the standard deviation of its side (90 % are 1.645 of them);
-the value that goes best with all records, and the sum of squared distances from it (chi-square), say whether the
-records scatter more than their intervals allow. A straight line through them is the drift; where they scatter more
-about it, its interval is widened by as much (Birge's ratio). Records that abstain or whose valve does not stick have no
-S and J to compare and are listed with the reason.
+Each record is identified on its own. Each side of an interval becomes a standard deviation (90 % are 1.645 of them).
+The common value has the smallest sum of squared distances (chi-square). That sum says whether the records scatter more
+than their intervals allow. A straight line through the records is the drift; where they scatter more about it, its
+interval is widened by as much (Birge's ratio). Records that abstain or whose valve does not stick have no S and J to
+compare and are listed with the reason.
 
-Wrong where records share what the model lacks: they then agree in the same error. Source: chi-square of a weighted
-mean and Birge's ratio as in the averages of the Particle Data Group.
+Wrong where all records lack the same effect: they then agree in the same error. Source: chi-square of a weighted mean
+and Birge's ratio as in the averages of the Particle Data Group.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from .identify import made_by
 
 SCHEMA = "stictionid.agreement/1"
 MOST_WINDOWS = 200
-# Below this chance of scattering as much or more, records of one valve are said to differ. Two numbers are tested.
+# Chance of scattering as much or more below which records of one valve count as different. S and J are tested.
 DIFFERENT = 0.01
-# Records of one valve are told apart by no less than this share of the number. METHODS.md section 6: with nothing
-# missing S comes back within 0.5 %, J mostly within 3 %, whatever the interval of a long record says. Unit: 1.
+# Smallest standard deviation of a record, as a share of the value. METHODS.md section 6: with nothing missing S comes
+# back within 0.5 %, J mostly within 3 %, whatever the interval of a long record says.
 _FINEST = {"S": 0.005, "J": 0.03}
 # Two-sided quantile of the normal distribution that belongs to INTERVAL_LEVEL. Unit: standard deviations.
 _QUANTILE = 1.6448536269514722
@@ -48,9 +48,10 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class RecordResult:
-    """One record: what it is, when its middle was (seconds after the first record's), and what it says.
+    """One record: its label and file, the time of its middle (seconds after the first record's), and its results.
 
-    `counted` records enter spread and drift; the others say in `reason` why not. `at_s` is None without a common clock.
+    `counted` records enter spread and drift; `reason` says why the others do not. `at_s` is None without a common
+    clock.
     """
 
     label: str
@@ -71,10 +72,11 @@ class RecordResult:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """How far one number differs between records: extremes, standard deviation, and whether the intervals allow it.
+    """Spread of S or J between records: extremes, standard deviation, and whether the intervals allow it.
 
-    `common` is the value that goes best with all, `overlap` what all intervals share (None: nothing); `chance` is how
-    often records of one unchanged valve scatter as much or more; null where fewer than two records have an interval.
+    `common` is the value that fits all records best, `overlap` the intersection of all intervals (None: empty).
+    `chance` is the probability that records of one unchanged valve scatter as much or more. It is None where fewer than
+    two records have an interval.
     """
 
     name: str
@@ -94,10 +96,10 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """The straight line through one number over time: slope with interval, and the change over the whole span.
+    """The straight line through S or J over time: slope with interval, and the change over the whole span.
 
-    `per` is the unit of time ("30 days", "day", "hour", or "record" where the records have no common clock), and
-    `drifts` whether the interval of the slope leaves 0 out. `start` is the line's value at the first record.
+    `per` is the unit of time ("30 days", "day", "hour", or "record" where the records have no common clock). `drifts`
+    says whether the interval of the slope excludes 0. `start` is the line's value at the first record.
     """
 
     name: str
@@ -114,7 +116,7 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Several records of one loop held against each other; `agree` is None where fewer than two can be compared."""
+    """Comparison of several records of one loop; `agree` is None where fewer than two can be compared."""
 
     created_by: CreatedBy
     records: tuple[RecordResult, ...]
@@ -145,7 +147,7 @@ def _check_count(count: int) -> None:
 
 def compare_records(loops: Sequence[Loop], *, count: int = 1, options: Options | None = None,
                     unreadable: Sequence[tuple[str, str]] = (), progress: Progress | None = None) -> Agreement:
-    """Identify every loop, cut into `count` windows each, and hold the results against each other.
+    """Identify every loop, cut into `count` windows each, and compare the results.
 
     `unreadable` are files that could not be read, with the reason: they are listed. Raises UsageError where there are
     fewer than two records, or their outputs have different units.
@@ -179,7 +181,7 @@ def compare_records(loops: Sequence[Loop], *, count: int = 1, options: Options |
 
 
 def agreement(records: Sequence[RecordResult], unit: str, created_by: CreatedBy, command: str = "") -> Agreement:
-    """Spread, drift and the statement about records that are already identified."""
+    """Spread, drift and statement of records that are already identified."""
     counted = [r for r in records if r.counted]
     spreads = tuple(_spread(name, unit, counted) for name in ("S", "J")) if counted else ()
     drifts = tuple(d for name in ("S", "J") if (d := _drift(name, unit, counted)) is not None)
@@ -190,7 +192,7 @@ def agreement(records: Sequence[RecordResult], unit: str, created_by: CreatedBy,
 
 
 def cannot(found: Agreement) -> CannotTell | None:
-    """Why nothing could be compared; None where at least two records were."""
+    """The reason why nothing could be compared; None where at least two records were."""
     if found.agree is not None:
         return None
     return CannotTell(found.statement, "give more or longer records; stictionid identify tells more of each",
@@ -237,7 +239,7 @@ def _chi_square(values: FloatArray, sides: FloatArray, line: FloatArray | float)
 
 
 def _common(values: FloatArray, sides: FloatArray) -> float:
-    """The value with the smallest chi-square: it is convex, so its slope is halved in on."""
+    """The value with the smallest chi-square, by bisection: chi-square is convex."""
     low, high = float(values.min()), float(values.max())
     for _ in range(60):
         middle = 0.5 * (low + high)
@@ -289,7 +291,7 @@ def _drift(name: str, unit: str, records: Sequence[RecordResult]) -> Drift | Non
     size, per = next((s, word) for limit, s, word in _UNITS if span >= limit) if clock else (1.0, "record")
     t = (when - when.min()) / size
     line = np.full(t.size, _common(values, sides))
-    for _ in range(20):  # which side of an interval counts depends on the line
+    for _ in range(20):  # the line decides which side of an interval counts
         weight = 1.0 / np.where(line < values, sides[0], sides[1])
         design = np.stack([np.ones_like(t), t], axis=1) * weight[:, None]
         (start, slope), *_ = np.linalg.lstsq(design, values * weight, rcond=None)
@@ -310,7 +312,7 @@ def _drift(name: str, unit: str, records: Sequence[RecordResult]) -> Drift | Non
 
 
 def _label(loop: Loop, loops: Sequence[Loop], window: int, count: int) -> str:
-    """What a record is called: its file (with its path where two have the same name) or loop, and its window."""
+    """The label of a record: its file (with its path where two have the same name) or loop, and its window."""
     if len(loops) == 1 and count > 1:
         return f"window {window}"
     file = loop.origin.file
@@ -321,7 +323,7 @@ def _label(loop: Loop, loops: Sequence[Loop], window: int, count: int) -> str:
 
 
 def _refuse_twins(loops: Sequence[Loop]) -> None:
-    """A record agrees with itself, which says nothing."""
+    """UsageError where two records hold the same bytes: a record always agrees with itself."""
     seen: dict[str, str] = {}
     for loop in loops:
         key, name = loop.origin.sha256, loop.origin.file or loop.name

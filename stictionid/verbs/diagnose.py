@@ -13,9 +13,9 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
              bootstrap: int = 0, progress: Progress | None = None) -> Study:
     """The study with ranked candidates and the effect to add next; `apply` adds one after the other until none helps.
 
-    `everything` refits the whole catalogue even where the model is adequate, `jobs` processes share the refits, and
+    `everything` refits the whole catalogue even where the model is adequate. `jobs` processes share the refits, and
     `bootstrap` replicates give the named effect a p-value. Raises DataError for an abstained study, and for one whose
-    model can't be built again.
+    model cannot be built again.
     """
     return select(loop, study, judged_anew, everything=everything, apply=apply, seed=seed, jobs=jobs,
                 bootstrap=bootstrap, progress=progress)

@@ -1,9 +1,9 @@
-"""From a record to S and J, or to the reason why they can't be told.
+"""The verb `identify`: from a record to S and J, or to the reason why the record does not determine them.
 
-`identify` checks what the record can hold (gates), finds period and S_max, hands the record (of a long one
-an excerpt) to a method (see methods/), and judges what comes back: does the valve stick, what does a measured position
-say, where does the cost lie. With the law "all" it does so for every law that can be searched and ranks them.
-Source: METHODS.md section 4.
+`identify` checks what the record must hold (record/preconditions.py) and finds period and S_max. It passes the record
+(of a long one an excerpt) to a method (see methods/). It then adds the verdict, the comparison with a measured position
+and the cost map. With the law "all" it does so for every law that can be searched and ranks them. Source: METHODS.md
+section 4.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ Progress = Callable[[str, float], None]
 def identify(loop: Loop, *, options: Options | None = None, progress: Progress | None = None) -> Study:
     """S, J, process, errors and verdict of one loop as a study; an abstention is a study too, with its reason.
 
-    Deterministic for a seed. Raises UsageError for options that do not exist or do not apply to the method. Needs u
-    and y; r where it is given.
+    Deterministic for a seed. Raises UsageError for options that do not exist or do not apply to the method. Needs u and
+    y; r is optional.
     """
     options = options or Options()
     check_options(options)
@@ -139,7 +139,7 @@ def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstima
         p = outcome.process
         process = {"gain": p.gain, "time_constants_s": p.time_constants_s, "dead_time_s": p.dead_time_s,
                    "integrating": p.integrating}
-    # What is not estimated is anywhere in its range, which an interval can say and a number can't.
+    # A value that is not estimated is anywhere in its range: its interval can say so, the value cannot.
     J_interval = fit.intervals.get("J") if outcome.gives_jump else (0.0, v["S"])
     return Estimate(v["S"], v["J"], unit, fit.intervals.get("S"), J_interval, INTERVAL_LEVEL, fit.model.spec.law,
                     initial_residual_force=v["initial_residual_force"], from_position=position, **process)

@@ -1,13 +1,14 @@
-"""Long records: searched where the valve turns most often, polished on more of it, judged on all of it.
+"""Long records: searched where the valve turns most often, polished on a longer stretch, judged on all samples.
 
-A search asks for the path of some ten thousand valves, and what it looks for (which basin, which process) shows in a
-few dozen reversals. So a long record is searched on its richest stretch; the numbers are polished, with their
-intervals, on a longer one; the start of the record, the levels and the errors are those of all samples. The finding
-`searched-on-excerpt` says which samples did what, and warns where the whole record is explained worse than its stretch.
+A search runs some ten thousand valves. A few dozen reversals are enough to show the basin and the process. A long
+record is therefore searched on the stretch with most reversals. The parameters are polished, with their intervals, on a
+longer one. The start of the record, the levels and the errors are those of all samples. The finding
+`searched-on-excerpt` says which samples were used for what. It warns where the whole record is explained worse than its
+stretch.
 
 Wrong where the loop changed on the way (another valve, another tuning): the stretch is then one of two loops, and the
-warning comes. Effects that run by the clock need the whole clock: with one of them nothing is left out.
-Source: METHODS.md section 4 (identifiability comes from reversals).
+warning comes. Effects that run by the clock need the whole clock: with one of them nothing is left out. Source:
+METHODS.md section 4 (identifiability comes from reversals).
 """
 
 from __future__ import annotations
@@ -30,20 +31,20 @@ from ..record.oscillation import noise_of, reversals
 from ..record.study import Range, Step
 from ..typing import FloatArray
 
-# Samples that are searched, rows of the valve's path (parts of samples where the command moves between them) that are
-# polished, and the periods that a search sees at least.
+# Samples that are searched. Rows of the valve's path that are polished (parts of samples where the command moves
+# between them). Fewest periods of a search.
 SEARCHED, POLISHED, _PERIODS = 10_000, 100_000, 30.0
-# The output turns where it comes back by this share of its span, or this many times its noise.
+# The output turns where it comes back by this share of its span, or this multiple of its noise.
 _TURN, _TURN_NOISE = 0.1, 4.0
 # Break-aways tried on all samples.
 _BREAKS = 31
-# The whole record may be explained this much worse than the stretch before that is a warning. Unit: 1.
+# Factor on the error of the stretch above which the error of the whole record is a warning.
 _WORSE = 1.25
 
 
 @dataclass(frozen=True, slots=True)
 class Excerpt:
-    """The samples of a long record that are searched, and where (m,) its output reverses."""
+    """The samples of a long record that are searched, and the reversals (m,) of its output."""
 
     whole: Loop
     searched: slice
@@ -51,16 +52,17 @@ class Excerpt:
 
     @property
     def loop(self) -> Loop:
-        """What is searched, a loop of its own."""
+        """The searched samples as a loop of their own."""
         return self.whole.cut(self.searched.start, self.searched.stop)
 
     def polished(self, parts: int) -> slice:
-        """The samples that a model with so many parts of a sample is polished on: where more does not pay, the same."""
+        """The samples for the polish of a model with so many parts a sample; the searched ones where more is useless.
+        """
         rows, searched = POLISHED // parts, self.searched.stop - self.searched.start
         return self.searched if rows < 2 * searched else _richest(self.whole, self.turns, rows, self.searched)
 
     def count(self, part: slice) -> int:
-        """Reversals of the output within samples."""
+        """Reversals of the output within `part`."""
         return int(np.diff(np.searchsorted(self.turns, [part.start, part.stop]))[0])
 
 
@@ -84,7 +86,7 @@ def _by_the_clock(name: str) -> bool:
 def _richest(loop: Loop, turns: FloatArray, rows: int, around: slice | None) -> slice:
     """Samples of one segment, `rows` at the most and all of `around`, within which the output turns most often.
 
-    The earliest of equals: one that begins with its segment or ends with a reversal.
+    Among equals the earliest is taken: one that begins with its segment or ends with a reversal.
     """
     best, most = slice(0, 0), (-1, 0)
     for part in loop.segments:
@@ -104,10 +106,10 @@ def _richest(loop: Loop, turns: FloatArray, rows: int, around: slice | None) -> 
 
 
 def judged(view: Excerpt, run: Run, outcome: Outcome) -> tuple[Outcome, Finding]:
-    """What was found on the searched stretch, polished on the other and run over all samples; and the finding.
+    """The outcome of the searched stretch, polished on the longer one and run over all samples; and the finding.
 
     `run` is that of the whole record. Intervals and held-out errors are those of the polished stretch, all other errors
-    those of all samples; what a method added to its step's model stays.
+    those of all samples. Entries that a method added to its step's model stay.
     """
     steps: list[Step] = []
     fits: list[Fitted] = []
@@ -125,7 +127,7 @@ def judged(view: Excerpt, run: Run, outcome: Outcome) -> tuple[Outcome, Finding]
 
 
 def _polished(view: Excerpt, run: Run, fit: Fitted) -> Fitted:
-    """A fit of the searched stretch, polished on a longer one; as it is where the method gave its numbers otherwise."""
+    """A fit of the searched stretch, polished on a longer one; unchanged where the method gave no intervals."""
     rows = view.polished(fit.model.parts)
     if rows == view.searched or not fit.intervals:
         return fit
@@ -136,7 +138,7 @@ def _polished(view: Excerpt, run: Run, fit: Fitted) -> Fitted:
 
 
 def _on_all(run: Run, fit: Fitted) -> Fitted:
-    """The fit's valve and process run over all samples; how each segment starts is looked for on its first rows."""
+    """The fit's valve and process run over all samples; the start of each segment is searched on its first rows."""
     loop, spec = run.loop, fit.model.spec
     model = run.model(spec)
     values = model.vector(fit.best.values)
@@ -152,10 +154,10 @@ def _on_all(run: Run, fit: Fitted) -> Fitted:
 
 
 def _broken_away(model: Model, values: FloatArray, within: tuple[float, float]) -> FloatArray:
-    """Values (d,) with the break-away that goes best with all samples, f_d as it is, S within its interval.
+    """Values (d,) with the break-away that fits all samples best, f_d unchanged, S within its interval.
 
-    A held command tells the break-away the better the more slips there are: one that is exact on some of them is a
-    sample early or late on others, and each of those would look like an error of the model.
+    Under a held command more slips determine the break-away better. One that is exact on some slips is a sample early
+    or late on others. Each of those would look like an error of the model.
     """
     shift = np.concatenate([[0.0], np.linspace(within[0], within[1], _BREAKS) - values[0]])
     trial = values[:, None].repeat(shift.size, axis=1)

@@ -1,7 +1,8 @@
-"""A quick look at one loop: range, and whether friction would explain it, from a coarse search.
+"""The verb `screen`: a quick look at one loop with its range and a verdict from a coarse search.
 
-The swarms of `identify` find basins of S and J, a grid finds their process, a short polish the best; the verdict is
-that of `identify` on this model. No estimate, no intervals, no restarts: it says which loops deserve `identify`.
+The swarms of `identify` find basins of S and J, a grid finds their process, a short polish the best. The verdict is
+that of `identify` on this model. There is no estimate, no interval and no restart: the result says which loops deserve
+`identify`.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from ..verdict.judge import capped, compared
 from .identify import abstained, data_record, made_by
 from .long_records import excerpt, looked_at
 
-# A quick verdict is never surer than this.
+# Highest confidence of a quick verdict.
 _SUREST = 0.6
 # The polish of the basins: first standard deviation as a share of the range, rounds, and how many are finished.
 _SPREAD, _ROUNDS, _POLISHED = 0.03, 25, 2

@@ -1,7 +1,7 @@
-"""The tool tries itself: false alarms, right names, and intervals that hold the truth, on loops whose truth is known.
+"""The verb `selftest`: false alarms, right names and interval coverage on simulated loops whose truth is known.
 
-Loops are simulated from a seed of their own, a third of them with nothing hidden, the others with one effect each; each
-goes the way of a user: identify, diagnose, add. What must hold is what the thresholds were chosen for, with room for
+Loops are simulated from a seed of their own, a third of them with nothing hidden, the others with one effect each. Each
+goes through identify, diagnose and add. The required rates are those the thresholds were chosen for, with allowance for
 chance in so few loops. Source: CRITICISM.md section 7, "self-proof".
 """
 
@@ -30,7 +30,7 @@ _CHANCE = 0.01
 _SAMPLES, _NOISE = 1200, 0.06
 _PLANTS = ((Plant(1.2, 20.0, 4.0), Controller(0.7, 18.0, scan_s=1.0)), (Plant(2.0, 6.0, 3.0),
            Controller(0.15, 6.0, scan_s=1.0)))
-# Effects hidden in turn, each plainly visible at this noise; None is a clean loop, "ar" one with coloured noise only.
+# Effects hidden in turn, each plainly visible at this noise; None is a clean loop.
 _HIDDEN: tuple[tuple[str, Mapping[str, float | str]] | None, ...] = (
     None, ("step-disturbance", {"time_s": 650.0, "size": 1.2}), ("extra-lag", {"second_time_constant_s": 8.0}),
     None, ("asymmetric-stiction", {"jump_up": 3.6, "jump_down": 1.6}), ("sinusoidal-disturbance",
@@ -45,7 +45,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, slots=True)
 class LoopResult:
-    """One loop: what was hidden, what was named (with equivalents), and whether the intervals hold the truth."""
+    """One loop: the hidden effect, the named ones (with equivalents), and whether the intervals hold the truth."""
 
     seed: int
     hidden: str | None
@@ -60,7 +60,7 @@ class LoopResult:
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """One rate with its limit; `holds` is False only where chance can't explain it."""
+    """One rate with its limit; `holds` is False only where chance cannot explain it."""
 
     name: str
     hits: int
@@ -71,7 +71,7 @@ class Rate:
 
 @dataclass(frozen=True, slots=True)
 class SelfTest:
-    """The rates, the loops behind them, and whether everything holds."""
+    """The rates, the loops behind them, and whether all of them hold."""
 
     passed: bool
     rates: tuple[Rate, ...]
@@ -129,7 +129,7 @@ def _one(task: tuple[int, int]) -> LoopResult:
     equal = tuple(e for c in after.candidates if c.accepted for e in c.equivalent_to)
     right = not named if hidden is None else bool(named) and (named[0] == hidden or hidden in equal)
     e = after.estimate
-    # Asymmetric jumps replace J by their mean, which is what the estimate is.
+    # Asymmetric jumps replace J by their mean, which is the J of the estimate.
     J = float(np.mean([float(v) for k, v in setting.effects[0][1].items() if k.startswith("jump_")])) \
         if hidden == "asymmetric-stiction" else setting.J
     covered = [None if e is None or span is None else span[0] <= true <= span[1] for span, true in

@@ -1,10 +1,10 @@
-"""What a loop that does not stick looks like instead: a sine from elsewhere, tight tuning, setpoint moves, noise.
+"""Other causes of an oscillation than stiction: a sine from elsewhere, tight tuning, setpoint moves, noise.
 
-Said beside the verdict, not part of it. A steady sine in y is a disturbance from elsewhere or a loop at its stability
-limit: u and y alone can't tell these two, because any linear loop answers a sine as if it were its own. The distance
-to the stability limit comes from the identified process and the PI law read from r, y and u. Wrong where several
-causes act at once: the first that fits is named.
-Source: CRITICISM.md sections 4 and 8; frequency response of the loop (paper Fig. 1).
+The cause is reported beside the verdict and is no part of it. A steady sine in y is a disturbance from elsewhere or a
+loop at its stability limit. u and y alone cannot tell these two apart, because any linear loop answers a sine as if it
+were its own. The distance to the stability limit comes from the identified process and the PI law estimated from r, y
+and u. Wrong where several causes act at once: the first that fits is named. Source: CRITICISM.md sections 4 and 8;
+frequency response of the loop (paper Fig. 1).
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from .severity import ControllerLaw, controller_law
 
 # Share of PV's variance that one steady sine must hold, or a sine with its multiples.
 _SINE, _CYCLE = 0.75, 0.6
-# Share of the gain at which the loop oscillates by itself that is called tight tuning.
+# Share of the ultimate gain from which the tuning counts as tight.
 _TIGHT = 0.7
-# Share of PV's variance left by the friction-free model up to which the setpoint's moves explain the rest.
+# Share of PV's variance that the friction-free model may leave where setpoint moves count as the cause.
 _FOLLOWED = 0.2
-# The spectrum is taken this many times finer than the record gives; multiples of a cycle that are looked at.
+# Factor by which the spectrum is finer than the record gives; multiples of a cycle that are looked at.
 _FINER, _MULTIPLES = 16, 4
 
 
 def looks_like(loop: Loop, free: Whitened) -> str:
-    """One sentence on what moves the loop, from the friction-free model; empty where nothing stands out.
+    """One sentence on the cause of the oscillation, from the friction-free model; empty where nothing stands out.
 
-    Of several segments the longest is looked at: a sine keeps its phase within one.
+    Of several segments the longest is used: a sine keeps its phase within one.
     """
     e, part = free.evaluated, loop.longest
     loop, good, residual = loop.longest_segment(), e.counted[part] > 0, e.residual[part]
@@ -58,8 +58,10 @@ def looks_like(loop: Loop, free: Whitened) -> str:
 
 
 def steady(signal: FloatArray, good: BoolArray) -> tuple[float, float, float]:
-    """Period in samples of the strongest steady sine in the good samples, its share of their variance, and that of it
-    and its multiples together; a wave whose phase wanders holds little, however narrow its band."""
+    """Period in samples of the strongest steady sine, its share of the variance, and the share with its multiples.
+
+    Only good samples count. A wave whose phase wanders holds a small share, however narrow its band.
+    """
     x = np.where(good, signal - signal[good].mean(), 0.0)
     n = x.size
     power = np.abs(np.fft.rfft(x * np.hanning(n), _FINER * n)) ** 2
@@ -78,7 +80,7 @@ def steady(signal: FloatArray, good: BoolArray) -> tuple[float, float, float]:
 
 
 def _of_ultimate_gain(free: Whitened, law: ControllerLaw | None) -> float | None:
-    """The controller's gain as a share of the gain at which the loop just oscillates; None where that is unknown."""
+    """The controller's gain as a share of the ultimate gain of the loop; None where that is unknown."""
     e, v = free.evaluated, free.evaluated.values
     if law is None or law.gain * e.gain <= 0.0:
         return None

@@ -1,7 +1,7 @@
 """S and J read directly from a measured valve position: the law fitted to command and position.
 
-Gain, offset and direction of the position signal are free (it may run opposite and in any unit), and it may lag the
-command by a few samples. Used beside the blind estimate, never inside it; as the paper does with Fig. 10.
+Gain, offset and direction of the position signal are free: it may run opposite and in any unit. It may lag the command
+by a few samples. The result stands beside the blind estimate and does not enter it, as in Fig. 10 of the paper.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from ..typing import FloatArray
 # Samples by which a recorded position may lag the command.
 _LARGEST_LAG = 3
 _FEWEST_SAMPLES = 20
-# A position shows stiction where the law leaves less than this share of what a position in proportion to the output
-# does, and S is more than this share of the range of the output, and this many times the smallest change recorded (the
-# quantile that stands for it): a valve that moves freely rests and jumps in a record by exception, too. Unit: 1.
+# Three conditions for a position that shows stiction. First, the law leaves less than this share of the error of a
+# position in proportion to the output. Second, S exceeds this share of the range of the output. Third, S exceeds this
+# multiple of the smallest recorded change (the quantile that stands for it). A valve that moves freely may rest and
+# jump in a record, too.
 _LEFT, _RELEVANT, _BEYOND, _SMALLEST = 0.5, 0.1, 3.0, 0.05
 
 
@@ -82,6 +83,6 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
 
 
 def _resolution(z: FloatArray) -> float:
-    """The smallest change that the record of a moving position (n,) shows: its quantum, or what is left unreported."""
+    """The smallest change in the record of a moving position (n,): its quantum, or its reporting deadband."""
     moves = np.abs(np.diff(z))
     return float(np.quantile(moves[moves > 1e-9 * float(np.ptp(z))], _SMALLEST))

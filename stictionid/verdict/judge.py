@@ -1,16 +1,16 @@
-"""Does the valve stick: the best model without friction against the best with it, noise model included.
+"""Verdict on stiction: the best model without friction against the best one with it, noise models included.
 
-Both models are fitted by free run, completed with an autoregression of their residual and refitted in prewhitened
-form, because a friction-free model with coloured noise explains every smooth oscillation (a sine from elsewhere, tight
-tuning) as well as a valve does; only the slips of a sticking valve stay unpredicted. The friction-free model has a
-second lag more, so that friction is not taken for a process of higher order, and the structure of its own.
+Both models are fitted by free run, completed with an autoregression of their residual and refitted in prewhitened form.
+The reason: a friction-free model with coloured noise explains every smooth oscillation (a sine from elsewhere, tight
+tuning) as well as a valve does. Only the slips of a sticking valve stay unpredicted. The friction-free model has a
+second lag more, so that friction is not confused with a process of higher order, and a structure of its own.
 
-Compared: the log likelihood ratio of the one-step errors on common samples, on how many of five blocks it falls, the
-one-step errors on blocks that neither model was fitted to (no stiction without a gain there; a record too short for
-them is judged by the rest alone, and trusted less), and what friction explains of the free-run error. Thresholds were
-set on benchmarks/loops.py seeds 0 to 99 and on the known real records; benchmarks/verdicts.py reports other seeds.
-Wrong where the record holds few reversals: the confidence says so.
-Source: METHODS.md section 4 ("stiction or not"); CRITICISM.md sections 3 to 7.
+Four quantities are compared. First the log likelihood ratio of the one-step errors on common samples; second the number
+of five blocks on which the error falls. Third are the one-step errors on blocks held out of both models: without a gain
+there the verdict is not stiction. A record too short to hold blocks out is judged by the rest and trusted less. Fourth
+is the part of the free-run error that friction explains. Thresholds were set on benchmarks/loops.py seeds 0 to 99 and
+on the known real records; benchmarks/verdicts.py reports other seeds. Wrong where the record holds few reversals: the
+confidence says so. Source: METHODS.md section 4 ("stiction or not"); CRITICISM.md sections 3 to 7.
 """
 
 from __future__ import annotations
@@ -37,35 +37,36 @@ from ..typing import FloatArray
 from .causes import looks_like
 
 _BLOCKS = 5
-# Likelihood ratio and blocks won above which friction is in the record, below which it is not; and the share of the
-# variance of y that it must explain (or, for a clear ratio, the share by which the one-step error must fall).
+# Likelihood ratio and blocks won above which friction is in the record, and ratio below which it is not. Then the share
+# of the variance of y that friction must explain, or, for a clear ratio, the share by which the one-step error must
+# fall.
 _STICKS, _CLEAN, _WON = 40.0, 15.0, 4
 _EXPLAINED, _CLEAR, _CLEAR_DROP = 0.03, 200.0, 0.08
 # Below these shares friction explains nothing that matters.
 _NOTHING, _NOTHING_DROP = 0.02, 0.05
-# Below this share it does not matter, whatever the one-step errors say short of a clear ratio; unless it makes this
-# share of the free-run error: a linear model follows a smooth cycle by the output alone, what it lacks is the valve.
+# Below this share friction does not matter, whatever the one-step errors say short of a clear ratio. The exception is
+# this share of the free-run error: a linear model follows a smooth cycle by the output alone, and lacks only the valve.
 _IRRELEVANT, _MOST_OF_THE_ERROR = 0.005, 0.5
-# Which processes of a grid, best first, are polished: neighbours of the best would end where it does.
+# Ranks of the processes of a grid that are polished: neighbours of the best one would end where it does.
 _STARTS = (0, 3, 10)
-# So many of its best processes are asked again with a noise model.
+# Number of the grid's best processes that are compared again under a noise model.
 _NEAREST = 64
-# Turns of descent that tell which of them go on: those whose cost is within this factor of the least.
+# Turns of a first descent, and the factor on the least cost up to which a start goes on.
 _GLANCE, _RIVAL = 4, 1.5
-# A held command is searched beside a moving one where its one-step error is within this factor, from dead times this
-# many samples earlier; but not from this likelihood ratio on.
+# A held command is searched beside a moving one where its one-step error is within this factor. It starts from dead
+# times this many samples earlier, and only below this likelihood ratio.
 _NEAR, _EARLIER, _NO_DOUBT = 1.02, (0.0, 0.5, 1.0), 1000.0
 # Fewer reversals of the output than this cap the confidence (CRITICISM.md section 7, gate 0).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
-# Code of a verdict on a record that can't tell, and what to do about it.
+# Code of a verdict on a record that cannot tell, and the advice for it.
 UNANSWERED = "valve-hardly-moves"
 ASK = "give a record in which the output moves further, or one with setpoint moves; check that OP drives this PV"
-# The confidence where only a measured position shows it: its transmitter may stick, too.
+# The confidence where only a measured position shows stiction: its transmitter may stick, too.
 _SEEN = 0.9
 
 
 def judge(run: Run, fit: Fitted, loop: Loop, seen: PositionEstimate | None) -> Verdict:
-    """The verdict on one fit of a loop, beside its measured position if there is one."""
+    """The verdict on one fit of a loop, with its measured position if there is one."""
     return capped(with_position(_from_process_value(run, fit), seen), loop)
 
 
@@ -74,7 +75,7 @@ def _from_process_value(run: Run, fit: Fitted) -> Verdict:
     run.tell("comparing with a valve that does not stick", 0.85)
     sticking = whitened(fit.model, fit.values)
     if fit.model.spec.taps:
-        # A model with a noise of its own does not aim at the free run; the one without friction is given its best.
+        # A model with a noise model is not fitted to the free run; without the noise model it may do better there.
         sticking = replace(sticking, rmse=min(sticking.rmse, without_noise(fit.model, fit.values)))
     verdict = compared(run, sticking)
     clear = (verdict.evidence["likelihood_ratio"] >= _CLEAR
@@ -85,16 +86,16 @@ def _from_process_value(run: Run, fit: Fitted) -> Verdict:
 
 
 def _scattered(fit: Fitted) -> bool:
-    """Whether some restart ended at an S outside the interval of S.
+    """True where some restart ended at an S outside the interval of S.
 
-    Inside, they differ by no more than the answer says it may be wrong: a flat valley, not another basin.
+    Restarts inside it differ by no more than the stated uncertainty: a flat valley, not another basin.
     """
     low, high = fit.intervals.get("S", (np.inf, -np.inf))
     return bool(((fit.searched[:, 0] < low) | (fit.searched[:, 0] > high)).any())
 
 
 def compared(run: Run, sticking: Whitened) -> Verdict:
-    """The verdict on one model with friction, completed with its noise, against the best one without."""
+    """The verdict on one model with friction, completed with its noise model, against the best one without friction."""
     free = friction_free(run, sticking)
     ratio, won, explained, drop, one_step = _measured(run, sticking, free)
     gain = _held_out_gain(sticking, free)
@@ -104,7 +105,7 @@ def compared(run: Run, sticking: Whitened) -> Verdict:
         "one_step_drop": one_step, "likelihood_ratio": ratio, "blocks_won": won, "blocks": _BLOCKS,
         "effects": [effect.name for effect in sticking.model.effects],
         "held_out_gain": None if gain is None else gain.share, "held_out_won": None if gain is None else gain.won}
-    # (A free run that leaves y errs by more than y moves.)
+    # A free run that leaves y errs by more than y moves.
     share = f", {100 * explained:.1f} % of the variance of y" if explained <= 1.0 else ""
     said = (f"friction lowers the free-run error from {free.rmse:.4g} to {sticking.rmse:.4g}{share}" if drop > 0 else
             f"friction does not lower the free-run error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
@@ -131,8 +132,8 @@ def compared(run: Run, sticking: Whitened) -> Verdict:
 
 
 def _answered(free: Whitened) -> float:
-    """Twice the log-likelihood by which y speaks for a process that answers the output at all; infinite where its gain
-    is given."""
+    """Twice the log-likelihood by which y supports a process that responds to the output; infinite with a given gain.
+    """
     model = free.model
     if "gain" in model.spec.fixed:
         return np.inf
@@ -147,7 +148,7 @@ def _answered(free: Whitened) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Gain:
-    """By what share friction lowers the one-step error on blocks that were not fitted, and on how many of them."""
+    """Share by which friction lowers the one-step error on held-out blocks, and the number of blocks won."""
 
     share: float
     won: int
@@ -164,7 +165,7 @@ def _held_out_gain(sticking: Whitened, free: Whitened) -> _Gain | None:
 
 
 def _predicts(one_step: float, won: int, gain: _Gain | None) -> str:
-    """What friction does to the prediction of the next sample, in words."""
+    """The effect of friction on the prediction of the next sample, in words."""
     if gain is None:
         share, where, blocks = one_step, "the samples it was fitted to", _BLOCKS
         tail = "; no blocks could be held out of this record, so this is weaker"
@@ -176,7 +177,7 @@ def _predicts(one_step: float, won: int, gain: _Gain | None) -> str:
 
 
 def with_position(verdict: Verdict, seen: PositionEstimate | None) -> Verdict:
-    """The verdict beside a measured position: one that rests and jumps is a valve that sticks, whatever y shows."""
+    """The verdict with a measured position: one that rests and jumps shows a sticking valve, whatever y shows."""
     if verdict.stiction == "stiction" or seen is None or not seen.shows_stiction:
         return verdict
     said = (f"the measured position rests and jumps: by it alone S is {seen.S:.4g}, J {seen.J:.4g}, and the law leaves "
@@ -187,7 +188,8 @@ def with_position(verdict: Verdict, seen: PositionEstimate | None) -> Verdict:
 
 
 def capped(verdict: Verdict, loop: Loop) -> Verdict:
-    """No sure verdict where reading found what forbids one: compressed, averaged, re-ranged, irregular records."""
+    """The verdict, undecided where reading found a fault that forbids one: compressed, averaged, re-ranged, irregular.
+    """
     why = next((f for f in loop.origin.findings if f.severity == "serious" or f.evidence.get("caps_verdict")), None)
     if why is None or verdict.stiction == "undecided":
         return verdict
@@ -197,12 +199,13 @@ def capped(verdict: Verdict, loop: Loop) -> Verdict:
 
 def _answer(ratio: float, won: int, explained: float, drop: float, one_step: float) -> tuple[str, float]:
     """The answer and its confidence from the evidence."""
-    # A model that runs away freely (slips of an integrator add up) may still predict a step well: no proof of a valve.
+    # A model whose free run drifts away (slips of an integrator add up) may still predict a step well: that proves no
+    # valve.
     enough = explained >= _EXPLAINED or (ratio >= _CLEAR and one_step >= _CLEAR_DROP and drop > 0.0)
     if ratio >= _STICKS and won >= _WON and enough:
         return "stiction", 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
     nothing = explained < _NOTHING or drop < _NOTHING_DROP
-    # Where friction makes the free run worse, that run is of something else, and says nothing of what friction matters.
+    # Where friction makes the free run worse, the free run cannot say how much friction matters.
     irrelevant = abs(explained) < _IRRELEVANT and ratio < _CLEAR and (ratio < _STICKS or drop < _MOST_OF_THE_ERROR)
     if ((ratio < _CLEAN or won < _WON) and nothing) or irrelevant:
         return "no stiction", 0.6 + 0.4 * float(np.clip(1.0 - ratio / _CLEAN, 0.0, 0.9))
@@ -210,8 +213,10 @@ def _answer(ratio: float, won: int, explained: float, drop: float, one_step: flo
 
 
 def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int, float, float, float]:
-    """What speaks for friction: likelihood ratio and blocks won by the one-step errors on common samples, share of the
-    variance of y explained, shares by which the free-run and the one-step error fall.
+    """Evidence for friction: likelihood ratio, blocks won, share of the variance of y explained, falls of both errors.
+
+    Ratio and blocks use the one-step errors on common samples. The falls are shares of the free-run and one-step
+    errors.
     """
     good = sticking.good & free.good
     a, b = sticking.innovation[good], free.innovation[good]
@@ -236,7 +241,7 @@ def friction_free(run: Run, sticking: Whitened) -> Whitened:
         if spec.held:
             tried.append(_whitened_free(run, held, sticking))
             continue
-        # Under a command that moves between samples the valve must not be the only one to know how it moved.
+        # Under a command that moves between samples, the friction-free model gets the same command.
         tried.append(_whitened_free(run, bare, sticking))
         other = _held_beside(run, held, tried[-1], sticking)
         if other is not None:
@@ -245,11 +250,11 @@ def friction_free(run: Run, sticking: Whitened) -> Whitened:
 
 
 def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) -> Whitened | None:
-    """The rival with a held command beside one with a moving command that was searched; None where it is no rival.
+    """The friction-free rival with a held command beside the searched one with a moving command, or None if it is none.
 
-    It is none where friction has lost already, since another rival can only take more from it, and where a descent
-    from the process and with the noise of the moving one comes out clearly worse. Where that descent leaves no doubt
-    that the valve sticks it will do: what a search and a noise of its own could gain would not change the answer.
+    It is no rival where friction has lost already, since another rival can only take more from it. Nor is it one where
+    a descent from the process and noise model of the moving one ends clearly worse. Where that descent leaves no doubt
+    that the valve sticks its result is used: a full search would not change the answer.
     """
     measured = _measured(run, sticking, moving)
     if measured[0] < _CLEAN and _answer(*measured)[0] == "no stiction":
@@ -268,7 +273,7 @@ def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) -> 
 
 
 def _whitened_free(run: Run, spec: Spec, sticking: Whitened) -> Whitened:
-    """Whitened and searched anew in turns: a wrong noise model bends the process of a model that lacks something."""
+    """The friction-free model, prewhitened and searched in turns: a wrong noise model would bend its process."""
     model, values, near = _free(run, spec, sticking)
     best = with_taps(model, values, np.empty(0))
     for _ in range(TURNS):
@@ -285,12 +290,10 @@ def _whitened_free(run: Run, spec: Spec, sticking: Whitened) -> Whitened:
 
 def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = None,
           near: FloatArray | None = None) -> tuple[Model, FloatArray, FloatArray]:
-    """The friction-free model of a spec, its best values (d,), and the best points (m, d) of the grid of time constants
-    and dead times that it starts from.
+    """The friction-free model of a spec, its best values (d,), and the best points (m, d) of its process grid.
 
-    Effects start as the `sticking` model has them: what it knows of a disturbance the rival knows, too. `known` (d,)
-    are the values with another noise model, from which it is polished as well as from the best of the grid's points
-    `near` that did best with that one.
+    Effects start as in the `sticking` model: both models know the same disturbances. `known` (d,) are the values under
+    another noise model. The polish then starts from them and from the best of the grid's points `near`.
     """
     model = run.model(spec)
     if known is not None and near is not None:
@@ -307,9 +310,9 @@ def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = N
 
 
 def _descended(model: Model, starts: FloatArray) -> FloatArray:
-    """The best values (d,) that descents from several starts (k, d) come to."""
+    """The best values (d,) of descents from several starts (k, d)."""
     first = descended(model, starts, turns=_GLANCE, settle=SETTLE)
-    # The others have come to the same optimum or are far from it.
+    # The other starts have come to the same optimum or are far from it.
     other = (first.costs > first.costs[0] * (1.0 + SETTLE)) & (first.costs < _RIVAL * first.costs[0])
     other[0] = True
     found = descended(model, first.points[other])

@@ -1,9 +1,9 @@
-"""Which stiction law a record prefers, when it can't tell them apart, and how far S and J move between them.
+"""Ranking of stiction laws on one record: the best one, those not told apart from it, and the spread of S and J.
 
-Laws are ranked by their held-out free-run error. Two laws are alike on a record when their errors differ by less
-than a hundredth, or when now the one and now the other has the smaller squared error, quarter period by quarter, so
-that Wilcoxon's signed ranks of the differences do not decide: a paired comparison of models that are not nested, which
-one odd period (a start-up, a disturbance) can't turn.
+Laws are ranked by their held-out free-run error. Two laws are alike on a record when their errors differ by less than a
+hundredth. They are also alike when Wilcoxon's signed rank test finds no difference between their squared errors, taken
+in quarter periods. That is a paired comparison of models that are not nested; one odd period (a start-up, a
+disturbance) cannot turn it.
 
 Wrong where all laws miss the same thing (a further lag, a disturbance): the ranking then says which law hides it best.
 Source: Wilcoxon 1945, signed ranks with the normal approximation; blocks because a residual is not white.
@@ -23,18 +23,18 @@ from ..typing import BoolArray, FloatArray
 
 # Laws with errors this close are alike whatever the test says. Unit: share of the smaller error.
 ALIKE_SHARE = 0.01
-# Standard errors of the rank sum below which it says nothing (5 % of false distinctions).
+# Standard errors of the rank sum below which it is not significant (5 % of false distinctions).
 ALIKE_ERRORS = 1.96
 # Fewest blocks from which a standard error is taken.
 _FEWEST_BLOCKS = 4
-# Blocks in one period: short enough for a few periods to decide, long enough to hold a slip and what follows it.
+# Blocks in one period: short enough for a few periods to decide, long enough to hold a slip and its consequence.
 _BLOCKS_PER_PERIOD = 4
 PREFERRED = "chen"
 
 
 @dataclass(frozen=True, slots=True)
 class Ranking:
-    """Laws best first, the one to keep, those that can't be told from the best, and the sentence about it."""
+    """Laws best first, the one to keep, those that cannot be told from the best, and the finding about it."""
 
     laws: tuple[LawResult, ...]
     keep: str
@@ -45,8 +45,8 @@ class Ranking:
 def rank(fits: Mapping[str, tuple[Step, Fitted]], *, period: int) -> Ranking:
     """Rank the last step and fit of each law; `period` is in samples and sets the blocks of the comparison.
 
-    The best is kept, or the default law where its error is the same within `ALIKE_SHARE`. Laws that were not held out
-    rank by their error on all samples.
+    The best law is kept, or the default law where its error is the same within `ALIKE_SHARE`. Laws without a held-out
+    error rank by their error on all samples.
     """
     errors = {name: _error(step) for name, (step, _) in fits.items()}
     order = sorted(fits, key=lambda name: (errors[name], name != PREFERRED, name))

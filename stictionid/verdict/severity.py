@@ -1,10 +1,10 @@
-"""What the friction costs: the loop as it is against the same loop with a valve that does not stick.
+"""Severity of stiction: the loop as it is against the same loop with a valve that does not stick.
 
-The controller is read from r, y and u (a PI law); the process is the estimate's; everything the model
-does not explain stays as the disturbance it was. Then the same loop runs again with S = J = 0. Bands of S are
-those of the shared conventions (no standard fixes them; EnTech's specification asks for 1 % or less, Ruel sees
-cycling from 0.5 %). Wrong where the controller is not PI, or the disturbance was itself the friction's doing.
-Source: HISTORIAN.md section 1 (bands); paper Fig. 1 (the loop).
+The controller is a PI law estimated from r, y and u. The process is that of the estimate. The free-run residual stays
+as the disturbance. The same loop then runs again with S = J = 0. Bands of S are those of the shared conventions: no
+standard fixes them; EnTech's specification asks for 1 % or less, Ruel sees cycling from 0.5 %. Wrong where the
+controller is not PI, or the disturbance was itself caused by the friction. Source: HISTORIAN.md section 1 (bands);
+paper Fig. 1 (the loop).
 """
 
 from __future__ import annotations
@@ -22,19 +22,20 @@ from ..typing import FloatArray
 BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (float("inf"), "severe"))
 BANDS_SOURCE = ("bands 0.5, 1, 2, 5 % of travel are conventions of this tool; EnTech (1998) asks for backlash plus "
                 "stiction of 1 % or less, Ruel (2000) sees cycling from 0.5 %")
-# Below this share of the variance of u explained, the controller is no PI law. Unit: 1.
+# Share of the variance of u that a PI law must explain.
 _PI_FITS = 0.9
 _DAY_S = 86400.0
-# A simulated loop that swings this many times wider than the record has not been understood.
+# A simulated loop that swings this many times wider than the record is no valid model of it.
 _RUNAWAY = 3.0
 _PARTS = 6
-# A process value beyond this has run away. Unit: that of y.
+# A process value beyond this is unstable. Unit: that of y.
 _LOST = 1e12
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerLaw:
-    """A PI law read from r, y and u: gain in % per unit of y, integral time in s, share of u's variance explained."""
+    """A PI law estimated from r, y and u: gain in % per unit of y, integral time in s, share of u's variance explained.
+    """
 
     gain: float
     integral_time_s: float
@@ -50,7 +51,7 @@ def controller_law(loop: Loop, *, held: bool = True) -> ControllerLaw | None:
         return None
     e = np.nan_to_num(loop.setpoint - loop.process_value)
     good = loop.used
-    # In levels, not in changes: a continuous controller never saw the noise of the samples.
+    # In levels, not in differences: a continuous controller never saw the noise of the samples.
     total = (np.cumsum(e) - (0.0 if held else 0.5 * e)) * loop.step_s
     columns = np.stack([e, total, np.ones_like(e)], axis=1)[good]
     u = loop.output[good]
@@ -70,7 +71,7 @@ def band(S: float) -> str:
 
 
 def severity_of(loop: Loop, estimate: Estimate, fit: Fitted) -> Severity:
-    """What S and J of a fit mean for the plant; of several segments the longest is asked, where the loop ran on."""
+    """Severity of the S and J of a fit; of several segments the longest is simulated, where the loop ran on."""
     best, part = fit.best, loop.longest
     return severity(loop.longest_segment(), estimate, np.where(best.counted > 0, best.residual, np.nan)[part],
                     best.position[part], held=fit.model.spec.between == "hold")
@@ -78,7 +79,7 @@ def severity_of(loop: Loop, estimate: Estimate, fit: Fitted) -> Severity:
 
 def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: FloatArray, *,
              held: bool = True) -> Severity:
-    """What S, J mean for the plant. `residual` (n,) is the model's free-run error, `position` (n,) the valve's.
+    """Severity of S and J. `residual` (n,) is the model's free-run error, `position` (n,) the valve's.
 
     `residual` is not a number where the model says nothing; `held` says whether the output was held between samples.
     """
@@ -117,7 +118,7 @@ def _travel(position: FloatArray) -> float:
 
 def _repaired(loop: Loop, estimate: Estimate, law: ControllerLaw,
               residual: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """y and u (n,) of the same loop with a valve that follows its command: PI law, process and residual as they are."""
+    """y and u (n,) of the same loop with a valve that follows its command; PI law, process and residual unchanged."""
     assert loop.setpoint is not None
     lags = [t for t in estimate.time_constants_s if t > 0]
     fastest = min([*lags, estimate.dead_time_s or np.inf, loop.step_s * _PARTS])
@@ -135,7 +136,8 @@ def _repaired(loop: Loop, estimate: Estimate, law: ControllerLaw,
 def _closed(r: FloatArray, residual: FloatArray, parts: int, h: float, decays: FloatArray, delay: int, gain: float,
             integrating: bool, proportional: float, integral: float, start_u: float, start_y: float, y: FloatArray,
             u: FloatArray) -> bool:
-    """Fill y and u (n,) of the closed loop, a command, `delay` parts, lags, an integrator; False where it runs away."""
+    """Fill y and u (n,) of the closed loop, a command, `delay` parts, lags, an integrator; False where it is unstable.
+    """
     states = np.zeros(decays.size)
     queue = np.zeros(delay + 1)
     level, total, at = 0.0, 0.0, 0

@@ -1,4 +1,4 @@
-"""What all faults share: the files they work on, how a command is run, and what must hold after it."""
+"""Parts shared by all fault injections: test files, a runner for commands, and checks of the result."""
 
 from __future__ import annotations
 

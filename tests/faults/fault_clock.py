@@ -1,4 +1,4 @@
-"""The clock jumps, or the plant's does: nothing may depend on when a file was written or on where it is read."""
+"""Fault injection: clock jumps, of the machine or in the data. No result may depend on when or where a file is read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Disks and files that fail: full, too small, read-only, forbidden, changing while they are read."""
+"""Fault injection: disks and files that fail. Full, too small, read-only, forbidden, changing while they are read."""
 
 from __future__ import annotations
 

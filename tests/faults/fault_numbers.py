@@ -1,7 +1,6 @@
-"""Numbers that break arithmetic: no warning, no number that is none, a refusal or a verdict that says what is wrong.
+"""Fault injection: numbers that break arithmetic end in a refusal or a verdict with the reason, without warnings.
 
-Every case is given to the library in a process of its own, in which each warning is an error, once as arrays and once
-as a file.
+The library gets every case in a process of its own, once as arrays and once as a file. Each warning is an error there.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Interruptions: Ctrl-C, a polite and an impolite kill at random times, readers that close the pipe."""
+"""Fault injection: interruptions. Ctrl-C, SIGTERM and SIGKILL at random times, readers that close the pipe."""
 
 from __future__ import annotations
 

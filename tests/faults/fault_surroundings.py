@@ -1,4 +1,4 @@
-"""Odd surroundings: locales, time zones, hash seeds, no home, no cache, no terminal: the same bytes everywhere."""
+"""Fault injection: odd environments. Locales, time zones, hash seeds, no home, no cache, no terminal: same bytes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What the fuzzing, the faults, the kills and the soak came to, run by run: docs/hard_results.json is only added to.
+"""Results of fuzzing, faults, kills and soak, run by run, in docs/hard_results.json; runs are only ever added.
 
-Every run says which code it ran on (a fingerprint of the package's files), so that nothing is claimed for code that
-came later. `python tests/faults/hard_results.py` prints the fingerprint of the code as it stands;
-`python tests/faults/hard_results.py OTHER.json` adds the runs of another file.
+Every run carries a fingerprint of the package's files, so that nothing is claimed for later code. `python
+tests/faults/hard_results.py` prints the fingerprint of the present code; `python tests/faults/hard_results.py
+OTHER.json` adds the runs of another file.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
-"""Kills batches and their workers at random times, again and again, and looks at what is left.
+"""Kills of batches and their workers at random times, and checks of the output folder after each.
 
 Run: python tests/faults/kills.py [--kills 500] [--minutes 60] [--seed 0] [--record [FILE]]
-A batch over small loops is started with --resume; at random times a worker, the parent, or all of them at once get
-SIGKILL, until a run comes through; one last --resume then does what a killed worker left as failed. After each kill
-every study on disk is whole, and no process lives on; at the end of each round the summaries and all studies are, byte
-for byte, those of a batch that nobody disturbed. Exit 1 when anything was lost.
+
+A batch over small loops is started with --resume. At random times a worker, the parent, or all of them at once get
+SIGKILL, until a run completes. One last --resume then repeats the loops that a killed worker left as failed. After each
+kill every study on disk is whole, and no process is left. At the end of each round the summaries and all studies are,
+byte for byte, those of an undisturbed batch. Exit 1 when anything was lost.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Breaks the machine under real commands and looks at what is left: one command, bounded time, a table.
+"""All fault injections under real commands, in bounded time, with a table of the results.
 
 Run: python tests/faults/run.py [--seconds 300] [--only WORD] [--record [FILE]]
-Each fault says how many trials it made and what went wrong; faults that this machine can't make are skipped with the
-reason. Exit code 1 when anything failed. What must always hold: no traceback, the contract's exit code, and every
+
+Each fault reports its number of trials and its failures. Faults that this machine cannot make are skipped with the
+reason. Exit code 1 when anything failed. Conditions of every trial: no traceback, the contract's exit code, and every
 study or report whole or absent, with nothing half-written beside it.
 """
 

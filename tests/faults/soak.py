@@ -1,9 +1,10 @@
-"""Identifies thousands of loops in one process and watches its memory and its open files.
+"""Soak test: thousands of loops identified in one process, with a check of its memory and its open files.
 
 Run: python tests/faults/soak.py [--identifications 10000] [--minutes 40] [--seed 0] [--record [FILE]]
-Records are small and different: sticking and healthy loops, and signals that can only be abstained from; so every path
-from reading to the study's text is walked again and again. After a start-up the memory in use must stay within 5 % and
-no handle may be left open. Exit 1 otherwise.
+
+Records are small and different: sticking and healthy loops, and signals that only allow abstention. Every path from
+reading to the study's text is therefore run many times. After a start-up the memory in use must stay within 5 % and no
+handle may be left open. Exit 1 otherwise.
 """
 
 from __future__ import annotations

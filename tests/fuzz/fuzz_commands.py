@@ -1,6 +1,6 @@
-"""Two doors of the command line: loop lists, and whole command lines with any value for any option.
+"""Fuzz targets on the command line: loop lists, and whole command lines with any value for any option.
 
-Options are found by asking the command line itself, so that a new one is fuzzed from the day it exists.
+The options are read from the command line itself, so that a new one is fuzzed as soon as it exists.
 """
 
 from __future__ import annotations

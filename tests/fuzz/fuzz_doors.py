@@ -1,7 +1,7 @@
-"""The doors of the program for input that others wrote: what comes in, and what may come out.
+"""Fuzz targets (doors): each makes inputs for one entry of the program and runs one of them.
 
-A door makes inputs (bytes, whatever they mean) and runs one. A run ends in a result that holds together or in a
-refusal of one sentence; everything else is raised as it is, or as `Broken`.
+Inputs are bytes, whatever they mean. A run ends in a consistent result or in a refusal of one sentence; everything else
+is raised as it is, or as `Broken`.
 """
 
 from __future__ import annotations

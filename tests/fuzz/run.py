@@ -1,9 +1,9 @@
-"""Fuzzes every door for a number of executions or minutes and keeps every failing input.
+"""Fuzzing of every door for a number of executions or minutes; every failing input is kept.
 
 Run: python tests/fuzz/run.py --executions 100000 --minutes 10 --seed 1 [--doors "study JSON"] [--record [FILE]]
 
-One worker process at a time; when it dies (a crash in native code) or stands still, the input it was at is kept and a
-new worker goes on. Exit 1 when anything failed. `--record` adds the run to docs/hard_results.json.
+One worker process runs at a time. When it dies (a crash in native code) or hangs, its present input is kept and a new
+worker goes on. Exit 1 when anything failed. `--record` adds the run to docs/hard_results.json.
 """
 
 from __future__ import annotations

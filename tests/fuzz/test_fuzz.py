@@ -1,4 +1,4 @@
-"""A short sample of the fuzzing, and every input that ever failed; `run.py` beside this does it a million times."""
+"""A short sample of the fuzzing, and every input that ever failed; `run.py` in this folder runs it at length."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""File names for loops: whatever a tag is called, its study stays inside the folder and its name is its own."""
+"""File names for loops: whatever a tag is called, its study stays inside the folder and its file name is unique."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?\Z", re.IGNORECASE)
 
 
 def key_for(loop: str) -> str:
-    """A file name without ending for a loop: its own name where that is harmless, else made so and marked.
+    """A file name without ending for a loop: its own name where that is harmless, else a harmless form with a mark.
 
-    The mark is a fingerprint of the whole name, so that two names never share a file and the same name always has the
-    same one. Lower-case letters are marked too: some file systems take them for capitals.
+    The mark is a fingerprint of the whole name: two names never share a file, and the same name always gets the same
+    one. Lower-case letters are marked too, since some file systems take them for capitals.
     """
     plain = re.sub(r"[^A-Za-z0-9._-]+", "_", loop)[:_LONGEST].strip("._- ") or "loop"
     if plain == loop and loop.upper() == loop and not _DEVICES.match(loop):

@@ -1,4 +1,4 @@
-"""A loop list: CSV with one row per loop and the tags and spans that make it up."""
+"""A loop list: CSV with one row per loop and its tags and spans."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class Listed:
 
     @property
     def tags(self) -> tuple[str, ...]:
-        """The tags that make up the loop."""
+        """The tags of the loop."""
         return tuple(t for t in (self.sp, self.pv, self.op, self.position) if t)
 
 
 def read_list(path: Path) -> tuple[Listed, ...]:
-    """The loops of a list. UsageError where the file is absent, DataError where a row can't be used."""
+    """The loops of a list. UsageError where the file is absent, DataError where a row cannot be used."""
     text = text_of(path, "the loop list", hint="give --loops LIST.csv, saved as CSV UTF-8", encoding="utf-8-sig")
     separator = ";" if text.partition("\n")[0].count(";") > text.partition("\n")[0].count(",") else ","
     try:

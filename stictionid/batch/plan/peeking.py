@@ -1,4 +1,4 @@
-"""What loops a file holds, from its first lines or its schema where that is enough."""
+"""Loops of one file, from its first lines or its schema where that is enough."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _MOST_OF_A_TAG = 4
 
 @dataclass(frozen=True, slots=True)
 class Peeked:
-    """Loops of one file: `loops` by name with what selects them; one entry without a name for a loop named by its file.
+    """Loops of one file: `loops` by name with their selection; one entry without a name for a loop named by its file.
 
-    `names` are its tags or columns, where a loop list looks; `tag` the tag where the file holds one only; `foreign`
-    says why it holds no loop; `damaged` what is wrong with it.
+    `names` are its tags or columns, for a loop list; `tag` is the tag of a file with a single one. `foreign` says why
+    the file holds no loop, `damaged` what is wrong with it.
     """
 
     path: Path
@@ -39,7 +39,7 @@ class Peeked:
 
 
 def peek(path: Path, options: ReadOptions) -> Peeked:
-    """The loops of one file; never raises for its content, which is then foreign or damaged."""
+    """The loops of one file. Its content never raises an error: it is then foreign or damaged."""
     try:
         if path.suffix.lower() in PARQUET:
             return from_dataset(open_dataset(path), options)
@@ -78,7 +78,7 @@ def _columns(path: Path, names: tuple[str, ...], options: ReadOptions) -> Peeked
 
 
 def _one_tag(path: Path, names: tuple[str, ...]) -> str:
-    """The tag of a file that holds one tag, which is the file's name; "" where it is no such file."""
+    """The tag of a file that holds a single tag and is named by it; "" for any other file."""
     tag = tag_of(path)
     known = take_apart(tag)
     return tag if 2 <= len(names) <= _MOST_OF_A_TAG and known.role in SIGNALS and known.loop else ""
@@ -94,7 +94,7 @@ def _text(path: Path, options: ReadOptions) -> Peeked:
 
 
 def _by_rows(table: Table) -> bool:
-    """Whether the rows of a table tell its loops apart, so that all of them must be looked at."""
+    """True where the rows of a table distinguish its loops, so that all rows must be read."""
     roles = [take_apart(n).role for n in table.names]
     if {"process_value", "output"} <= set(roles):
         return any(take_apart(n).role == "loop" and not take_apart(n).loop for n in table.names)
@@ -111,7 +111,7 @@ def _tags(table: Table) -> tuple[str, ...]:
 
 
 def _head(path: Path, options: ReadOptions) -> Table:
-    """The table of a text file's first lines; the whole of it where it is packed."""
+    """The table of a text file's first lines; of the whole file where it is compressed."""
     try:
         with open(path, "rb") as file:
             start = file.read(_HEAD_BYTES)

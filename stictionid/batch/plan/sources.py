@@ -1,4 +1,4 @@
-"""PATHs of the command line as files and folders to look into, and the files that are none of ours."""
+"""PATHs of the command line as files and folders, and the files there that cannot hold a loop."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PARQUET = (".parquet", ".pq")
 
 @dataclass(frozen=True, slots=True)
 class FoundFiles:
-    """What the paths lead to: files named one by one, files found in folders, and foreign ones with their reason."""
+    """Files behind the paths: named one by one, found in folders, and skipped ones with their reason."""
 
     named: tuple[Path, ...]
     inside: dict[Path, tuple[Path, ...]]
@@ -25,7 +25,8 @@ class FoundFiles:
 
 
 def look(paths: Iterable[str], *, leave: Iterable[Path] = ()) -> FoundFiles:
-    """Files behind files, folders and patterns; `leave` are files and folders not looked at. UsageError if absent."""
+    """Files behind files, folders and patterns; `leave` are files and folders left out. UsageError if a path is absent.
+    """
     left = {_real(p) for p in leave}
     named: dict[Path, None] = {}
     inside: dict[Path, tuple[Path, ...]] = {}
@@ -59,14 +60,14 @@ def _places(path: str) -> list[Path]:
 
 
 def _real(place: Path) -> Path:
-    """The file or folder behind links; of a link that leads to itself the link, which `Path.resolve` gives up on."""
+    """The file or folder behind links; a link that leads to itself stays, where `Path.resolve` fails."""
     return Path(os.path.realpath(place))
 
 
 def _walk(folder: Path, left: set[Path]) -> list[Path]:
-    """Files of a folder and its folders in order, without hidden ones, marks of writers (_SUCCESS) and results.
+    """Files of a folder and its subfolders in order, without hidden ones, marks of writers (_SUCCESS) and results.
 
-    A link to a folder that it stands in is not followed round and round.
+    A link to a folder that contains it is not followed.
     """
     found: list[Path] = []
     if (folder / RESULTS_MARK).is_file():

@@ -1,4 +1,4 @@
-"""From paths to tasks: every loop that is there, once, with a name of its own."""
+"""Tasks of a batch from its paths: every loop there, once, with a unique name."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from .loop_lists import Listed, read_list
 from .peeking import Peeked, from_dataset, peek
 from .sources import PARQUET, TEXT, FoundFiles, look
 
-# Endings of files that were meant as data: damaged, they are a loop that failed and not a foreign file.
+# Endings of files meant as data: a damaged one is a failed loop, not a foreign file.
 _MEANT = (".csv", ".tsv", *PARQUET)
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What there is to do, in the order of the sources, and the files left out with their reason."""
+    """The tasks in the order of the sources, and the files left out with their reason."""
 
     tasks: tuple[Task, ...]
     skipped: tuple[tuple[str, str], ...]
 
 
 def plan(paths: Iterable[str], work: Work, *, reading: ReadOptions | None = None, loops: Path | None = None) -> Plan:
-    """The tasks behind `paths`; with a loop list only its loops, else every loop that PV and OP are found of.
+    """The tasks behind `paths`: the loops of a loop list, or else every loop with a PV and an OP.
 
     UsageError for absent paths and for two loops of one name; DataError where there is no loop at all.
     """
@@ -64,7 +64,7 @@ def _absolute(path: Path) -> str:
 
 
 def _peek_all(found: FoundFiles, reading: ReadOptions) -> tuple[list[Peeked], list[tuple[str, str]]]:
-    """What every file or dataset holds, and the files that can't hold a loop."""
+    """Content of every file or dataset, and the files that cannot hold a loop."""
     peeked: list[Peeked] = []
     skipped = [(str(p), why) for p, why in found.skipped]
     for folder, files in found.inside.items():
@@ -84,7 +84,7 @@ def _peek_all(found: FoundFiles, reading: ReadOptions) -> tuple[list[Peeked], li
 
 
 def _opened(folder: Path, reading: ReadOptions) -> Peeked | None:
-    """A folder's Parquet files as one dataset whose rows hold many loops; None where each file is on its own."""
+    """A folder's Parquet files as one dataset whose rows hold many loops; None where each file stands alone."""
     try:
         opened = open_dataset(folder)
     except DataError:
@@ -104,7 +104,7 @@ def _found(peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[T
         if p.tag:
             single.setdefault(p.path.parent, {})[p.tag] = path
         for name, select in p.loops.items():
-            # Tags said by hand name their loop already.
+            # Tags given by hand name their loop already.
             many = (len(p.loops) > 1 or p.kind == "dataset") and not (reading.pv and reading.op)
             yield _task(name or p.path.name.split(".")[0], p.kind, path, work,
                         replace(reading, loop=name) if many else replace(reading, loop=None), select=select)

@@ -1,6 +1,6 @@
 """The summary as one HTML page: all loops in a table to sort and filter, each linked to its study or its page.
 
-Frame, style, script and escaping are the report's own, so the page needs no network and runs no foreign text.
+Frame, style, script and escaping are those of the report, so the page needs no network and runs no foreign text.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _HEADS = {"loop": "loop", "rank": "rank", "status": "status", "verdict": "verdic
 
 
 def page_of(rows: list[dict[str, Any]], folder: Path | None = None) -> str:
-    """The page for summary rows; loops link to `pages/NAME.html` in `folder` where that is there, else to the study."""
+    """The page for summary rows; loops link to `pages/NAME.html` in `folder` where that exists, else to the study."""
     counts = counts_of(rows)
     sticks = sum(row["verdict"] == "stiction" for row in rows)
     title = f"Valve stiction: {len(rows)} loops, {sticks} stick"

@@ -1,4 +1,4 @@
-"""The order of a summary: worst loop first, by what the valve does to the process. The one place that decides it."""
+"""The order of a summary: worst loop first, by the effect of the valve on the process."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ _NO_VERDICT = 3
 
 
 def rank_key(row: dict[str, Any]) -> tuple[Any, ...]:
-    """Sorts summary rows: sticking valves first, by the share of PV's variance they cause, then S, J; failed last."""
+    """Sort key of summary rows: sticking valves first, by their share of PV's variance, then S, J; failed loops last.
+    """
     return (row["status"] == FAILED, _VERDICTS.get(row["verdict"] or "", _NO_VERDICT),
             *(-(row[name] or 0.0) for name in ("friction_share", "S", "J")), row["loop"])

@@ -1,4 +1,4 @@
-"""The summary: one row per loop, made from the studies and failure records on disk and from nothing else."""
+"""Rows of the summary, one per loop, made only from the studies and failure records on disk."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..task import ABSTAINED, FAILED, OK
 from ..work.store import Store, status_of
 from .rank import rank_key
 
-# Columns in order, with whether they hold numbers.
+# Columns in order; True for numbers.
 COLUMNS = {
     "rank": True, "loop": False, "file": False, "status": False, "message": False, "verdict": False,
     "confidence": True, "S": True, "S_low": True, "S_high": True, "J": True, "J_low": True, "J_high": True,
@@ -34,7 +34,7 @@ def rows_of(store: Store) -> list[Row]:
 
 
 def counts_of(rows: list[Row]) -> dict[str, int]:
-    """How many loops have each status."""
+    """Number of loops with each status."""
     return {status: sum(row["status"] == status for row in rows) for status in (OK, ABSTAINED, FAILED)}
 
 
@@ -48,7 +48,7 @@ def _failed(key: str, record: dict[str, Any]) -> Row:
 
 
 def _done(key: str, study: dict[str, Any]) -> Row:
-    """A study's row; every part of it may be absent."""
+    """A study's row; every part of the study may be absent."""
     verdict, estimate = study.get("verdict") or {}, study.get("estimate") or {}
     data, found, steps = study.get("data") or {}, study.get("range") or {}, study.get("steps") or []
     evidence = verdict.get("evidence") or {}
@@ -82,7 +82,7 @@ def as_csv(rows: list[Row]) -> str:
 
 
 def as_parquet(rows: list[Row]) -> bytes:
-    """Parquet with text as it is and numbers as float64 (rank int64)."""
+    """Parquet with text unchanged and numbers as float64 (rank int64)."""
     import pyarrow as pa
     import pyarrow.json as pj
     import pyarrow.parquet as pq
@@ -91,7 +91,7 @@ def as_parquet(rows: list[Row]) -> bytes:
              for n, number in COLUMNS.items()}
     schema = pa.schema(list(kinds.items()))
     if rows:
-        # By way of JSON: arrays made from Python lists load pandas, which costs most of a second.
+        # Through JSON: arrays made from Python lists would load pandas, which costs most of a second.
         lines = "".join(json.dumps({n: _utf8(v) if isinstance(v, str) else v for n, v in row.items()},
                                    ensure_ascii=False) + "\n" for row in rows).encode()
         table = pj.read_json(pa.BufferReader(lines), pj.ReadOptions(use_threads=False, block_size=len(lines) + 1),
@@ -119,7 +119,7 @@ def as_markdown(rows: list[Row]) -> str:
 
 
 def shown(row: Row, name: str) -> str:
-    """A value for people: numbers at four digits, a long message cut."""
+    """A value for display: numbers at four digits, a long message cut."""
     value = row[name]
     if value is None:
         return ""
@@ -134,7 +134,7 @@ def _cell(row: Row, name: str, escape: Any) -> str:
 
 
 def _utf8(text: str) -> str:
-    """Text without halves of surrogate pairs, which UTF-8 can't hold."""
+    """Text without halves of surrogate pairs, which UTF-8 cannot hold."""
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
@@ -142,6 +142,6 @@ __all__ = ["COLUMNS", "Row", "as_csv", "as_markdown", "as_parquet", "counts_of",
 
 
 def _share(study: dict[str, Any], evidence: dict[str, Any]) -> float | None:
-    """Share of PV's variance that the valve causes: of the loop run again without friction, else of the fit."""
+    """Share of PV's variance that the valve causes, by the loop simulated without friction, else by the fit."""
     again = (study.get("severity") or {}).get("share_of_pv_variance")
     return again if again is not None else evidence.get("share_of_pv_variance")

@@ -9,7 +9,7 @@ from .rows import Row, as_csv, as_markdown, as_parquet, rows_of
 
 
 def write_summary(store: Store, *, page: bool = True) -> list[Row]:
-    """Write summary.csv, .parquet, .md (and .html) from what is on disk; the rows. UsageError as `write_whole`."""
+    """Write summary.csv, .parquet, .md (and .html) from the store and return the rows. UsageError as `write_whole`."""
     rows = rows_of(store)
     made: dict[str, bytes | str] = {"summary.csv": as_csv(rows), "summary.md": as_markdown(rows),
                                     "summary.parquet": as_parquet(rows)}

@@ -1,7 +1,7 @@
-"""Who does the work: executors of `concurrent.futures`, processes here or a Dask cluster there.
+"""Executors of a batch with the interface of `concurrent.futures`: local processes or a Dask cluster.
 
-Both have `submit`, `room` (how many tasks keep them busy), `dead` (whether an error means that a worker died) and
-`shutdown`. Nothing else in the batch knows which of the two it has.
+Both have `submit`, `room` (number of tasks that keeps them busy), `dead` (true if an error means that a worker died)
+and `shutdown`. Nothing else in the batch knows which of the two it has.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ from ..._version import __version__
 from ...errors import UsageError
 from .worker import SINGLE_THREADED, version
 
-# A scheduler that does not answer within this time is not there. Unit: s.
+# A scheduler that does not answer within this time counts as absent. Unit: s.
 _REACHED_S = 5.0
 
 
 class Crew(Protocol):
-    """An executor that says how much it can take and what its deaths look like.
+    """An executor that states its capacity and recognises the death of a worker.
 
-    `sure` tells whether a death is known to be the call's own, or may be that of a call beside it.
+    `sure` is true where a death is known to belong to the call itself, not to a call beside it.
     """
 
     room: int
     sure: bool
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """One call in some worker."""
+        """Run one call in some worker."""
 
     def dead(self, error: BaseException) -> bool:
-        """Whether the worker died under the call, rather than the call failing."""
+        """True where the worker died under the call, rather than the call failing."""
 
     def lost(self, error: BaseException) -> bool:
-        """Whether the whole crew is gone."""
+        """True where the whole crew is gone."""
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Let the workers go; without `wait` at once, whatever they are doing."""
+        """Release the workers; without `wait` at once, whatever they are doing."""
 
 
 class Processes(Executor):
-    """Local worker processes, each a pool of one, so that a death concerns one call and is known to be its own.
+    """Local worker processes, each a pool of one, so that a death concerns one known call.
 
-    Spawned, not forked: a fork would copy locks of threads that do not exist in it. Workers ignore Ctrl-C (the parent
-    decides) and end themselves when the parent is gone.
+    They are spawned, not forked: a fork would copy locks of threads that do not exist in it. Workers ignore Ctrl-C (the
+    parent decides) and end themselves when the parent is gone.
     """
 
     sure = True
@@ -65,7 +65,7 @@ class Processes(Executor):
         self._guard = threading.Lock()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """The call in a free worker, or in a new one where none is free; more than `room` at a time is the caller's."""
+        """Run the call in a free worker, or in a new one where none is free; the caller keeps to `room`."""
         while True:
             with self._guard:
                 pool = self._free.pop() if self._free else None
@@ -76,7 +76,7 @@ class Processes(Executor):
                 with _one_thread_each():
                     future = pool.submit(fn, *args, **kwargs)
             except BrokenProcessPool:
-                self._all.remove(pool)  # it died idle: nobody's loop
+                self._all.remove(pool)  # it died idle, so no loop is lost
                 continue
             future.add_done_callback(partial(self._back, pool))
             return future
@@ -90,11 +90,11 @@ class Processes(Executor):
                 self._all.remove(pool)
 
     def dead(self, error: BaseException) -> bool:
-        """A broken pool of one is a dead worker."""
+        """True for a broken pool: in a pool of one the worker is dead."""
         return isinstance(error, BrokenProcessPool)
 
     def lost(self, error: BaseException) -> bool:
-        """Never: a new process takes the place of a dead one."""
+        """Always False: a new process replaces a dead one."""
         return False
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -109,7 +109,7 @@ class Processes(Executor):
 
 @contextlib.contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """While a worker starts: its libraries see one core (they look before any code of ours runs)."""
+    """Limit the libraries of a starting worker to one core: they look before any of this package's code runs."""
     before = {name: os.environ.get(name) for name in SINGLE_THREADED}
     os.environ.update(dict.fromkeys(SINGLE_THREADED, "1"))
     try:
@@ -123,7 +123,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _begin() -> None:
-    """First thing in a worker: leave Ctrl-C to the parent, and go when the parent is gone."""
+    """Start of a worker: leave Ctrl-C to the parent, and end when the parent is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     parent = multiprocessing.parent_process()
@@ -139,8 +139,8 @@ def _follow(parent: Any) -> None:
 class Cluster:
     """A Dask cluster through its executor interface; twice as many calls as cores keep it busy.
 
-    Its scheduler makes a call again by itself after a death (three times, unless it is set up otherwise), then gives
-    it up with all that waited for the same workers.
+    Its scheduler repeats a call by itself after a death (three times by default). Then it gives up the call and all
+    others that waited for the same workers.
     """
 
     sure = False
@@ -172,7 +172,7 @@ class Cluster:
         self.room = 2 * cores
 
     def _check_workers(self) -> None:
-        """Refuse workers that don't have this program, or another version of it."""
+        """Refuse workers without this program, or with another version of it."""
         try:
             there = self._client.run(version)
         except Exception as error:
@@ -184,16 +184,16 @@ class Cluster:
                                  f"install stictionid {__version__} where it runs")
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """The call somewhere on the cluster."""
+        """Run the call somewhere on the cluster."""
         future: Future[Any] = self._executor.submit(fn, *args, **kwargs)
         return future
 
     def dead(self, error: BaseException) -> bool:
-        """Dask says KilledWorker once it has lost its patience with a call."""
+        """True for Dask's KilledWorker, its answer once it gives up a call."""
         return isinstance(error, self._errors.scheduler.KilledWorker)
 
     def lost(self, error: BaseException) -> bool:
-        """Calls that are cancelled, or whose connection closes, though nobody here asked for it."""
+        """True for calls that are cancelled, or whose connection closes, without a request from here."""
         import asyncio
         from concurrent.futures import CancelledError
 
@@ -202,7 +202,7 @@ class Cluster:
             or type(error).__name__ in ("FutureCancelledError", "FuturesCancelledError")
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leave the cluster as it was; what it still does for us is cancelled."""
+        """Leave the cluster as it was; the calls still running for this batch are cancelled."""
         with contextlib.suppress(Exception):
             self._executor.shutdown(wait=wait)
         with contextlib.suppress(Exception):
@@ -210,29 +210,29 @@ class Cluster:
 
 
 def _client(distributed: Any, address: str) -> Any:
-    """A client of the scheduler at an address; UsageError where nobody or somebody else answers there."""
+    """A client of the scheduler at an address; UsageError where no scheduler answers there."""
     hint = "start one with dask scheduler, and give its tcp://HOST:PORT"
     known = re.fullmatch(r"(tcp|tls)://(\[[^\]]+\]|[^:/\s]+):(\d{1,5})", address)
     if known is None or not 0 < int(known[3]) < 65536:
         raise UsageError(f"{address!r} is no address of a scheduler", hint)
 
     class Quiet(distributed.Client):  # type: ignore[misc]
-        """A client that could not connect does not wait for it once more when it is thrown away."""
+        """A client that could not connect, without a second wait when it is discarded."""
 
         def __del__(self) -> None:
             pass
 
     try:
-        # Asked first by itself: a closed port is known at once, and Dask would try for the whole time.
+        # Ask the port first: a closed one is known at once, while Dask would try for the whole time.
         socket.create_connection((known[2].strip("[]"), int(known[3])), timeout=_REACHED_S).close()
         return Quiet(address, timeout=f"{_REACHED_S:g}s", set_as_default=False)
     except OSError as error:
         raise UsageError(f"the scheduler {address} can't be reached: {error.strerror or error}", hint) from None
-    except Exception:  # whatever another program answers ends in some error of Dask's
+    except Exception:  # another program's answer ends in some error of Dask's
         raise UsageError(f"what answers at {address} is no Dask scheduler that this version understands", hint) \
             from None
 
 
 def crew_for(jobs: int, scheduler: str | None) -> Processes | Cluster:
-    """The crew that the options ask for. UsageError where a scheduler can't be reached."""
+    """The crew for the options. UsageError where a scheduler cannot be reached."""
     return Cluster(scheduler) if scheduler is not None else Processes(jobs)

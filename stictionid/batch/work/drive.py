@@ -1,4 +1,4 @@
-"""Keeps a crew busy with tasks and the store fed with outcomes: the loop around everything."""
+"""The main loop of a batch: keeps a crew busy with tasks and passes the outcomes to the store."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .crew import Crew
 from .store import Store
 from .worker import attempt as do_task
 
-# How long to wait before the caller hears again that work goes on. Unit: s.
+# Interval of the progress calls while no loop ends. Unit: s.
 _PULSE_S = 0.5
 
 
 @dataclass(slots=True)
 class Tally:
-    """How far a batch is; `rate_per_s` counts loops worked on, not those kept from before."""
+    """Progress of a batch; `rate_per_s` counts loops worked on, not those kept from an earlier run."""
 
     total: int = 0
     done: int = 0
@@ -48,11 +48,11 @@ Tell = Callable[[Tally, Task | None, TaskOutcome | None], None]
 
 def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume: bool = False,
           tell: Tell | None = None, attempt: Callable[[Task, Work], TaskOutcome] = do_task) -> Tally:
-    """Do every task and keep every outcome, in whatever order they come.
+    """Do every task and keep every outcome, in the order of their arrival.
 
-    `tell` hears of each outcome, and twice a second that work goes on. A worker's death costs its loop one retry, then
-    the loop has failed; where deaths may be a neighbour's, the retry comes last and alone. Raises UsageError where an
-    outcome can't be written or the crew is gone; what was kept stays.
+    `tell` is called for each outcome, and twice a second without one. A worker's death costs its loop one retry; then
+    the loop has failed. Where the death may belong to another call, the retry comes last and alone. Raises UsageError
+    where an outcome cannot be written or the crew is gone; kept outcomes stay.
     """
     tasks = list(tasks)
     waiting, suspects = deque(enumerate(tasks)), deque[tuple[int, Task]]()
@@ -63,7 +63,7 @@ def drive(tasks: Iterable[Task], work: Work, crew: Crew, store: Store, *, resume
 
     def fill() -> None:
         if not waiting and not flying and suspects:
-            waiting.append(suspects.popleft())  # one at a time: then it is clear whose death it was
+            waiting.append(suspects.popleft())  # one at a time, so that a death has one cause
         while waiting and len(flying) < crew.room:
             number, task = waiting.popleft()
             if resume:
@@ -100,13 +100,13 @@ def _handed_in(crew: Crew, attempt: Callable[[Task, Work], TaskOutcome], task: T
         return crew.submit(attempt, task, work)
     except StictionidError:
         raise
-    except Exception as error:  # a closed connection, a process that can't be started: each library has its own
+    except Exception as error:  # a closed connection, a process that cannot be started: each library has its own error
         raise UsageError(f"no more work can be handed out: {type(error).__name__}: {str(error)[:120]}",
                          "see that workers can be started") from None
 
 
 def _to_repeat(future: Future[TaskOutcome], crew: Crew, number: int, died: set[int]) -> bool:
-    """Whether the worker died under the call for the first time."""
+    """True where the worker died under the call for the first time."""
     error = _error(future)
     if error is None or number in died or not crew.dead(error):
         return False

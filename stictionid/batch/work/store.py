@@ -1,12 +1,12 @@
-"""The output folder: a study or a failure record per loop, each whole or absent, and nothing else that counts.
+"""The output folder: a study or a failure record per loop, each whole or absent.
 
-    batch.json            what wrote the folder: schema and version
+    batch.json            origin of the folder: schema and version
     studies/NAME.json     one study per loop
     failures/NAME.json    why a loop has none (its older study, if any, stays but does not count)
     timing.csv            seconds per loop, one line added as each is done
     summary.*             made from the above, removed while a batch runs
 
-A failure record goes before the new study comes, so a process that dies in between leaves a loop to do again and
+A failure record is removed before the new study is written. A process that dies in between leaves a loop to repeat, and
 never two answers.
 """
 
@@ -33,7 +33,7 @@ _TIMES = ("read", "screen", "identify", "diagnose", "page", "total")
 
 
 class Store:
-    """The folder of one batch. `begin` claims it, `keep` adds one outcome, `close` lets it go."""
+    """The folder of one batch. `begin` claims it, `keep` adds one outcome, `close` releases it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -41,9 +41,10 @@ class Store:
         self._lock: Any = None
 
     def check(self, *, force: bool = False) -> None:
-        """Refuse a folder that is none of ours, of another version, or newer, before anything is touched.
+        """Refuse a foreign folder, or one of another or a newer version, before anything is touched.
 
-        UsageError for a file, a foreign folder or another version (`force` lets both be), DataError for a newer schema.
+        UsageError for a file, a foreign folder or another version (`force` accepts both folders), DataError for a newer
+        schema.
         """
         if not self.folder.exists():
             parent = next(p for p in self.folder.absolute().parents if p.exists())
@@ -79,7 +80,7 @@ class Store:
                              "choose another -o, or add --force to leave the old ones out and do their loops again")
 
     def begin(self) -> None:
-        """Make the folder, claim it and take the summary away until it can be true again. UsageError if it can't."""
+        """Make the folder, claim it and remove the summary until it can be true again. UsageError if that fails."""
         try:
             self.studies.mkdir(parents=True, exist_ok=True)
             self.failures.mkdir(exist_ok=True)
@@ -91,7 +92,7 @@ class Store:
             write_whole(mark, text, force=True)
         self._claim(mark)
         if self._lock is not None:
-            # Nobody else writes here now: what is half is what a killed batch left.
+            # No other batch writes here now: partial files are those of a killed batch.
             for place in (self.folder, self.studies, self.failures, self.pages):
                 for part in place.glob(".*.part"):
                     part.unlink(missing_ok=True)
@@ -114,7 +115,7 @@ class Store:
             self.close()  # a file system without locks
 
     def close(self) -> None:
-        """Let the folder go."""
+        """Release the folder."""
         if self._lock is not None:
             self._lock.close()
             self._lock = None
@@ -122,7 +123,7 @@ class Store:
     def standing(self, task: Task, *, pages: bool = False) -> tuple[str | None, str]:
         """SHA-256 of the data behind the task's study, if this version made it with the task's options; its status.
 
-        With `pages` a study without its page does not stand.
+        With `pages` a study without its page does not count.
         """
         study = self._load(self.studies / f"{task.key}.json")
         if pages and not (self.pages / f"{task.key}.html").exists():
@@ -134,7 +135,7 @@ class Store:
         return (data.get("sha256"), status) if same == (__version__, task.command, task.loop) else (None, OK)
 
     def keep(self, task: Task, out: TaskOutcome) -> None:
-        """Write what came of a task. UsageError where there is no room or no permission."""
+        """Write the outcome of a task. UsageError where there is no room or no permission."""
         failure = self.failures / f"{task.key}.json"
         if out.kept:
             return
@@ -144,7 +145,7 @@ class Store:
             write_whole(failure, json.dumps(record, indent=1) + "\n", force=True)
         else:
             failure.unlink(missing_ok=True)
-            # The page first: a study on disk then has its page, whatever stops the batch.
+            # The page comes first: a study on disk then has its page, whatever stops the batch.
             page = self.pages / f"{task.key}.html"
             if out.page is not None:
                 self.pages.mkdir(exist_ok=True)
@@ -169,7 +170,7 @@ class Store:
             raise unwritable(path, error) from None
 
     def records(self) -> Iterator[tuple[str, dict[str, Any], bool]]:
-        """Key, content and whether it is a failure, of every loop that this version has an answer for, by key."""
+        """Key, content and failure flag of every loop that this version has an answer for, by key."""
         failed = {p.stem for p in self.failures.glob("*.json")}
         for key in sorted(failed | {p.stem for p in self.studies.glob("*.json")}):
             failure = key in failed
@@ -190,6 +191,6 @@ class Store:
 
 
 def status_of(study: dict[str, Any]) -> str:
-    """Abstained where a study's verdict carries the code of a gate, else ok."""
+    """Abstained where a study's verdict carries the code of a failed precondition, else ok."""
     evidence = (study.get("verdict") or {}).get("evidence") or {}
     return ABSTAINED if not study.get("estimate") and "code" in evidence else OK

@@ -1,8 +1,8 @@
-"""One compiles, the others wait: keeps workers that start on an empty kernel cache from all compiling at once.
+"""Lock on an empty kernel cache: one worker compiles, the others wait instead of compiling the same.
 
-The first worker of a machine holds a lock in the cache's folder while it does its first loop; then a mark tells that
-the cache is warm for this program, and later workers do not even look at the lock. Where no folder can be written
-there is no cache to share, and no lock either.
+The first worker of a machine holds a lock in the cache's folder during its first loop. A mark then says that the cache
+is filled for this program, and later workers do not touch the lock. Where no folder can be written there is no cache to
+share, and no lock either.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _done: set[str] = set()
 
 @contextmanager
 def first_turn(level: str) -> Iterator[bool]:
-    """For the time of a worker's first loop; gives True where it is the one that fills the cache."""
+    """Context of a worker's first loop; gives True to the worker that fills the cache."""
     folder = None if level in _done else cache_folder()
     _done.add(level)
     if folder is None:
@@ -44,7 +44,7 @@ def first_turn(level: str) -> Iterator[bool]:
 
 
 def cache_folder() -> Path | None:
-    """Where numba keeps the kernels' machine code; None where it has no place for it."""
+    """The folder of numba's machine code for the kernels; None where it has none."""
     from ...numerics.cross_products import products_kernel
 
     path = getattr(getattr(products_kernel, "stats", None), "cache_path", None)
@@ -58,7 +58,7 @@ def cache_folder() -> Path | None:
 
 
 def _fingerprint(level: str) -> str:
-    """Changes whenever the machine code might: the source files, numba, Python, the processor's kind."""
+    """A fingerprint that changes with the machine code: source files, numba, Python, kind of processor."""
     import numba
 
     package = Path(__file__).resolve().parent.parent
@@ -68,7 +68,7 @@ def _fingerprint(level: str) -> str:
 
 
 def _locked(path: Path) -> int | None:
-    """The lock, once it is ours; None where it can't be had (no such thing here, or a file system without locks)."""
+    """The lock, once acquired; None where locks do not exist (on this system or its file system)."""
     try:
         import fcntl
 

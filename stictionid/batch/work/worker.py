@@ -1,6 +1,6 @@
-"""What a worker does with one task: read, look whether it is done already, study, hand back. It writes nothing.
+"""One task in a worker: read, check whether its study exists already, study, return. It writes nothing.
 
-Everything a loop can do wrong ends in its outcome; only the death of the process does not.
+Every fault of a loop ends in its outcome; only the death of the process does not.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from ...record.loop import Loop
     from ...record.study import Study
 
-# Work that may start threads of its own, and must not: every worker has one core.
+# Libraries that would start threads of their own: every worker has one core.
 SINGLE_THREADED = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
                    "VECLIB_MAXIMUM_THREADS")
 _DETAIL = 4000
 
-# What a worker keeps from one loop to the next: the last table with several loops, dataset, fingerprint. A cluster's
-# worker may have threads: two of them may do the work twice, and never see half of it.
+# Cache from one loop to the next: the last table with several loops, dataset, fingerprint. Threads of a cluster's
+# worker may do the work twice, but never see half of it.
 _table: dict[str, tuple[Any, Table]] = {}
 _opened: dict[str, Opened] = {}
 _known: dict[str, tuple[tuple[int, int], str]] = {}
@@ -91,7 +91,7 @@ def _study(task: Task, work: Work, times: dict[str, float]) -> TaskOutcome:
         warnings.simplefilter("ignore", RuntimeWarning)
         study = _done(loop, replace(work, options=replace(work.options, command=task.command)), times)
     status = ABSTAINED if study.estimate is None and "code" in study.verdict.evidence else OK
-    # A path may hold bytes that are no UTF-8; the study must be a file all the same.
+    # A path may hold bytes that are no UTF-8; the study must be a valid file all the same.
     text = to_json(study).encode("utf-8", "replace").decode("utf-8")
     page = _page(loop, study, times) if work.pages else None
     return TaskOutcome(task.key, status, text, study.verdict.reason if status == ABSTAINED else "", page=page)
@@ -135,7 +135,7 @@ def _done(loop: Loop, work: Work, times: dict[str, float]) -> Study:
 
 
 def _fingerprint(task: Task) -> str | None:
-    """SHA-256 of the task's file, taken once per file; None for folders, where it comes with the rows."""
+    """SHA-256 of the task's file, computed once per file; None for folders, where it comes with the rows."""
     from ...system.files import sha256_of
 
     if task.kind == "tags" or not os.path.isfile(task.path):
@@ -151,7 +151,7 @@ def _fingerprint(task: Task) -> str | None:
 
 
 def _read(task: Task, sha256: str | None) -> Any:
-    """The Reading of the task's loop; None where its rows are those of the study that is there already."""
+    """The Reading of the task's loop; None where its rows are those of the existing study."""
     from ...historian import read
     from ...historian.reading import reading_of
 
@@ -178,7 +178,7 @@ def _of_dataset(task: Task, path: Path, sha256: str | None) -> Any:
         _opened.clear()
         _opened[task.path] = opened
     source, table = rows_of(opened, task.select)
-    # A file of its own is known by its bytes, as everywhere; a folder by the rows of the loop.
+    # A single file is known by its bytes, as everywhere; a folder by the rows of the loop.
     source = replace(source, sha256=sha256 or source.sha256)
     if source.sha256 == task.have:
         return None

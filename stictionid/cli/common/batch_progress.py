@@ -14,7 +14,7 @@ _EVERY_S = 30.0
 
 
 class Watch:
-    """Told of every outcome; a context, so that a bar is taken down whatever happens."""
+    """Receiver of every outcome; a context, so that the bar is removed whatever happens."""
 
     def __init__(self, total: int, *, as_json: bool, quiet: bool) -> None:
         self._json, self._quiet = as_json and not quiet, quiet
@@ -38,7 +38,7 @@ class Watch:
             self._bar.stop()
 
     def __call__(self, tally: Any, task: Any, out: Any) -> None:
-        """One outcome, or (task None) the news that work goes on."""
+        """Take one outcome, or (task None) a sign that work goes on."""
         if self._json and task is not None:
             self._line(tally, task, out)
         elif self._bar is not None:

@@ -1,4 +1,4 @@
-"""A law on the command line: its name, and numbers of its own after a colon, `karnopp:mass=2,spring=60000`."""
+"""The option of a law: its name, and parameters of its own after a colon, `karnopp:mass=2,spring=60000`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _FORCES = ("F_s", "F_c")
 
 
 def parse_law(text: str) -> tuple[str, dict[str, float]]:
-    """Name and own numbers; UsageError where a part is not par=number."""
+    """Name and parameters of a law; UsageError where a part is not par=number."""
     from ...errors import UsageError
 
     name, _, rest = text.partition(":")
@@ -25,9 +25,9 @@ def parse_law(text: str) -> tuple[str, dict[str, float]]:
 
 
 def from_forces(law: Any, values: dict[str, float]) -> tuple[tuple[float, float] | None, dict[str, float]]:
-    """S and J in % where the numbers hold F_s and F_c in N (else None), and the numbers without them.
+    """S and J in % where the parameters hold F_s and F_c in N (else None), and the parameters without these.
 
-    Raises ModelError for F_s < F_c and F_c < 0, and for a law that is not physical.
+    Raises ModelError for F_s < F_c and F_c < 0, and UsageError for one of the two alone.
     """
     from ...errors import UsageError
 

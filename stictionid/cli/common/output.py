@@ -1,6 +1,6 @@
-"""What every command shares: where output goes, how a refusal looks, and the common option types.
+"""Output shared by all commands: consoles, tables, JSON, progress, and the common option types.
 
-Data go to stdout and nothing else does; progress, findings, hints and errors go to stderr.
+Only data go to stdout; progress, findings, hints and errors go to stderr.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def out_console(width: int | None = None) -> Console:
     from rich.console import Console
 
     class Pipe(Console):
-        """A reader that closes the pipe is no error (rich would exit with 1): main() knows what to do."""
+        """A console that raises for a closed pipe, which main() handles (rich would exit with 1)."""
 
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError
@@ -83,14 +83,14 @@ def print_json(value: Any) -> None:
 
 
 def print_json_text(text: str) -> None:
-    """JSON on stdout, always as UTF-8: that is what JSON is, whatever the locale."""
+    """JSON on stdout, always as UTF-8 whatever the locale, as JSON demands."""
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(encoding="utf-8")
     sys.stdout.write(text)
 
 
 def plain_table(*columns: str, title: str = "") -> Any:
-    """An empty table: light lines on a terminal, plain ASCII elsewhere; columns after the first flush right."""
+    """An empty table: light lines on a terminal, plain ASCII elsewhere; columns after the first right-aligned."""
     from rich import box
     from rich.table import Table
 
@@ -135,7 +135,7 @@ class Progress:
                             TimeRemainingColumn(), console=err_console(), transient=True)
             self._bar.start()
             self._task = self._bar.add_task(text, total=1.0)
-            # The bar comes after a second of work, which is elapsed time all the same.
+            # The bar appears after a second of work, which counts as elapsed time.
             self._bar.tasks[0].start_time -= self._clock() - self._start
         self._bar.update(self._task, description=text, completed=share)
 
@@ -148,7 +148,7 @@ class Progress:
 
 
 def warn_when_cold(quiet: bool) -> None:
-    """Say what the first run waits for: kernels that are compiled once for this machine."""
+    """Announce the delay of a first run: kernels are compiled once for this machine."""
     from pathlib import Path
 
     folder = Path(__file__).parent.parent / "laws" / "__pycache__"
@@ -157,7 +157,7 @@ def warn_when_cold(quiet: bool) -> None:
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """Number of cores that this process may use."""
     import os
 
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,7 +1,7 @@
-"""The options of every command that reads a FILE, and their way into ReadOptions.
+"""The options of every command that reads a FILE, and their conversion to ReadOptions.
 
 `@reads_file` gives a command all of them: the command takes one argument `reading: ReadOptions` and typer shows the
-options. So each is written once, and a new one reaches all commands.
+options. Each option is written once, and a new one reaches all commands.
 """
 
 import functools
@@ -140,7 +140,7 @@ def reads_file(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def collect(said: dict[str, Any]) -> ReadOptions:
-    """The values of the options as ReadOptions; UsageError for one that can't be read."""
+    """The values of the options as ReadOptions; UsageError for one that cannot be read."""
     decimal = said["decimal"]
     step = said["step"]
     separator = _SEPARATORS.get(said["separator"] or "", said["separator"])
@@ -208,7 +208,7 @@ def _map(pairs: list[str]) -> dict[str, str]:
 
 
 def read_file(file: str, reading: ReadOptions, *, quiet: bool = False) -> Any:
-    """The Reading of a file, with what was guessed and found said on stderr, one line each."""
+    """The Reading of a file; its assumptions and findings go to stderr, one line each."""
     from ...historian import read
 
     result = read(file, options=reading)
@@ -217,7 +217,7 @@ def read_file(file: str, reading: ReadOptions, *, quiet: bool = False) -> Any:
 
 
 def tell(result: Any, *, quiet: bool = False) -> None:
-    """What was understood, guessed and found while reading, one line each on stderr."""
+    """Print columns, assumptions and findings of a reading on stderr, one line each."""
     roles = ", ".join(f"{role.replace('_', ' ')} = {name}" for role, name in result.columns.items())
     say(f"read {result.file}: {roles}", quiet=quiet)
     for guess in result.assumptions:

@@ -1,4 +1,4 @@
-"""How commands find a study and its data: the data file by path and sha256, or as given."""
+"""Study files of the commands: the study, its data file by path and sha256, and a second record."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ DataArgument = Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Its
 
 
 def open_study(path: Path) -> Any:
-    """The study in a file; UsageError where it can't be read, DataError where it is none."""
+    """The study in a file; UsageError where it cannot be read, DataError where it is none."""
     from ...record.study import study_from_json
     from ...system.files import text_of
 
@@ -22,7 +22,7 @@ def open_study(path: Path) -> Any:
     try:
         return study_from_json(text)
     except DataError as error:
-        # (The study comes first: a command given its data file there says so.)
+        # The study comes first: the message says so for a command given its data file there.
         swapped = not text.lstrip().startswith("{")
         raise DataError(f"{path}: {error.message}",
                         "give the study first, a file written by stictionid identify -o, and its data file after it"
@@ -30,7 +30,7 @@ def open_study(path: Path) -> Any:
 
 
 def open_data(study: Any, study_path: Path, given: Path | None) -> Any:
-    """The loop a study was made from; DataError when its sha256 has changed, UsageError when it is nowhere."""
+    """The loop behind a study; DataError when its sha256 has changed, UsageError when the file is nowhere."""
     from ...historian import options_from, read_loop
     from ...system.files import sha256_of
 
@@ -39,7 +39,7 @@ def open_data(study: Any, study_path: Path, given: Path | None) -> Any:
     found = next((p for p in places if p is not None and (p.is_file() or p.is_dir())), None)
     if found is None:
         raise UsageError(f"the data of the study ({name or 'unnamed'}) are not there", "give the file after the study")
-    # A file is known by its bytes before it is read, a folder by the rows that were read of it.
+    # A file is known by its bytes before it is read, a folder by the rows read from it.
     sha256, loop = (None, read_loop(found, options=options_from(study.data.options))) if found.is_dir() else (
         sha256_of(found), None)
     if study.data.sha256 and (loop.origin.sha256 if loop is not None else sha256) != study.data.sha256:
@@ -51,7 +51,7 @@ def open_data(study: Any, study_path: Path, given: Path | None) -> Any:
 def open_other(study: Any, study_path: Path, file: Path) -> tuple[Any, Any]:
     """The study's own loop, and the one in `file` (None where `file` is the study's data, moved).
 
-    Where the study's own data are gone the other record stands in for them. UsageError when `file` is absent.
+    Where the study's own data are gone its loop is None. UsageError when `file` is absent.
     """
     from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Intervals of a fitted model's numbers: a cloud around the optimum, and what of it the cost can't tell apart.
+"""Intervals of a fitted model's parameters: a cloud around the optimum, and the values that the cost does not exclude.
 
 Source: CRITICISM.md sections 5 and 7; the threshold is calibrated by simulation.
 """
@@ -18,33 +18,33 @@ from .profile import reached, spread_over
 from .smooth import GAIN, smooth_intervals
 from .thresholds import plateaus, ridges
 
-# Difference for the slopes behind the rays, and how far along them is looked, as shares of the range.
+# Step of the differences behind the directions of the rays, and the ladder along them, as shares of the range.
 _RAY_DIFFERENCE, _RAY_LADDER = 1e-4, np.geomspace(1e-5, 0.5, 26)
-# Longest scan of a usual DCS in seconds; and share of a move of the command to which its rebuilding is exact at slips
-# (benchmarks/verdicts.py, seeds below 1000).
+# Longest scan of a usual DCS in seconds. Second: error of a rebuilt command at slips, as a share of its move from
+# sample to sample (benchmarks/verdicts.py, seeds below 1000).
 _SLOWEST_SCAN_S, _REBUILT = 2.0, 0.35
-# Parts of the range of S, and of J, from which points are handed on to a wider model.
+# Parts of the range of S, and of J, from which points are passed on to a wider model.
 _OUTLINE = 8
 # Size of the cloud around the optimum from which folds and intervals choose.
 CLOUD = 120
-# Likelihood-ratio threshold for a 90 % interval of a smooth number, calibrated on benchmarks/verdicts.py, seeds below
-# 300. One such number alone would ask for 2.71. S under a held command is none: its interval is that of the likelihood
-# of all steps of the cost (plateaus.py). Seeds below 500, held: S in 93 and J in 96 % of 111 loops with white noise, in
-# 93 and 91 % of 199 with AR(1) noise of root 0.8 (88 and 88 before the steps were looked at one by one and noise models
-# knew what the fit took of the noise, absorbed.py).
+# Likelihood-ratio threshold for a 90 % interval of a smooth parameter, calibrated on benchmarks/verdicts.py, seeds
+# below 300. One such parameter alone would ask for 2.71. S under a held command is not smooth: its interval comes from
+# the likelihood of all steps of the cost (thresholds.py). Coverage, seeds below 500, held command: S in 93 and J in 96
+# % of 111 loops with white noise. With AR(1) noise of root 0.8 it is 93 and 91 % of 199 loops. Before the steps were
+# looked at one by one and noise/bias_correction.py existed, the latter were 88 and 88 %.
 INTERVAL_THRESHOLD = 3.0
-# The same for the numbers of the process, whose ends are looked for as far as the cost allows (smooth.py): what it
-# lacks of the plateaus that no search met and of a noise model that is an estimate, too. Seeds 200 to 352 (both noises,
-# 0.5 to 5 %): gain in 89, time constants in 90 and dead time in 93 %; with 3.0 in 88, 85 and 91 %.
+# The same for the parameters of the process, whose ends smooth.py follows as far as the cost allows. It is larger for
+# plateaus that no search met and for the noise model, which is an estimate. Seeds 200 to 352 (both noises, 0.5 to 5 %):
+# gain in 89, time constants in 90 and dead time in 93 %. With 3.0 in 88, 85 and 91 %.
 PROCESS_THRESHOLD = 3.8
 INTERVAL_LEVEL = 0.90
 
 
 def region(model: Model, top: FloatArray, rng: np.random.Generator,
            known: FloatArray | None = None) -> dict[str, tuple[float, float]]:
-    """Intervals of all numbers of a model around a point (d,) that has been polished.
+    """Intervals of all parameters of a model around a polished point (d,).
 
-    `known` (k, d) are points that are possible in a narrower model.
+    `known` (k, d) are points that a narrower model does not exclude.
     """
     if known is not None:
         known = descended(model, known, held=(0, 1, *model.forces), turns=4, settle=1e-3).points
@@ -55,10 +55,11 @@ def region(model: Model, top: FloatArray, rng: np.random.Generator,
 
 def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
           known: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-    """Points around the optimum, shaped by the points that do nearly as well, and their costs; `known` among them.
+    """Points around the optimum, spread like those that do nearly as well, and their costs; `known` are among them.
 
-    Rays along which one number moves and the others follow; a cloud of all numbers together; and under a held command
-    one with the break-away (S, initial force) held: its plateau is far narrower there than the rest.
+    The points lie on rays, along which one parameter moves and the others follow, and in a cloud of all parameters.
+    Under a held command a second cloud keeps the break-away (S, initial force) fixed: its plateau is far narrower than
+    the rest.
     """
     free = movable(model) > 0
     looks = np.concatenate([top[None], *([] if known is None else [known]), _rays(model, top)])
@@ -70,7 +71,7 @@ def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
 
 
 def _of_break_away(model: Model) -> NDArray[np.bool_]:
-    """Which numbers of a point (d,) say when the valve breaks away: S and the initial forces."""
+    """Mask (d,) of the parameters that decide when the valve breaks away: S and the initial forces."""
     return np.isin(np.arange(model.space.size), (0, *model.forces))
 
 
@@ -78,17 +79,16 @@ def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
             steps_only: bool = False) -> tuple[FloatArray, FloatArray, tuple[float, float] | None]:
     """A cloud (k, d) and its costs (k,) with points added as far as S and J reach; and the interval of S in steps.
 
-    With `steps_only` nothing is looked for but these steps.
-
-    A held command makes the cost a step function of S: its interval is that of the likelihood of all steps
-    (plateaus.py). None where it is as smooth as that of any other number (profiles.py).
+    With `steps_only` only these steps are looked for. A held command makes the cost a step function of S. The interval
+    of S then comes from the likelihood of all steps (thresholds.py). It is None where S is as smooth as other
+    parameters (profile.py).
     """
     if not cost.min() > 0.0:
         return cube, cost, None
     steps = plateaus(model, cube[cost.argmin()])
     if steps is not None:
         cube, cost = np.concatenate([cube, steps.points]), np.concatenate([cost, steps.costs])
-    # Where an effect has a share in the thresholds S is as smooth as any number, along with that effect's.
+    # Where an effect takes part in the break-away, S is smooth together with the parameter of that effect.
     along = ridges(model, cube[cost.argmin()]) if steps is not None and not steps_only else np.empty((0, len(cube[0])))
     if len(along):
         cube, cost = np.concatenate([cube, along]), np.append(cost, model.costs(along))
@@ -105,24 +105,24 @@ def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
 
 
 def outline(model: Model, cube: FloatArray, cost: FloatArray) -> FloatArray:
-    """A few of the points (k, d) that are not excluded, the best all over their range of S and that of J."""
+    """A few of the points (k, d) that are not excluded: the best in each part of the range of S and of J."""
     at = np.flatnonzero(cost <= _possible(model, cube, cost) * cost.min())
     values = model.values(cube[at])
     return cube[at[np.unique(np.concatenate([spread_over(values[i], cost[at], _OUTLINE) for i in (0, 1)]))]]
 
 
 def _possible(model: Model, cube: FloatArray, cost: FloatArray) -> float:
-    """How many times the least cost is still possible."""
+    """Ratio to the least cost up to which a point is not excluded."""
     rows = innovation_rows(model, model.evaluate(model.values(cube[[cost.argmin()]])[:, 0]))
     return float(np.exp(INTERVAL_THRESHOLD / rows))
 
 
 def _rays(model: Model, top: FloatArray) -> FloatArray:
-    """Points (k, d) along the directions in which a number moves while the others follow it at least cost.
+    """Points (k, d) on rays along which one parameter moves while the others follow at least cost.
 
-    The direction of each number is its column of the covariance that the slopes of the residuals give: of all numbers,
-    and under a held command with the break-away (S, initial force) held, since slopes across its plateau mean little. A
-    wide ladder both ways finds where the cost leaves each ray.
+    The direction of a parameter is its column of the covariance from the slopes of the residuals. Under a held command
+    a second set of rays keeps the break-away (S, initial force) fixed, since slopes across its plateau mean little. A
+    wide ladder in both directions finds where the cost leaves each ray.
     """
     free = np.flatnonzero(movable(model) > 0)
     normal = normals_at(model.residuals, top[None], free, np.full((1, free.size), _RAY_DIFFERENCE))[0][0]
@@ -137,7 +137,7 @@ def _rays(model: Model, top: FloatArray) -> FloatArray:
 
 
 def _following(normal: FloatArray, free: IntArray, size: int) -> list[FloatArray]:
-    """Directions (size,) along which one of the `free` numbers moves by 1 and the others follow at least cost."""
+    """Directions (size,) along which one of the `free` parameters moves by 1 and the others follow at least cost."""
     values, vectors, scale = principal(normal)
     spread = (vectors / np.maximum(values, 1e-9 * values[-1] + 1e-30)) @ vectors.T / scale / scale[:, None]
     found = []
@@ -150,8 +150,7 @@ def _following(normal: FloatArray, free: IntArray, size: int) -> list[FloatArray
 
 def _adapted(model: Model, top: FloatArray, free: NDArray[np.bool_],
              rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Points (k, d) around `top` in its free numbers, drawn three times from the spread of the best so far, and costs.
-    """
+    """Points (k, d) around `top` in its free parameters, and their costs; redrawn from the spread of the best."""
     columns = np.flatnonzero(free)
     d = columns.size
     if not d:
@@ -186,7 +185,7 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
                  S: tuple[float, float] | None = None, *, rough: bool = False) -> dict[str, tuple[float, float]]:
     """Smallest and largest value of each parameter among points that the likelihood ratio does not exclude.
 
-    Of `S` the interval may be known already (`widened`). `rough` ones are for a model that is not the last one.
+    The interval of `S` may be known already (`widened`). `rough` intervals are for a model that is not the last one.
     """
     rows, least = innovation_rows(model, best), max(best_cost, 1e-300)
     keep = cost <= least * float(np.exp(INTERVAL_THRESHOLD / rows))
@@ -198,24 +197,24 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
     found |= smooth_intervals(model, possible, cost[keep], least * float(np.exp(PROCESS_THRESHOLD / rows)), rough=rough)
     if S is not None:
         found["S"] = S
-    # The answer itself is possible, even where a better point turned up while its interval was looked for.
+    # The answer itself is never excluded, even where the search for its interval found a better point.
     found = including(found, best)
     margin = _between_samples(model, best)
     return found | {name: (max(found[name][0] - margin, 0.0), found[name][1] + margin) for name in ("S", "J")}
 
 
 def including(intervals: dict[str, tuple[float, float]], best: Evaluated) -> dict[str, tuple[float, float]]:
-    """Intervals widened where they leave out the answer, a model run on its record."""
+    """Intervals widened where they leave out the answer; a model run on its record may."""
     answer = {**best.values, GAIN: best.gain}
     return {name: (min(low, answer[name]), max(high, answer[name])) for name, (low, high) in intervals.items()}
 
 
 def _between_samples(model: Model, best: Evaluated) -> float:
-    """How far S and J may be off in % because a slip happened between two samples, where the command is not known.
+    """Uncertainty of S and J in % from slips between two samples, where the command is not known.
 
-    A record as fast as the scans of a DCS knows its command. A slower one knows a slip to a whole move of the command
-    from one sample to the next; a command rebuilt between samples (or at the scans there) is known to a share of such
-    a move.
+    A record as fast as the scans of a DCS knows its command. A slower one knows the command at a slip to within its
+    move from one sample to the next. A command rebuilt between samples (or at the scans there) is known to a share of
+    that move.
     """
     share = _REBUILT if model.spec.between != "hold" else 1.0 if model.step_s > _SLOWEST_SCAN_S else 0.0
     moves = []

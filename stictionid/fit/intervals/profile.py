@@ -1,8 +1,8 @@
-"""How far S and J reach before the cost excludes them: a ladder outwards from the points that are not excluded.
+"""Largest and smallest S and J that the cost does not exclude: a ladder outwards from the points that are possible.
 
 A held command makes the cost a step function of S, and of J where the valve stops and goes on in the same direction.
-Points drawn at random end inside the outermost step that is not excluded; here a ladder finds that step, with
-everything else following, and finer ones where it ends. Source: CRITICISM.md section 5.
+Points drawn at random end inside the outermost step that is not excluded. The ladder finds that step with all other
+parameters following, and finer ladders find its end. Source: CRITICISM.md section 5.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from ...model.model import Model
 from ...typing import FloatArray
 from ..moves import descended, movable
 
-# Rungs beyond what is known to be possible, as shares of S: for S and for J. Under a held command those of S are close
-# together (one sample of dead time away lies another optimum, and its step may be as narrow as the distance between
-# them), and the best of a few side by side is polished; a command that moves makes the cost smooth.
+# Rungs beyond the possible values, as shares of S: for S and for J. Under a held command those of S are close together.
+# Another optimum lies one sample of dead time away, and its step may be as narrow as their distance. The best of a few
+# neighbouring rungs is polished. A command that moves makes the cost smooth.
 _LADDERS = (np.geomspace(5e-4, 0.12, 40), np.geomspace(2e-3, 0.5, 14))
 _SMOOTH_LADDERS = (np.geomspace(1e-3, 0.12, 10), np.geomspace(4e-3, 0.5, 7))
 _TOGETHER = (4, 1)
-# Rungs between the last possible value and the first excluded one, how many of them share a polish, and how often to
-# look (once on the ladder, then between its rungs), with steps in the cost and without.
+# Rungs between the last possible value and the first excluded one, and rungs that share a polish. Then rounds (one on
+# the ladder, the others between its rungs) with steps in the cost and without.
 _BETWEEN, _SHARED, _ROUNDS, _SMOOTH_ROUNDS = 8, 4, 3, 2
-# Points that each rung starts from (outermost ones, best ones over the range of the other number).
+# Starts of each rung: outermost points, and best points over the range of the other parameter.
 _OUTERMOST, _OVER = 3, 3
-# Rungs that are polished beyond what is possible unpolished, where the cost is smooth.
+# Rungs polished from the first one that is excluded unpolished, where the cost is smooth.
 _SMOOTH_RUNGS = 4
 
 
 def reached(model: Model, cube: FloatArray, cost: FloatArray, ratio: float,
             which: tuple[int, ...] = (0, 1)) -> tuple[FloatArray, FloatArray]:
-    """Points (k, d) and costs (k,) with those added where S and J are least and most within `ratio` of the least cost.
+    """Points (k, d) and costs (k,) with points added where S and J are least and most within `ratio` of the least cost.
 
-    `which` of the two are looked at: 0 for S, 1 for J.
+    `which` selects the parameters: 0 for S, 1 for J.
     """
     numbers = [i for i in which if movable(model)[i]]
     if model.law.one_parameter:
@@ -56,7 +56,7 @@ def reached(model: Model, cube: FloatArray, cost: FloatArray, ratio: float,
 
 def _outwards(move: Mover, cube: FloatArray, cost: FloatArray, ratio: float, number: int,
               excluded: dict[tuple[int, int], float]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points (k, d), their costs and the targets of one number on both sides of what is possible so far."""
+    """Points (k, d), costs and targets of one parameter, beyond both ends of its possible values so far."""
     model = move.model
     at = np.flatnonzero(cost <= ratio * cost.min())
     values = model.values(cube[at])
@@ -76,7 +76,7 @@ def _outwards(move: Mover, cube: FloatArray, cost: FloatArray, ratio: float, num
         near, groups = points[costs <= limit], costs.reshape(goal.size // (together if first else _SHARED), -1)
         best = points[groups.argmin(axis=1) + np.arange(len(groups)) * groups.shape[1]]
         if first and not model.spec.held:
-            # Where the cost is smooth, rungs before the first excluded one need no polish, nor those far beyond it.
+            # With a smooth cost, rungs before the first excluded one need no polish, nor those far beyond it.
             beyond = int(np.argmax(groups.min(axis=1) > limit)) if groups[-1].min() > limit else len(groups) - 1
             best, goal = best[beyond:beyond + _SMOOTH_RUNGS], goal[beyond:beyond + _SMOOTH_RUNGS]
         parts.append(best)
@@ -90,7 +90,7 @@ def _outwards(move: Mover, cube: FloatArray, cost: FloatArray, ratio: float, num
 
 
 def spread_over(numbers: FloatArray, cost: FloatArray, parts: int) -> NDArray[np.intp]:
-    """Which of points (k,) has the least cost in each of a few equal parts of the range of a number (k,) of theirs."""
+    """Index of the point of least cost in each of `parts` equal parts of the range of one parameter (k,)."""
     width = max(float(np.ptp(numbers)), 1e-300)
     part = np.minimum((numbers - numbers.min()) / width * parts, parts - 1).astype(int)
     order = np.argsort(cost, kind="stable")
@@ -98,10 +98,10 @@ def spread_over(numbers: FloatArray, cost: FloatArray, parts: int) -> NDArray[np
 
 
 class Mover:
-    """Moves S or J of points while what the valve does stays as like as it can.
+    """Moves S or J of points while the valve path changes as little as possible.
 
-    `pace` is how fast the command goes where the valve breaks away, in % per second: a later break-away goes with a
-    dead time that is shorter by as much. `sides` says which way the valve of each segment goes first.
+    `pace` is the speed of the command at break-away in % per second: a later break-away goes with a dead time shorter
+    by as much. `sides` holds the direction in which the valve of each segment moves first.
     """
 
     def __init__(self, model: Model, values: FloatArray) -> None:
@@ -119,7 +119,7 @@ class Mover:
     def __call__(self, values: FloatArray, number: int, goal: FloatArray) -> FloatArray:
         """Values (d, goals, m k) of points (d, k) with S or J moved to each goal.
 
-        The other one stays or moves along; of S, the dead time stays or makes up for it.
+        The other one stays or moves along. With S the dead time stays or makes up for the later break-away.
         """
         model = self.model
         trial = values[:, None, :].repeat(goal.size, axis=1)
@@ -138,7 +138,7 @@ class Mover:
         trial[0] = np.clip(trial[0], S.low, S.high)
         trial[1] = np.clip(trial[1], 0.0, model.space.parameters[1].high * trial[0])
         trial[4] = np.clip(trial[4], dead.low, dead.high)
-        # What the first break-away still lacks stays what it is, so that it comes at the same sample.
+        # The output change until the first break-away is kept, so that it comes at the same sample.
         before = np.tile(values[0] + values[1], len(ways))[None] / np.maximum(trial[0] + trial[1], 1e-300)
         for row, side in zip(model.forces, self.sides, strict=True):
             trial[row] = np.clip(side * (1.0 - (1.0 - side * trial[row]) * before), -1.0, 1.0)

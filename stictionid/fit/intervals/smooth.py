@@ -1,12 +1,12 @@
-"""Intervals of the numbers in which the cost is smooth: gain, time constants, dead time and the numbers of effects.
+"""Intervals of the parameters in which the cost is smooth: gain, time constants, dead time and those of effects.
 
-Points drawn at random rarely lie where one number ends: of a few hundred the outermost fall short of it by a quarter.
-With the break-away as it is the residuals are smooth, so their slopes say how far each number goes on one plateau while
-all others follow it at least cost; and this is asked at points all over what is possible, since slopes know little of
-another plateau, or of a slip jump that is half as large. The gain is linear: it follows every other number and has a
-spread of its own beside. Where the cost at such an end is not what the slopes say, the end moves to where it would be.
+The outermost of a few hundred random points falls short of the end of an interval by a quarter. With the break-away
+fixed the residuals are smooth. Their slopes then say how far each parameter goes on one plateau while the others follow
+at least cost. Slopes are taken at points all over the possible region, since they know little of another plateau or of
+a slip jump half as large. The gain is linear: it follows every other parameter and has a variance of its own. Where the
+cost at such an end differs from what the slopes say, the end is moved.
 
-Wrong where a number bends the residuals so much within its interval that the others follow it on no straight line.
+Wrong where a parameter bends the residuals so much within its interval that the others follow on no straight line.
 Source: profile likelihood, Venzon and Moolgavkar 1988; slopes of projected residuals, Golub and Pereyra 1973.
 """
 
@@ -24,22 +24,22 @@ from ...typing import FloatArray, IntArray
 from ..moves import movable
 from .profile import spread_over
 
-# Difference for the slopes, as a share of the range, and parts of the range of each number that are asked; fewer where
-# the intervals are rough.
+# Step of the differences as a share of the range, and parts of each parameter's range where slopes are taken; fewer
+# where the intervals are rough.
 _DIFFERENCE, _PARTS, _ROUGH_PARTS = 1e-3, 3, 2
-# How much further an end may move that costs less than it may, as a share of the way to it; how often ends are looked
-# at, and how many of each number's after the first time.
+# Largest factor on an end that costs less than it may, number of looks at the ends, and ends of each parameter that are
+# looked at again.
 _FURTHER, _LOOKS, _KEPT = 1.3, 3, 3
 GAIN = "gain"
 
 
 def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: float, *,
                      rough: bool = False) -> dict[str, tuple[float, float]]:
-    """Smallest and largest possible value of the gain and of every number but those of the friction.
+    """Smallest and largest possible value of the gain and of every parameter except those of the friction.
 
-    `cube` (k, d) are possible points, `cost` (k,) what they cost, `limit` what is allowed. `rough` intervals end where
-    the slopes say, and no cost is looked at there. Empty where the valve barely moves, so that beside every point it
-    never does.
+    `cube` (k, d) are possible points, `cost` (k,) their costs, `limit` the largest cost that is possible. `rough`
+    intervals end where the slopes say, without a look at the cost there. The result is empty where the valve barely
+    moves, so that it never does beside any of the points.
     """
     names, movers = list(model.named(np.zeros(model.space.size))), movable(model) > 0
     wanted = [j for j in np.flatnonzero(movers).tolist() if j not in (0, 1, *model.forces)]
@@ -61,11 +61,11 @@ def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: fl
 
 @dataclass(frozen=True, slots=True)
 class _Slopes:
-    """What slopes say at possible points (k, d): where the least cost lies from there, and how far it allows to go.
+    """Slopes at possible points (k, d): the way to the least cost near each, and how far the cost limit allows to go.
 
-    `free` are the numbers (f,) that move, `step` (k, f) the way to the least cost and `least` (k,) that cost; `spread`
-    (k, f, f) is the covariance of the numbers for residuals of variance 1. Of the gain: its value (k,) at the least
-    cost, how it follows the numbers (k, f), and its own variance (k,) beside.
+    `free` are the parameters (f,) that move, `step` (k, f) is the way to the least cost and `least` (k,) that cost.
+    `spread` (k, f, f) is the covariance of the parameters for residuals of variance 1. The gain has its value (k,) at
+    the least cost, its derivative by the parameters `follows` (k, f), and its own variance `own` (k,).
     """
 
     model: Model
@@ -81,7 +81,7 @@ class _Slopes:
 
     @classmethod
     def at(cls, model: Model, cube: FloatArray, cost: FloatArray, limit: float, asked: IntArray) -> _Slopes | None:
-        """The slopes at the points that are asked; None where beside each of them the valve never moves."""
+        """The slopes at the points `asked`; None where beside each of them the valve never moves."""
         held = (0, *model.forces) if model.spec.held else ()
         free = np.array([j for j in np.flatnonzero(movable(model)).tolist() if j not in held], int)
         f, points, costs = free.size, cube[asked], cost[asked]
@@ -104,9 +104,9 @@ class _Slopes:
         return cls(model, limit, points, free, step, least, spread, gain, follows, _own_variance(model, points))
 
     def ends(self, numbers: list[int], *, rough: bool) -> tuple[list[float], list[float]]:
-        """How far down and how far up some numbers go, as shares of their ranges, and last the gain, in its unit."""
+        """Lower and upper ends of some parameters as shares of their ranges, and last of the gain, in its unit."""
         lines, room = self._lines(numbers), np.sqrt(self.limit - self.least)
-        # Of every number, down and up, from every point.
+        # Axes: parameter, side (down, up), point.
         sides = np.array([-1.0, 1.0])[:, None]
         middles = np.array([[middle, middle] for middle, _, _ in lines])
         reaches = np.array([sides * room * reach for _, reach, _ in lines])
@@ -117,10 +117,10 @@ class _Slopes:
         return ends[:, 0].min(axis=1).tolist(), ends[:, 1].max(axis=1).tolist()
 
     def _allowed(self, numbers: list[int], middles: FloatArray, reaches: FloatArray, ways: FloatArray) -> FloatArray:
-        """The reaches (number, side, point) as far as the cost on the way allows.
+        """The reaches (parameter, side, point) as far as the cost on the way allows.
 
-        All are looked at where they end, those that then go furthest again: the cost is taken for a parabola through
-        the last look, and a look that costs too much is a bound.
+        The first look is at all ends, the next at those that then go furthest. The cost is taken for a parabola through
+        the last look. A look that costs too much is an upper bound.
         """
         share, low, high = np.ones(reaches.shape), np.zeros(reaches.shape), np.full(reaches.shape, _FURTHER)
         at = np.indices(reaches.shape).reshape(3, -1)
@@ -146,8 +146,10 @@ class _Slopes:
         return share * reaches
 
     def _lines(self, numbers: list[int]) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-        """Of some numbers and last the gain: its value at the least cost (k,), how far it goes for a cost of 1 more
-        (k,), and how far all numbers go with it (k, f)."""
+        """For some parameters and last the gain: value at the least cost (k,), reach for a cost of 1 more, direction.
+
+        Reaches are (k,), directions (k, f): all parameters move along when one does.
+        """
         lines = []
         for j in numbers:
             i = int(np.flatnonzero(self.free == j)[0])
@@ -159,13 +161,13 @@ class _Slopes:
 
 
 def _asked(cube: FloatArray, cost: FloatArray, wanted: Iterable[int], parts: int) -> IntArray:
-    """The points (m,) of which slopes are taken: the best in parts of the range of every number."""
+    """Indices (m,) of the points at which slopes are taken: the best in each part of the range of every parameter."""
     return np.unique(np.concatenate([[int(cost.argmin())],
                                      *(spread_over(cube[:, j], cost, parts) for j in (0, 1, *wanted))]))
 
 
 def _outermost(cube: FloatArray, numbers: Iterable[int]) -> FloatArray:
-    """The points (m, d) of `cube` (k, d) with the least and the most of each of the numbers."""
+    """The points (m, d) of `cube` (k, d) with the least and the most of each parameter in `numbers`."""
     return cube[np.unique([at for j in numbers for at in (cube[:, j].argmin(), cube[:, j].argmax())])]
 
 
@@ -185,7 +187,7 @@ def _residuals_and_gains(model: Model, points: FloatArray) -> tuple[FloatArray, 
 
 
 def _own_variance(model: Model, points: FloatArray) -> FloatArray:
-    """Variance (P,) of the gain for residuals of variance 1 with points (P, d) as they are."""
+    """Variance (P,) of the gain for residuals of variance 1, all other parameters fixed at points (P, d)."""
     own = model.own_columns(*model.responses(model.values(points)))
     used = model.weight > 0
     own, shared, out = own[:, used], model.shared.basis[used], np.empty(len(points))

@@ -1,16 +1,16 @@
-"""The plateaus of S under a held command: where they lie, what each costs with everything else following it.
+"""Plateaus of the cost along S under a held command: location, and least cost of each with all else following.
 
-A held command makes the cost a step function of S: a valve that breaks away one sample later with a dead time one
-sample shorter does nearly as well, on a plateau that may be twenty times narrower than the way to it. A fine scan of S
-at every such dead time finds them all. What the smooth numbers (J, process, effects) would still gain is read from the
-slopes at the optimum: the part of a residual that lies in their span is what a descent takes away. Only what comes out
-as possible is descended to.
+A held command makes the cost a step function of S. A valve that breaks away one sample later, with a dead time one
+sample shorter, does nearly as well. Its plateau may be twenty times narrower than the distance to it. A fine scan of S
+at every such dead time finds them all. The slopes at the optimum give what the smooth parameters (J, process, effects)
+would still gain. A descent removes the part of a residual that lies in their span. Only plateaus that come out as
+possible get a descent.
 
-An S on a plateau is as likely as any other there, and a plateau is as likely as its cost says; so an interval of S is
-made of the shares of that likelihood, not of a threshold that is made for smooth numbers.
+All S on a plateau are equally likely, and a plateau is as likely as its cost says. An interval of S is therefore made
+of shares of that likelihood, not of a threshold for smooth parameters.
 
-Wrong where the slips shift by different numbers of samples on the way to another plateau: then it must be met by a
-search. Source: Chan 1993 and Hansen 2000 for thresholds; Golub and Pereyra 1973 for the slopes of a projected residual.
+Wrong where the slips shift by different numbers of samples on the way to another plateau; a search must then meet it.
+Source: Chan 1993 and Hansen 2000 for thresholds; Golub and Pereyra 1973 for the slopes of a projected residual.
 """
 
 from __future__ import annotations
@@ -27,36 +27,35 @@ from ...typing import FloatArray
 from ..moves import descended, movable
 from .profile import Mover
 
-# Samples of dead time looked at either way, steps of S for the move of the command in one sample, and how far S goes
-# with a dead time of k samples less, in such moves: from the first to the second number times k, half a move more.
+# Samples of dead time looked at either way, and steps of S for the move of the command in one sample. Third: range of S
+# for a dead time k samples shorter, in such moves, from the first to the second number times k plus half a move.
 _SAMPLES, _FINE, _PACES = 3, 64, (0.6, 1.4)
-# Twice the log-likelihood ratio beyond which a plateau is out of the question, with what a scan may be wrong by; of
-# neighbours on one plateau; and the most plateaus that are descended to. Slopes know little of what is far: the
-# best few of every dead time are descended to whatever they say.
+# Twice the log-likelihood ratio beyond which a plateau is excluded, and the error that a scan may add to it. Then the
+# ratio of neighbours on one plateau, and the most plateaus that get a descent. Slopes know little of distant plateaus:
+# the best _FAR of every dead time get a descent in any case.
 _POSSIBLE, _FURTHER, _ALIKE, _MOST = 8.0, 8.0, 0.5, 10
 _FAR = 2
-# What a sample of dead time may lose for the one behind it to be looked at still.
+# Loss at one sample of dead time beyond which the next one is not looked at.
 _BARRIER = 40.0
-# Turns of a descent on one plateau and when it has settled; difference for the slopes, and the share of the largest
-# slope below which there is none.
+# Turns of a descent on one plateau, and when it has settled. Then the step of the differences for the slopes, and the
+# share of the largest slope below which a slope counts as zero.
 _TURNS, _SETTLED, _DIFFERENCE, _NO_SLOPE = 6, 1e-4, 1e-3, 1e-9
 # Slip jumps tried on each plateau, as shares of that of the optimum.
 _JUMPS = (1.0, *(1.0 + 0.01 * np.array([-9, -6, -4, -3, -2, -1, -0.5, 0.5, 1, 2, 3, 4, 6, 9])).tolist())
-# Steps between two values of S of which one is possible, and the residual of a valve that never moves.
+# Steps between two values of S of which one is possible, and the residual given to a valve that never moves.
 _BETWEEN, _EXCLUDED = 8, 1e100
-# Rungs of another number of the friction, as shares of its range, and values of S tried at each: around where the rungs
-# before lead, shares of S for a rung of 1 either way at the first and at later ones; rungs lost before it is given up.
+# Rungs of another friction parameter as shares of its range, and values of S tried at each. They lie around the
+# extrapolation of earlier rungs, within these shares of S for a rung of 1 at the first and at later rungs. The last
+# number is the count of lost rungs that ends the ladder.
 _RIDGE, _RIDGE_LANES = 5e-4 * 1.35 ** np.arange(16), 97
 _RIDGE_FIRST, _RIDGE_NEXT, _RIDGE_LOST = 1.6, 0.25, 3
-# Of the first slip, which comes at a pace of its own: how many samples beside those of
-# the dead time.
+# The first slip comes at a speed of the command of its own: samples tried beyond those of the dead time.
 _FIRST = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Plateaus:
-    """Values of S (m,), ascending, and the least cost of each (m,); points (k, d) that were descended to, with costs.
-    """
+    """Values of S (m,), ascending, and the least cost of each (m,); points (k, d) reached by descent, with costs."""
 
     S: FloatArray
     cost: FloatArray
@@ -74,7 +73,7 @@ class Plateaus:
 
 
 def plateaus(model: Model, point: FloatArray) -> Plateaus | None:
-    """The plateaus beside a point (d,) at its optimum; None where S is given or no slip shows how fast it is passed."""
+    """The plateaus beside an optimum (d,); None where S is given or no slip shows the speed of the command."""
     best = float(model.costs(point[None])[0])
     if not (model.spec.held and movable(model)[0] and 0.0 < best < np.inf):
         return None
@@ -82,14 +81,14 @@ def plateaus(model: Model, point: FloatArray) -> Plateaus | None:
     if first is None:
         return None
     scans = [first]
-    # From each sample of dead time on to the next: the slopes at one optimum know little of one that is far.
+    # From one sample of dead time to the next: slopes at one optimum know little of a distant one.
     for sign in (-1, 1) if movable(model)[4] else ():
         now, lost = first, False
         for _ in range(_SAMPLES):
             beside = now.samples == sign
             if not beside.any():
                 break
-            # One sample alone may lose: slips that come at paces of their own do not all shift by one.
+            # One sample alone may lose: slips at different speeds of the command do not all shift by one sample.
             loses = _ratio(model, now.costs[beside].min(), best)
             if loses > (_POSSIBLE if lost else _BARRIER):
                 break
@@ -106,11 +105,11 @@ def plateaus(model: Model, point: FloatArray) -> Plateaus | None:
 
 
 def ridges(model: Model, point: FloatArray) -> FloatArray:
-    """Points (k, d) on which S moves beside an optimum (d,) together with another number of the friction.
+    """Points (k, d) beside an optimum (d,) where S moves together with another friction parameter.
 
-    An effect on the friction has a share in the thresholds: with S alone, every slip comes at another sample, with S
-    and that number at the same ones. How much of S goes with how much of the number is followed from small to large.
-    None where no effect is on the friction: then S is the threshold.
+    An effect on the friction takes part in the break-away. If S moves alone every slip comes at another sample; if that
+    parameter moves along the slips stay. Their ratio is followed from small rungs to large ones. The result is empty
+    where no effect is on the friction: then S alone decides the break-away.
     """
     columns = [c for effect, rows in zip(model.effects, model.effect_rows, strict=True) if effect.friction
                for c in range(rows.start, rows.stop)]
@@ -131,7 +130,7 @@ def ridges(model: Model, point: FloatArray) -> FloatArray:
             costs = scan.followed(beside)
             at = int(costs.argmin())
             if _ratio(model, costs[at], best) < _POSSIBLE + _FURTHER:
-                # The middle of the plateau: the next rung needs its direction.
+                # Take the middle of the plateau: the next rung needs its direction.
                 alike = np.flatnonzero(_ratio(model, costs, costs[at]) < _ALIKE)
                 at = int(alike[np.argmin(np.abs(alike - alike.mean()))])
                 pace = pace + width * float(np.linspace(-1, 1, len(trial))[at])
@@ -151,8 +150,7 @@ def _ratio(model: Model, cost: FloatArray | float, best: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class _Scanned:
-    """Lanes (3, m) of one scan with what they lose (m,); points (k, d) descended to, costs, samples of dead time less.
-    """
+    """One scan: lanes (3, m) and their loss (m,); points (k, d) after descent, costs, samples of dead time less."""
 
     lanes: FloatArray
     ratio: FloatArray
@@ -161,7 +159,7 @@ class _Scanned:
     samples: FloatArray
 
     def least(self, S: FloatArray) -> FloatArray:
-        """What each of ascending values of S (m,) loses with the best of dead times and first slips."""
+        """The loss of each of ascending values of S (m,) with the best dead time and first slip."""
         out = np.full(S.size, np.inf)
         for kind in np.unique(self.lanes[1:], axis=1).T:
             mine = np.flatnonzero(np.all(self.lanes[1:].T - kind == 0.0, axis=1))
@@ -174,7 +172,7 @@ class _Scanned:
 
 
 def _scanned(model: Model, point: FloatArray, best: float, samples: tuple[int, ...]) -> _Scanned | None:
-    """The scan beside a point (d,), costs compared with the `best`; None where no slip shows a pace."""
+    """The scan beside a point (d,), costs compared with `best`; None where no slip shows the speed of the command."""
     values = model.values(point[None])[:, 0]
     move = Mover(model, values)
     if not move.pace > 0.0:
@@ -192,7 +190,7 @@ def _scanned(model: Model, point: FloatArray, best: float, samples: tuple[int, .
 
 
 class _Scan:
-    """Costs of S at every dead time beside one point, the smooth numbers following as far as their slopes reach."""
+    """Costs of S at every dead time beside one point; the smooth parameters follow as far as their slopes reach."""
 
     def __init__(self, model: Model, values: FloatArray, move: Mover, point: FloatArray) -> None:
         self.model, self.values, self.move = model, values, move
@@ -209,9 +207,9 @@ class _Scan:
                       for piece, row, side in zip(model.pieces, model.forces, move.sides, strict=True)]
 
     def lanes(self, samples: tuple[int, ...]) -> FloatArray:
-        """Rows (3, m) of S, of `samples` that the dead time is shorter, and of samples that the first slip is later.
+        """Lanes (3, m): S, samples by which the dead time is shorter, samples by which the first slip is later.
 
-        The first slip comes at a pace of its own: a coarse scan tells when.
+        The first slip comes at a speed of the command of its own, so a coarse scan finds its sample.
         """
         found = []
         for k in samples:
@@ -226,16 +224,16 @@ class _Scan:
         return np.concatenate(found, axis=1)
 
     def _even(self, k: int, steps: int) -> FloatArray:
-        """Values of S that go with a dead time of k samples less, so many to the move of the command in one sample."""
+        """Values of S for a dead time k samples shorter, `steps` of them per move of the command in one sample."""
         axis = self.model.space.parameters[0]
         ends = np.sort(np.array(_PACES) * k) + np.array([-0.5, 0.5])
         S = self.values[0] + self.pace * np.arange(np.ceil(ends[0] * steps), ends[1] * steps + 1) / steps
         return S[(axis.low <= S) & (axis.high >= S)]
 
     def points(self, lanes: FloatArray, values: FloatArray | None = None, moved: float = 0.0) -> FloatArray:
-        """Points (m, d) of lanes (3, m): the smooth numbers are those of the optimum, or of `values` (d,).
+        """Points (m, d) of lanes (3, m), with the smooth parameters of the optimum or of `values` (d,).
 
-        These have a dead time that is `moved` samples shorter already.
+        `values` have a dead time that is `moved` samples shorter already.
         """
         S, samples, late = lanes
         trial = (self.values if values is None else values)[:, None].repeat(S.size, axis=1)
@@ -251,7 +249,7 @@ class _Scan:
         return self.model.cube(trial)
 
     def started(self, points: FloatArray, S: FloatArray) -> FloatArray:
-        """Points (m, d) with another S (m,) and what lacks to the first break-away as it is."""
+        """Points (m, d) with another S (m,) and the same output change until the first break-away."""
         trial = self.model.values(points)
         trial[1] *= S / trial[0]
         trial[0] = np.clip(S, self.model.space.parameters[0].low, self.model.space.parameters[0].high)
@@ -262,11 +260,11 @@ class _Scan:
         return self.model.cube(trial)
 
     def costs(self, lanes: FloatArray) -> FloatArray:
-        """What each of lanes (3, m) costs once the smooth numbers have followed (m,)."""
+        """Costs (m,) of lanes (3, m) once the smooth parameters have followed."""
         return self.followed(self.points(lanes))
 
     def followed(self, points: FloatArray) -> FloatArray:
-        """What points (m, d) cost once the smooth numbers have followed (m,)."""
+        """Costs (m,) of points (m, d) once the smooth parameters have followed."""
         out = np.empty(len(points))
         for a in range(0, len(points), LANES):
             r = self.model.residuals(points[a:a + LANES], lent=True)
@@ -276,7 +274,9 @@ class _Scan:
         return out
 
     def _with_jump(self, lanes: FloatArray) -> FloatArray:
-        """Points (m, d) of lanes (3, m) with the best slip jump of a few: J has steps where the valve stops and goes.
+        """Points (m, d) of lanes (3, m) with the best of a few slip jumps.
+
+        The cost has steps in J where the valve stops and goes.
         """
         if self.model.law.one_parameter or not movable(self.model)[1]:
             return self.points(lanes)
@@ -301,7 +301,7 @@ class _Scan:
         return more
 
     def polished(self, lanes: FloatArray, ratio: FloatArray, best: float) -> _Scanned:
-        """The scan with the costs of the plateaus that are possible as a descent finds them."""
+        """The scan with the costs of the possible plateaus replaced by those that a descent finds."""
         new = (lanes[1:, 1:] != lanes[1:, :-1]).any(axis=0) | (np.abs(np.diff(ratio)) > _ALIKE)
         plateau = np.concatenate([[0], np.cumsum(new)])
         least = np.full(plateau[-1] + 1, np.inf)
@@ -316,14 +316,14 @@ class _Scan:
         for k in np.unique(lanes[1, middles]):
             mine = np.flatnonzero(lanes[1, middles] == k)
             found = descended(self.model, starts[mine], held=self.held, turns=_TURNS, settle=_SETTLED)
-            # Descents come back best first; their S is what it was.
+            # Descents come back best first; their S is unchanged.
             to, back = mine[np.argsort(starts[mine, 0], kind="stable")], np.argsort(found.points[:, 0], kind="stable")
             points[to], costs[to] = found.points[back], found.costs[back]
         ends = []
         for which, middle, point, cost in zip(chosen.tolist(), middles.tolist(), points, costs.tolist(), strict=True):
             at = np.flatnonzero(plateau == which)
             ratio[at] += _ratio(self.model, cost, best) - ratio[middle]
-            # The same smooth numbers at either end: as far as this plateau goes.
+            # The same smooth parameters at either end of this plateau.
             values = self.model.values(point[None])[:, 0]
             ends.append(self.points(lanes[:, at[[0, -1]]], values, lanes[1, middle]))
         further = np.concatenate(ends) if ends else points
@@ -332,9 +332,9 @@ class _Scan:
 
 
 def _lacks(model: Model, force: float, fs: float, side: float) -> tuple[int, FloatArray]:
-    """What must lack to the first break-away of one segment for it to come at one sample after the other, ascending.
+    """Output changes (ascending) that put the first break-away of one segment at one sample after the other.
 
-    And which of these it is at an initial `force` in % under a break-away force `fs`, both as they are now.
+    The index says which of them holds at an initial `force` in % under a break-away force `fs`.
     """
     command = side * (model.context.command - model.context.command[0])
     highest = np.maximum.accumulate(command)

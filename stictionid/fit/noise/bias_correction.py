@@ -1,10 +1,11 @@
-"""What a fit takes of the noise: autocovariances that are missing from its residual, and the noise model put right.
+"""Noise model of a fit's residual, corrected for the noise that the fitted parameters followed (REML).
 
-A residual is the noise less what the fitted numbers followed of it, and they follow slow noise best: an autoregression
-of the residual has its root too near to 0 (0.788 for 0.8, with eight numbers and 1200 samples), and intervals that
-trust it are too narrow by the third that this makes at low frequencies in the worst tenth of records. For a
-least-squares fit in prewhitened form the residual's covariance is that of the noise less X C X', with the slopes X of
-the model and the covariance C of its numbers: the same correction that restricted maximum likelihood makes.
+A residual is the noise less the part that the fitted parameters followed, and they follow slow noise best. An
+autoregression of the residual therefore has its root too near to 0 (0.788 for 0.8, with eight parameters and 1200
+samples). In the worst tenth of records this makes a third at low frequencies, and intervals that trust it are too
+narrow by that third. In a prewhitened least-squares fit the residual's covariance is that of the noise less X C X'. X
+are the slopes of the model, C is the covariance of its parameters. Restricted maximum likelihood makes the same
+correction.
 
 Source: Patterson and Thompson 1971; Harville 1977.
 """
@@ -20,16 +21,17 @@ from ...numerics.gauss_newton import beside
 from ...typing import FloatArray
 from ..moves import movable
 
-# Difference for the slopes, as a share of the range; and the share of the largest below which a direction says nothing.
+# Step of the differences for the slopes, as a share of the range; share of the largest slope below which one is
+# ignored.
 _DIFFERENCE, _NOTHING = 1e-3, 1e-8
-# The most that a fit may have taken, as a share of what is left: a twentieth at a root of 0.8 in 1200 samples. Unit: 1.
+# Largest correction, as a share of the residual's variance; a root of 0.8 in 1200 samples needs a twentieth.
 _MOST = 0.25
 
 
 def noise_of(model: Model, evaluated: Evaluated, polynomial: FloatArray, largest: int) -> FloatArray:
     """Taps of the noise under a fit's residual, of an order 0..largest that BIC chooses.
 
-    `polynomial` is the prewhitening, the leading 1 included, after which the noise is looked for (differences).
+    `polynomial` is the prewhitening applied before the noise is estimated (differences), the leading 1 included.
     """
     signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
     starts = model.loop.starts
@@ -45,17 +47,17 @@ def noise_of(model: Model, evaluated: Evaluated, polynomial: FloatArray, largest
     _, values, axes = np.linalg.svd(white[:, used] / size[used], full_matrices=False)
     axes = axes[values > _NOTHING * values[0]] / values[values > _NOTHING * values[0], None]
     sd = float(np.sqrt(np.sum(innovation[rows]**2) / max(int(rows.sum()) - len(axes), 1)))
-    # What each direction that the data know takes of the noise, one standard deviation of it.
+    # The noise that each determined direction follows, one standard deviation of it.
     taken = sd * (columns[:, used] / size[used]) @ axes.T
     missing = np.sum([autocovariance(x, good, largest, starts) for x in taken.T], axis=0)
-    # A residual that is mostly what the model lacks says nothing of what a fit took of the noise.
+    # A residual that is mostly misfit says nothing of the noise that a fit followed.
     if missing[0] > _MOST * np.mean(signal[good]**2):
         return first
     return autoregression(signal, good, largest, starts, missing)
 
 
 def slopes_of(model: Model, evaluated: Evaluated) -> FloatArray:
-    """Slopes (n, c) of a model's y in its smooth numbers, those that stay linear among them."""
+    """Slopes (n, c) of a model's y in its smooth parameters, those that stay linear among them."""
     values = model.vector(evaluated.values)
     free = np.flatnonzero(movable(model) > 0)
     free = free[~np.isin(free, (0, *model.forces))]

@@ -1,8 +1,7 @@
-"""A model completed with the noise that its residual asks for, and compared by its innovations.
+"""A model completed with the noise model that its residual asks for, so that models compare by their innovations.
 
-Completion fits an autoregression to the free-run residual and, where there is one, refits the model in prewhitened
-form, so that all models are compared by their innovations, noise model included.
-Source: METHODS.md section 6; CRITICISM.md sections 1 and 7.
+Completion fits an autoregression to the free-run residual. Where there is one, the model is refitted in prewhitened
+form. Source: METHODS.md section 6; CRITICISM.md sections 1 and 7.
 """
 
 from __future__ import annotations
@@ -31,15 +30,15 @@ _COMPLETIONS = 2
 BLOCKS = 5
 # Relative fall of the cost below which a refit in prewhitened form has settled.
 _SETTLED = 1e-4
-# A free run within this share of its innovations is at the noise.
+# A free run whose error is at most this multiple of the innovations is at the noise.
 _WHITE = 1.1
 
 
 @dataclass(frozen=True, slots=True)
 class Refit:
-    """A model at its best point (d,), completed with its noise; `innovation` (n,) is white where it is adequate.
+    """A model at its best point (d,), completed with its noise model; `innovation` (n,) is white where it is adequate.
 
-    `taps` are those of the fitted noise model, beside the prewhitening `own` of the fit of the process.
+    `taps` are those of the fitted noise model; `own` is the prewhitening that the fit of the process uses.
     """
 
     model: Model
@@ -68,37 +67,37 @@ class Refit:
         """The model in its prewhitened form, whose cost is the sum of squared innovations."""
         spec = self.spec
         if spec == self.model.spec:
-            # An effect that follows y follows the model's own, whatever the search followed.
+            # An effect that follows y follows the model's own y, whatever the search used.
             return self.model.guided(self.evaluated.guide) if self.model.follows_y else self.model
         return bound(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
                      residual=self.evaluated.left)
 
     @property
     def noise_alone(self) -> bool:
-        """Whether model and noise model leave nothing but noise, and the latter is no disturbance itself.
+        """True where only noise is left after model and noise model, and the noise model is no disturbance itself.
 
-        Not known where the model is fitted in changes of y, which hide whatever is slow.
+        Always false where the model is fitted in differences of y, which hide whatever is slow.
         """
         return not self.increments and not self.own and noise_alone(
             self.model, self.taps, self.evaluated.position, self.innovation, self.good)
 
     @property
     def walk_alone(self) -> bool:
-        """Whether model and random walk leave nothing but noise in the changes of y."""
+        """True where model and random walk leave only noise in the differences of y."""
         return self.increments and not self.own and noise_alone(
             self.model, self._polynomial()[1:], self.evaluated.position, self.innovation, self.good, walk=True)
 
     @property
     def white(self) -> bool:
-        """Whether the innovations pass every test for chance, whatever the noise model that left them.
+        """True where the innovations pass every test for whiteness, whatever noise model left them.
 
-        A noise model may hide what is slow in a root near 1, or in changes of y, but not what valve and process do.
+        A noise model may hide what is slow in a root near 1, or in differences of y, but not what valve and process do.
         """
         return passes_tests(self.model, self._polynomial(), self.taps.size, self.evaluated.position, self.innovation,
                             self.good)
 
     def _polynomial(self) -> FloatArray:
-        """What the errors are passed through to be innovations."""
+        """The polynomial in the lag that turns errors into innovations."""
         return _whitening(self.own, self.taps, self.increments)
 
     def bic(self, good: BoolArray) -> float:
@@ -119,17 +118,17 @@ def own_taps(spec: Spec) -> tuple[float, ...]:
 
 
 def has_noise(spec: Spec) -> bool:
-    """Whether the model has a noise effect already, whose coefficients are estimated anew with every refit."""
+    """True where the model has a noise effect already; its coefficients are estimated anew with every refit."""
     return bool(noises_in(spec.effects))
 
 
 def has_walk(spec: Spec) -> bool:
-    """Whether the model has a random walk: y has no level then, and a free run no error that could grow."""
+    """True where the model has a random walk: y then has no level, and the free-run error no bound."""
     return any(parse(name)[0].noise == RANDOM_WALK for name in spec.effects)
 
 
 def at_noise(refit: Refit) -> bool:
-    """Whether the free run of a physical refit is at its innovations: a noise model has next to nothing to do."""
+    """True where the free-run error of a physical refit is as small as its innovations: a noise model adds little."""
     return not has_noise(refit.model.spec) and refit.evaluated.rmse <= _WHITE * refit.innovation_sd
 
 
@@ -137,7 +136,7 @@ def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, orde
           rng: np.random.Generator | None = None) -> Refit:
     """The model as it is, completed with a noise model of its residual but not refitted to it.
 
-    An integrator that is fitted to the changes of y is completed in levels, too, and the better one is kept.
+    An integrator that is fitted to the differences of y is completed in levels, too, and the better one is kept.
     """
     found = _as_it_is(model, values, noise, order, rng)
     if not _has_levels(model, noise):
@@ -155,10 +154,10 @@ def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, ord
 
 
 def _has_levels(model: Model, noise: str) -> bool:
-    """Whether a model is fitted to changes of y only for the sake of the search.
+    """True where a model is fitted to differences of y only to help the search.
 
-    Errors of slips add up in an integrator, so changes show the valve; but white noise on y hides in them whatever is
-    slow, and once nothing is missing the level shows it.
+    Errors of slips add up in an integrator, so differences show the valve. White noise on y hides in them whatever is
+    slow; once nothing is missing the level shows it.
     """
     return model.spec.increments and noise in (AUTOREGRESSIVE, RESONANT) and not has_noise(model.spec)
 
@@ -177,9 +176,9 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
              noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER) -> Refit:
     """The model with a noise model for its residual, refitted in prewhitened form where there is one.
 
-    `noise` is an autoregression, a random walk (model and data are fitted in differences, on which the autoregression
-    sits), or a resonance. Prewhitening that the model has already for its process is kept, and extended; the model of
-    an integrator is completed in levels, too, and the better one is kept.
+    `noise` is an autoregression, a random walk or a resonance. With a random walk, model and data are fitted in
+    differences, and the autoregression is that of the differences. Prewhitening of the process fit is kept and
+    extended. The model of an integrator is completed in levels, too, and the better one is kept.
     """
     found = _completed(model, values, pool, rng, noise, order)
     if not _has_levels(model, noise):
@@ -224,10 +223,10 @@ def _completed(model: Model, values: FloatArray, pool: FloatArray | None, rng: n
 
 
 def _plainer(model: Model, found: Refit) -> Refit:
-    """The better of a refit in prewhitened form and the model without, polished from there, by BIC.
+    """The better by BIC of a refit in prewhitened form and the model without prewhitening, polished from there.
 
-    Errors of a process that was not settled look like noise: prewhitened for them, a model may settle, but keeps a
-    noise that is no more, and under one with a root near 1 it loses its level.
+    Errors of a process that was not settled look like noise. Prewhitened for them a model may settle, but it keeps a
+    noise model that is no longer needed. Under one with a root near 1 it loses its level.
     """
     again = descended(model, model.cube(model.vector(found.model.named(found.values))[:, None]))
     return better(found, _as_it_is(model, model.values(again.points[:1])[:, 0]))
@@ -239,16 +238,16 @@ def _joined(own: tuple[float, ...], ar: FloatArray) -> FloatArray:
 
 
 def _whitening(own: tuple[float, ...], ar: FloatArray, increments: bool) -> FloatArray:
-    """The polynomial in the lag that makes innovations of errors, the leading 1 included."""
+    """The polynomial in the lag that turns errors into innovations, the leading 1 included."""
     polynomial = _joined(own, ar)
     return np.convolve(polynomial, [1.0, -1.0]) if increments else polynomial
 
 
 def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own: tuple[float, ...], noise: str,
           rng: np.random.Generator | None) -> tuple[FloatArray, int]:
-    """Taps of the noise model beside the model's own prewhitening, and how many fitted numbers they stand for.
+    """Taps of the noise model beside the model's own prewhitening, and the number of fitted parameters behind them.
 
-    A resonance is looked for in the longest segment: a spectrum knows no gaps.
+    A resonance is estimated in the longest segment: a spectrum knows no gaps.
     """
     polynomial = np.concatenate([[1.0], own])
     if increments:
@@ -273,7 +272,7 @@ def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArra
 
 def restored(model: Model, values: FloatArray, taps: FloatArray, *, own: tuple[float, ...], increments: bool,
              numbers: int) -> Refit:
-    """A refit from its numbers: one run of the model, no search."""
+    """A refit restored from its stored values: one run of the model, no search."""
     return _refit(model, values, model.evaluate(values), taps, increments, own, numbers)
 
 

@@ -1,8 +1,8 @@
-"""A model completed with the noise that its residual asks for: autoregression, refitted in prewhitened form.
+"""A model completed with an autoregression of its residual and refitted in prewhitened form, in its own basin.
 
-Free run errors of a right model under coloured noise are coloured; least squares that take them for white find the
-wrong process and, through it, the wrong slip jump. Local: the valve's basin is that of the model handed in.
-Source: METHODS.md section 4, trap 2.
+Free-run errors of a right model under coloured noise are coloured. Least squares that take them for white find the
+wrong process and, through it, the wrong slip jump. Local: the valve's basin is that of the given model. Source:
+METHODS.md section 4, trap 2.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from .bias_correction import noise_of
 ORDER, TURNS = 8, 4
 # A descent has settled when the cost falls by less than this share: a tenth of a likelihood ratio on 1,000 samples.
 SETTLE = 1e-4
-# A further turn must lower the innovations to this share of what they were.
+# A further turn must lower the innovations to this share of their size before.
 WORTH = 0.999
 
 
 @dataclass(frozen=True, slots=True)
 class Whitened:
-    """A model with its noise: values (d,), run in full, innovations (n,) with the samples that count.
+    """A model with its noise model: values (d,), its full run, innovations (n,) and the samples that count.
 
-    `rmse` is the free-run error of the model before the noise had a say.
+    `rmse` is the free-run error of the model before any noise model.
     """
 
     model: Model
@@ -65,7 +65,7 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
 
 
 def without_noise(model: Model, values: FloatArray) -> float:
-    """The free-run error (in the unit of y) of a model that has a noise model, descended to its least without one."""
+    """The free-run error (in the unit of y) of a model with a noise model, after a descent without that noise model."""
     white = bound(model.loop, replace(model.spec, taps=()), s_max=model.s_max, period_s=model.period_s)
     found = descended(white, white.cube(values[:, None]))
     return white.evaluate(white.values(found.points[:1])[:, 0]).rmse
@@ -78,7 +78,7 @@ def noise_taps(w: Whitened) -> FloatArray:
 
 
 def with_taps(model: Model, values: FloatArray, taps: FloatArray) -> Whitened:
-    """A model's values (d,) with given taps (p,), as they are."""
+    """A model's values (d,) with given taps (p,), without a search."""
     e = model.evaluate(values)
     polynomial = np.concatenate([[1.0], taps])
     if model.spec.increments:

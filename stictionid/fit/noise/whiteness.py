@@ -1,10 +1,10 @@
-"""Whether a noise model explains all that a model leaves, so that nothing is left for another base or an effect.
+"""Tests for whiteness: does a noise model explain all of a residual, so that no effect or other base is needed.
 
-An autoregression imitates a slow disturbance by a root near 1, and what valve and process do it leaves where it
-happens: in innovations that follow past positions, or past values of a further tag, are larger after moves or in some
-stretches, or have heavy tails. A noise of short memory whose innovations pass joint tests for all that asks for no
-hunting. Wrong where an effect moves y by less than the tests see: some 2 per cent of the innovations' variance in 1500
-samples, less than names an effect.
+An autoregression imitates a slow disturbance by a root near 1. It leaves traces of valve and process in the
+innovations. They follow past positions or past values of a further tag, are larger after moves or in some stretches, or
+have heavy tails. If the noise has a short memory and its innovations pass joint tests for all that, no search for
+effects is needed. Wrong where an effect moves y by less than the tests see: some 2 per cent of the innovations'
+variance in 1500 samples, less than names an effect.
 
 Source: CRITICISM.md section 7, steps 1 and 2; Ljung and Box 1978; Fisher 1929 (a line); Engle 1982 (squares).
 """
@@ -20,26 +20,26 @@ from ...model.model import Model
 from ...numerics.autoregression import autocovariance, chi_square_z, ljung_box
 from ...typing import BoolArray, FloatArray
 
-# Level of each of six tests, 1 % for all together (a further tag has one more), and the one-sided normal value that it
-# stands for.
+# Level of each of six tests, 1 % for all together (a further tag adds one), and its one-sided normal quantile.
 _LEVEL = 0.01 / 6.0
 _LIMIT = NormalDist().inv_cdf(1.0 - _LEVEL)
-# A noise with a root beyond this remembers so long that it may be a disturbance: a step, a ramp or a sine needs one
-# near 1. Unit: 1.
+# Noise with a root beyond this has so long a memory that it may be a disturbance: a step, a ramp or a sine needs one
+# near 1.
 _SHORT = 0.9
-# Lags of the autocorrelation at least, and at most (one period between them); lagged positions; lagged moves; stretches
-# of the record whose variance may differ.
+# Least and largest number of autocorrelation lags (one period between them), then numbers of lagged positions, lagged
+# moves, and stretches of the record whose variance may differ.
 _FEWEST, _MOST, _POSITIONS, _MOVES, _STRETCHES = 20, 200, 12, 8, 10
-# Directions of columns below this share of the largest are taken for dependent.
+# Directions of columns below this share of the largest count as dependent.
 _DEPENDENT = 1e-8
 
 
 def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation: FloatArray, good: BoolArray, *,
                 walk: bool = False) -> bool:
-    """Whether what an autoregression (p,) of the errors leaves, its `innovation` (n,), is noise, of short memory.
+    """True where the `innovation` (n,) left by an autoregression (p,) of the errors is noise, and of short memory.
 
-    `position` (n,) is the valve's, `good` (n,) says where innovations count. Without taps the errors are asked. Of a
-    `walk`, which remembers for ever, the innovations alone are asked: a step is far out in them, a ramp their mean.
+    `position` (n,) is the valve's; `good` (n,) says where innovations count. Without taps the errors are tested. A
+    random `walk` has an infinite memory, so only its innovations are tested: a step is an outlier in them, a ramp their
+    mean.
     """
     if not walk and np.abs(np.roots(np.concatenate([[1.0], taps]))).max(initial=0.0) > _SHORT:
         return False
@@ -50,9 +50,10 @@ def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation
 
 def passes_tests(model: Model, polynomial: FloatArray, order: int, position: FloatArray, innovation: FloatArray,
                  good: BoolArray) -> bool:
-    """Whether an `innovation` (n,) passes all the tests, however long the memory of the noise model that left it.
+    """True where an `innovation` (n,) passes all tests, however long the memory of the noise model that left it.
 
-    `polynomial` in the lag made innovations of errors, differences included; `order` of its numbers were fitted.
+    `polynomial` in the lag turned errors into innovations, differences included; `order` of its coefficients were
+    fitted.
     """
     e, rows = np.where(good, innovation, 0.0), int(good.sum())
     if rows < 10 * (_POSITIONS + 2 * _MOVES + _STRETCHES) or not e.any():
@@ -78,7 +79,7 @@ def _correlated(model: Model, order: int, e: FloatArray, good: BoolArray) -> flo
 
 
 def _tags(model: Model, polynomial: FloatArray, e: FloatArray, good: BoolArray) -> list[float]:
-    """The test of past positions for every further tag that moves, and is not in the model."""
+    """The test of past positions for every further tag that moves and is not in the model."""
     loop = model.loop
     known = {option for name in model.names for effect, option in (parse(name),) if "extra" in effect.needs}
     tags = (loop.extras[tag] for tag in loop.moving_extras if tag not in known)
@@ -86,14 +87,14 @@ def _tags(model: Model, polynomial: FloatArray, e: FloatArray, good: BoolArray) 
 
 
 def _positions(model: Model, polynomial: FloatArray, position: FloatArray) -> list[FloatArray]:
-    """Past positions over one period, passed through the filter that made the errors innovations."""
+    """Past positions over one period, passed through the filter that turned errors into innovations."""
     white = np.convolve(position - position.mean(), polynomial)[:position.size]
     longest = max(int(np.clip(model.period_s / model.step_s, 2, 60)), 2)
     return [_later(white, k) for k in np.unique(np.round(np.linspace(1, longest, _POSITIONS)).astype(int)).tolist()]
 
 
 def _curved(model: Model, position: FloatArray) -> list[FloatArray]:
-    """Squares and products of the position and y before, and the course of time."""
+    """Squares and products of the previous position and y, and polynomials in time."""
     y = np.nan_to_num(model.loop.process_value - np.nanmean(model.loop.process_value))
     before, level, t = _later(position - position.mean(), 1), _later(y, 1), np.linspace(-1.0, 1.0, y.size)
     return [before**2, before * level, level**2, t, t**2, t**3, before * t]
@@ -105,7 +106,7 @@ def _mean(e: FloatArray) -> float:
 
 
 def _line(e: FloatArray) -> bool:
-    """Whether one line of the spectrum stands out: the largest of so many exponential ones."""
+    """True where one line of the spectrum stands out, by the largest of so many exponential values."""
     power = np.abs(np.fft.rfft(e)[1:]) ** 2
     chance = -float(np.expm1(power.size * np.log1p(-np.exp(-power.max() / power.mean()))))
     return chance < _LEVEL
@@ -117,7 +118,8 @@ def _heavy(e: FloatArray) -> float:
 
 
 def _followed(signal: FloatArray, good: BoolArray, columns: list[FloatArray]) -> float:
-    """What columns (n,) explain of a signal (n,), as a normal value: rows times the share is χ² under chance."""
+    """The share of a signal (n,) that columns (n,) explain, as a normal value: rows times the share is χ² under chance.
+    """
     x, y = np.stack(columns, axis=1)[good], signal[good]
     x, y = x - x.mean(axis=0), y - y.mean()
     scale = np.linalg.norm(x, axis=0)
@@ -130,5 +132,5 @@ def _followed(signal: FloatArray, good: BoolArray, columns: list[FloatArray]) ->
 
 
 def _later(x: FloatArray, lag: int) -> FloatArray:
-    """A signal (n,) so many samples later."""
+    """A signal (n,) delayed by `lag` samples."""
     return np.concatenate([np.full(lag, x[0]), x[:-lag]])

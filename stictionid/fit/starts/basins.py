@@ -1,7 +1,7 @@
-"""Where a search starts: basins on the ARX cost, grids of the process, swarms, growing records, the ridge.
+"""Starting points of a search: basins on the ARX cost, process grids, swarms, growing records, equal-cost neighbours.
 
-The ARX cost finds the basin in few dimensions (swarms over S, J and the initial residual force, for a ladder of
-delays); time constant and dead time follow from a grid. Source: METHODS.md section 4, traps 1 to 5.
+The ARX cost finds the basin in few dimensions: swarms over S, J and the initial residual force, for a ladder of delays.
+Time constant and dead time follow from a grid. Source: METHODS.md section 4, traps 1 to 5.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ GROUPS = 3
 _PARTICLES, _ROUNDS, _SCOUTS = 20, 12, 300
 _DELAYS = 6
 _ROAMERS, _ROAM_ROUNDS = 1, 25
-# Valves of an even scan, how many get a polish, the lag in samples that stands for all, the longest dead time in
-# periods, and the steps of the sequence (powers of the root of x^4 = x + 1).
+# Valves of an even scan, and how many of them get a polish. Then the one lag in samples and the longest dead time in
+# periods. Last the steps of the sequence (powers of the root of x^4 = x + 1).
 _SCAN, _SCAN_KEPT, _SCAN_LAG, _SCAN_DEAD = 20000, 96, 0.4, 0.25
 _EVEN = 1.2207440846057596 ** -np.arange(1.0, 4.0)
-# Shares of the record that a search grows through, how many points each polishes, and periods of the shortest part.
+# Shares of the record in a growing search, points polished on each, and periods in the shortest part.
 _GROWTH, _GROWN_KEPT, _GROWN_PERIODS = (0.1, 0.2, 0.4, 0.7, 1.0), 16, 2.0
-# The scan along the ridge: points and span in S (share), dead time in samples either way, and slip jumps tried as
-# shares of S (None: the point's own).
+# The scan along the curve of equal cost: points and span in S (share), and dead time in samples either way. Then the
+# slip jumps, as shares of S (None: the point's own).
 _RIDGE_POINTS, _RIDGE_S, _RIDGE_SAMPLES = 161, 0.12, 5
 _RIDGE_J = (None, 0.3, 0.9)
-# Where a valve rests at every sample each slip after the first waits for J, so J decides when it comes: points in S
-# and J over the same span of S and this one of J (share).
+# Where a valve rests at every sample, each slip after the first waits for J, so J decides its time. Points in S and J,
+# over the same span of S and this span of J (share).
 _REST_S, _REST_J = 81, 1.0 + np.linspace(-0.2, 0.2, 21)
 _RIDGE_KEPT = 6
 # Initial residual forces tried for each segment there, where there are several.
@@ -58,8 +58,8 @@ def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> F
     """Starting points (groups, d) from independent swarms on the ARX cost; each swarm's best, (S, J, force) only.
 
     A record with very many samples a period is thinned first: its one-step error is all noise. Several segments are
-    searched one by one, since one unknown start is easier to find than four, and what fits all of them best is kept.
-    A command that moves between samples is taken as held, which has the same basins and a quarter of the rows.
+    searched one by one, since one unknown start is easier to find than four. The points that fit all segments best are
+    kept. A command that moves between samples is taken as held, which has the same basins and a quarter of the rows.
     """
     model = as_held(model)
     if len(model.pieces) > 1:
@@ -78,7 +78,7 @@ def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> F
 
 
 def _one_step_cost(model: Model) -> Callable[[FloatArray], FloatArray]:
-    """The ARX cost (P,) of points (P, 3) of S, J and initial force in the unit cube, on the record thinned."""
+    """The ARX cost (P,) of points (P, 3) of S, J and initial force in the unit cube, on the thinned record."""
     model = thinned(model, thinning(model))
     period = model.period_s / model.step_s
     longest = int(np.clip(0.4 * period, 1, 60))
@@ -93,9 +93,9 @@ def _one_step_cost(model: Model) -> Callable[[FloatArray], FloatArray]:
 
 
 def _common_basins(model: Model, rng: np.random.Generator, groups: int) -> FloatArray:
-    """The starting points (groups, d) among those of all segments whose one-step error is the smallest in all of them.
+    """The starting points (groups, d) of all segments with the smallest one-step error over all of them.
 
-    Each segment with the start that goes best with the valve.
+    Each segment has the start that fits the valve best.
     """
     found = np.concatenate([basins(piece, rng, groups=groups)[:, :3] for piece in model.pieces])
     trial = found[:, None].repeat(FORCES.size, axis=1)
@@ -131,7 +131,7 @@ def process_grid(model: Model, start: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def _further_lags(model: Model) -> list[tuple[slice, FloatArray]]:
-    """Columns of the unit cube and guesses (g, k) of every effect that adds dynamics: they join the process's grid."""
+    """Columns of the unit cube and guesses (g, k) of every effect with dynamics, for the grid of the process."""
     found = []
     for effect, rows in zip(model.effects, model.effect_rows, strict=True):
         if effect.dynamics and effect.guess:
@@ -143,7 +143,7 @@ def _further_lags(model: Model) -> list[tuple[slice, FloatArray]]:
 
 
 def along_ridge(model: Model, points: FloatArray) -> FloatArray:
-    """Neighbours (m, d) of points (k, d) along their ridge, best first: break-away later, dead time shorter, or back.
+    """Neighbours (m, d) of points (k, d) of about equal cost, best first: break-away later, dead time shorter, or back.
 
     Under a slow held command the two can hardly be told apart, so the cost has one local minimum for every sample of
     dead time. Each neighbour has the best S (and slip jump of a few) for its dead time; all deserve a polish.
@@ -184,7 +184,7 @@ def _ridge_valves(model: Model, values: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _shifted_costs(model: Model, values: FloatArray, shifts: int) -> list[tuple[float, int]]:
-    """For a dead time 0, 1, … samples longer: the smallest cost over the candidates (d, P), and which one it is."""
+    """Smallest cost over the candidates (d, P), and its index, for a dead time 0, 1, … samples longer."""
     return [(float(c.min()), int(c.argmin())) for c in _all_shifted(model, values, shifts)]
 
 
@@ -201,9 +201,9 @@ def _all_shifted(model: Model, values: FloatArray, shifts: int) -> FloatArray:
 
 
 def _shifted_pieces(model: Model, values: FloatArray, shifts: int) -> list[tuple[float, int]]:
-    """The same for a model of several segments, each with the start that goes best with the candidate's valve.
+    """The same for a model of several segments, each with the start that fits the candidate's valve best.
 
-    A start that goes with one break-away makes any other slip at the wrong sample right after it.
+    A start that fits one break-away puts any other slip at the wrong sample right after it.
     """
     assert isinstance(model, Restarted)
     ladder = np.concatenate([[np.nan], _RIDGE_FORCES])
@@ -219,7 +219,7 @@ def _shifted_pieces(model: Model, values: FloatArray, shifts: int) -> list[tuple
 def roamed(model: Model, rng: np.random.Generator) -> FloatArray:
     """Starting points from swarms on the free-run cost itself, where drift or wrong dynamics mislead the ARX cost.
 
-    With the command held, as in `basins`.
+    The command is held, as in `basins`.
     """
     model = as_held(model)
     found = swarm(model.costs, model.space.size, rng, groups=_ROAMERS, particles=32, rounds=_ROAM_ROUNDS,
@@ -228,14 +228,13 @@ def roamed(model: Model, rng: np.random.Generator) -> FloatArray:
 
 
 def grown(model: Model, rng: np.random.Generator, lag_s: float | None = None) -> FloatArray:
-    """Starting points (k, d) for records whose ARX cost is all noise, from a scan of a tenth that grows to the whole.
+    """Starting points (k, d) for records whose ARX cost is all noise: a scan of a tenth, polished on longer parts.
 
-    `lag_s` is a time constant that goes with the record, where one is known; a scan tries a single one.
-
-    An integrator adds up its slips, so that on a whole record the basin is as narrow as one slip in a wrong sample
-    (0.2 % of S after 80 slips) and swarms walk past it. On a tenth it is ten times as wide: an even scan of valves with
-    every dead time finds it, and each longer part polishes what the shorter one left. On a Karnopp valve of
-    itptd, held, at 1 % noise, 28 of 32 seeds find it. Of several segments the longest grows.
+    `lag_s` is a known time constant of the record; the scan tries a single one. An integrator adds up its slips. On a
+    whole record its basin is as narrow as one slip in a wrong sample (0.2 % of S after 80 slips), and swarms miss it.
+    On a tenth it is ten times as wide. An even scan of valves with every dead time finds it there, and each longer part
+    polishes the points of the shorter one. On a Karnopp valve of itptd, held, at 1 % noise, 28 of 32 seeds find it. Of
+    several segments the longest is used.
     """
     if len(model.pieces) > 1:
         at = longest_piece(model)
@@ -279,7 +278,7 @@ def _beginning(model: Model, rows: int) -> Model:
 
 
 def with_other_start(model: Model, point: FloatArray, count: int = 3) -> FloatArray:
-    """The best few (count, d) of point (d,) with another residual force and a process that goes with it.
+    """The best few (count, d) of point (d,) with another residual force and a process that fits it.
 
     A wrong start bends the slow process until both fit together, and neither can leave alone.
     """

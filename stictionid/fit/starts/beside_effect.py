@@ -1,7 +1,7 @@
-"""Starts for a model with one more effect: pools of base parameters, valves that go with the effect.
+"""Starts for a model with one more effect: pools of base parameters, and valves that fit the effect.
 
-A missing effect moves S and J into a wrong basin, so its refit starts warm from the model so far and fresh from new
-basins. Source: METHODS.md section 4, trap 3, and section 6.
+A missing effect moves S and J into a wrong basin. Its refit therefore starts warm from the model so far and fresh from
+new basins. Source: METHODS.md section 4, trap 3, and section 6.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .continuation import distinct, grown_beside, grown_valves
 from .reparametrised import followed, ridge_of
 from .windows import resting_valves, windowed_valves
 
-# Basins of the base that refits start from: by swarms, and by a search that grows with the record.
+# Basins of the base that refits start from: from swarms, and from a search on growing parts of the record.
 _SWARMED, _GROWN = 2, 2
 # A scan across valves: shares of S, of J as a share of S, and steps of the effect (shares of its range).
 _ACROSS_STEP = 0.01
@@ -35,12 +35,12 @@ _ACROSS_S = 1.0 + _ACROSS_STEP * np.arange(-16, 17)
 _ACROSS_J, _ACROSS_EFFECT = np.array([0.7, 0.85, 1.0, 1.15, 1.35]), np.array([-0.1, -0.04, -0.015, 0.015, 0.04, 0.1])
 # A scan for another S of a valve that rests: shares of S and of J.
 _BAND_S, _BAND_J = np.exp(0.004 * np.arange(-30, 31)), np.array([0.97, 0.985, 1.0, 1.015, 1.03])
-# Rounds and scouts of the swarm over the valve for each guess of an effect, and most guesses that get one.
+# Rounds and scouts of the swarm over the valve for each guess of an effect, and most guesses that get a swarm.
 _SWARM, _SCOUTS, _GUESSES = 14, 250, 6
 # Valves with another S beside a point.
 _STICKBANDS = 4
-# Searches along a ridge; the share of the cost of the model so far under which the first must be for another, or J as a
-# share of S in that model (J > S is a kinetic friction below 0).
+# Searches along a curve of equal cost. Another one needs a first cost below this share of that of the model so far. The
+# last number is the J, as a share of S, above which it is tried in any case (J > S is a kinetic friction below 0).
 _GROWTHS, _PROMISES, _BEYOND = 3, 0.8, 0.9
 # The effect of a valve that rests between the scans of a held command.
 RESTING = "re-sticking"
@@ -52,7 +52,7 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
                 substeps=model.spec.substeps, increments=model.spec.increments, taps=own_taps(model.spec),
                 fixed=model.spec.fixed, guides=model.spec.guides)
     base = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
-    # Swarms on the one-step error, and a search that asks for no process: where one is misled the other is not.
+    # Swarms on the one-step error, and a search that assumes no process: they fail on different records.
     plain = undisturbed(base, model, values)
     far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, _valve_of(base, ()), rng)[:_GROWN]])
     fresh = base.values(with_process(base, far))[:len(BASE)].T
@@ -67,15 +67,15 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
 
 
 def _valve_of(model: Model, names: Sequence[str]) -> list[int]:
-    """Columns of the unit cube that say how the valve moves, the numbers of some effects among them."""
+    """Columns of the unit cube that decide how the valve moves, the parameters of the named effects included."""
     rows = (model.rows_of(name) for name in names)
     return [0, 1, model.forces[longest_piece(model)], *(i for r in rows for i in range(r.start, r.stop))]
 
 
 def undisturbed(model: Model, before: Model, values: FloatArray) -> Model:
-    """A model without its linear effects, on the record less what those of `before`, values (d,), put into y.
+    """A model without its linear effects, on the record less the disturbances of `before` at values (d,).
 
-    A search that asks for no process knows no disturbances either: a sine that is known already would mislead it.
+    A search that assumes no process knows no disturbances either: a sine that is already known would mislead it.
     """
     known = {name for name, effect in zip(before.names, before.effects, strict=True) if effect.columns}
     if not known:
@@ -88,23 +88,23 @@ def undisturbed(model: Model, before: Model, values: FloatArray) -> Model:
 
 
 def changes(name: str) -> bool:
-    """Whether an effect is friction that changes along the record."""
+    """True where an effect is friction that changes along the record."""
     return parse(name)[0].profile is not None
 
 
 def on_valve(effect: Effect) -> bool:
-    """Whether an effect acts on the valve: on its friction, its stem or its trim."""
+    """True where an effect acts on the valve: on its friction, its stem or its trim."""
     return effect.place.value <= Place.TRIM.value
 
 
 def valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng: np.random.Generator,
                   windows: bool) -> FloatArray:
-    """Starts (k, d) whose valve goes with the effect, each with its process.
+    """Starts (k, d) whose valve fits the effect, each with its process.
 
-    For effects on friction from a search that grows with the record, because their basins are narrow and far from the
-    base's, and beside a valve that rests from windows, too, as for effects on the stem there and under a command that
-    moves between samples; for others from swarms over the valve on the one-step error, which stays local in time: one
-    swarm for each guess of the effect, because the right S and J lie elsewhere for each.
+    Effects on friction get a search on growing parts of the record, because their basins are narrow and far from the
+    base's. Beside a valve that rests they get a search on windows, too. So do effects on the stem there and under a
+    command that moves between samples. Other effects get swarms over the valve on the one-step error, which stays local
+    in time. Each guess of the effect has its own swarm, because the right S and J differ.
     """
     rows, at = model.rows_of(name), longest_piece(model)
     effect = parse(name)[0]
@@ -139,12 +139,11 @@ def valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng:
 
 
 def _grown_with(model: Model, name: str, fit: Fitted, rng: np.random.Generator, windows: bool = False) -> FloatArray:
-    """Starts (k, d) for an effect on friction or the stem from a search that grows with the record, each with its
-    process.
+    """Starts (k, d) for an effect on friction or the stem, from growing parts of the record, each with its process.
 
-    Beside a valve that rests from searches for such a valve, too. So is friction that changes with time in an
-    integrator from windows: parts that grow from the beginning found it in none of 5 scanned loops, windows in 3 of 3;
-    and in all where `windows` are asked for.
+    Beside a valve that rests, searches for such a valve are added. Friction that changes with time gets windows in an
+    integrator, and everywhere if `windows` is set. Parts that grow from the beginning found it in none of 5 scanned
+    loops, windows in 3 of 3.
     """
     plain = undisturbed(model, fit.model, fit.values)
     cube = grown_valves(plain, _valve_of(plain, (name,)), rng)
@@ -167,10 +166,10 @@ def as_in(model: Model, plain: Model, points: FloatArray, fit: Fitted) -> FloatA
 
 
 def _ridges(model: Model, name: str, fit: Fitted, starts: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Starts (k, d) followed along their ridge, best first; grown anew where that helps, but is not yet at the noise.
+    """Starts (k, d) followed along their curve of equal cost, best first; repeated while it helps, above the noise.
 
-    One search in two ends on the ridge. Where it leads nowhere there is nothing to go on with, unless the model so far
-    has a slip jump that no friction makes: a stem jumps past its place, or its slips would not be so long.
+    One search in two ends on the curve. Where the curve leads nowhere, more searches are useless. The exception is a
+    model so far with a slip jump that no friction makes: only a stem that overshoots has slips that long.
     """
     found = followed(model, starts, rng)
     asked = fit.best.values["J"] > _BEYOND * fit.best.values["S"]
@@ -183,10 +182,10 @@ def _ridges(model: Model, name: str, fit: Fitted, starts: FloatArray, rng: np.ra
 
 
 def across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray:
-    """The best few (count, d) valves around a point (d,) with its process as it is, distinct in S.
+    """The best few valves (count, d) around a point (d,) with its process fixed, distinct in S.
 
-    Break-away, slip jump and effect trade against each other, and the cost has a step for every sample at which the
-    valve might break away: a polish can't cross them.
+    Break-away, slip jump and effect trade against each other. The cost has a step for every sample at which the valve
+    might break away, and a polish cannot cross them.
     """
     rows = model.rows_of(name)
     values = model.values(point[None])[:, 0]
@@ -206,8 +205,8 @@ def across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray
 def stickbands(model: Model, point: FloatArray) -> FloatArray:
     """The best few valves (k, d) with another S beside a point (d,), each with its start, distinct in S.
 
-    The slips of a valve that rests between scans tell J at once, while every S has a start that goes with most of its
-    slips: only the right one goes with all.
+    The slips of a valve that rests between scans determine J at once. Every S has a start that fits most of the slips;
+    only the right S fits all.
     """
     values = model.values(point[None])[:, 0]
     S, J = (g.ravel() for g in np.meshgrid(_BAND_S, _BAND_J, indexing="ij"))

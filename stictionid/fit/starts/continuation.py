@@ -1,20 +1,19 @@
-"""Basins of a valve with effects on its friction: an even scan of a short part of the record that grows to the whole.
+"""Basins of a valve with effects on its friction: an even scan of a short part of the record, polished on longer parts.
 
-A valve that misses one break-away of a held command is out of step for long, so that on a whole record the right S, J
-and size of an effect lie in a hole of half a per cent in each of four or five numbers, and no swarm meets it. On a few
-cycles the hole is ten times as wide: a scan finds it, and every longer part polishes what the shorter one left.
+A valve that misses one break-away of a held command is out of step for long. On a whole record the right S, J and size
+lie in a narrow basin: half a per cent in each of four or five parameters. No swarm meets it. On a few cycles the basin
+is ten times as wide: a scan finds it, and every longer part polishes the points of the shorter one.
 
-What the process does is left open: a candidate's position goes through a few lags, whose sum stands for any process of
-first or second order, and through an integrator; the best of a ladder of delays counts. A high pass takes out of y what
-is slower than the cycles: drift, steps, the errors that an integrator adds up. The one-step error, which asks for no
-process either, is smallest at a valve that merely follows y once y is noisy.
+The process is left open. A candidate's position goes through an integrator and a few lags, whose sum imitates any
+process of first or second order. The best of a ladder of delays counts. A high pass removes from y what is slower than
+the cycles: drift, steps, the errors that an integrator adds up. The one-step error needs no process either, but with a
+noisy y it is smallest at a valve that merely follows y. Measured on 10 records with one hidden effect at 1 % noise, six
+plants: S within 3 % in 9 of them, in 0.3 s each.
 
-Measured on 10 records with one hidden effect at 1 % noise, six plants: S within 3 % in 9 of them, in 0.3 s each.
-
-Under a command that moves between samples the free-run error is smoother, and such sums of lags blur what it shows: a
-tank's valve that re-sticks was found by none of 8 such searches, and by all of 4 that began with the process of the
-model so far and polished that along (`grown_beside`), though it lacked the effect.
-Source: METHODS.md section 4, traps 1 and 3.
+Under a command that moves between samples the free-run error is smoother, and such sums of lags blur it. A tank's valve
+that re-sticks was found by none of 8 such searches. All of 4 found it that began with the process of the model so far
+and polished it along (`grown_beside`), though that model lacked the effect. Source: METHODS.md section 4, traps 1 and
+3.
 """
 
 from __future__ import annotations
@@ -37,31 +36,31 @@ from .reparametrised import as_valves, ridge_of
 # Lags in periods; the longest one is that of the high pass, too. Delays tried, up to this share of a period.
 _SLOW = 0.7
 _LAGS, _DELAYS, _LONGEST = (_SLOW, 0.2, 0.06, 0.015), 6, 0.4
-# Points of the first scan (for each number that is searched beyond two), periods of the shortest part, by how much
-# every part is longer than the one before, and how many points the first and the last leave. Measured on 24 scanned
-# loops whose valve overshoots: 19 end within 1.35 times the noise with a growth of 1.4, 17 with 1.7, 13 with 2.
+# Points of the first scan for each searched parameter beyond two, and periods of the shortest part. Then the factor
+# from one part to the next, and the points that the first and the last part leave. Measured on 24 scanned loops whose
+# valve overshoots: 19 end within 1.35 times the noise with a factor of 1.4, 17 with 1.7, 13 with 2.
 _SCAN, _PERIODS, _GROWTH, _LEFT = 4000, 2.0, 1.4, (64, 6)
-# Shares of the record with the points that each leaves where friction changes along it: how fast it does is known so
-# badly from a short part that the next must not be much longer.
+# Shares of the record, with the points that each leaves, where friction changes along it. A short part determines the
+# rate of change so badly that the next part must not be much longer.
 _DRIFTING = ((0.06, 64), (0.1, 48), (0.14, 32), (0.2, 24), (0.28, 16), (0.4, 12), (0.55, 8), (0.75, 8), (1.0, 6))
-# Where a point holds the time constant and the dead time.
+# Index of the time constant and of the dead time in a point.
 _PROCESS = (3, 4)
-# Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
+# Below this share of S_max a valve follows its command, and with it, in the closed loop, y.
 _LEAST_S = 0.1
-# Distance between points that are kept: of the scan, and of what was polished. Share of the range.
+# Distance between points that are kept: of the scan, and after a polish. Share of the range.
 _APART, _NEAR = 0.03, 0.004
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
-# Answers that are remembered, a few hundred numbers each: those of a few rounds over the catalogue.
+# Number of cached answers, a few hundred numbers each: those of a few rounds over the catalogue.
 _REMEMBERED = 128
 _known: dict[str, tuple[FloatArray, Any]] = {}
-# Numbers of paths that are evaluated together: the arrays stay in the cache.
+# Path values that are evaluated together: the arrays stay in the processor's cache.
 _BLOCK = 1 << 17
 # First standard deviations of the polish: on parts up to this share of the record, and on longer ones.
 _WIDE, _FINE, _SHORT = 0.02, 0.01, 0.3
 
 
 def open_bank(model: Model, direction: float = 0.0) -> LagBank:
-    """What the record of a model of one segment asks of valves whatever the process does.
+    """The costs of valve positions on the record of a one-segment model, with the process left open.
 
     `direction` is the sign of the process's gain, 0 where that is unknown.
     """
@@ -82,17 +81,17 @@ def open_costs(model: Model, part: LagBank, values: FloatArray) -> FloatArray:
 
 
 def _quick(model: Model) -> FloatArray:
-    """What of y (n,) is not slower than the cycles."""
+    """The part of y (n,) that is not slower than the cycles."""
     y = model.context.process_value - model.context.process_value[0]
     alone = np.array([_SLOW * model.period_s])
     return y - free_run(y[:, None], Dynamics(alone, 0.0 * alone, 0.0 * alone, False), step_s=model.step_s)[:, 0]
 
 
 def grown_valves(model: Model, columns: list[int], rng: np.random.Generator, still: slice | None = None) -> FloatArray:
-    """Points (k, d) of the unit cube, best first, whose `columns` (valve, start and effect) were searched.
+    """Points (k, d) of the unit cube, best first, from a search over `columns` (valve, start and effect).
 
-    The process of all is in the middle of its range, the columns `still` at their upper end. Of several segments the
-    longest is searched.
+    The process parameters are in the middle of their ranges, the columns `still` at their upper end. Of several
+    segments the longest is searched.
     """
     at = longest_piece(model)
     whole = search_model(model.pieces[at])
@@ -109,10 +108,10 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator, sti
 
 
 def grown_beside(model: Model, columns: list[int], values: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Points (k, d) of the unit cube, best first, whose `columns` (valve, start and effect) were searched beside the
-    process of values (d,), which is polished along by the free-run error.
+    """Points (k, d), best first, from a search over `columns` (valve, start, effect) beside the process of values (d,).
 
-    Of several segments the longest is searched. Wrong where the process is so far off that no valve goes with it.
+    The process is polished along by the free-run error. Of several segments the longest is searched. Wrong where the
+    process is so far off that no valve fits it.
     """
     at = longest_piece(model)
     whole = search_model(model.pieces[at])
@@ -139,14 +138,16 @@ def grown_beside(model: Model, columns: list[int], values: FloatArray, rng: np.r
 
 
 def _along_ridge(model: Model, own: list[int]) -> bool:
-    """Whether valves are searched along the natural numbers of an effect that has them."""
+    """True where the search uses the natural numbers of an effect that has them."""
     along = ridge_of(model)
     return along is not None and along[1].start in own
 
 
 def _once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """The points of `_grown`, from memory where the same was asked before: a further lag, or another process, asks no
-    other valves. The generator ends where the search would have left it, so that nothing depends on what is known."""
+    """The points of `_grown`, cached by question: a further lag, or another process, needs the same valves.
+
+    The generator ends in the state that the search leaves, so that no result depends on the cache.
+    """
     key = _question(model, own, middle, rng)
     if key not in _known:
         points = _grown(model, own, middle, rng)
@@ -158,7 +159,7 @@ def _once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Gener
 
 
 def _question(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> str:
-    """A fingerprint of all that decides what `_grown` finds."""
+    """A fingerprint of all inputs of `_grown`."""
     context, spec = model.context, model.spec
     stems = [name for name, effect in zip(model.names, model.effects, strict=True) if effect.friction or effect.run]
     fixed = [middle[model.rows_of(name)].tolist() for name in stems]
@@ -196,16 +197,18 @@ def _grown(small: Model, own: list[int], middle: FloatArray, rng: np.random.Gene
 
 
 def _sticks(model: Model, values: FloatArray) -> BoolArray:
-    """Whether valves of values (d, P) stick enough not to follow their command, (P,)."""
+    """Mask (P,) of the valves of values (d, P) that stick enough not to follow their command."""
     return np.asarray(values[0] >= _LEAST_S * model.s_max)
 
 
 def _through_parts(small: Model, cost_of: Callable[[Model], Callable[[FloatArray], FloatArray]], scanned: int,
                    more: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """The best points (k, scanned + m) of the whole record by the cost that each part of it gives: `scanned` numbers
-    that are looked for, and m `more` that begin where they are."""
+    """The best points (k, scanned + m) of the whole record, searched on growing parts with the cost of each part.
+
+    `scanned` parameters are searched from nothing; the m values `more` start as they are.
+    """
     points = np.empty((0, scanned + more.size))
-    # A record may begin at rest: a part has its share of what happens, too.
+    # A record may begin at rest, so a part also has its share of the energy of y.
     happened = np.cumsum(_quick(small) ** 2)
     for share, kept in _DRIFTING if any(effect.profile for effect in small.effects) else _parts(small):
         rows = max(int(share * small.loop.samples), small.skip + int(_PERIODS * small.period_s / small.step_s),
@@ -216,7 +219,7 @@ def _through_parts(small: Model, cost_of: Callable[[Model], Callable[[FloatArray
 
 
 def _parts(model: Model) -> list[tuple[float, int]]:
-    """Shares of a record that grow evenly from a few periods to the whole, and how many points each leaves."""
+    """Shares of a record that grow geometrically from a few periods to the whole, and the points that each leaves."""
     first = min((model.skip + _PERIODS * model.period_s / model.step_s) / model.loop.samples, 1.0)
     count = max(int(np.ceil(-np.log(first) / np.log(_GROWTH))), 1) + 1
     left = np.geomspace(*_LEFT, count).astype(int)
@@ -225,7 +228,7 @@ def _parts(model: Model) -> list[tuple[float, int]]:
 
 def _polished(cost: Callable[[FloatArray], FloatArray], points: FloatArray, share: float, kept: int,
               rng: np.random.Generator) -> FloatArray:
-    """The best distinct points (kept, columns) of one part of the record, out of those of the part before."""
+    """The best distinct points (kept, columns) of one part of the record, from those of the part before."""
     found = refine(cost, points, rng, spread=_WIDE if share <= _SHORT else _FINE, rounds=_ROUNDS,
                    population=_POPULATION, settle=_SETTLED)
     return found.points[distinct(found.points, kept, _NEAR)]
@@ -250,7 +253,7 @@ def even(dimensions: int) -> FloatArray:
 
 
 def distinct(points: FloatArray, count: int, apart: float) -> list[int]:
-    """The first points (k, d), at most `count`, that lie apart by this share of the range."""
+    """Indices of the first points (k, d), at most `count`, that lie apart by this share of the range."""
     kept: list[int] = []
     for i, point in enumerate(points):
         if all(np.abs(point - points[j]).max() > apart for j in kept):

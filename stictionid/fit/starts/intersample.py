@@ -1,8 +1,8 @@
-"""Did the command move between its samples, and does one that was taken for held do better when it moves?
+"""Tests and refits for a command that may move between its samples instead of being held.
 
-How it moved is seen in y only where nothing else is missing: a lag rounds the slips as a moving command does. The
-command itself may tell: one without any of the noise of y is no answer to the samples of y.
-Source: METHODS.md section 4, trap 4.
+y shows such a motion only where nothing else is missing: a lag rounds the slips as a moving command does. The command
+itself may show it: one without any of the noise of y was not computed from these samples of y. Source: METHODS.md
+section 4, trap 4.
 """
 
 from __future__ import annotations
@@ -27,35 +27,37 @@ from ..moves import descended, search_model, with_start
 SUBSTEPS = 8
 # Sample-to-sample noise of the command, as a share of its swing, above which nothing is rebuilt between samples.
 _ROUGH = 2e-3
-# Sample-to-sample noise of the command, as a share of its swing, beside that of y as a share of its own, below which
-# the controller did not see the samples of y. One with an integral part alone sees four samples in a period of them,
-# one behind a filter the noise over the filter's samples. Measured: 1e-11 to 0.07 without scans (above 0.007 only where
-# an integrator's corners count), 0.15 and more with them. Unit: 1.
+# Ratio of two sample-to-sample noises, of the command and of y, each as a share of its swing. Below it the controller
+# did not see the samples of y. Purely integral control gives about four over the samples of a period, a filter about
+# one over its samples. Measured: 1e-11 to 0.07 without scans (above 0.007 only at corners of an integrator), 0.15 and
+# more with scans.
 _UNSEEN = 0.01
-# Corners make up less than a fifth of a command: the quantile of its third differences that shows what noise it has
-# all the time, and what this is of normal noise. A command that rests at half of the samples shows none either way.
+# Corners make up less than a fifth of a command. Quantile of its third differences that shows its permanent noise, the
+# same quantile of normal noise, and the share of resting samples above which neither shows.
 _MOSTLY, _QUANTILE, _RESTS = 0.8, 1.2816, 0.5
-# Fewer samples have no quantile to speak of.
+# Fewer samples give no useful quantile.
 _FEWEST = 20
-# A short descent: its turns, and when it has settled.
+# A short descent: its turns, and the fall of the cost at which it has settled.
 QUICK_TURNS, QUICK_SETTLE = 8, 1e-3
-# Twice the log-likelihood that a moving command must gain on a held one where everything else was found. Measured on
-# 126 loops: 5 to 3300 lost where the controller scans; where it does not, 12 to 540 gained in four, 1 lost in a fifth.
+# Twice the log-likelihood that a moving command must gain on a held one once everything else was found. Measured on 126
+# loops. Where the controller scans, 5 to 3300 lost; where it does not, 12 to 540 gained in four, 1 lost in a fifth.
 _AFTER_ALL = 6.0
 
 
 def may_move(loop: Loop) -> bool:
-    """Whether the command may have moved between samples, and is smooth enough to be rebuilt there: a noisy one has no
-    corners to find."""
+    """True where the command may have moved between samples and is smooth enough to be rebuilt there.
+
+    A noisy command has no corners to find.
+    """
     u = loop.output[loop.used]
     return noise_of(u) < _ROUGH * float(np.ptp(u)) and not ran_with_samples(loop)
 
 
 def surely_moves(loop: Loop) -> bool:
-    """Whether the command moved between samples beyond doubt: it has none of the noise that y has from one sample to
-    the next, so no controller made it of these samples.
+    """True where the command certainly moved between samples: it has none of the sample-to-sample noise of y.
 
-    False where y has no noise, and where the command is rounded, compressed, or rests for half of the record.
+    No controller made such a command of these samples. False where y has no noise, and where the command is rounded,
+    compressed, or rests for half of the record.
     """
     u, y = loop.output[loop.used], loop.process_value[loop.used]
     swings = float(np.ptp(u)), float(np.ptp(y))
@@ -71,9 +73,10 @@ def as_moving(spec: Spec) -> Spec:
 
 
 def moved_after_all(fit: Fitted, scan_s: float) -> tuple[Model, FloatArray] | None:
-    """The model with a command that moves between samples, and its values (d,), where that does clearly better from
-    where all that was added to a held one ended; None where it does not, where the controller ran with the samples, and
-    beside scans of `scan_s` in the samples that make the command rough.
+    """The finished model refitted with a command that moves between samples, and its values (d,), where clearly better.
+
+    The refit starts where the model with a held command and all its effects ended. None where it does no better, where
+    the controller ran with the samples, and where the scans of `scan_s` within the samples make the command rough.
     """
     before = fit.model
     if before.spec.between != "hold" or ran_with_samples(before.loop) \
@@ -88,7 +91,8 @@ def moved_after_all(fit: Fitted, scan_s: float) -> tuple[Model, FloatArray] | No
 
 
 def moved(held: Model, values: FloatArray, moving: Spec) -> Found:
-    """What a short descent finds with a command that moves between samples, from values (d,) found with a held one."""
+    """The result of a short descent with a command that moves between samples, from values (d,) found with a held one.
+    """
     spec = held.spec
     model = search_model(_moving(held, replace(moving, process=spec.process, increments=spec.increments,
                                                taps=spec.taps)))

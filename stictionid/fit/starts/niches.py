@@ -1,12 +1,12 @@
-"""A herd of points that is moved through neighbouring basins of a valve with several effects, best first.
+"""An evolution strategy with niches: points in neighbouring basins of a valve with several effects, best first.
 
-Under a held command the cost has a step at every sample at which a valve might break away, and with two effects on its
-friction the way to the right S, J and sizes leads across many in all directions at once: a polish of one point stops
-after a few. A whole record costs a few microseconds a valve, so hundreds are drawn about each of several points, at all
-distances; the best get the process that goes with them and a polish, and the best distinct ones of old and new go on.
+Under a held command the cost has a step at every sample at which a valve might break away. With two effects on the
+friction the way to the right S, J and sizes crosses many steps in all directions at once. A polish of one point stops
+after a few. One valve costs a few microseconds on a whole record. Hundreds are therefore drawn about each of several
+points, at all distances. The best get a process that fits them and a polish; the best distinct ones of old and new
+survive. Measured on 3 scanned records with two effects on the friction, two seeds each, 1 % noise. The error fell from
+1.6 to 3.8 times the noise to 1.0 to 1.8, in half a second. With one point in place of several it fell to 1.2 to 2.2.
 
-Measured on 3 scanned records with two effects on the friction, two seeds each, 1 % noise: from 1.6 to 3.8 times the
-noise down to 1.0 to 1.8, in half a second; with one point in place of several to 1.2 to 2.2.
 Source: evolution strategies, Beyer and Schwefel 2002; METHODS.md section 4, trap 3.
 """
 
@@ -23,36 +23,35 @@ from ..moves import behind_valve, spreads, with_start
 from .continuation import distinct
 from .reparametrised import as_natural, as_valves
 
-# Points that go on, neighbours drawn about each, those that get a process, and those that get a polish.
+# Points that survive, neighbours drawn about each, those that get a process, and those that get a polish.
 _HERD, _DRAWN, _WITH_PROCESS, _POLISHED = 10, 250, 30, 8
-# Distances at which they are drawn, as multiples of the usual spread of a polish; that of the initial forces.
+# Distances of the neighbours, as multiples of the usual spread of a polish; standard deviation of the initial forces.
 _NEAR, _FAR, _FORCE = 0.08, 3.0, 0.2
-# Share of them in which one number is drawn anew: an effect may have been taken for what it is not.
+# Share of the neighbours in which one parameter is drawn anew: an effect may stand for another one.
 _LEAPS = 0.3
 # Points are distinct that lie apart by these shares of the range in S or in J.
 _APART = (0.003, 0.02)
-# Turns without a gain of this share after which it ends, turns at most (times those), and turns of the process's
-# descent.
+# The strategy ends after PATIENCE turns without a gain of the share _WORTH, and after _TURNS times as many at most.
+# Then turns of the descent of the process, and the fall of the cost at which a polish has settled.
 PATIENCE, _WORTH, _TURNS, _DESCENT, _SETTLED = 6, 0.01, 5, 3, 1e-4
-# Patience of a herd about a single point, which first has to meet a second basin. Measured on uneven jumps with a stop,
-# from 15 times the noise: 7 of 8 seeds at the noise in 2.4 s, with the patience above none in 0.9 s; with a drift, from
-# 6 to 23 times the noise: 9 of 10, against 1.
+# Patience of a population from a single point, which first has to meet a second basin. Measured on uneven jumps with a
+# stop, from 15 times the noise: 7 of 8 seeds at the noise in 2.4 s. With the patience above none were, in 0.9 s. With a
+# drift, from 6 to 23 times the noise: 9 of 10, against 1.
 ALONE = 20
-# Valves beyond the wall behind which a drifting one rests: how many are drawn, get a start, and are left; reach of S, J
-# and the growth of S (logarithms), and of the growth of J as a share of that; standard deviation of other effects'
-# numbers, as a share of their ranges, and how far apart those that are left lie.
+# Valves beyond the kinetic friction at which a drifting one rests: drawn, started, and kept. Then the ranges of S, J
+# and the growth of S (logarithms), and of the growth of J as a share of that. Last the standard deviation of other
+# effects' parameters (shares of their ranges), and the distance between kept valves.
 _BEYOND, _STARTED, _CROSSED = 4000, 200, 16
 _CROSS_S, _CROSS_J, _CROSS_GROWTH, _CROSS_SHARE = (-0.25, 0.12), (-0.25, 0.4), (-0.7, 0.7), (-0.3, 0.95)
 _CROSS_OTHER, _CROSS_APART = 0.03, 0.01
 
 
 def herded(model: Model, points: FloatArray, rng: np.random.Generator, patience: int = PATIENCE) -> Found:
-    """Points (k, d) of the unit cube moved as a herd by the model's cost; the best distinct ones, best first.
+    """Points (k, d) of the unit cube, evolved as a population by the model's cost; the best distinct ones, best first.
 
-    It ends after so many turns (`patience`) without a gain. Neighbours are drawn along the numbers that the slips of
-    such a valve show, where it has any (see `ridge`).
-
-    Wrong where the right basin is further from all of them than a tenth of the range.
+    The strategy ends after `patience` turns without a gain. Neighbours are drawn along the natural numbers of the valve
+    (see reparametrised.py), where it has any. Wrong where the right basin is further from all points than a tenth of
+    the range.
     """
     herd = _distinct(Found(points, model.costs(points), 0))
     spread = spreads(model)
@@ -84,12 +83,12 @@ def herded(model: Model, points: FloatArray, rng: np.random.Generator, patience:
 
 
 def beyond_rest(model: Model, point: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Points (k, d) whose kinetic friction grows, about a point (d,) at which it does not; none where it does already,
-    where the command moves between samples, or where nothing drifts.
+    """Points (k, d) with growing kinetic friction, about a point (d,) without; none where they cannot matter.
 
-    Under a held command a sliding stem whose kinetic friction grows rests at every scan: another law, with another S
-    and J. Where a second effect is missing a drift ends on the near side of that wall, S and J growing alike, and no
-    small move crosses it. Measured on a drift beside a stop: from 2.6 times the noise to 1.00 to 1.03, 4 seeds of 4.
+    None where the friction grows already, where the command moves between samples, or where nothing drifts. Under a
+    held command a sliding stem whose kinetic friction grows rests at every scan: another law, with another S and J.
+    With a second effect missing, a drift ends on the near side of that limit, S and J growing alike; no small move
+    crosses it. Measured on a drift beside a stop: from 2.6 times the noise to 1.00 to 1.03, 4 seeds of 4.
     """
     grown = next((rows for effect, rows in zip(model.effects, model.effect_rows, strict=True) if effect.profile), None)
     values = model.values(point[None])
@@ -112,7 +111,7 @@ def beyond_rest(model: Model, point: FloatArray, rng: np.random.Generator) -> Fl
 
 
 def _leap(model: Model, drawn: FloatArray, rng: np.random.Generator) -> None:
-    """Draw one number anew, J or one of an effect, in a share of the neighbours (k, m, d)."""
+    """Draw one parameter anew, J or one of an effect, in a share of the neighbours (k, m, d)."""
     free = np.array([1, *range(model.head, model.space.size)])
     count = int(_LEAPS * drawn.shape[1])
     which = free[rng.integers(free.size, size=(len(drawn), count))]

@@ -1,13 +1,11 @@
-"""The ridge of a valve whose slips show other numbers than S and J: how it is searched, and followed to its end.
+"""Search in the coordinates that slips identify (swing and slip), for a valve whose slips do not show S and J directly.
 
-A stem that overshoots by K - 1 slips when the command has swung by S - (K - 1) J: that is known to a part in a
-thousand, K and the slip hardly, and S and J only together with them. Along S, J and K the cost is a ridge that slants
-through all three and is a thousandth wide, with a step for every slip that comes a sample early or late: no polish
-follows it. Along the effect's natural numbers (see `effects.contract`) it is straight: an even scan crosses the steps,
-and what the process takes from each valve is smooth.
-
-Measured on 9 scanned loops that a search along S and J missed, two seeds each: 14 of 18 end at the noise.
-Source: METHODS.md section 4, trap 3; He and Wang 2010.
+A stem that overshoots by K - 1 slips when the command has swung by S - (K - 1) J. That swing is known to a part in a
+thousand, K and the slip hardly, and S and J only together with them. In S, J and K the points of nearly equal cost form
+an oblique curve a thousandth wide. The cost has a step for every slip that comes a sample early or late, so that no
+polish follows it. In the effect's natural numbers (see `effects.contract`) the curve is straight. An even scan crosses
+the steps, and the process changes smoothly from valve to valve. Measured on 9 scanned loops that a search along S and J
+missed, two seeds each: 14 of 18 end at the noise. Source: METHODS.md section 4, trap 3; He and Wang 2010.
 """
 
 from __future__ import annotations
@@ -20,22 +18,23 @@ from ...numerics.population import Found, refine
 from ...typing import BoolArray, FloatArray
 from ..moves import behind_valve, spreads, with_start
 
-# Scan around a valve: reach of the swing, of the slip (factor) and of the effect (share of its range), points of each,
-# from a first one to one between the samples that all slips allow.
+# Scans around a valve, from a first one to one between the samples that all slips allow. Each has a reach of the swing,
+# of the slip (factor) and of the effect (share of its range). Then the points of each axis.
 _REACHES = ((0.006, 1.35, 0.3), (0.003, 1.15, 0.15), (0.0015, 1.3, 0.1), (0.001, 1.05, 0.05))
 _POINTS = (41, 7, 25)
-# Valves of a scan that get a process of their own and a polish; how far apart they are in slip (share) and effect.
+# Valves of a scan that get a process of their own and a polish, costs looked at, and distance in slip (share) and
+# effect.
 _KEPT, _LOOKED, _SLIP_APART, _EFFECT_APART = 3, 1000, 0.08, 0.04
 _TURNS, _SETTLE = 6, 1e-3
 # First standard deviations of a polish, as shares of the usual ones, and of those for the swing.
 _SPREAD, _SWING = 0.4, 0.3
 _ROUNDS, _POPULATION, _SETTLED = 40, 14, 1e-4
-# A turn is worth another one while it lowers the cost by this share.
+# A turn is followed by another one while it lowers the cost by this share.
 _WORTH = 0.01
 
 
 def ridge_of(model: Model) -> tuple[Natural, slice] | None:
-    """The natural numbers of a model and where the effect that has them is, or None."""
+    """The natural numbers of a model and the rows of the effect that has them, or None."""
     for effect, rows in zip(model.effects, model.effect_rows, strict=True):
         if effect.natural is not None:
             return effect.natural, rows
@@ -43,9 +42,10 @@ def ridge_of(model: Model) -> tuple[Natural, slice] | None:
 
 
 def as_valves(model: Model, points: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Points (k, d) whose first two numbers are natural ones as the model has them, and whether that can be (k,).
+    """Points (k, d) whose first two parameters are natural numbers, in S and J; and a mask (k,) of the possible ones.
 
-    The first runs up to where S does without the effect, the second up to the longest slip of each swing.
+    The first natural number ranges up to the largest S without the effect, the second up to the longest slip of each
+    swing.
     """
     ridge = ridge_of(model)
     if ridge is None:
@@ -79,13 +79,14 @@ def as_natural(model: Model, points: FloatArray) -> FloatArray:
 
 
 def _swing(model: Model) -> float:
-    """The largest swing: the largest S where no effect lets it reach further."""
+    """The largest swing: the largest S where no effect extends it."""
     return model.space.parameters[0].high / max(effect.reach for effect in model.effects)
 
 
 def followed(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
-    """Points (k, d) followed along the ridge of a model, best first: scans that narrow down, the process of what they
-    find, and a polish, as long as that is worth it. Without a ridge they are what they were.
+    """Points (k, d) followed along the model's curve of equal cost, best first; without such a curve they stay.
+
+    Scans narrow down; each is followed by the process of the best valves and a polish, as long as the cost falls.
     """
     costs = model.costs(points)
     order = np.argsort(costs, kind="stable")
@@ -108,7 +109,7 @@ def followed(model: Model, points: FloatArray, rng: np.random.Generator) -> Foun
 
 
 def _with_process(model: Model, points: FloatArray) -> FloatArray:
-    """Points (k, d), best first, each with its own start and the process that goes with its valve."""
+    """Points (k, d), best first, each with its own start and the process that fits its valve."""
     return behind_valve(model, with_start(model, points), slice(0, 0), turns=_TURNS, settle=_SETTLE).points
 
 

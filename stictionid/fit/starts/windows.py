@@ -1,15 +1,15 @@
 """Basins of a valve that rests at every scan: many short windows of the record, which grow until they are the whole.
 
-Such a valve slips several times a stroke, each slip waits for the one before, and where one comes at another scan so do
-all that follow: on a whole record the right S, J and size of an effect lie in a hole far narrower than that of a valve
-that slides, and a part of the record from its beginning (see grown.py) is as narrow after a few cycles. A window of one
-cycle whose start is not known forgives errors of a tenth; a dozen of them all over the record leave few valves that
-fit all. What else happens in the record (a step, a ramp, a wave) bends few windows or none.
+Such a valve slips several times a stroke and each slip waits for the one before. Where one comes at another scan so do
+all that follow. On a whole record the basin of the right S, J and size of an effect is far narrower than that of a
+valve that slides. On a part that grows from the beginning (continuation.py) it is as narrow after a few cycles. A
+window of one cycle whose start is unknown forgives errors of a tenth. A dozen windows all over the record leave few
+valves that fit all. Other events in the record (a step, a ramp, a wave) bend few windows or none.
 
-Each window asks for no process (lagbank.py) and takes the best of a ladder of starts; their errors add up as standard
-deviations, so that one spoilt window does not decide. Measured on eight Karnopp valves of integrators and tanks with
-one hidden effect, where parts that grow from the beginning found none: six found, in 1 s each.
-Source: METHODS.md section 4, traps 1 and 3.
+Each window assumes no process (numerics/filter_bank.py) and takes the best of a ladder of starts. Their errors add up
+as standard deviations, so that one spoilt window does not decide. Measured on eight Karnopp valves of integrators and
+tanks with one hidden effect, where parts that grow from the beginning found none: six found, in 1 s each. Source:
+METHODS.md section 4, traps 1 and 3.
 """
 
 from __future__ import annotations
@@ -31,32 +31,35 @@ from .reparametrised import as_natural, as_valves
 
 # Starts tried in every window, as shares of the break-away force.
 _FORCES = np.linspace(-0.97, 0.97, 15)
-# Windows of the scan, those that a first look takes, its points (for each number beyond one), the share of them that
-# goes on, and the points that the scan and the last polish leave.
+# Windows of the scan, windows of its first look, and its points for each parameter beyond one. Then the divisor that
+# gives the points that go on, and the points that the scan and the last polish leave.
 _WINDOWS, _FIRST, _SCAN, _GO_ON, _LEFT = 12, 3, 8000, 10, (48, 4)
-# Lengths of the windows in periods, and up to which of them the polish is wide. Measured on 12 Karnopp valves with one
-# hidden effect, integrators and tanks, two seeds each: from 1.6 on 16 of 24 found, from 1 on 14, in 1.3 times the time.
+# Lengths of the windows in periods, and the length up to which the polish is wide. Measured on 12 Karnopp valves with
+# one hidden effect, integrators and tanks, two seeds each: from 1.6 on 16 of 24 found, from 1 on 14, in 1.3 times the
+# time.
 _PERIODS, _SHORT = (1.6, 2.5, 4.0, 7.0, 12.0), 2.5
 _WIDE, _FINE = 0.02, 0.008
-# Distance between points that are kept on windows of one period: a basin is narrower the longer they are, and closer
-# together all may lie in one that only short windows like. Share of the range.
+# Distance between kept points on windows of one period, as a share of the range. Longer windows have narrower basins,
+# and points closer together may all lie in one basin that only short windows favour.
 _APART = 0.02
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
-# Where effects are searched together: points about what is known, and half of those all over the range, whatever their
-# number (none is dense in six), those that go on and that either scan leaves, rounds and first standard deviation of
-# their polish, which has to go a long way; and the standard deviation about what is known (shares of the range).
+# Where effects are searched together: points about the known values, and twice as many all over the range, since no
+# number is dense in six dimensions. Then points that go on and that either scan leaves. Then rounds and first standard
+# deviation of their polish, which has a long way to go. Last the standard deviation about the known values (shares of
+# the range).
 _FEW, _TAKEN, _CHOSEN, _LONG, _FAR, _ABOUT = 6000, 750, 8, 20, 0.08, 0.1
 # Searches from the beginning: one in three ends where a polish finds the valve.
 _GROWTHS = 3
-# Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
+# Below this share of S_max a valve follows its command, and with it, in the closed loop, y.
 _LEAST_S = 0.1
 
 
 def resting_valves(model: Model, names: Sequence[str], still: slice, rng: np.random.Generator, *,
                    rival: tuple[Model, FloatArray] | None = None) -> FloatArray:
-    """Points (k, d) of the unit cube whose S, J, start and effects `names` were searched beside a rest at every scan
-    (the columns `still` at their upper end): from windows, or where the stem lags behind its friction from parts
-    that grow from the beginning: how far it lags at the start of a window nobody knows, and those cost a fifth.
+    """Points (k, d) from a search over S, J, start and effects `names` for a valve that rests at every scan.
+
+    The columns `still` are at their upper end. The search uses windows. Where the stem lags behind its friction it uses
+    parts that grow from the beginning. The lag at the start of a window is unknown, and those parts cost a fifth.
     """
     own = [0, 1, *(i for name in names for i in range(model.rows_of(name).start, model.rows_of(name).stop))]
     if not any(parse(name)[0].place is Place.STEM for name in names):
@@ -68,14 +71,15 @@ def resting_valves(model: Model, names: Sequence[str], still: slice, rng: np.ran
 def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: np.random.Generator, *,
                     rival: tuple[Model, FloatArray] | None = None,
                     known: tuple[FloatArray, slice] | None = None) -> FloatArray:
-    """Points (k, d) of the unit cube, best first, whose `columns` (S, J and effects) and start were searched.
+    """Points (k, d) of the unit cube, best first, from a search over `columns` (S, J and effects) and the start.
 
-    The process of all is in the middle of its range, the columns `still` at their upper end (a valve that rests at
-    every scan; None for one that slides). Of several segments the longest is searched. None are left (0, d) where a
-    valve of a `rival`, a model and its values (d,) or (d, k), fits the shortest windows as well.
+    The process parameters are in the middle of their ranges. The columns `still` are at their upper end (a valve that
+    rests at every scan; None for one that slides). Of several segments the longest is searched. The result is empty (0,
+    d) where a valve of a `rival`, a model and its values (d,) or (d, k), fits the shortest windows as well.
 
-    Where several effects are searched together, values (d,) are `known` but for the rows of one: a third of the scan
-    lies about them, and the polish goes further, along the numbers that the slips show (see `ridge`).
+    Where several effects are searched together, `known` holds values (d,) and the rows of the one that they do not
+    know. A second scan then lies about these values. The polish goes further, along the natural numbers (see
+    reparametrised.py).
     """
     at = longest_piece(model)
     whole = search_model(model.pieces[at])
@@ -107,7 +111,7 @@ def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: 
     points = (rng.random(len(own)) + np.outer(np.arange(2 * count if known else count), even(len(own)))) % 1.0
     kept = _scanned(costs_on(windows, _FIRST), costs_on(windows), points, taken, left)
     if known:
-        # Short windows may like a valve that follows its command better than any that is near the right one.
+        # Short windows may favour a valve that follows its command over all valves near the right one.
         there = as_natural(small, small.cube(model.of(at, known[0][:, None])))[0, own]
         points = points[::2]
         about = np.clip(there + _ABOUT * rng.standard_normal(points.shape), 0.0, 1.0)
@@ -131,21 +135,21 @@ def windowed_valves(model: Model, columns: list[int], still: slice | None, rng: 
         if len(windows.parts) == 1:
             break
     out = valves(points)[0]
-    # The start that goes with each on the whole record.
+    # The start that fits each valve on the whole record.
     out = small.cube(_started(small, small.values(out)))
     return out if len(model.pieces) == 1 else lifted(model, at, out)
 
 
 def _scanned(first: Callable[[FloatArray], FloatArray], then: Callable[[FloatArray], FloatArray], points: FloatArray,
              taken: int, left: int) -> FloatArray:
-    """The best distinct points (left, d) of a scan by a second cost, of those `taken` that are best by a first one."""
+    """The best distinct points (left, d) by a second cost, among the `taken` points that are best by a first one."""
     points = points[np.argsort(first(points), kind="stable")[:taken]]
     points = points[np.argsort(then(points), kind="stable")]
     return points[distinct(points, left, _APART)]
 
 
 def _started(model: Model, values: FloatArray) -> FloatArray:
-    """Values (d, P) with the start that goes best with each valve."""
+    """Values (d, P) with the start that fits each valve best."""
     values = values.copy()
     values[2] = _FORCES[_by_start(model, open_bank(model), values).argmin(axis=1)]
     return values

@@ -22,12 +22,12 @@ from .place import refuse_other_kinds
 MARK = "<!-- stictionid agreement -->"
 KINDS = {".md": MARK.encode(), ".json": b'{\n "schema": "stictionid.agreement/'}
 FIGURES = {"svg": svg.SVG_KIND, "png": PNG_KIND}
-# Room beside the first and the last record. Unit: share of the span.
+# Margin before the first and after the last record, as a share of the span.
 _MARGIN = 0.06
 
 
 def check_place(out: Path, *, figures: str = "svg", force: bool = False) -> None:
-    """Refuse an unknown extension or figure kind, or a place that can't be written, before any work is done."""
+    """Refuse an unknown extension or figure kind, or a place that cannot be written, before any work is done."""
     refuse_other_kinds("agreement", out, KINDS, " or ".join(KINDS), figures)
     ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
     if out.suffix.lower() == ".md":
@@ -53,7 +53,7 @@ def _beside(out: Path, figures: str) -> Path:
 
 
 def record_table(found: Agreement) -> PageTable:
-    """One row for each record: when, verdict, S and J with intervals, or why it does not count."""
+    """One row for each record: time, verdict, S and J with intervals, and whether it counts."""
     unit = wording.name(found.unit)
     rows = tuple((wording.name(r.label), wording.name(r.middle or wording.NOTHING), r.verdict, *_numbers(r),
                   "yes" if r.counted else "no") for r in found.records)
@@ -122,6 +122,6 @@ def _panel(name: str, found: Agreement, counted: list[RecordResult], t: FloatArr
 
 
 def _line(drift: Drift, t: FloatArray, at: FloatArray) -> FloatArray:
-    """The drift's line at times `at` of the axis on which the records it was drawn through stand at `t`."""
+    """The drift's line at times `at`; `t` (k,) are the times of the records behind the line, on the same axis."""
     known = float(np.ptp(t)) or 1.0
     return drift.start + drift.change * (at - t.min()) / known

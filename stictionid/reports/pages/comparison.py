@@ -1,4 +1,4 @@
-"""A comparison as markdown with pictures beside it, or as one HTML page that needs nothing else."""
+"""A comparison as markdown with pictures beside it, or as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ KINDS = {".md": MARK.encode(), ".html": b"<!doctype html>\n" + MARK.encode()}
 
 
 def check_place(out: Path, *, force: bool = False) -> None:
-    """Refuse an unknown extension or a place that can't be written, before any work is done."""
+    """Refuse an unknown extension or a place that cannot be written, before any work is done."""
     refuse_other_kinds("comparison", out, KINDS, ".md or .html; --json prints JSON")
     ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
 

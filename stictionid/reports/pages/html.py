@@ -1,7 +1,7 @@
-"""Facts and pictures as one HTML page: no network, no other files, light and dark, on paper and on a phone.
+"""Facts and pictures as one self-contained HTML page: no network, light and dark, on paper and on a phone.
 
-Everything foreign is escaped here and nowhere else. A content security policy names the page's own style and script by
-their hashes, so that text that slipped through could neither run nor load anything.
+All foreign text is escaped in this file and nowhere else. A content security policy names the page's own style and
+script by their hashes: text that slipped through could neither run nor load anything.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from .trend_layer import trend_layer
 KIND = "<!doctype html>\n<!-- stictionid report -->"
 # Class and sign of each verdict: the sign says it without colour.
 _VERDICTS = {"stiction": ("v-sticks", "▲"), "no stiction": ("v-free", "✓"), "undecided": ("v-open", "?")}
-# Ground of buttons and code, light and dark; both keep 4.5:1 under the ink and the softer ink.
+# Background of buttons and code, light and dark; both keep 4.5:1 under the ink and the softer ink.
 _PANEL = palette.Look("#f4f6f8", "#1d242c")
-# Words of a cell longer than this may break after every so many characters. Unit: characters.
+# Words of a cell longer than the first may break after every so many characters. Unit: characters.
 _LONGEST_WORD, _PIECE = 24, 12
-# Ids of the comparison's table and filter field, which the page's script looks for.
+# Ids of the comparison's table and filter field, which the page's script uses.
 COMPARED, FILTER = "compared", "filter"
 
 
@@ -79,14 +79,14 @@ def _hash(text: str) -> str:
 
 
 def _cell(text: str) -> str:
-    """A table cell's text, with places to break in words that would push the table off the page."""
+    """A table cell's text, with break points in words that would widen the table beyond the page."""
     return " ".join(escaped(word) if len(word) <= _LONGEST_WORD else
                     "<wbr>".join(escaped(word[k:k + _PIECE]) for k in range(0, len(word), _PIECE))
                     for word in text.split(" "))
 
 
 def escaped(text: str) -> str:
-    """Text for element content and quoted attributes, without characters a page can't hold."""
+    """Text for element content and quoted attributes, without characters that a page cannot hold."""
     return escape("".join(c for c in text if c >= " " and not "\ud800" <= c <= "\udfff" and not "\x7f" <= c <= "\x9f"))
 
 
@@ -138,7 +138,7 @@ def escape_lines(commands: Sequence[str]) -> str:
 
 
 def _wide(picture: Picture, prefix: str) -> str:
-    """A page-wide picture, and its narrow twin for phones; the style sheet shows one of them."""
+    """A page-wide picture and its narrow version for phones; the style sheet shows one of them."""
     return (f'<figure class="static"><div class="pic desk">{svg.inline(picture, prefix)}</div>'
             f'<div class="pic phone">{svg.inline(picture, prefix + "-n", narrow=True)}</div>'
             f"<figcaption>{escaped(picture.caption)}</figcaption></figure>")
@@ -161,7 +161,7 @@ def table_html(table: PageTable, name: str, *, links: Sequence[str] = ()) -> str
 
 
 def _comparison(cases: Sequence[Case], all_facts: Sequence[Facts], drawn: Sequence[dict[str, Picture]]) -> str:
-    """PageTable of all loops (sortable and filterable with the page's script), their S on one axis, small multiples."""
+    """Table of all loops (sortable and filterable with the page's script), their S on one axis, small multiples."""
     table = table_html(facts_of.comparison([c.study for c in cases]), COMPARED,
                    links=[f"#s{i}" for i in range(1, len(cases) + 1)])
     parts = [f'<section id="all" aria-labelledby="all-title"><h2 id="all-title">Comparison</h2>'

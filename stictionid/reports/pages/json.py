@@ -1,4 +1,4 @@
-"""The report as JSON: each study, its facts as worded elsewhere, and every number its pictures show."""
+"""The report as JSON: each study, its facts as worded elsewhere, and every number that its pictures show."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SCHEMA = "stictionid.report/1"
 def report_json(cases: Sequence[Case], pictures: Sequence[dict[str, Picture]]) -> str:
     """JSON text of the report; `series` holds the record and the last model's curves at full length.
 
-    Facts and studies are indented for people, pictures and series stand on one line each: they are for programs.
+    Facts and studies are indented for people. Pictures and series are for programs and stand on one line each.
     """
     studies = [_study(case, drawn) for case, drawn in zip(cases, pictures, strict=True)]
     text = f'{{\n "schema": "{SCHEMA}",\n "studies": [\n' + ",\n".join(studies) + "\n ]\n}\n"

@@ -1,6 +1,6 @@
 """Facts as terminal text: verdict, tables at 80 columns and a small trend, braille where the encoding has it.
 
-Colour comes from the console (none when it is not a terminal or NO_COLOR is set) and never carries anything alone.
+Colour comes from the console (none when it is not a terminal or NO_COLOR is set). It is never the only carrier.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from ..document import Facts, PageTable
 from ..pictures import measures, study_pictures
 from ..pictures.curves import Case
 
-# Sections a terminal shows; the rest is in the written reports.
+# Sections shown on a terminal; the rest is in the written reports.
 _SECTIONS = ("no-pictures", "ladder", "candidates", "laws", "next")
 # Columns kept of wide tables on a console narrower than _ROOMY columns.
 _NARROW = {"ladder": (0, 1, 2, 3, 4, 6), "candidates": (0, 1, 2, 3, 4)}
 _ROOMY = 110
-# Rows of a table before the rest is left to the written reports. Unit: rows.
+# Most rows of a table; the rest is left to the written reports.
 _MOST_ROWS = 8
 # Widest trend and its height. Unit: columns and rows of text, without the axis.
 _MOST_COLUMNS, _ROWS = 66, 6
@@ -32,7 +32,7 @@ _AXIS = 10
 # Dots of one braille character: columns, rows, and the bit of each (row, column). Source: Unicode, block U+2800.
 _DOTS_X, _DOTS_Y = 2, 4
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-# What an encoding without these characters gets in their place.
+# Replacements for an encoding without these characters.
 _PLAIN = {"…": "...", "·": ";", "³": "3", "²": "2", "°": "deg ", "µ": "u", "±": "+/-", "×": "x", "–": "-"}
 _STYLES = {"stiction": "bold red", "no stiction": "bold green", "undecided": "bold yellow"}
 
@@ -135,7 +135,7 @@ def raster(values: FloatArray, columns: int, rows: int, low: float, high: float)
     dots = np.zeros((rows, columns), dtype=bool)
     scale = (rows - 1) / (high - low) if high > low else 0.0
     for k in range(columns):
-        # One sample of the next column belongs to this one, so that steep flanks stay joined.
+        # Each column includes one sample of the next one, so that steep flanks stay joined.
         piece = signal[edges[k]:edges[k + 1] + 1]
         piece = piece[np.isfinite(piece)]
         if piece.size:
@@ -169,7 +169,7 @@ def _has(encoding: str, character: str) -> bool:
 
 
 def _text(text: str, encoding: str) -> str:
-    """Text the encoding can write: close ASCII where there is one, escapes elsewhere."""
+    """Text that the encoding can write: close ASCII where there is one, escapes elsewhere."""
     if _has(encoding, text):
         return text
     text = "".join(c if _has(encoding, c) else _PLAIN.get(c, c) for c in text)

@@ -1,7 +1,7 @@
 """The interactive trend of a page: a record's signals as data for the page's script, and the controls around it.
 
-The script (page.js) draws them on a canvas, thinned to the lowest and highest value of each pixel column and thinned
-again on every zoom. Without script, and on paper, the static picture stands in its place.
+The script (page.js) draws the signals on a canvas, thinned to the lowest and highest value of each pixel column, and
+thins again on every zoom. Without script, and on paper, the static picture replaces it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _UPPER, _LOWER = 0, 1
 def trend_layer(case: Case, name: str) -> str:
     """The controls and the data of one study's trend as HTML; `name` keeps its ids apart. Needs `case.loop`."""
     data = json.dumps(layer_data(case), ensure_ascii=True, separators=(",", ":"), allow_nan=False)
-    # As JSON, < > & stand only inside strings, where their escapes mean the same; no tag can end the data block.
+    # In JSON, < > & occur only inside strings, where their escapes mean the same; no tag can end the data block.
     data = data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
     toggles = "".join(f'<label><input type="checkbox" checked value="{k}">{_swatch(role)}{escape(label)}</label>'
                       for k, (label, role, _, _, _) in enumerate(_signals(case)))
@@ -48,7 +48,7 @@ def trend_layer(case: Case, name: str) -> str:
 
 
 def layer_data(case: Case) -> dict[str, object]:
-    """What the script draws: signals as base64 of little-endian float32 (n,), bands in s, names and looks."""
+    """Data for the script: signals as base64 of little-endian float32 (n,), bands in s, names and looks."""
     loop = case.loop
     if loop is None:
         return {}
@@ -70,7 +70,7 @@ def _last(case: Case) -> Curves | None:
 
 
 def _signals(case: Case) -> list[tuple[str, str, int, str, FloatArray]]:
-    """Name, role, panel, unit and values (n,) of every signal there is."""
+    """Name, role, panel, unit and values (n,) of every signal present."""
     loop, last = case.loop, _last(case)
     if loop is None:
         return []

@@ -1,4 +1,4 @@
-"""Cases → files: picks the renderer by the extension and writes all files of a report, or none."""
+"""Report files: renderer chosen by the extension, all files of a report written, or none."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ KINDS = {".md": b"<!-- stictionid report -->", ".html": b"<!doctype html>\n<!-- 
 
 
 def check_target(out: Path, *, figures: str = "svg", force: bool = False) -> None:
-    """Refuse an unknown extension or figure kind, or a place that can't be written, before any work is done."""
+    """Refuse an unknown extension or figure kind, or a place that cannot be written, before any work is done."""
     refuse_other_kinds("report", out, EXTENSIONS, ", ".join(EXTENSIONS), figures)
     ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
 
@@ -29,8 +29,8 @@ def write_report(cases: Sequence[Case], out: str | Path, *, figures: str = "svg"
                  progress: Progress | None = None) -> list[Path]:
     """Write the report of `cases` to `out` (.md, .html or .json) and return the files written, `out` last.
 
-    Markdown gets its pictures beside it, named after `out`. `progress` hears what is done and the share that is.
-    Raises UsageError where a file can't be written.
+    Markdown gets its pictures beside it, named after `out`. `progress` gets a text and the share done. Raises
+    UsageError where a file cannot be written.
     """
     from ..pictures.study_pictures import pictures
 

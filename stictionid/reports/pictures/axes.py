@@ -10,13 +10,13 @@ import numpy as np
 from ...typing import FloatArray
 from .picture import Panel
 
-# Room left between the curves and the frame. Unit: share of the range.
+# Margin between the curves and the frame, as a share of the range.
 _MARGIN = 0.04
 
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """A map from numbers to pixels: `low`..`high` onto `start`..`end`, logarithmic on demand."""
+    """A map from numbers to pixels: `low`..`high` onto `start`..`end`, optionally logarithmic."""
 
     low: float
     high: float
@@ -98,7 +98,7 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """1, 2, 5 times powers of ten between `low` and `high`, only the powers where there are many."""
+    """1, 2, 5 times powers of ten between `low` and `high`; only the powers where there are many."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     found = [m * 10.0 ** d for d in decades for m in (1, 2, 5) if low <= m * 10.0 ** d <= high]
     return found if len(found) <= 7 else [v for v in found if math.log10(v) % 1 < 1e-9 or math.log10(v) % 1 > 1 - 1e-9]

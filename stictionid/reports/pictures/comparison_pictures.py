@@ -1,6 +1,6 @@
-"""Pictures of a comparison, one for each question: where the model fails, seen at a glance.
+"""Pictures of a comparison, one for each question: the parts of the record where the model fails.
 
-Only arranges numbers that `compare` found; drawing is done by the house's renderers.
+They arrange numbers that `compare` found; the renderers draw them.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from .. import wording
 from .measures import stretches, thin
 from .picture import Band, Line, Panel, Picture, Rule
 
-# Points of a trend and of a cloud. Unit: 1.
+# Bins of a trend and points of a scatter plot.
 _BINS, _POINTS = 600, 1500
-# A stretch is shaded where the running error of a quarter period exceeds this many times that of the record.
+# A stretch is shaded where the running error of a quarter period exceeds this multiple of the record's error.
 _STANDS_OUT = 1.6
 _TITLES = {"time": "Error along the record", "phase": "Error while the valve sticks, slips and slides",
            "direction": "Error by direction of travel", "output": "Error over the controller output",
@@ -76,7 +76,7 @@ def _cells(c: Comparison, name: str, cells: tuple[Cell, ...]) -> Picture:
 
 
 def _cycle(c: Comparison) -> Picture | None:
-    """Residual against the phase of the cycle, every cycle on top of the other."""
+    """Residual against the phase of the cycle, all cycles overlaid."""
     g = c.ground
     t = g.loop.time_s
     phase = np.full(t.size, np.nan)

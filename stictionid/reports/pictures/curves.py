@@ -1,7 +1,7 @@
 """The data and curves behind a study: finds and checks the record, re-runs each step's model once, searches nothing.
 
-A study whose data are gone is still a report of tables; a study whose data have changed is refused, because its
-pictures would show something else than its numbers.
+A study whose data are gone still gives a report of tables. A study whose data have changed is refused: its pictures
+would differ from its numbers.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ def curves(study: Study, loop: Loop) -> list[Curves]:
 
 
 def find_data(study: Study, *, near: Sequence[Path] = ()) -> Path | None:
-    """The study's file where it was, or beside one of the folders in `near` when it has moved along with the study."""
+    """The study's file at its recorded place, or in one of the folders `near` when it has moved along with the study.
+    """
     recorded = study.data.file
     if not recorded or recorded == "-":
         return None
@@ -53,19 +54,19 @@ def find_data(study: Study, *, near: Sequence[Path] = ()) -> Path | None:
                   *(folder / Path(recorded).name for folder in near)]
         return next((p for p in places if p.is_file() or p.is_dir()), None)
     except (OSError, ValueError):
-        # A name too long or with a NUL byte is no place on this machine.
+        # A name that is too long or has a NUL byte is no place on this machine.
         return None
 
 
 def load(study: Study, path: Path) -> Loop:
-    """The record of `study` read from `path` as it was read the first time.
+    """The record of `study` read from `path` with the options of the first reading.
 
     DataError (exit 3) when the file's SHA-256 is not the one the study was made from.
     """
     from ...historian import read_loop
     from ...historian.bytes.options import options_from
 
-    # A file is known by its bytes before it is read, a folder (a dataset) by the rows that were read of it.
+    # A file is known by its bytes before it is read, a folder (a dataset) by the rows read from it.
     loop = read_loop(path, options=options_from(study.data.options)) if path.is_dir() else None
     found = sha256_of(path) if loop is None else loop.origin.sha256
     if study.data.sha256 and found != study.data.sha256:
@@ -76,7 +77,7 @@ def load(study: Study, path: Path) -> Loop:
 
 
 def gather(study: Study, *, data: Path | None = None, near: Sequence[Path] = ()) -> Case:
-    """The study with everything its pictures need, or with the reason why they can't be drawn.
+    """The study with everything its pictures need, or with the reason why they cannot be drawn.
 
     `data` names the file when it has moved (DataError when absent or changed); `near` are folders to look in.
     """

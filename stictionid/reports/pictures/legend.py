@@ -1,4 +1,4 @@
-"""What stands between a picture's title and its frame, as SVG: names of lines, bands and marks, and labels of rules.
+"""Legends of a picture as SVG, between title and frame: names of lines, bands and marks, and labels of rules.
 
 Names go outside the frame, so that they never cover a curve.
 """
@@ -23,7 +23,7 @@ Cut = Callable[[str, float], str]
 
 
 def entries(panel: Panel) -> list[tuple[str, str, str]]:
-    """Name, role and kind of sample of everything a panel shows that needs a name, each once."""
+    """Name, role and kind of sample of everything in a panel that needs a name, each once."""
     found = [(line.name, line.role, {"points": "dot", "bars": "bar"}.get(line.style, "line")) for line in panel.lines]
     seen = {b.role for b in panel.bands}
     found += [(word, role, "band") for role, word in BAND_NAMES if role in seen]
@@ -37,7 +37,7 @@ def entries(panel: Panel) -> list[tuple[str, str, str]]:
 
 
 def legend(panel: Panel, left: float, width: int, top: float, character: float, cut: Cut) -> tuple[str, int]:
-    """Samples of each entry with its name from `left` on, wrapped; and how many rows that took."""
+    """Samples of each entry with its name from `left` on, wrapped; and the number of rows."""
     parts, at, row = [], left, 0
     for name, role, kind in entries(panel):
         size = SAMPLE + character * min(len(name), wording.LONGEST_NAME) + BETWEEN
@@ -68,7 +68,7 @@ def _scale(panel: Panel, left: float, y: float, character: float, cut: Cut) -> s
 
 
 def rule_labels(panel: Panel, x: Axis, bottom: float, character: float, cut: Cut) -> str:
-    """Labels of the vertical rules above the frame, whose top is at `bottom`; crowded ones climb to higher rows."""
+    """Labels of the vertical rules above the frame, whose top is at `bottom`; crowded ones go to higher rows."""
     return "".join(f'<text x="{start:.1f}" y="{bottom - 4 - RULE_ROW * row:.1f}">{cut(rule.label, 400)}</text>'
                    f'<path class="r-{rule.role}" d="M{at:.1f} {bottom:.1f}V{bottom - 3 - RULE_ROW * row:.1f}"/>'
                    for rule, at, start, row in rule_places(panel, x, character))
@@ -114,7 +114,7 @@ def _sample(kind: str, role: str, at: float, y: float) -> str:
 
 
 def mark(role: str, x: float, y: float, r: float) -> str:
-    """A point's sign: a ring for searches, a slanting cross for the last model, an upright one for the rest."""
+    """A point's sign: a ring for searches, an oblique cross for the last model, an upright one for the rest."""
     if role == "search":
         return f'<circle class="r-{role}" cx="{x:.1f}" cy="{y:.1f}" r="3"/>'
     if role == "last":

@@ -12,10 +12,10 @@ from ...record.loop import Loop
 from ...record.study import Study
 from ...typing import BoolArray, FloatArray
 
-# A stretch fails where the running RMS of the residual exceeds this many times its RMS over the record. Unit: 1;
-# chosen so that a Gaussian residual of one period (30 samples or more) is shaded less than once in 1,000 stretches.
+# A stretch fails where the running RMS of the residual exceeds this multiple of its RMS over the record. Chosen so that
+# a Gaussian residual of one period (30 samples or more) is shaded less than once in 1,000 stretches.
 FAILING_RATIO = 1.6
-# Length of the running RMS where the record has no period. Unit: share of the record.
+# Length of the running RMS where the record has no period, as a share of the record.
 _RUNNING_SHARE = 0.02
 # Two-sided 99 % point of the normal distribution, for autocorrelation bounds. Unit: standard deviations.
 NORMAL_99 = 2.576
@@ -26,7 +26,7 @@ _LONGEST_SEGMENT = 4096
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A part of the record, in seconds since its first sample, with the reason it is shaded."""
+    """A part of the record, in seconds since its first sample, with the reason for its shading."""
 
     start_s: float
     end_s: float
@@ -34,7 +34,7 @@ class Stretch:
 
 
 def thin(x: FloatArray, y: FloatArray, bins: int) -> tuple[FloatArray, FloatArray]:
-    """At most 2·bins points of a curve (n,) that draw the same: lowest and highest value of each bin, in order."""
+    """At most 2·bins points of a curve (n,) that look the same: lowest and highest value of each bin, in order."""
     n = y.size
     if n <= 2 * bins:
         return x, y
@@ -65,7 +65,7 @@ def unused(loop: Loop) -> tuple[Stretch, ...]:
 
 
 def failing(study: Study, loop: Loop, residual: FloatArray) -> tuple[Stretch, ...]:
-    """Stretches where the last model fails: those that findings name, else where the running RMS stands out.
+    """Stretches where the last model fails: those that findings name, else those where the running RMS stands out.
 
     A finding names stretches as evidence `stretches: [[start_s, end_s], …]`.
     """
@@ -90,7 +90,7 @@ def failing(study: Study, loop: Loop, residual: FloatArray) -> tuple[Stretch, ..
 
 
 def _pairs(value: Any) -> list[tuple[float, float]]:
-    """Pairs of numbers in evidence written by anyone; anything else is ignored."""
+    """Pairs of numbers in evidence from any source; anything else is ignored."""
     if not isinstance(value, list | tuple):
         return []
     return [(p[0], p[1]) for p in value if isinstance(p, list | tuple) and len(p) == 2
@@ -123,7 +123,7 @@ def autocorrelation(signal: FloatArray, most: int) -> FloatArray:
 
 
 def lags_for(samples: int, period_samples: float | None) -> int:
-    """How many lags to show: three periods, at most a quarter of the samples."""
+    """Number of lags to show: three periods, at most a quarter of the samples."""
     wanted = 3 * period_samples if period_samples else 100
     return int(max(1, min(wanted, samples // 4, _MOST_LAGS)))
 

@@ -1,6 +1,6 @@
 """Colour, dash and width of each role, the same in every picture and renderer, light and dark.
 
-Colours keep 4.5:1 against their ground and stay apart for the usual colour blindnesses; every role also has its own
+Colours keep 4.5:1 against their ground and stay apart for the usual colour blindnesses. Every role also has its own
 dash or marker, so that colour is never the only carrier.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How one role is drawn: colours on light and dark ground, dash pattern and line width in px."""
+    """Look of one role: colours on light and dark ground, dash pattern and line width in px."""
 
     light: str
     dark: str

@@ -1,7 +1,7 @@
-"""What a picture consists of before any drawing: panels of lines, bands, marks and cells, all of them numbers.
+"""Content of a picture before any drawing: panels of lines, bands, marks and cells, all of them numbers.
 
-The pictures module fills these; the SVG and the matplotlib renderer only draw them, and the JSON report writes them
-out, so whatever a picture shows exists as numbers.
+The picture modules fill these classes. The renderers only draw them, and the JSON report writes them out, so that
+everything in a picture exists as numbers.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from ...typing import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A curve or a cloud of points; `role` picks colour and dash the same way in every picture.
+    """A curve or a scatter of points; `role` picks colour and dash the same way in every picture.
 
     `x` and `y` have shape (k,), NaN breaks the line. `style` is "line", "points", "bars", "stems" or "arrows" (a line
     with arrow heads along it).
@@ -97,7 +97,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One figure: `alt` states its finding for those who can't see it, `caption` says what is drawn."""
+    """One figure: `alt` states its finding for readers who cannot see it, `caption` says what is drawn."""
 
     key: str
     title: str

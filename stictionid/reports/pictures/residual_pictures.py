@@ -15,7 +15,7 @@ from .picture import Line, Panel, Picture, Rule
 if TYPE_CHECKING:
     from ...model.spec import Curves
 
-# Fewer residuals than this say nothing about correlation. Unit: samples.
+# Fewest residuals for a picture of their correlation. Unit: samples.
 _FEWEST = 32
 # Harmonics of the oscillation marked in the spectrum. Unit: 1.
 _HARMONICS = 3
@@ -33,7 +33,7 @@ def both(study: Study, loop: Loop, last: Curves) -> tuple[Picture, ...]:
 
 
 def autocorrelation(study: Study, loop: Loop, residual: np.ndarray) -> Picture:
-    """What is left in the residual (k,) that its own past predicts."""
+    """Autocorrelation of the residual (k,): the part that its own past predicts."""
     period = study.range.period_median_s
     most = measures.lags_for(residual.size, period / loop.step_s if period else None)
     r = measures.autocorrelation(residual, most)[1:]
@@ -61,7 +61,7 @@ def spectrum(study: Study, loop: Loop, residual: np.ndarray, measured: np.ndarra
     rules = tuple(Rule("x", cycle / h, "T" if h == 1 else f"T/{h}", "guide") for h in range(1, _HARMONICS + 1)
                   if cycle / h >= 2 * loop.step_s) if cycle else ()
     strongest = float(period[int(power.argmax())])
-    # log10 so that both renderers draw straight numbers; the axis label says so.
+    # log10, so that both renderers draw plain numbers; the axis label says so.
     floor = max(float(power_pv.max()) * 1e-8, 1e-300)
 
     def decades(p: np.ndarray) -> np.ndarray:

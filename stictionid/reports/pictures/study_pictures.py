@@ -1,6 +1,6 @@
-"""Study and curves → pictures as numbers: the paper's Figures 8 to 11 and what engineers look at beside them.
+"""Pictures of a study as numbers: the paper's Figures 8 to 11, and others that engineers use.
 
-Each function makes one picture or None where the case has no numbers for it. Source: paper Fig. 8 to 11; the other
+Each function makes one picture, or None where the case has no numbers for it. Source: paper Fig. 8 to 11; the other
 pictures from the conventions in HISTORIAN.md section 1.
 """
 
@@ -23,14 +23,14 @@ from .picture import Band, Box, Cells, Line, Mark, Panel, Picture, Rule
 if TYPE_CHECKING:
     from ...model.spec import Curves
 
-# Bins of the min-max thinning of a static trend. Unit: 1; about two per 3 pixels of a page-wide picture.
+# Bins of the min-max thinning of a static trend: about two per 3 pixels of a page-wide picture.
 TREND_BINS = 600
 # Periods drawn in phase plots and close-ups, and the most points of such a plot. Unit: periods, points.
 CLOSE_PERIODS = 6
 _CLOSE_POINTS = 1500
 # Records longer than this many periods get a close-up beside the whole record. Unit: periods.
 _CLOSE_FROM = 12
-# Gaps of a record that are marked on its trend; more would be a hatching.
+# Most gaps of a record that are marked on its trend; more would be a hatching.
 _MOST_GAPS = 20
 
 
@@ -41,7 +41,7 @@ def pictures(case: Case) -> dict[str, Picture]:
     if case.loop is not None and case.loop.samples > 1:
         last = case.curves[-1] if case.curves else None
         found.append(trend(case.study, case.loop, last))
-        if np.ptp(case.loop.output[window(case.study, case.loop)]) > 0:  # else it is a line that says nothing
+        if np.ptp(case.loop.output[window(case.study, case.loop)]) > 0:  # else it is a line without information
             found.append(phase(case.study, case.loop))
         if last is not None:
             found += [p for p in (characteristic(case.study, case.loop, last), fit(case.study, case.loop, last),
@@ -101,7 +101,7 @@ def trend(study: Study, loop: Loop, last: Curves | None) -> Picture:
 
 
 def _shaded_words(bands: Sequence[Band]) -> str:
-    """What the shading means, where there is any."""
+    """The meaning of the shading, where there is any."""
     roles = {b.role for b in bands}
     said = [word for role, word in (("failing", "shaded: where the model fails"), ("unused", "hatched: samples not "
                                     "used")) if role in roles]
@@ -176,7 +176,7 @@ def characteristic(study: Study, loop: Loop, last: Curves) -> Picture | None:
 
 
 def _as_travel(study: Study, position: FloatArray) -> FloatArray:
-    """Measured position (k,) on the scale of the inferred one: gain, offset and direction of its fit taken out."""
+    """Measured position (k,) on the scale of the inferred one: gain, offset and direction of its fit removed."""
     p = study.estimate.from_position if study.estimate else None
     if p is None or not p.gain or p.offset is None:
         return position
@@ -201,7 +201,7 @@ def fit(study: Study, loop: Loop, last: Curves) -> Picture | None:
 
 
 def closeup(study: Study, loop: Loop, last: Curves) -> Picture | None:
-    """The same over a few periods, where the record is too long to see them."""
+    """The fit picture over a few periods, where the record is too long to show them."""
     period = study.range.period_median_s
     if not period or loop.samples * loop.step_s < _CLOSE_FROM * period:
         return None
@@ -238,7 +238,7 @@ def _fit(study: Study, loop: Loop, last: Curves, part: slice, key: str, title: s
 
 
 def cost_map(study: Study) -> Picture | None:
-    """Free-run error over S and J with the optimum, its intervals and where the searches ended."""
+    """Free-run error over S and J with the optimum, its intervals and the ends of the searches."""
     m, e = study.cost_map, study.estimate
     if m is None or not m.S or not m.J or not m.rmse:
         return None
@@ -276,7 +276,7 @@ _Interval = tuple[float, float] | None
 
 
 def _mapped_optimum(study: Study) -> tuple[float, float, _Interval, _Interval] | None:
-    """S, J and their intervals in the model that the map shows, which an effect added later leaves behind."""
+    """S, J and their intervals in the model that the map shows; effects added later have moved the estimate."""
     k = mapped_step(study)
     if k is not None and k < len(study.steps) - 1:
         found = {p.name: p for p in study.steps[k].parameters if p.effect is None}
@@ -324,7 +324,7 @@ def candidates(study: Study) -> Picture | None:
 
 
 def _severity_rules(largest: float) -> tuple[Rule, ...]:
-    """Where each severity band begins, up to a little above the largest S."""
+    """Rules at the start of each severity band, up to a little above the largest S."""
     begins = zip(wording.SEVERITY_BANDS[:-1], wording.SEVERITY_BANDS[1:], strict=True)
     return tuple(Rule("x", limit, word, "bound") for (limit, _), (_, word) in begins if limit < 1.2 * largest)
 

@@ -1,6 +1,7 @@
-"""Pictures as SVG, inline in a page or as files: small, the same bytes every time, light and dark by style sheet.
+"""Pictures as SVG, inline in a page or as files: small, deterministic, light and dark by style sheet.
 
-Only draws; the numbers come from `pictures`. Text is real text, so it can be searched, translated and read aloud.
+This file only draws; the numbers come from the picture modules. Text is real text, so it can be searched, translated
+and read aloud.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ TEXT = 12.5
 CHARACTER = 7.3
 # Distance of arrow heads along a curve. Unit: px.
 _ARROW_EVERY = 95.0
-# Most of a picture's width that names of bars may take. Unit: 1; longer names are cut in the middle.
+# Most of a picture's width for names of bars, as a share; longer names are cut in the middle.
 _WIDEST_NAMES = 0.42
 SVG_KIND = b"<!-- stictionid figure -->"
 
@@ -110,7 +111,7 @@ def _body(picture: Picture, width: int, prefix: str) -> tuple[str, int]:
 
 
 def _panel(panel: Panel, width: int, top: float, height: float, key: str) -> tuple[str, int]:
-    """One panel from `top` on, and where the next one starts."""
+    """One panel from `top` on, and the position of the next one."""
     legend, rows = names.legend(panel, _LEFT, width, top, CHARACTER, _cut)
     left = min(max(_LEFT, 12 + CHARACTER * max((len(n) for n in panel.names), default=0)), _WIDEST_NAMES * width)
     x = Axis(*axes.limits(panel, "x"), left, width - _RIGHT, panel.log_x)
@@ -177,7 +178,7 @@ def _band(band: Band, x: Axis, top: float, height: float) -> str:
 
 
 def _rule(rule: Rule, x: Axis, y: Axis) -> str:
-    """The line of a rule; its label stands outside the frame."""
+    """The line of a rule; its label is outside the frame."""
     if rule.axis == "x":
         return f'<path class="r-{rule.role}" d="M{float(x.at(rule.value)):.1f} {min(y.start, y.end):.1f}' \
                f'V{max(y.start, y.end):.1f}"/>'

@@ -1,7 +1,7 @@
 """The picture of a valve bench: for each test u and u_v against time, and u_v against u.
 
-It only draws: every line exists as numbers in the outcomes. Same outcomes, same bytes (no dates, no random ids). Only
-this file and figures.py load matplotlib, and only when a picture is made.
+It only draws: every line exists as numbers in the outcomes. Same outcomes give the same bytes (no dates, no random
+ids). Only this file and figures.py load matplotlib, and only when a picture is made.
 """
 
 from __future__ import annotations
