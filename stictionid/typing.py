@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,3 +11,6 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.signedinteger[Any]]
+
+# Told now and then by anything that takes long: a sentence, and the share that is done (0 to 1).
+Progress = Callable[[str, float], None]

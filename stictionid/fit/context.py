@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from hashlib import sha256
 from typing import Any
@@ -20,7 +19,7 @@ from ..numerics.varpro import bic
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of, time_scale_s
 from ..record.study import ErrorSummary, ParameterValue, Range, Restarts, Step
-from ..typing import FloatArray
+from ..typing import FloatArray, Progress
 from .fit import Fitted, finish, search
 from .intervals.assemble import innovation_rows
 from .moves import longest_piece
@@ -43,7 +42,6 @@ _AT_HAND, _NOT_LONG = 6, 20_000
 # Grid of start forces, time constants and dead times (shares of their ranges) for the process of a given valve.
 _FORCES, _LAGS, _DEADS = np.linspace(-0.96, 0.96, 13), np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12)
 
-Progress = Callable[[str, float], None]
 
 
 class Run:

@@ -26,9 +26,10 @@ from ..model.segments import bound
 from ..model.spec import INTEGRATOR, Spec
 from ..record.loop import Finding, Loop
 from ..record.study import Study
+from ..typing import Progress
 from .judge import HALVED, halves, holds, winner_of
 from .resting import resting_valve
-from .steps import Progress, finished_step, opened, with_steps
+from .steps import finished_step, opened, with_steps
 from .structure import LAG, other_process
 from .tries import NAMED, Round, Tried, try_all
 

@@ -21,10 +21,11 @@ from ..model.spec import INTEGRATOR, Spec
 from ..record.loop import Finding, Loop
 from ..record.segments import described
 from ..record.study import Candidate, Study
+from ..typing import Progress
 from .judge import ALIKE, HALVED, candidates, halves
 from .rounding import moved_by_rounding, step_of
 from .rounds import Looked, Onward, beside_lag, look_at, may_go_on, on_every_base, on_other_base, other_structure
-from .steps import Progress, extended, finished_step, opened, with_steps
+from .steps import extended, finished_step, opened, with_steps
 from .structure import LAG
 from .tries import NAMED, Tried
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,9 +26,8 @@ from ..record.loop import Finding, Loop
 from ..record.oscillation import find_range
 from ..record.segments import described
 from ..record.study import Estimate, Step, Study, intervals_withheld, without_intervals
-from ..typing import FloatArray
+from ..typing import FloatArray, Progress
 
-Progress = Callable[[str, float], None]
 # An earlier effect is superfluous when the model without it loses less than this in BIC (CRITICISM.md section 7).
 SUPERFLUOUS = 2.0
 # Twice the log-likelihood that a disturbance must gain by entering elsewhere (CRITICISM.md section 7, step 7: "named").

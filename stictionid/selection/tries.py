@@ -34,8 +34,8 @@ from ..model.segments import bound
 from ..model.spec import BASE
 from ..numerics.population import refine
 from ..record.loop import Loop
-from ..typing import FloatArray
-from .steps import Progress, variants
+from ..typing import FloatArray, Progress
+from .steps import variants
 from .work import Answer, Ground, Workers, base_values, finish, look, look_beside, look_in_windows, noise, without_it
 
 # Full refits: at most so many, so many at a time whatever the jobs, of looks whose BIC is within so much (or this share

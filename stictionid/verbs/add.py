@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from ..record.loop import Loop
 from ..record.study import Study
-from ..selection.steps import Progress, extended, opened
+from ..selection.steps import extended, opened
+from ..typing import Progress
 from ..verdict.judge import judge
 from ..verdict.severity import severity_of
 

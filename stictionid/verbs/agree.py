@@ -12,7 +12,7 @@ and Birge's ratio as in the averages of the Particle Data Group.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -25,7 +25,7 @@ from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..fit.options import Options
 from ..record.loop import Loop
 from ..record.study import CreatedBy, Study
-from ..typing import FloatArray
+from ..typing import FloatArray, Progress
 from .identify import identify as run_identify
 from .identify import made_by
 
@@ -42,7 +42,6 @@ _FEWEST_FOR_DRIFT = 3
 # Units of time for a slope by the span they suit, in seconds.
 _UNITS = ((90 * 86400.0, 30 * 86400.0, "30 days"), (2 * 86400.0, 86400.0, "day"), (0.0, 3600.0, "hour"))
 
-Progress = Callable[[str, float], None]
 Span = tuple[float, float]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..record.loop import Loop
 from ..record.study import Study
 from ..selection.run import select
-from ..selection.steps import Progress
+from ..typing import Progress
 from .add import judged_anew
 
 

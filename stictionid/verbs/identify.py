@@ -9,7 +9,6 @@ section 4.
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -41,6 +40,7 @@ from ..record.study import (
     intervals_withheld,
     without_intervals,
 )
+from ..typing import Progress
 from ..verdict import law_ranking
 from ..verdict.from_position import from_position
 from ..verdict.judge import ASK, UNANSWERED, capped, judge
@@ -49,7 +49,6 @@ from .long_records import excerpt, judged
 
 _MAP_S, _MAP_J = 41, 31
 
-Progress = Callable[[str, float], None]
 
 
 def identify(loop: Loop, *, options: Options | None = None, progress: Progress | None = None) -> Study:

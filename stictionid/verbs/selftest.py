@@ -8,7 +8,7 @@ chance in so few loops. Source: CRITICISM.md section 7, "self-proof".
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_all_start_methods, get_context
@@ -19,6 +19,7 @@ from ..effects import get
 from ..errors import StictionidError
 from ..fit.options import Options
 from ..model.closed_loop import Controller, Plant, Setting, simulate
+from ..typing import Progress
 from .diagnose import diagnose
 from .identify import identify
 
@@ -40,7 +41,6 @@ _HIDDEN: tuple[tuple[str, Mapping[str, float | str]] | None, ...] = (
     ("stiction-drift", {"stickband_growth": 1.2}),
 )
 
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)

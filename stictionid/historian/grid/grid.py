@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...typing import BoolArray, FloatArray, IntArray
 from ..table.rows import CODE
+from ..time.clock import SECOND
 
 MAX_FILLED = 2
 """Missing PV samples that may be interpolated, in a row (HISTORIAN.md 3.12)."""
@@ -24,7 +25,6 @@ MAX_SINGLE_STEP_SHARE = 0.9
 """Share of equal steps above which the others are missing rows, not the rounding of an uneven step."""
 MIN_SEGMENT = 10
 """Shortest stretch kept, samples: below that no dynamics can be seen in it."""
-_SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +84,10 @@ def find_step(ns: IntArray) -> GridStep:
 
 def _rounded_step(ns: IntArray, steps: IntArray) -> GridStep | None:
     """An even step whose stamps were rounded to whole seconds or milliseconds, or None."""
-    resolution = next((r for r in (60 * _SECOND, _SECOND, _SECOND // 1000, 1000) if not (steps % r).any()), 1)
+    resolution = next((r for r in (60 * SECOND, SECOND, SECOND // 1000, 1000) if not (steps % r).any()), 1)
     n = ns.size
     mean = float(ns[-1] - ns[0]) / (n - 1)
-    if n < 10 or mean > 20 * resolution or resolution == 60 * _SECOND:
+    if n < 10 or mean > 20 * resolution or resolution == 60 * SECOND:
         return None
     if np.mean(steps == np.median(steps)) > MAX_SINGLE_STEP_SHARE:
         return None

@@ -10,10 +10,10 @@ import numpy as np
 
 from ...errors import DataError, UsageError
 from ...typing import IntArray
+from ..time.clock import SECOND
 from ..words.cells import shown
 from .grid import Frame
 
-_SECOND = 1_000_000_000
 _NUMBER = re.compile(r"\s*\d+(?:\.\d+)?\s*\Z")
 
 
@@ -55,7 +55,7 @@ def check_bound(text: str, flag: str) -> None:
 
 def _bound(text: str, flag: str, first: int, elapsed: bool) -> int:
     if _NUMBER.match(text):
-        return first + round(float(text) * _SECOND)
+        return first + round(float(text) * SECOND)
     if elapsed:
         raise UsageError(
             f"{flag} {shown(text)} is a time stamp, but the file only has seconds", "give seconds since the first row"
@@ -64,7 +64,7 @@ def _bound(text: str, flag: str, first: int, elapsed: bool) -> int:
         moment = datetime.fromisoformat(text.strip())
     except ValueError:
         try:
-            day = datetime(1970, 1, 1) + timedelta(seconds=first // _SECOND)
+            day = datetime(1970, 1, 1) + timedelta(seconds=first // SECOND)
             moment = datetime.combine(day.date(), clock_time.fromisoformat(text.strip()))
         except ValueError:
             raise UsageError(
@@ -78,7 +78,7 @@ def _bound(text: str, flag: str, first: int, elapsed: bool) -> int:
 def stamp_text(ns: int, elapsed: bool, zone: str | None) -> str:
     """A stamp in ISO 8601 (with Z where it is UTC), or seconds where the file has no calendar."""
     if elapsed:
-        return f"{ns / _SECOND:.9g} s"
+        return f"{ns / SECOND:.9g} s"
     text = str(np.datetime64(ns, "ns"))
     text = text.rstrip("0").rstrip(".") if "." in text else text
     return text + ("Z" if zone is not None else "")

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ...typing import IntArray
 
-_SECOND = 1_000_000_000
-_HOUR = 3600 * _SECOND
-_MINUTE = 60 * _SECOND
+SECOND = 1_000_000_000
+_HOUR = 3600 * SECOND
+_MINUTE = 60 * SECOND
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +94,6 @@ def _unfold(ns: IntArray, steps: IntArray) -> tuple[IntArray, int]:
     if back.size != 1 or usual >= _HOUR:
         return ns, 0
     at = int(back[0]) + 1
-    if np.count_nonzero(steps < 0) != 1 or ns[at:].size * usual < 60 * _SECOND:
+    if np.count_nonzero(steps < 0) != 1 or ns[at:].size * usual < 60 * SECOND:
         return ns, 0
     return np.concatenate([ns[:at], ns[at:] + _HOUR]), int(ns.size - at)

@@ -13,8 +13,8 @@ from ...errors import DataError
 from ...typing import BoolArray, IntArray
 from ..table.arrow import booleans, indices, integers
 from ..words.cells import shown
+from .clock import SECOND
 
-_SECOND = 1_000_000_000
 CENTURY_PIVOT = 69
 """Two-digit years below are 20xx, others 19xx: the POSIX rule of strptime."""
 MIN_MATCHING = 0.5
@@ -186,7 +186,7 @@ def _clock(fields: dict[str, Any]) -> tuple[IntArray, str]:
     fraction: IntArray | int = 0
     if "f" in fields:
         fraction = _number(pc.utf8_slice_codeunits(pc.utf8_rpad(pc.fill_null(fields["f"], ""), 9, "0"), 0, 9))
-    ns = ((hour * 60 + minute) * 60 + second) * _SECOND + fraction
+    ns = ((hour * 60 + minute) * 60 + second) * SECOND + fraction
     good = (hour < 24) & (minute < 60) & (second < 61)
     # 24:00 is midnight of the next day in some exports.
     good |= (hour == 24) & (minute == 0) & (second == 0)
@@ -201,7 +201,7 @@ def _to_ns(year: IntArray, month: IntArray, day: IntArray) -> tuple[IntArray, Bo
     length = (following.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64)
     real &= day <= length
     days = months.astype("datetime64[D]").astype(np.int64) + np.where(real, day, 1) - 1
-    return days * 86_400 * _SECOND, real
+    return days * 86_400 * SECOND, real
 
 
 def _zones(column: Any) -> tuple[IntArray | int, str | None]:
@@ -216,7 +216,7 @@ def _zones(column: Any) -> tuple[IntArray | int, str | None]:
     for word in words:
         sign = -1 if word.startswith("-") else 1
         digits = word.strip("+-").replace(":", "")
-        table.append(sign * (int(digits[:2]) * 60 + int(digits[2:])) * 60 * _SECOND if digits.isdigit() else 0)
+        table.append(sign * (int(digits[:2]) * 60 + int(digits[2:])) * 60 * SECOND if digits.isdigit() else 0)
     offsets = np.array([*table, 0], np.int64)
     index = indices(encoded, len(table))
     named = sorted({w for w in words if w and w[0] not in "+-"})
@@ -272,7 +272,7 @@ def _day_order(
         steps.append(np.abs(np.diff(ns)))
     spans = [int(s.max()) if s.size else 0 for s in steps]
     # Twenty times: days in order make steps of a scan or an hour, months in order make steps of 28 days or more.
-    if max(spans) > 20 * min(spans) and max(spans) >= 86_400 * 20 * _SECOND:
+    if max(spans) > 20 * min(spans) and max(spans) >= 86_400 * 20 * SECOND:
         return spans[0] < spans[1], (
             f"dates {'day' if spans[0] < spans[1] else 'month'} first, because only so the rows follow each other",
         )

@@ -17,11 +17,11 @@ from ...errors import DataError
 from ...typing import BoolArray, IntArray
 from ..table.arrow import floats, integers
 from ..words.cells import shown
+from .clock import SECOND
 from .datetext import TextTimes, parse_text
 
 Place = Callable[[int], str]
 """Words for file, line and column of a row."""
-SECOND = 1_000_000_000
 """Nanoseconds per second."""
 _EXCEL_EPOCH_S = -2_209_161_600
 """1899-12-30 00:00 in epoch seconds: day 0 of Excel serials."""

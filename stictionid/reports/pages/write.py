@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ...system.files import ensure_writable, write_whole
+from ...typing import Progress
 from .. import wording
 from ..pictures.curves import Case
 from ..pictures.picture import Picture
 from .place import refuse_other_kinds
-
-Progress = Callable[[str, float], None]
 
 EXTENSIONS = (".md", ".html", ".json")
 # First bytes of each kind of report, by which an older report may be replaced without --force.
