@@ -1,5 +1,6 @@
-"""The README's table of what was thrown at the program and what was lost: python benchmarks/hard.py
+"""The table of docs/robustness.md: inputs fuzzed, processes killed, faults injected, and what was lost.
 
+Run: python benchmarks/hard.py
 Only adds up docs/hard_results.json, which the tools in tests/fuzz and tests/faults write with --record; `--code` adds
 how much of it ran on the code as it stands. To make everything anew:
 

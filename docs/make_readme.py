@@ -1,7 +1,8 @@
-"""Runs the commands of README.md's walk through and puts their real output below them: python docs/make_readme.py.
+"""Run the commands of README.md and of the pages in docs/, and put their real output below them.
 
+Run: python docs/make_readme.py
 A console block after `<!-- run -->` holds commands (lines that begin with "$ ") and what they print. All blocks run in
-one empty folder, in order. Pictures that the README shows from docs/ are those that the commands made there.
+one empty folder, those of README.md first. The pictures that a page shows are those that the commands made there.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-README = ROOT / "README.md"
-_PICTURE = re.compile(r"\]\(docs/([\w-]+\.svg)\)")
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+_PICTURE = re.compile(r"\]\((?:docs/)?([\w-]+\.svg)\)")
 _BLOCK = re.compile(r"(<!-- run -->\n```console\n)(.*?)(```\n)", re.DOTALL)
 
 
@@ -40,18 +41,21 @@ def run(commands: list[str], folder: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def made(text: str, pictures: Path) -> Iterator[tuple[str, str]]:
-    """Every block of `text` beside what its commands print today; the pictures it shows are put into a folder."""
+def made(pictures: Path) -> Iterator[tuple[Path, str, str]]:
+    """Every block of every page: the page, the block as it stands, and what its commands print today.
+
+    The pictures that the pages show are put into the folder `pictures`.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        shutil.copytree(ROOT / "sample_data", Path(folder) / "sample_data")
-        for commands, body in blocks(text):
-            yield body, run(commands, Path(folder))
-        for name in _PICTURE.findall(text):
-            shutil.copy(Path(folder) / name, pictures / name)
+        for page in PAGES:
+            text = page.read_text(encoding="utf-8")
+            for commands, body in blocks(text):
+                yield page, body, run(commands, Path(folder))
+            for name in _PICTURE.findall(text):
+                shutil.copy(Path(folder) / name, pictures / name)
 
 
 if __name__ == "__main__":
-    content = README.read_text(encoding="utf-8")
-    for old, new in made(content, ROOT / "docs"):
-        content = content.replace(f"```console\n{old}```", f"```console\n{new}```")
-    README.write_text(content, encoding="utf-8")
+    for page, old, new in made(ROOT / "docs"):
+        content = page.read_text(encoding="utf-8")
+        page.write_text(content.replace(f"```console\n{old}```", f"```console\n{new}```"), encoding="utf-8")

@@ -350,3 +350,8 @@ def test_the_fingerprint_follows_the_code(monkeypatch: pytest.MonkeyPatch, tmp_p
         marks.append(hard_results.code())
     hard_results.code.cache_clear()
     assert marks[0] == marks[2] != marks[1]
+
+
+def test_the_docs_show_the_table_of_the_results() -> None:
+    shown = (ROOT / "docs" / "robustness.md").read_text(encoding="utf-8")
+    assert hard.table(hard_results.runs()) in shown, "docs/robustness.md is older than docs/hard_results.json"

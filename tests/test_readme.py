@@ -1,4 +1,4 @@
-"""The README: exactly two commands that set everything up, and a walk through whose output is real."""
+"""README.md and docs/: two commands that set everything up, a walk whose output is real, links that lead somewhere."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from stictionid import DataError, ReadOptions, read_loop
+
 ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
 
@@ -35,6 +38,39 @@ def test_ci_runs_the_readmes_commands() -> None:
     assert "README.md" in script and "```sh" in script
 
 
+def test_the_readme_is_short() -> None:
+    assert len(TEXT.splitlines()) <= 150
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_to_a_file(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+        assert "://" in target or (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def test_the_example_csv_reads_as_the_readme_says(tmp_path: Path) -> None:
+    block = re.search(r"```csv\n(.*?)```", TEXT, re.DOTALL)
+    named = re.search(r"identify mine.csv --sp (\w+) --pv (\w+) --op (\w+)", TEXT)
+    assert block and named
+    header, *rows = block.group(1).splitlines()
+    assert len(rows) == 5
+    file = tmp_path / "mine.csv"
+    file.write_text(block.group(1), encoding="utf-8")
+    found = read_loop(file)
+    assert (found.name, found.samples, found.step_s) == ("FIC101", 5, 1.0)
+    tags = dict(zip(("SP", "PV", "OP"), named.groups(), strict=True))
+    for suffix, tag in tags.items():
+        header = header.replace(f"FIC101.{suffix}", tag)
+    file.write_text("\n".join([header, *rows]), encoding="utf-8")
+    with pytest.raises(DataError, match="no column"):
+        read_loop(file)
+    renamed = read_loop(file, options=ReadOptions(sp=tags["SP"], pv=tags["PV"], op=tags["OP"]))
+    assert (renamed.process_value == found.process_value).all() and (renamed.output == found.output).all()
+    file.write_text("\n".join(line.partition(",")[2] for line in [header, *rows]), encoding="utf-8")
+    timed = read_loop(file, options=ReadOptions(sp=tags["SP"], pv=tags["PV"], op=tags["OP"], step_s=1.0))
+    assert (timed.output == found.output).all()
+
+
 def ranked(text: str) -> list[str]:
     """Lines of an output; of effects that are not named only the names, in their order: a refit that explains little
     may end in another basin on another processor. Of the intervals of a model that misses something only that there
@@ -50,12 +86,12 @@ def ranked(text: str) -> list[str]:
     return lines
 
 
-def test_the_walk_through_prints_what_the_readme_shows(tmp_path: Path) -> None:
+def test_the_walk_prints_what_the_pages_show(tmp_path: Path) -> None:
     compared = 0
-    for shown, today in module().made(TEXT, tmp_path):
+    for page, shown, today in module().made(tmp_path):
         for a, b in zip(ranked(shown), ranked(today), strict=True):
             words_a, words_b = _NUMBER.sub("#", a).split(), _NUMBER.sub("#", b).split()
-            assert words_a == words_b, f"README shows {a!r}, today it is {b!r}"
+            assert words_a == words_b, f"{page.name} shows {a!r}, today it is {b!r}"
             # Numbers may differ in the last digits on another processor, not more.
             for x, y in zip(_NUMBER.findall(a), _NUMBER.findall(b), strict=True):
                 assert float(x) == pytest.approx(float(y), rel=0.03, abs=0.02), (a, b)
