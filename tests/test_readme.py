@@ -48,6 +48,13 @@ def test_every_link_leads_to_a_file(page: Path) -> None:
         assert "://" in target or (page.parent / target).exists(), f"{page.name} links to {target}"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_path_that_a_page_names_exists(page: Path) -> None:
+    """Paths in backticks, from the root or from the package; capitals stand for a name to be chosen."""
+    for path in re.findall(r"`((?:[a-z_.]+/)+(?:[a-z_]+\.[a-z]+)?)`", page.read_text(encoding="utf-8")):
+        assert (ROOT / path).exists() or (ROOT / "stictionid" / path).exists(), f"{page.name} names {path}"
+
+
 def test_the_example_csv_reads_as_the_readme_says(tmp_path: Path) -> None:
     block = re.search(r"```csv\n(.*?)```", TEXT, re.DOTALL)
     named = re.search(r"identify mine.csv --sp (\w+) --pv (\w+) --op (\w+)", TEXT)
