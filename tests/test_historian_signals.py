@@ -75,11 +75,21 @@ def test_states_as_text_and_as_numbers_are_no_measurements(tmp_path, word):
     assert abs(reading.loop.process_value).max() < 60
 
 
-def test_a_long_run_of_bad_values_splits_the_record(tmp_path):
+def test_a_long_run_of_bad_pv_stays_missing_beside_op(tmp_path):
     reading = _read(tmp_path, wide(_with(R, pv=dict.fromkeys(range(100, 110), "Bad"))))
+    assert reading.loop.starts == (0,)
+    assert reading.rows["bad"] == 10 and reading.samples["bad"] == 10
+    assert {"bad-values", "state-as-text", "process-value-missing"} <= _codes(reading)
+    np.testing.assert_array_equal(reading.loop.output, R.numbers("op"))
+    gone = np.arange(400) // 10 == 10
+    assert np.isnan(reading.loop.process_value[gone]).all() and not reading.loop.used[gone].any()
+    np.testing.assert_array_equal(reading.loop.process_value[~gone], R.numbers("pv")[~gone])
+
+
+def test_a_long_run_of_bad_op_splits_the_record(tmp_path):
+    reading = _read(tmp_path, wide(_with(R, op=dict.fromkeys(range(100, 110), "Bad"))))
     assert reading.loop.starts == (0, 100)
     assert reading.rows["bad"] == 10
-    assert {"bad-values", "state-as-text"} <= _codes(reading)
     np.testing.assert_array_equal(reading.loop.process_value[100:], R.numbers("pv")[110:])
 
 

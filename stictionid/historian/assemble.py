@@ -15,10 +15,10 @@ from .checks import notes
 from .checks.spoilt import ladder, spoilt_findings
 from .checks.texture import Signals
 from .grid.align import Aligned, resample
-from .grid.grid import Frame, GridStep, fill, find_step, insert_missing, place_on_grid, split
+from .grid.grid import Frame, GridStep, driven, fill, find_step, insert_missing, place_on_grid, split
 from .grid.masks import frozen, manual, saturated, startup
 from .grid.window import cut_window, stamp_text
-from .series.shaped import Shaped
+from .series.shapes import Shaped
 from .table.rows import CODE, RowBook
 from .table.table import Table
 from .words.codes import blank_codes
@@ -192,16 +192,37 @@ def _mask(frame: Frame, filled: BoolArray, shaped: Shaped, options: ReadOptions)
         (clamp, "saturated"),
     ):
         frame.reason[mask & (frame.reason == 0)] = CODE[reason]
+    pv = frame.values["process_value"]
+    missing = np.isnan(pv)
+    if missing.any() and not missing.all():
+        # A sample that does not count for another reason is none whose PV alone is missing: a placeholder says so.
+        other = missing & ~np.isin(frame.reason, [0, CODE["filled"], CODE["masked"]])
+        if other.any():
+            frame.values["process_value"] = np.where(
+                other, np.interp(np.arange(pv.size), np.flatnonzero(~missing), pv[~missing]), pv)
+        frame.reason[missing & ~other] = CODE["bad"]
     return unclear
 
 
 def _segments(frame: Frame, table: Table) -> tuple[IntArray, list[int], int]:
     pv, op = frame.values["process_value"], frame.values["output"]
-    valid = ~(np.isnan(pv) | np.isnan(op))
+    valid = driven(frame)
     if not valid.any():
         empty = "PV" if np.isnan(pv).all() else "OP" if np.isnan(op).all() else "PV and OP together"
         raise DataError(f"{table.file}: no row has a usable number for {empty}", "check the columns with --pv and --op")
     return split(frame, valid)
+
+
+def _measured(signals: Signals) -> Signals:
+    """The samples that have a PV, as far apart as they are on average."""
+    there = np.flatnonzero(~np.isnan(signals.process_value))
+    if there.size == signals.process_value.size:
+        return signals
+    setpoint = None if signals.setpoint is None else signals.setpoint[there]
+    starts = np.unique(np.searchsorted(there, signals.starts))
+    return Signals(signals.output[there], signals.process_value[there], setpoint,
+                   signals.step_s * signals.process_value.size / there.size,
+                   tuple(int(s) for s in starts if s < there.size))
 
 
 def _book_missing(frame: Frame, book: RowBook, keep: IntArray) -> None:
@@ -242,7 +263,7 @@ def _finish(
     units = {k: v for k, v in shaped.units.items() if v and not k.startswith("extra:")}
     units.setdefault("output", OTHER)
     findings += notes.short_segments(short)
-    signals = Signals(arrays["output"], arrays["process_value"], setpoint, step_s, tuple(starts))
+    signals = _measured(Signals(arrays["output"], arrays["process_value"], setpoint, step_s, tuple(starts)))
     hints = [*shaped.columns.values(), *shaped.described.values()]
     modes = shaped.modes
     spoilt = spoilt_findings(signals, name_hints=hints, names=shaped.columns, fractions=fractions(modes))

@@ -250,6 +250,7 @@ def mask_findings(samples: dict[str, int]) -> list[Finding]:
         "frozen": "every signal stands still (frozen record)",
         "filled": "a missing value was filled in",
         "other valve": "OP drives the other valve",
+        "bad": "PV is missing there; the valve runs on by OP",
         "masked": "the file marks them as unused",
     }
     codes = {
@@ -259,6 +260,7 @@ def mask_findings(samples: dict[str, int]) -> list[Finding]:
         "frozen": "frozen",
         "filled": "filled-samples",
         "other valve": "other-valve",
+        "bad": "process-value-missing",
         "masked": "masked",
     }
     found = []
@@ -289,7 +291,7 @@ def bad_findings(rows: dict[str, int]) -> list[Finding]:
         Finding(
             "bad-values",
             "warning" if share > MAX_INNOCENT_MASK else "info",
-            f"{bad:,} rows ({100 * share:.1f} %) have no usable PV or OP; longer runs of them split the record",
+            f"{bad:,} rows ({100 * share:.1f} %) have no usable PV or OP; longer runs without OP split the record",
             {"rows": bad, "share": share},
         )
     ]

@@ -1,4 +1,7 @@
-"""Alignment of series with stamps of their own to the stamps of the slower of PV and OP; offsets are reported."""
+"""Series with stamps of their own, brought to those of the slower of PV and OP; offsets are kept.
+
+A PV at whole multiples of OP's step keeps OP's stamps: the valve runs on these, and the cost counts where PV is.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,14 @@ from numpy.typing import NDArray
 from ...errors import DataError
 from ...typing import FloatArray, IntArray
 from ..series.shaped import Series
-from .grid import MAX_FILLED, Frame, GridStep, find_step
+from .grid import JITTER_TOLERANCE, MAX_FILLED, MIN_REGULAR_SHARE, Frame, GridStep, find_step
 
 SLOWER = 1.5
 """Ratio of steps from which one tag counts as sampled more slowly than another."""
+MOST_OUTPUTS = 50
+"""Values of OP to one of PV up to which all of them are kept."""
+WHOLE = 0.01
+"""Deviation of the ratio of two steps from a whole number that is still one."""
 
 
 @dataclass
@@ -43,16 +50,41 @@ def align(series: dict[str, Series]) -> Aligned:
     if steps["output"].kind != "irregular" and steps["output"].ns > SLOWER * steps["process_value"].ns:
         base = op
         done.thinned = max(1, round(steps["output"].ns / steps["process_value"].ns))
+    elif _within(pv, op, steps["process_value"], steps["output"]):
+        base = op
     slack = int(steps["process_value"].ns) if pv.ns.size > 2 else 0
     ns = base.ns[(base.ns >= op.ns[0] - slack) & (base.ns <= high + slack)]
     values: dict[str, FloatArray] = {}
     rows: list[IntArray] = []
     base_step = steps["output" if base is op else "process_value"]
     for role, one in series.items():
+        if role == "process_value" and base is op and steps[role].ns > SLOWER * base_step.ns:
+            values[role], taken = _placed(ns, one, base_step)
+            rows.append(taken)
+            continue
         values[role], taken = _onto(ns, one, role, steps[role], base_step, done)
         rows.append(taken)
     done.frame = _frame(ns, values, rows)
     return done
+
+
+def _within(pv: Series, op: Series, pv_step: GridStep, op_step: GridStep) -> bool:
+    """Whether PV comes at whole multiples of OP's step, at stamps of OP: it needs no OP made coarser."""
+    if "irregular" in (pv_step.kind, op_step.kind):
+        return False
+    times = pv_step.ns / op_step.ns
+    if not SLOWER < times <= MOST_OUTPUTS or abs(times - round(times)) > WHOLE:
+        return False
+    inside = pv.ns[(pv.ns >= op.ns[0]) & (pv.ns <= op.ns[-1])]
+    distance = np.abs(op.ns[_nearest(op.ns, inside)] - inside)
+    return bool(inside.size and np.mean(distance <= JITTER_TOLERANCE * op_step.ns) >= MIN_REGULAR_SHARE)
+
+
+def _placed(ns: IntArray, one: Series, base: GridStep) -> tuple[FloatArray, IntArray]:
+    """Values of a slower series at the stamps it shares with `ns`, none elsewhere, and the file row behind each."""
+    place = _nearest(one.ns, ns)
+    close = np.abs(one.ns[place] - ns) <= JITTER_TOLERANCE * base.ns
+    return np.where(close, one.values[place], np.nan), np.where(close, one.rows[place], -1)
 
 
 def _frame(ns: IntArray, values: dict[str, FloatArray], rows: list[IntArray]) -> Frame:

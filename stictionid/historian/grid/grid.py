@@ -1,7 +1,7 @@
 """Even grid from time stamps: the step, the tolerance for jitter, gaps that split, values that may be filled.
 
-Held signals (OP, SP, mode) are filled forward. PV is interpolated over at most two missing samples. Nothing is
-continued across a longer gap.
+Held signals (OP, SP, mode) are filled forward; PV is interpolated over at most two missing samples. It stays missing in
+a longer run, or where a slower tag is its source. Nothing is continued across a longer gap of OP.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ MIN_REGULAR_SHARE = 0.8
 """Share of steps that must fit multiples of the median step for a record to count as evenly sampled."""
 MAX_SINGLE_STEP_SHARE = 0.9
 """Share of equal steps above which the others are missing rows, not the rounding of an uneven step."""
+SPARSE_SHARE = 0.3
+"""Share of empty cells beside OP from which PV comes from a slower tag, and no value of it is made up."""
 MIN_SEGMENT = 10
 """Shortest stretch kept, samples: below that no dynamics can be seen in it."""
 
@@ -137,6 +139,26 @@ def insert_missing(frame: Frame, place: IntArray) -> None:
     frame.starts = [0, *(int(i + offset[np.searchsorted(short, i - 1, side="right")]) for i in long)]
 
 
+def sparse(frame: Frame) -> bool:
+    """Whether PV is missing beside so many values of OP that it comes from a slower tag: it stays as it is."""
+    beside = ~np.isnan(frame.values["output"])
+    return bool(beside.any() and np.isnan(frame.values["process_value"][beside]).mean() > SPARSE_SHARE)
+
+
+def driven(frame: Frame) -> BoolArray:
+    """True (n,) where OP is there, from the first to the last PV of its stretch: the valve runs through missing PV."""
+    there = ~np.isnan(frame.values["output"])
+    breaks = np.zeros(there.size, np.bool_)
+    breaks[[s for s in frame.starts if s < there.size]] = True
+    stretch = np.cumsum(breaks | (there & ~np.concatenate([[False], there[:-1]])))
+    measured = np.flatnonzero(there & ~np.isnan(frame.values["process_value"]))
+    first, last = np.full(stretch[-1] + 1, there.size), np.full(stretch[-1] + 1, -1)
+    np.minimum.at(first, stretch[measured], measured)
+    np.maximum.at(last, stretch[measured], measured)
+    at = np.arange(there.size)
+    return np.asarray(there & (at >= first[stretch]) & (at <= last[stretch]))
+
+
 def fill(frame: Frame, on_change: set[str]) -> BoolArray:
     """Fill missing values where that is allowed, in place; True (n,) where PV, OP or SP is filled and not measured.
 
@@ -148,6 +170,8 @@ def fill(frame: Frame, on_change: set[str]) -> BoolArray:
     for role, values in frame.values.items():
         missing = np.isnan(values)
         if not missing.any():
+            continue
+        if role == "process_value" and sparse(frame):
             continue
         if role in ("output", "setpoint", "mode"):
             limit = None if role in on_change or role != "output" else MAX_FILLED
