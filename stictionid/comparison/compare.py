@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import DataError
-from ..fit.context import ADEQUATE
-from ..numerics.autoregression import irreducible
+from ..fit.context import ADEQUATE, NO_FLOOR
+from ..numerics.autoregression import filtered, irreducible
 from ..record.loop import Finding, Loop
 from ..record.oscillation import find_range
 from ..record.segments import chosen, described
@@ -86,6 +86,13 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     cross, follows = follows_valve(ground)
     bands, line = frequencies(ground)
     lags = max(rho.size, cross.size - 1)
+    if ground.pace > 1.0:
+        # Correlations from one PV to the next stand at the lags in samples that they mean.
+        at = np.round(ground.pace * np.arange(1, rho.size + 1)).astype(int) - 1
+        lags = max(int(at[-1]) + 1, cross.size - 1)
+        spaced = np.zeros(lags)
+        spaced[at] = rho
+        rho = spaced
     rho = np.concatenate([rho, np.zeros(lags - rho.size)])
     cross = np.concatenate([cross[1:], np.zeros(lags + 1 - cross.size)])
     spectra = Spectra(np.asarray(ground.step_s * np.arange(1, lags + 1), np.float64), rho, cross,
@@ -102,16 +109,14 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
 def _errors(ground: Ground, study: Study, *, own: bool) -> Errors:
     e, good = own_innovation(ground)
     y = np.where(np.isfinite(ground.loop.process_value), ground.loop.process_value, 0.0)
-    pairs = ground.good.copy()
-    pairs[1:] &= ground.good[:-1]
-    pairs[0] = False
-    steps = np.diff(y, prepend=y[0])[pairs]
+    steps, pairs = filtered(y, ground.good, np.array([1.0, -1.0]), ground.loop.starts)
+    steps = steps[pairs]
     persistence = float(np.sqrt(np.mean(steps**2))) if steps.size else 0.0
     one_step = float(np.sqrt(np.mean(e[good] ** 2))) if good.any() else 0.0
     used = y[ground.good]
     spread = float(used.std())
     last = study.steps[-1].error
-    h = max(1, round(ground.evaluated.values["time_constant_s"] / ground.step_s))
+    h = max(1, round(ground.evaluated.values["time_constant_s"] / (ground.step_s * ground.pace)))
     delay = int(ground.evaluated.values["dead_time_s"] / ground.step_s)
     floor = last.noise_sd if own else irreducible(y, ground.evaluated.position_means, ground.good, delay,
                                                   ground.loop.starts)
@@ -131,8 +136,9 @@ def _h_step(ground: Ground, h: int) -> float:
     for k in range(1, h):
         back = response[max(k - taps.size, 0):k][::-1]
         response[k] = -taps[:back.size] @ back
-    ahead = np.convolve(ground.innovation, response)[:ground.innovation.size]
-    sure = ground.innovation != 0.0
+    innovation = ground.innovation if ground.pace == 1.0 else ground.innovation[ground.good]
+    ahead = np.convolve(innovation, response)[:innovation.size]
+    sure = innovation != 0.0
     sure[:h] = False
     return float(np.sqrt(np.mean(ahead[sure] ** 2))) if sure.any() else ground.rmse
 
@@ -141,7 +147,7 @@ def _adequate(errors: Errors, study: Study, own: bool) -> tuple[bool, str]:
     if own and study.adequate is not None:
         return study.adequate, study.adequate_reason
     if errors.noise_sd is None:
-        return False, "the record is too short to estimate its irreducible noise"
+        return False, NO_FLOOR
     ratio = errors.rmse / errors.noise_sd
     if ratio <= (ADEQUATE if own else TRANSFERS):
         return True, (f"the free-run error {errors.rmse:.4g} on this record is {ratio:.3g} times its irreducible "

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..model.model import Model
 from ..model.spec import Evaluated
-from ..numerics.autoregression import autoregression
+from ..numerics.autoregression import autoregression, filtered, pace_of
 from ..record.loop import Loop
 from ..record.study import Range
 from ..typing import BoolArray, FloatArray
@@ -27,8 +27,8 @@ _MOST_LAGS, _LAG_SHARE = 400, 0.1
 class Ground:
     """One comparison's arrays (n,): `good` are the samples that count, `covariance` (k,) of the residual at lags 0….
 
-    `taps` are those of the autoregression of the free-run residual. `innovation` are the errors after model and noise
-    model.
+    `taps` are those of the autoregression of the free-run residual; `innovation` what it and the model leave. From one
+    sample that counts to the next, a lag of it, are `pace` samples.
     """
 
     loop: Loop
@@ -40,6 +40,7 @@ class Ground:
     innovation: FloatArray
     taps: FloatArray
     covariance: FloatArray
+    pace: float = 1.0
 
     @property
     def step_s(self) -> float:
@@ -60,7 +61,7 @@ class Ground:
     def effective_rows(self) -> float:
         """Number of independent samples that the residual is worth: n over the sum of its correlations."""
         c = self.covariance
-        total = (c[0] + 2.0 * c[1:].sum()) / c[0] if c[0] > 0 else 1.0
+        total = (c[0] + 2.0 * c[1:].sum() / self.pace) / c[0] if c[0] > 0 else 1.0
         n = float(self.good.sum())
         return float(np.clip(n / max(total, 1.0), 1.0, n))
 
@@ -80,15 +81,22 @@ def prepare(loop: Loop, model: Model, found: Range, evaluated: Evaluated) -> Gro
     residual = np.where(good, np.nan_to_num(evaluated.residual), 0.0)
     taps = autoregression(residual, good, _ORDER, loop.starts)
     polynomial = np.concatenate([[1.0], model.taps]) if model.taps.size else np.concatenate([[1.0], taps])
-    innovation = np.convolve(np.nan_to_num(evaluated.residual), polynomial)[:residual.size]
-    sure = good.copy()
-    for lag in range(1, polynomial.size):
-        sure[lag:] &= good[:-lag]
+    pace = pace_of(good, loop.starts)
+    if pace > 1.0:
+        innovation, sure = filtered(residual, good, polynomial, loop.starts)
+    else:
+        innovation = np.convolve(np.nan_to_num(evaluated.residual), polynomial)[:residual.size]
+        sure = good.copy()
+        for lag in range(1, polynomial.size):
+            sure[lag:] &= good[:-lag]
     sure[:polynomial.size] = False
     lags = int(max(1, min(_MOST_LAGS, _LAG_SHARE * residual.size)))
     mean_square = float(np.mean(residual[good] ** 2)) if good.any() else 0.0
     covariance = mean_square * correlation_of(taps, lags)
-    return Ground(loop, model, found, evaluated, good, residual, np.where(sure, innovation, 0.0), taps, covariance)
+    if pace > 1.0:
+        covariance = np.interp(np.arange(lags + 1) / pace, np.arange(lags + 1), covariance)
+    return Ground(loop, model, found, evaluated, good, residual, np.where(sure, innovation, 0.0), taps, covariance,
+                  pace)
 
 
 def correlation_of(taps: FloatArray, lags: int) -> FloatArray:

@@ -44,7 +44,8 @@ def whiteness(ground: Ground) -> tuple[FloatArray, Finding | None]:
     """Autocorrelation (k,) of the model's own one-step errors at lags 1…k, and a finding where they are coloured."""
     e, good = own_innovation(ground)
     n = int(good.sum())
-    lags = int(np.clip(ground.period_s / ground.step_s, _FEWEST_LAGS, min(_MOST_LAGS, max(n // 10, 2))))
+    lag_s = ground.step_s * ground.pace
+    lags = int(np.clip(ground.period_s / lag_s, _FEWEST_LAGS, min(_MOST_LAGS, max(n // 10, 2))))
     r = autocovariance(e, good, lags, ground.loop.starts)
     if r[0] <= 0.0 or n < 5 * _FEWEST_LAGS:
         return np.zeros(lags), None
@@ -58,10 +59,10 @@ def whiteness(ground: Ground) -> tuple[FloatArray, Finding | None]:
     worst = int(np.abs(rho).argmax())
     statement = (f"the one-step errors are not white: {100 * outside:.0f} % of {lags} lags lie outside the 99 % bounds "
                  f"(1 % would by chance), the largest correlation is {rho[worst]:.2f} at "
-                 f"{(worst + 1) * ground.step_s:.3g} s; {n} samples are worth {ground.effective_rows:.0f}; the past "
+                 f"{(worst + 1) * lag_s:.3g} s; {n} samples are worth {ground.effective_rows:.0f}; the past "
                  f"of the error would lower it by {100 * gain:.1f} %")
     evidence = {"ljung_box": q, "lags": lags, "z": z, "outside_99": outside, "largest": float(rho[worst]),
-                "at_s": float((worst + 1) * ground.step_s), "effective_rows": ground.effective_rows,
+                "at_s": float((worst + 1) * lag_s), "effective_rows": ground.effective_rows,
                 "one_step_drop": gain}
     suggests = ("coloured-noise", "random-walk-disturbance", "extra-lag", "sinusoidal-disturbance",
                 "narrow-band-disturbance")
@@ -88,9 +89,12 @@ def follows_valve(ground: Ground) -> tuple[FloatArray, Finding | None]:
     e = ground.innovation
     good = e != 0.0
     v = ground.evaluated.position
-    # The errors are residuals passed through the whitening filter; the position passes through it, too.
+    # What the errors are: residuals passed through the whitening filter. The position passes it too, unless the filter
+    # goes from one PV to the next over samples that are missing.
     taps = ground.model.taps if ground.model.taps.size else ground.taps
-    v = np.convolve(v - v.mean(), np.concatenate([[1.0], taps]))[:v.size]
+    v = v - v.mean()
+    if ground.pace == 1.0:
+        v = np.convolve(v, np.concatenate([[1.0], taps]))[:v.size]
     moves = np.diff(v, prepend=v[0])
     moves[list(ground.loop.starts)] = 0.0
     # A short record (a second one, compared with an old study) may hold less than one period.

@@ -14,10 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import CannotTell
 from ..model.model import Model
 from ..numerics.cross_products import lagged_products
 from ..numerics.varpro import Shared
-from ..typing import FloatArray, IntArray
+from ..typing import BoolArray, FloatArray, IntArray
+
+# Rows that an order needs at the least where PV is missing in some.
+_FEWEST_ROWS = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +50,15 @@ class _Shifts:
         mix[0, -1] = 1.0
         level = float(arx.model.context.command.mean())
         return cls(level, np.append(y, 0.0), mix, rows, np.unique(np.asarray(arx.delays, np.int64)))
+
+
+def check_rows(good: BoolArray, order: int) -> None:
+    """Raise CannotTell where too few of the samples (n,) that are good have `order` others right before them."""
+    rows = int((np.convolve(good, np.ones(order + 1), "valid") > order + 0.5).sum())
+    if not good.all() and rows < _FEWEST_ROWS * order:
+        raise CannotTell(f"a difference equation of order {order} needs {order + 1} samples of PV in a row, and only "
+                         f"{rows} samples of the record have {order} before them",
+                         "use --method auto, which does without", code="pv-too-sparse")
 
 
 class Arx:

@@ -13,7 +13,7 @@ from ..errors import CannotTell
 from ..model.model import Model, skipped
 from ..model.segments import bound
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
-from ..numerics.autoregression import irreducible
+from ..numerics.autoregression import irreducible, linked
 from ..numerics.population import refine
 from ..numerics.varpro import bic
 from ..record.loop import Finding, Loop
@@ -41,6 +41,9 @@ LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
 _AT_HAND, _NOT_LONG = 6, 20_000
 # Grid of start forces, time constants and dead times (shares of their ranges) for the process of a given valve.
 _FORCES, _LAGS, _DEADS = np.linspace(-0.96, 0.96, 13), np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12)
+
+NO_FLOOR = ("the record is too short, or PV is missing in too many places without a rule, to estimate its irreducible "
+            "noise")
 
 
 
@@ -177,7 +180,7 @@ class Run:
         """True where the step's free-run error is the irreducible noise, and the sentence that says so."""
         floor, error = step.error.noise_sd, step.error.rmse
         if floor is None:
-            return False, "the record is too short to estimate its irreducible noise"
+            return False, NO_FLOOR
         if error <= ADEQUATE * floor:
             return True, (f"the free-run error {error:.4g} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible "
                           f"noise {floor:.4g}: nothing is left to explain")
@@ -258,6 +261,9 @@ def _count(fit: Fitted) -> int:
 def increment_error(e: Evaluated) -> float:
     """Root mean square of the differences of the free-run residual, in the unit of y."""
     good = e.counted > 0
+    links = linked(good, e.starts)
+    if links is not None:
+        return float(np.sqrt(np.mean(np.diff(e.residual[links.rows])[links.depth[1:] > 0] ** 2)))
     both = good[1:] & good[:-1]
     return float(np.sqrt(np.mean(np.diff(np.nan_to_num(e.residual))[both] ** 2)))
 

@@ -366,6 +366,11 @@ def fold_rows(model: Model, values: FloatArray, firsts: Sequence[int]) -> list[t
         n = piece.loop.samples
         gap = gap_rows(piece, model.of(i, values), first)
         edges = np.linspace(first, n, HOLDOUT_BLOCKS + 1).astype(int)
+        counted = np.flatnonzero(piece.good()[first:]) + first
+        if counted.size >= HOLDOUT_BLOCKS and np.isnan(piece.loop.process_value).any():
+            # Where PV is missing the blocks hold equally many samples that count.
+            inner = counted[np.linspace(0, counted.size, HOLDOUT_BLOCKS + 1).astype(int)[1:-1]]
+            edges = np.concatenate([[first], inner, [n]])
         for fold, (a, b) in enumerate(pairwise(edges.tolist())):
             inside[fold, at + a:at + b] = True
             near[fold, at + max(a - gap, 0):at + min(b + gap, n)] = True

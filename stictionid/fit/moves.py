@@ -151,17 +151,23 @@ def thinned(model: Model, every: int) -> Model:
         return model
     if len(model.pieces) > 1:
         return _thinned_segments(model, every)
-    loop = model.loop
+    loop, good, links = model.loop, model.good(), model.links
     half = every // 2
     part = slice(half, loop.samples - half, every)
+    if links is not None:
+        # Where PV is missing its straight lines between two samples that count are good enough for a search.
+        good = good | links.between()
+        if every < 2.0 * links.pace:
+            # There is nothing to average: the rows that hold most of what was measured.
+            half, part = 0, slice(int(np.bincount(links.rows % every).argmax()), loop.samples, every)
     window = np.ones(2 * half + 1) / (2 * half + 1)
     y = np.convolve(model.context.process_value, window, "same")[part]
     m = model.spec.substeps
-    command = model.context.command[half * m:]
+    command = model.context.command[part.start * m:]
     residual = model.context.residual
     small = Loop(output=loop.output[part], process_value=y,
                  setpoint=None if loop.setpoint is None else loop.setpoint[part],
-                 used=(np.convolve(model.good(), window, "same") > 0.999)[part],
+                 used=(np.convolve(good, window, "same") > 0.999)[part],
                  extras={tag: x[part] for tag, x in loop.extras.items()}, step_s=loop.step_s * every, units=loop.units)
     rows = small.samples * every * m
     command = np.concatenate([command[:rows], np.full(max(rows - command.size, 0), command[-1])])

@@ -30,24 +30,25 @@ def values_of(name: str, model: Model, values: FloatArray, evaluated: Evaluated)
 
 
 def noise_values(name: str, taps: FloatArray, increments: bool, innovation_sd: float,
-                 step_s: float) -> dict[str, float]:
-    """Public values of a noise effect from its autoregression (taps after the leading 1)."""
+                 step_s: float, pace: float = 1.0) -> dict[str, float]:
+    """A noise effect's public numbers from its autoregression (taps after the leading 1), which lasts `pace` samples a
+    lag."""
     kind = parse(name)[0].noise
     polynomial = np.concatenate([[1.0], taps])
     if kind == "random-walk":
-        # The walk's steps are the gain at frequency zero times the innovations of the differences.
-        return {"innovation_sd": innovation_sd / max(abs(float(polynomial.sum())), 1e-12)}
+        # The walk's steps are what is left of the differences at frequency zero.
+        return {"innovation_sd": innovation_sd / max(abs(float(polynomial.sum())), 1e-12) / float(np.sqrt(pace))}
     roots = np.roots(polynomial) if taps.size else np.zeros(1)
     if kind == "resonant":
         turning = roots[np.abs(roots.imag) > 1e-9]
         if turning.size:
             z = turning[np.abs(turning).argmax()]
-            period = 2.0 * np.pi / abs(float(np.angle(z))) * step_s
-            forgets = -step_s / max(np.log(max(abs(z), 1e-9)), -50.0) if abs(z) < 1.0 else np.inf
+            period = 2.0 * np.pi / abs(float(np.angle(z))) * step_s * pace
+            forgets = -step_s * pace / max(np.log(max(abs(z), 1e-9)), -50.0) if abs(z) < 1.0 else np.inf
             return {"period_s": period, "coherence_cycles": float(forgets / period)}
         return {}
     largest = roots[np.abs(roots).argmax()]
-    return {"root": float(np.sign(largest.real) * abs(largest)), "innovation_sd": innovation_sd}
+    return {"root": float(np.sign(largest.real) * abs(largest) ** (1.0 / pace)), "innovation_sd": innovation_sd}
 
 
 def rows_for(name: str, numbers: dict[str, float]) -> tuple[ParameterValue, ...]:
@@ -66,7 +67,8 @@ def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[Para
     idle = _idle(model, fit.values)
     for name in model.spec.effects:
         if parse(name)[0].noise is not None:
-            numbers = noise_values(name, np.array(model.spec.taps), model.spec.increments, innovation, model.step_s)
+            numbers = noise_values(name, np.array(model.spec.taps), model.spec.increments, innovation, model.step_s,
+                                   model.pace)
         else:
             numbers = values_of(name, model, fit.values, fit.best)
         searched = {r.name: r for r in rows if r.effect == name}

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fit.arx_cost import Arx, continuous
+from ..fit.arx_cost import Arx, check_rows, continuous
 from ..fit.context import Run
 from ..fit.fit import finish
 from ..fit.starts.basins import with_process
@@ -30,6 +30,7 @@ from .contract import Method, Outcome, Process
 
 def _run(run: Run) -> Outcome:
     model = run.model(Spec(law=run.law))
+    check_rows(model.good(), run.order)
     arx = Arx(model, run.order, run.delays(), constant=False)
     middle = np.zeros(model.space.size)
     middle[2:5] = 0.5

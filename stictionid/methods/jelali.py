@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import CannotTell
-from ..fit.arx_cost import Arx
+from ..fit.arx_cost import Arx, check_rows
 from ..fit.context import Run
 from ..model.response import S_OVER_S_MAX
 from ..model.spec import Spec
@@ -38,6 +38,7 @@ _STARTS = 6
 
 def _run(run: Run) -> Outcome:
     model = run.model(Spec(law=run.law))
+    check_rows(model.good(), run.order)
     arx = Arx(model, run.order, run.delays())
 
     def cost(points: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import CannotTell
-from ..fit.arx_cost import Arx
+from ..fit.arx_cost import Arx, check_rows
 from ..fit.context import Run
 from ..model.model import Model
 from ..model.spec import Spec
@@ -35,6 +35,7 @@ def _run(run: Run) -> Outcome:
     model = run.model(Spec(law=run.law))
     delays = run.delays()
     orders = (run.options.order,) if run.options.order else _ORDERS
+    check_rows(model.good(), max(orders))
     first = max(model.skip, max(orders) + max(delays) + 1)
     run.tell("scanning d", 0.2)
     coarse = np.linspace(0.0, run.s_max, _GRID + 1)[1:]

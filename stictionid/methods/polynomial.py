@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..fit.arx_cost import check_rows
 from ..fit.context import Run
 from ..fit.fit import one_run
 from ..model.model import Model
@@ -67,7 +68,8 @@ def _armax(run: Run, model: Model, inputs: FloatArray) -> Armax:
     orders = (run.options.order,) if run.options.order else _ORDERS
     first = max(model.skip, max(orders) + max(delays) + 1)
     regression = Regression(model.context.process_value, inputs, good=model.good())
-    # The delay follows from plain least squares (no C), which is cheap and decisive; the order follows from AIC.
+    check_rows(model.good(), max(orders))
+    # The delay follows from plain least squares (no C), as cheap as it is decisive; the order from AIC.
     delay = min(delays, key=lambda d: armax(regression, order=max(orders), delay=d, noise_order=0, first=first).sse)
     return min((armax(regression, order=order, delay=delay, first=first) for order in orders), key=lambda f: f.aic)
 

@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 
 from ..effects.contract import Context, Record
-from ..numerics.autoregression import first_rows
+from ..numerics.autoregression import first_rows, linked
 from ..numerics.jit import FULL, LANES, output
-from ..numerics.varpro import REJECTED, Shared, whiten
+from ..numerics.varpro import REJECTED, Shared
 from ..numerics.varpro_segments import Blockwise
 from ..process.intersample import rebuild
 from ..process.linear import free_run
 from ..process.scan import DECIMATED, scanned
-from ..record.loop import Loop
+from ..record.loop import Loop, bridged
 from ..typing import BoolArray, FloatArray
 from .response import Response
 from .spec import Evaluated, Spec
@@ -57,7 +57,7 @@ class Model(Response):
         # `residual` (n,) is that of the model so far: effects find their guesses in it, and y less it is their guide.
         self._name(loop, spec, s_max, period_s)
         self.thinned = command is not None
-        y = _filled(loop.process_value)
+        y = bridged(loop.process_value)
         if command is None:
             command = self._commanded()
         self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
@@ -66,16 +66,18 @@ class Model(Response):
         self._profile = self._drift_profile()
         self._range()
         self.skip = skipped(loop.samples, loop.step_s, period_s)
+        # Where PV is missing the noise filter goes from one sample that counts to the next.
+        self.links = linked(self.good())
         self.weight = self._weights()
-        self.target = whiten(y[:, None], self.taps)[:, 0]
-        columns = whiten(self.shared_columns(), self.taps)
+        self.target = self.filtered(y[:, None])[:, 0]
+        columns = self.filtered(self.shared_columns())
         self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight)
 
     def _commanded(self) -> FloatArray:
         """Command on the grid of the valve, by the spec's mode between samples."""
         spec = self.spec
         if spec.between != DECIMATED:
-            return rebuild(_filled(self.loop.output), spec.substeps, spec.between, self.loop.setpoint)
+            return rebuild(bridged(self.loop.output), spec.substeps, spec.between, self.loop.setpoint)
         if not spec.guides:
             return scanned(self.loop, spec.substeps)
         *before, last = spec.guides
@@ -115,8 +117,8 @@ class Model(Response):
 
     def _weights(self) -> FloatArray:
         good = self.good()
-        weight = good.copy()
-        for lag in range(1, self.taps.size + 1):
+        weight = good.copy() if self.links is None else self.links.reached(self.taps.size)
+        for lag in range(1, self.taps.size + 1 if self.links is None else 1):
             weight[lag:] &= good[:-lag]
         weight[:max(self.skip, self.taps.size)] = False
         return weight.astype(np.float64)
@@ -275,7 +277,8 @@ class Model(Response):
         return Evaluated(self.named(values), float(coefficients[0]), float(coefficients[k]),
                          coefficients[:k], own[:, k - lags:] @ coefficients[k - lags:k], lags, model,
                          np.where(np.isfinite(self.loop.process_value), y - model, np.nan),
-                         innovation, sampled, means, int(w.sum()), sse, self._level_weight())
+                         innovation, sampled, means, int(w.sum()), sse, self._level_weight(),
+                         starts=self.loop.starts)
 
     def _started(self, solution: FloatArray, starts: slice, design: FloatArray, y: FloatArray, white: FloatArray,
                  goal: FloatArray) -> FloatArray:
@@ -284,12 +287,15 @@ class Model(Response):
         The noise filter removes a transient that decays like the noise, so `white` rows and their `goal` may leave its
         size undetermined. The first samples of every segment, which contain the level, determine it.
         """
-        head, at, long = first_rows(self.taps), 0, np.ones(self.taps.size)
+        head, at, long = first_rows(self.taps), 0, self.taps.size
         rows, wanted = [white], [goal]
         for piece in self.pieces:
-            runs = np.convolve(piece._level_weight(), long, "valid") > long.size - 0.5
-            if runs.any():
-                first = slice(at + int(np.argmax(runs)), at + int(np.argmax(runs)) + long.size)
+            counted = np.flatnonzero(piece._level_weight())
+            links = linked(piece._level_weight() > 0)
+            runs = np.flatnonzero(counted[long - 1:] - counted[:counted.size - long + 1] == long - 1
+                                  if links is None else links.depth[long - 1:] >= long - 1)
+            if runs.size:
+                first = at + counted[runs[0]:runs[0] + long]
                 rows.append(head @ design[first])
                 wanted.append(head @ y[first])
             at += piece.loop.samples
@@ -310,14 +316,6 @@ class Model(Response):
 def skipped(samples: int, step_s: float, period_s: float) -> int:
     """Samples left out of the cost at the start of a segment, where the unknown initial state still shows."""
     return max(2, int(min(_SKIP_SHARE * samples, _SKIP_PERIODS * period_s / step_s)))
-
-
-def _filled(signal: FloatArray) -> FloatArray:
-    """The signal with gaps (NaN) bridged, so that filters run; bridged samples must carry no weight."""
-    good = np.isfinite(signal)
-    if good.all():
-        return np.ascontiguousarray(signal, dtype=np.float64)
-    return np.interp(np.arange(signal.size), np.flatnonzero(good), signal[good])
 
 
 def _interval_means(position: FloatArray, parts: int) -> FloatArray:

@@ -19,6 +19,7 @@ from .. import effects as effect_room
 from .. import laws as law_room
 from ..effects.contract import Context, Effect
 from ..errors import ModelError
+from ..numerics.autoregression import Links, pace_of
 from ..numerics.parameters import Parameter, Space
 from ..numerics.varpro import whiten, whiten_stack
 from ..process.intersample import interval_means
@@ -46,6 +47,7 @@ class Response:
     context: Context
     taps: FloatArray
     _profile: FloatArray
+    links: Links | None
 
     def _name(self, loop: Loop, spec: Spec, s_max: float, period_s: float) -> None:
         """Set what follows from the spec alone, without the record."""
@@ -73,13 +75,18 @@ class Response:
         self.effect_rows = self._effect_rows()
 
     @property
+    def pace(self) -> float:
+        """Mean distance in samples from one PV that counts to the next: the length of a lag of the noise model."""
+        return pace_of(self.good(), self.loop.starts)
+
+    @property
     def head(self) -> int:
         """Number of entries of a point before those of the effects."""
         return len(BASE) + len(self.forces) - 1
 
     def filtered(self, columns: FloatArray) -> FloatArray:
         """Columns (n, c) passed through the noise filter of the model, which starts anew with every segment."""
-        return whiten(columns, self.taps)
+        return whiten(columns, self.taps, None if self.links is None else self.links.before)
 
     def own_columns(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
         """Columns (k, n, P) stacked by `responses`; a column of one segment is zero in all others."""
@@ -233,7 +240,7 @@ class Response:
         for i, lag in enumerate(lags, 1 + len(columns)):
             transient(lag, base[i * n:(i + 1) * n], step_s=self.step_s)
         if filtered and self.taps.size:
-            whiten_stack(base, n, self.taps)
+            whiten_stack(base, n, self.taps, None if self.links is None else self.links.before)
         return base, tuple(i * n for i in range(count))
 
     def disturbance(self, values: FloatArray, own: FloatArray, *, loads: bool = True) -> FloatArray:

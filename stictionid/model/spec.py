@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..record.loop import bridged
 from ..typing import FloatArray
 
 FIRST_ORDER, INTEGRATOR = "first-order", "integrator"
@@ -80,6 +81,8 @@ class Evaluated:
     counted: FloatArray
     # Process value (n,) that effects followed, where one follows y.
     followed: FloatArray | None = None
+    # First samples of the segments.
+    starts: tuple[int, ...] = (0,)
 
     @property
     def guide(self) -> FloatArray:
@@ -88,8 +91,13 @@ class Evaluated:
 
     @property
     def left(self) -> FloatArray:
-        """Residual (n,) for a later model: y less the y that it is to follow, 0 where unknown."""
-        return np.nan_to_num(self.residual if self.followed is None else self.residual + self.model - self.followed)
+        """What this model leaves for a later one (n,): y less the y that it is to follow.
+
+        Where y is missing it goes straight from one value to the next.
+        """
+        left = self.residual if self.followed is None else self.residual + self.model - self.followed
+        missing = np.isnan(left)
+        return np.where(missing, bridged(self.residual + self.model) - self.guide, left) if missing.any() else left
 
     @property
     def rmse(self) -> float:

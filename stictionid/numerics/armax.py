@@ -59,8 +59,10 @@ class Armax:
 
     @property
     def aic(self) -> float:
-        """Akaike's criterion; compare only models with the same rows."""
+        """Akaike's criterion, infinite where no row counts; compare only models with the same rows."""
         count = self.a.size + self.b.size + self.c.size + 1
+        if not self.rows:
+            return np.inf
         return self.rows * float(np.log(max(self.sse, 1e-300) / self.rows)) + 2.0 * count
 
 

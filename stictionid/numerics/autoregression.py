@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..typing import BoolArray, FloatArray
+from ..typing import BoolArray, FloatArray, IntArray
 
 # First samples of the segments of a record; no pair of samples crosses them.
 Starts = tuple[int, ...]
@@ -14,14 +15,73 @@ Starts = tuple[int, ...]
 CEILING_LAGS = 20
 # Rows that are brought to triangular form at once.
 _PIECE = 50_000
+# A filter starts anew behind a gap of more than this many usual distances between samples that count. Unit: 1.
+_FARTHEST = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Links:
+    """The samples that a filter passes, each tied to the one measured before it, across short gaps.
+
+    `rows` (m,) are the samples that count and `depth` (m,) how many a filter can look back on from each. `before` (n,)
+    is the sample before each, -1 where there is none or the sample does not count. `pace` is the mean distance.
+    """
+
+    rows: IntArray
+    depth: IntArray
+    before: IntArray
+    pace: float
+
+    def between(self) -> BoolArray:
+        """Samples (n,) that count and are tied to a later one, and all that are missing before that one."""
+        tied = self.rows[self.depth > 0]
+        steps = np.zeros(self.before.size)
+        steps[self.before[tied]] += 1.0
+        steps[tied] -= 1.0
+        return np.cumsum(steps) > 0.5
+
+    def reached(self, lags: int) -> BoolArray:
+        """Samples (n,) from which a filter can look back on so many others."""
+        out = np.zeros(self.before.size, np.bool_)
+        out[self.rows[self.depth >= lags]] = True
+        return out
+
+
+def linked(good: BoolArray, starts: Starts = (0,)) -> Links | None:
+    """The links between the samples (n,) that are good; None where no segment has a gap between two of them.
+
+    A gap much longer than usual, such as a stretch in manual, ends a chain.
+    """
+    rows = np.flatnonzero(good)
+    if rows.size < 2 or (len(starts) == 1 and rows.size == rows[-1] - rows[0] + 1):
+        return None
+    apart = np.diff(rows)
+    same = np.diff(np.searchsorted(starts, rows, side="right")) == 0
+    if not (same & (apart > 1)).any():
+        return None
+    near = same & (apart <= _FARTHEST * float(apart[same].mean()))
+    at = np.arange(rows.size)
+    depth = at - np.maximum.accumulate(np.where(np.concatenate([[True], ~near]), at, 0))
+    before = np.full(good.size, -1, np.int64)
+    before[rows[1:][near]] = rows[:-1][near]
+    return Links(rows, depth, before, float(apart[near].mean()) if near.any() else 1.0)
+
+
+def pace_of(good: BoolArray, starts: Starts = (0,)) -> float:
+    """Mean distance in samples between one good sample (n,) and the next, long gaps left out: 1 without gaps."""
+    links = linked(good, starts)
+    return 1.0 if links is None else links.pace
 
 
 def autocovariance(signal: FloatArray, good: BoolArray, lags: int, starts: Starts = (0,)) -> FloatArray:
     """Autocovariances at lags 0..lags from the pairs whose samples both count, divided by the number that counts.
 
-    Pairs lie in one segment; `starts` are the segments' first samples.
+    Pairs lie in one segment; `starts` are the segments' first samples. Across a short gap the lag counts the samples
+    that are there.
     """
-    parts = np.split(np.where(good, signal, 0.0), starts[1:])
+    links = linked(good, starts)
+    parts = (np.split(np.where(good, signal, 0.0), starts[1:]) if links is None else
+             np.split(signal[links.rows], np.flatnonzero(links.depth == 0)[1:]))
     count = max(int(good.sum()), 1)
     return np.array([sum(float(x[lag:] @ x[:x.size - lag]) for x in parts if x.size > lag) / count
                      for lag in range(lags + 1)])
@@ -43,11 +103,22 @@ def ljung_box(rho: FloatArray, rows: int, fitted: int) -> tuple[float, float]:
     return q, chi_square_z(q, max(rho.size - fitted, 1))
 
 
-def filtered(residual: FloatArray, counted: BoolArray, polynomial: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """A residual (n,) passed through a polynomial in the lag, and a mask (n,) of values made of counted samples only.
+def filtered(residual: FloatArray, counted: BoolArray, polynomial: FloatArray,
+             starts: Starts = (0,)) -> tuple[FloatArray, BoolArray]:
+    """A residual (n,) passed through a polynomial in the lag, and where all the samples behind a value count.
 
-    NaN counts as 0, and `counted` must be False there.
+    NaN counts as 0; where it stands no sample may count. Across a short gap the filter goes from one sample that counts
+    to the next (see `linked`), and is 0 elsewhere.
     """
+    links = linked(counted, starts)
+    if links is not None:
+        good = links.reached(polynomial.size - 1)
+        out, at = np.zeros(residual.size), np.flatnonzero(good)
+        source = at
+        for weight in polynomial.tolist():
+            out[at] += weight * residual[source]
+            source = links.before[source]
+        return out, good
     good = counted.copy()
     for lag in range(1, polynomial.size):
         good[lag:] &= counted[:-lag]
@@ -111,17 +182,27 @@ def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray
     """Standard deviation of the error that a free linear model of y and valve position leaves, in the unit of y.
 
     Regresses y on CEILING_LAGS of its own past and of the position (n,) shifted by `delay` samples; corrected for the
-    number of coefficients. None where the record is too short. Too low where the noise is coloured, because only its
-    innovations are left. Every segment (`starts`) has its own level, and no row reaches back across a gap.
+    fitted numbers. None where the record is too short. Too low where the noise is coloured: it is an innovation.
+    Every segment (`starts`) has a level of its own, and no row reaches back across a gap. Where y is missing regularly
+    its past is taken at the shortest distance at which it is there.
     """
+    apart = range(1, 2 if linked(good, starts) is None else CEILING_LAGS + 1)
+    floors = (_irreducible(process_value, position, good, delay, starts, k) for k in apart)
+    return next((floor for floor in floors if floor is not None), None)
+
+
+def _irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray, delay: int, starts: Starts,
+                 apart: int) -> float | None:
+    """The same with the past of y every so many samples, as far back as CEILING_LAGS samples and four at least."""
     lags = CEILING_LAGS
-    first = lags + delay + 1
+    past = range(apart, max(lags, 4 * apart) + 1, apart)
+    first = max(past[-1], lags) + delay + 1
     n = process_value.size
     if n - first < 6 * lags:
         return None
     rows = np.concatenate([np.arange(a + first, b) for a, b in zip(starts, (*starts[1:], n), strict=True)])
     keep = good[rows].copy()
-    for lag in range(1, lags + 1):
+    for lag in past:
         keep &= good[rows - lag]
     rows = rows[keep]
     if rows.size < 6 * lags:
@@ -131,9 +212,9 @@ def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray
     y_mean, v_mean = float(process_value[rows].mean()), float(position[rows - delay].mean())
     y, v = process_value - y_mean, position - v_mean
     further = range(1, len(starts))
-    factor = np.empty((0, 2 * lags + 2 + len(further)))
+    factor = np.empty((0, lags + len(past) + 2 + len(further)))
     for part in np.array_split(rows, -(-rows.size // _PIECE)):
-        columns = [y[part - lag] for lag in range(1, lags + 1)]
+        columns = [y[part - lag] for lag in past]
         columns += [v[part - delay - lag] for lag in range(1, lags + 1)]
         segment = np.searchsorted(starts, part, side="right") - 1
         levels = [np.ones(part.size), *((segment == s).astype(np.float64) for s in further)]

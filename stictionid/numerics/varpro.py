@@ -41,11 +41,19 @@ def _whiten(base: FloatArray, taps: FloatArray, out: FloatArray) -> None:
                 sink[p] += t * source[p]
 
 
-def whiten(columns: FloatArray, taps: FloatArray) -> FloatArray:
-    """Columns (n, c) passed through 1 + taps[0] q^-1 + …; the first len(taps) rows are start-up and must not count."""
+def whiten(columns: FloatArray, taps: FloatArray, before: IntArray | None = None) -> FloatArray:
+    """Columns (n, c) passed through 1 + taps[0] q^-1 + …; the first len(taps) rows are start-up and must not count.
+
+    `before` (n,) is the row before each where that is not its neighbour, -1 for none (see `noise.Links`): rows without
+    as many rows before them as there are taps are 0.
+    """
     columns = np.ascontiguousarray(columns, dtype=np.float64)
     if taps.size == 0:
         return columns
+    if before is not None:
+        out = columns.copy()
+        _whiten_links(out, before, np.ascontiguousarray(taps))
+        return out
     out = np.empty_like(columns)
     _whiten(columns, np.ascontiguousarray(taps), out)
     return out
@@ -65,8 +73,31 @@ def _whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
                     sink[p] += t * source[p]
 
 
-def whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
+@kernel
+def _whiten_links(base, before, taps):
+    """Filter each stretch of rows in place along its links, last row first."""
+    samples, lanes = before.size, base.shape[1]
+    for first in range(0, base.shape[0], samples):
+        for k in range(samples - 1, -1, -1):
+            sink = base[first + k]
+            j = k
+            for i in range(taps.size):
+                j = before[j] if j >= 0 else -1
+                if j >= 0:
+                    t = taps[i]
+                    source = base[first + j]
+                    for p in range(lanes):
+                        sink[p] += t * source[p]
+            if j < 0:
+                for p in range(lanes):
+                    sink[p] = 0.0
+
+
+def whiten_stack(base: FloatArray, samples: int, taps: FloatArray, before: IntArray | None = None) -> None:
     """Pass every column of a stack (columns*samples, P) through the filter of `whiten`, in place."""
+    if before is not None:
+        _whiten_links(base, before, np.ascontiguousarray(taps))
+        return
     _whiten_stack(base, samples, np.ascontiguousarray(taps))
 
 

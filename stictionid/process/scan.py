@@ -22,8 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..record.loop import Loop
-from ..typing import FloatArray
+from ..record.loop import Loop, bridged
+from ..typing import BoolArray, FloatArray
 from .intersample import MOVES_ALWAYS, rebuild
 
 # Name of this mode between samples (`MODES` of intersample.py holds the others).
@@ -37,6 +37,8 @@ _PI_LEAVES = 0.1
 # the samples: ratio 0.9 to 1.5. Unit: 1.
 _EXACT = 0.25
 _FEWEST_CHANGES = 20
+# What a PI law that ran with the samples leaves of the changes of u at the most, as a share of their variance.
+_NOTHING = 1e-8
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,7 @@ def scanned(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatAr
 
     `course` (n*parts,) is y at the scans as far as it is known, up to a smooth remainder.
     """
-    u = _filled(loop.output)
+    u = bridged(loop.output)
     law = pi_law(loop, parts, course)
     if parts == 1 or law is None:
         return rebuild(u, parts, "corner", loop.setpoint)
@@ -86,9 +88,9 @@ def pi_law(loop: Loop, parts: int, course: FloatArray | None = None) -> PiLaw | 
     if loop.setpoint is None:
         return None
     e, between, moved = _errors(loop, parts, course)
-    good = loop.used[1:] & loop.used[:-1] & (moved == 0.0)
+    good = _measured(loop, parts) & (moved == 0.0)
     design = np.stack([np.diff(e), between.sum(axis=1)], axis=1)[good]
-    change = np.diff(_filled(loop.output))[good]
+    change = np.diff(bridged(loop.output))[good]
     energy = float(change @ change)
     if change.size < _FEWEST_CHANGES or not energy > 0.0:
         return None
@@ -100,6 +102,17 @@ def pi_law(loop: Loop, parts: int, course: FloatArray | None = None) -> PiLaw | 
     return PiLaw(float(sizes[0]), float(sizes[1]), fit)
 
 
+def _measured(loop: Loop, parts: int) -> BoolArray:
+    """Intervals (n-1,) of which y is measured at both ends and, for `parts` in between, at the samples beside them."""
+    assert loop.used is not None
+    good = loop.used[1:] & loop.used[:-1]
+    if parts > 1:
+        known = np.isfinite(loop.process_value)
+        good[1:] &= known[:-2]
+        good[:-1] &= known[2:]
+    return good
+
+
 def ran_with_samples(loop: Loop) -> bool:
     """True where a PI law of the sampled r and y gives u exactly: the controller ran with the samples and held u.
 
@@ -107,7 +120,12 @@ def ran_with_samples(loop: Loop) -> bool:
     samples. False where rounding, a derivative or a filter hides the law.
     """
     with_them = pi_law(loop, 1)
-    return with_them is not None and _exact(with_them, pi_law(loop, MOST_PARTS))
+    if with_them is None:
+        return False
+    if np.count_nonzero(_measured(loop, MOST_PARTS)) < _FEWEST_CHANGES:
+        # PV is missing too often for a law between the samples to be held against it.
+        return 1.0 - with_them.fit <= _NOTHING
+    return _exact(with_them, pi_law(loop, MOST_PARTS))
 
 
 def answers(loop: Loop) -> float:
@@ -140,7 +158,7 @@ def _errors(loop: Loop, parts: int, course: FloatArray | None) -> tuple[FloatArr
     cubics as well.
     """
     assert loop.setpoint is not None
-    r, y = _filled(loop.setpoint), _filled(loop.process_value)
+    r, y = bridged(loop.setpoint), bridged(loop.process_value)
     moved = np.diff(r)
     known = np.zeros((y.size, parts)) if course is None else course.reshape(y.size, parts)
     smooth = y - known[:, 0]
@@ -162,8 +180,3 @@ def _cubics(signal: FloatArray, parts: int) -> FloatArray:
     a, b, c, d = padded[:-3], padded[1:-2], padded[2:-1], padded[3:]
     return (s * (s - 1.0) * (-a * (s - 2.0) + d * (s + 1.0)) / 6.0
             + (s + 1.0) * (s - 2.0) * (b * (s - 1.0) - c * s) / 2.0)
-
-
-def _filled(signal: FloatArray) -> FloatArray:
-    good = np.isfinite(signal)
-    return signal if good.all() else np.interp(np.arange(signal.size), np.flatnonzero(good), signal[good])

@@ -50,6 +50,16 @@ class Origin:
     segment_starts: tuple[str, ...] = ()
 
 
+def bridged(signal: FloatArray) -> FloatArray:
+    """A signal (n,) with straight lines where it is missing (NaN), so that filters run; 0 where it is all missing."""
+    good = np.isfinite(signal)
+    if good.all():
+        return np.ascontiguousarray(signal, dtype=np.float64)
+    if not good.any():
+        return np.zeros(signal.size)
+    return np.interp(np.arange(signal.size), np.flatnonzero(good), signal[good])
+
+
 def _frozen(values: Any, dtype: type = np.float64) -> NDArray[Any]:
     if isinstance(values, np.ndarray) and values.dtype == dtype and values.ndim == 1 and values.flags.c_contiguous \
             and not values.flags.writeable and not _writable(values.base):
@@ -130,6 +140,12 @@ class Loop:
         """Names of further tags that vary over the samples that count; a constant one disturbs nothing."""
         seen = {tag: values[self.used & np.isfinite(values)] for tag, values in self.extras.items()}
         return tuple(tag for tag, values in seen.items() if values.size and values.min() < values.max())
+
+    @property
+    def driven(self) -> BoolArray:
+        """Samples (n,) whose output counts: those used, and those at which only the process value is missing."""
+        assert self.used is not None
+        return self.used | (np.isnan(self.process_value) & np.isfinite(self.output))
 
     @property
     def samples(self) -> int:

@@ -13,14 +13,17 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..numerics.autoregression import pace_of
 from ..typing import FloatArray
-from .loop import Loop
+from .loop import Loop, bridged
 from .study import Cycle, Range
 
 # Half-width of the hysteresis band as a share of the deviation's standard deviation. Unit: 1.
 _HYSTERESIS = 0.3
 # The band is at least this many standard deviations of the sample-to-sample noise.
 _HYSTERESIS_NOISE = 3.0
+# At most this share of the deviation's standard deviation is noise where PV is missing in between.
+_HYSTERESIS_SPARSE = 0.5
 # Share of samples at either end of the deviation that sets neither level nor band.
 _TRIM = 0.05
 # Least number of whole cycles that make an oscillation (gate 0 of CRITICISM.md).
@@ -32,11 +35,12 @@ FLAT = 1e-9
 
 
 def deviation(loop: Loop) -> FloatArray:
-    """Control error (n,); without a setpoint the deviation of y from its mean, with the sign turned."""
+    """Control error (n,), from the mean of y without a setpoint; the setpoint's mean offset does not matter."""
+    y = bridged(loop.process_value)
     if loop.setpoint is not None:
-        return loop.setpoint - loop.process_value
-    level = float(loop.process_value[loop.used].mean()) if loop.used.any() else 0.0
-    return level - loop.process_value
+        return loop.setpoint - y
+    level = float(y[loop.used].mean()) if loop.used.any() else 0.0
+    return level - y
 
 
 def noise_of(signal: FloatArray) -> float:
@@ -82,6 +86,12 @@ def reversals(command: FloatArray, threshold: float) -> list[int]:
             direction, extreme = -direction, value
             turns.append(k)
     return turns
+
+
+def output_reversals(loop: Loop) -> int:
+    """How often the output of one segment turns by a tenth of its span and more than its noise."""
+    u = loop.output[loop.driven]
+    return count_reversals(u, max(0.1 * float(np.ptp(u)), 4.0 * noise_of(u)))
 
 
 def count_reversals(command: FloatArray, threshold: float) -> int:
@@ -132,7 +142,7 @@ def find_range(loop: Loop) -> Range:
 
 def _swings(loop: Loop, start_s: float) -> _Swings:
     """The cycles of one segment that starts at `start_s` of its record."""
-    u, used = loop.output, loop.used
+    u, used, driven = loop.output, loop.used, loop.driven
     if used.sum() < 8:
         return _Swings(reason=f"only {int(used.sum())} usable samples")
     e = deviation(loop)
@@ -144,10 +154,14 @@ def _swings(loop: Loop, start_s: float) -> _Swings:
     swing_y = float(np.ptp(loop.process_value[used]))
     if swing_y <= FLAT * max(float(np.abs(loop.process_value[used]).max()), 1e-30) or swing_y < 1e-30:
         return _Swings(reason=f"the process value does not vary (its whole span is {swing_y:.3g})")
-    if float(np.ptp(u[used])) <= FLAT * max(float(np.abs(u[used]).max()), 1e-30):
+    if float(np.ptp(u[driven])) <= FLAT * max(float(np.abs(u[driven]).max()), 1e-30):
         return _Swings(reason=f"the controller output is constant at {u[used][0]:g} {loop.unit('output', '%')}")
-    band = max(_HYSTERESIS * spread, _HYSTERESIS_NOISE * noise_of(e[used]))
-    turns = count_reversals(u[used], max(0.1 * float(np.ptp(u[used])), 4.0 * noise_of(u[used])))
+    noise = _HYSTERESIS_NOISE * noise_of(e[used])
+    if pace_of(used) > 1.0:
+        # Third differences of samples that are far apart show how the signal bends.
+        noise = min(noise, _HYSTERESIS_SPARSE * spread)
+    band = max(_HYSTERESIS * spread, noise)
+    turns = output_reversals(loop)
     cycles = tuple(
         Cycle(float(start_s + a * loop.step_s), float((b - a) * loop.step_s),
               float(np.ptp(u[int(np.ceil(a)):int(b) + 1])))

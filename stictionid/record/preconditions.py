@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import CannotTell
+from ..numerics.autoregression import pace_of
 from .loop import Loop
 from .oscillation import FEWEST_CYCLES, FLAT, count_reversals, noise_of
 from .study import Range
@@ -17,6 +18,9 @@ FEWEST_SAMPLES = 60
 FEWEST_REVERSALS = 4
 # Least number of samples in one period; fewer hide the slips. Unit: samples.
 SAMPLES_PER_PERIOD = 10
+# Samples from one PV to the next, on average, from which PV is asked whether it shows a period; and the share of a
+# period by PV below which the one by the output's reversals says that PV misses turns.
+_SPARSE, _MISSED = 1.5, 0.5
 # An output beyond this is no valve position in %. Unit: %.
 _HIGHEST_OUTPUT = 110.0
 # Process value and output that differ by less than this share of the span are one signal: no process is that exact.
@@ -31,10 +35,10 @@ _PARTS = 60
 
 def check(loop: Loop, found: Range) -> None:
     """Raise CannotTell where the record can't hold S and J; the message is the reason in one sentence."""
-    used = loop.used
-    u, y = loop.output[used], loop.process_value[used]
-    if u.size < FEWEST_SAMPLES:
-        raise CannotTell(f"only {u.size} usable samples, {FEWEST_SAMPLES} are needed", "give a longer record",
+    u, y = loop.output[loop.driven], loop.process_value[loop.used]
+    _check_process_value(loop, found)
+    if y.size < FEWEST_SAMPLES:
+        raise CannotTell(f"only {y.size} usable samples, {FEWEST_SAMPLES} are needed", "give a longer record",
                          code="too-short")
     span = float(np.ptp(y))
     if span <= FLAT * float(np.abs(y).max()) or span < 1e-30:
@@ -56,6 +60,7 @@ def check(loop: Loop, found: Range) -> None:
         raise CannotTell(f"the controller output sits at its limit in {100 * limited:.0f} % of the samples "
                          f"({100 * _SATURATED_SHARE:.0f} % is the most)",
                          "choose a stretch without saturation with --start and --end", code="saturated-output")
+    u = loop.output[loop.used]
     tie = (u - u.mean()) * (float((y - y.mean()) @ (u - u.mean())) / float((u - u.mean()) @ (u - u.mean())))
     if float(np.abs(y - y.mean() - tie).max()) < _SAME * span:
         raise CannotTell("the process value is the controller output, times a number plus a number, to the last digit: "
@@ -82,6 +87,28 @@ def check(loop: Loop, found: Range) -> None:
                 f"export at {found.period_median_s / SAMPLES_PER_PERIOD:.3g} s or faster", code="too-slow-sampling")
 
 
+def _check_process_value(loop: Loop, found: Range) -> None:
+    """Raise CannotTell where PV is there too seldom in a period; the output tells the period where PV misses turns."""
+    pace = pace_of(loop.used, loop.starts)
+    if pace < _SPARSE:
+        return
+    apart_s = pace * loop.step_s
+    period_s = found.period_median_s if len(found.cycles) >= FEWEST_CYCLES else None
+    if found.reversals >= FEWEST_REVERSALS:
+        told_s = 2.0 * float(loop.driven.sum()) * loop.step_s / found.reversals
+        period_s = told_s if period_s is None or told_s < _MISSED * period_s else period_s
+    if period_s is not None and period_s < SAMPLES_PER_PERIOD * apart_s:
+        raise CannotTell(
+            f"PV is there only every {apart_s:.3g} s{'' if _even(loop) else ' on average'}: that are "
+            f"{period_s / apart_s:.1f} samples in a period of {period_s:.4g} s, {SAMPLES_PER_PERIOD} are needed",
+            f"export PV at {period_s / SAMPLES_PER_PERIOD:.3g} s or faster, as OP is", code="too-slow-sampling")
+
+
+def _even(loop: Loop) -> bool:
+    """Whether PV that is missing in between comes at even distances."""
+    return np.unique(np.diff(np.flatnonzero(loop.used))).size == 1
+
+
 def _driven_reversals(loop: Loop) -> int:
     """Reversals of the output, all segments; 0 where the setpoint rests and the record starts near it, or has none."""
     r = loop.setpoint
@@ -91,9 +118,9 @@ def _driven_reversals(loop: Loop) -> int:
     y = loop.process_value[loop.used]
     if still and abs(float(r[loop.used][0] - y[0])) < _STEPPED * float(np.ptp(y)):
         return 0
-    u = loop.output[loop.used]
+    u, driven = loop.output[loop.driven], loop.driven
     threshold = max(0.05 * float(np.ptp(u)), 4.0 * noise_of(u))
-    return sum(count_reversals(loop.output[part][loop.used[part]], threshold) for part in loop.segments)
+    return sum(count_reversals(loop.output[part][driven[part]], threshold) for part in loop.segments)
 
 
 def time_scale_s(loop: Loop, found: Range) -> float:
@@ -120,5 +147,5 @@ def time_scale_s(loop: Loop, found: Range) -> float:
 
 def swing_of(loop: Loop, found: Range) -> float:
     """Upper limit for S in the unit of u: S_max (Eq. 21), or the whole swing of u where there are no cycles."""
-    swing = float(np.ptp(loop.output[loop.used]))
+    swing = float(np.ptp(loop.output[loop.driven]))
     return float(found.s_max) if found.s_max else swing

@@ -1,8 +1,9 @@
 """Choice of the segments of a record that are identified together, each long enough for an estimate.
 
-Samples that do not count (manual, frozen, saturated) for a period or longer are a gap, too. The valve may be known
-there, but the cause of the process's moves is not. The level at the end is seldom that at the beginning. The model
-runs through a shorter stretch with the recorded output.
+A stretch that does not count (manual, frozen, saturated) for a period or longer is a gap, too: the valve may be known
+there, but what moved the process is not, and it seldom ends at the level at which it began. A shorter one is run
+through with the recorded output. Where only the process value is missing the loop ran on and the output says how: such
+a stretch is run through up to MOST_MISSED_PERIODS.
 
 Segments are never joined to one run: a model restarts in each with an unknown valve force, level and start-up
 (model/segments.py). A segment shorter than two periods mostly shows its own unknown start. Each further segment adds
@@ -24,7 +25,9 @@ from .oscillation import find_range
 
 # Largest number of segments that are identified together, and least number of periods in each.
 MOST, FEWEST_PERIODS = 4, 2.0
-# Least length of a run of samples that do not count, to be a gap; it must also last a period. Unit: samples.
+# The longest stretch without a process value that is run through. Unit: periods.
+MOST_MISSED_PERIODS = 5.0
+# A run of samples that do not count is no gap if it is shorter, whatever the period. Unit: samples.
 _FEWEST_MASKED = 10
 _ALONE = ("severity, causes, the fit to a measured position and methods other than auto look at the longest of them "
           "alone")
@@ -46,7 +49,8 @@ def chosen(loop: Loop, *, restarts: bool = True) -> tuple[Loop, tuple[Finding, .
     if period_s is None:
         return longest, () if whole else (_longest(loop, longest, "no period is known by which to choose others"),)
     parts = _stretches(loop, period_s)
-    sized = [(int(loop.used[p].sum()), p) for p in parts]
+    driven = loop.driven
+    sized = [(int(driven[p].sum()), p) for p in parts]
     enough = [(used, p) for used, p in sized if used * loop.step_s >= FEWEST_PERIODS * period_s]
     if len(enough) < 2 and whole:
         return loop, ()
@@ -82,7 +86,10 @@ def _stretches(loop: Loop, period_s: float) -> list[slice]:
     found = []
     for part in loop.segments:
         firsts, lengths = _masked(loop, part)
-        long = lengths * loop.step_s >= max(period_s, _FEWEST_MASKED * loop.step_s)
+        missed = np.array([loop.driven[a:a + n].all() for a, n in zip(firsts.tolist(), lengths.tolist(), strict=True)],
+                          bool)
+        least = np.where(missed, MOST_MISSED_PERIODS, 1.0) * period_s
+        long = lengths * loop.step_s >= np.maximum(least, _FEWEST_MASKED * loop.step_s)
         begins = [part.start, *(firsts + lengths)[long].tolist()]
         found += [slice(a, b) for a, b in zip(begins, [*firsts[long].tolist(), part.stop], strict=True)]
     return found

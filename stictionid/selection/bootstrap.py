@@ -61,12 +61,19 @@ def _replicate(ground: Ground, draw: _Draw) -> Answer:
     rng = np.random.default_rng([ground.seed, 9, draw.number])
     null, fit = draw.null, ground.fit
     pool = null.innovation[null.good]
-    white = rng.choice(pool - pool.mean(), null.innovation.size)
+    rows = np.flatnonzero(fit.model.good())
+    sparse = fit.model.pace > 1.0
+    white = rng.choice(pool - pool.mean(), rows.size if sparse else null.innovation.size)
     polynomial = np.concatenate([[1.0], null.white_model().taps])
     residual = np.empty_like(white)
     for k in range(white.size):
         back = residual[max(k - polynomial.size + 1, 0):k][::-1]
         residual[k] = white[k] - polynomial[1:1 + back.size] @ back
+    if sparse:
+        # The noise model goes from one sample that counts to the next.
+        there = np.zeros(null.innovation.size)
+        there[rows] = residual
+        residual = there
     loop = replace(fit.model.loop, process_value=null.evaluated.model + residual)
     model = bound(loop, fit.model.spec, s_max=fit.model.s_max, period_s=fit.model.period_s)
     coarse = search_model(model)

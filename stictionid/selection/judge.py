@@ -282,7 +282,7 @@ def _numbers(t: Tried) -> dict[str, float]:
     assert t.refit is not None
     r = t.refit
     if t.noise:
-        return noise_values(t.name, r.taps, r.increments, r.innovation_sd, r.model.step_s)
+        return noise_values(t.name, r.taps, r.increments, r.innovation_sd, r.model.step_s, r.model.pace)
     return values_of(t.name, r.model, r.values, r.evaluated)
 
 

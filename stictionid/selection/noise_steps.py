@@ -65,10 +65,10 @@ def try_walk_alone(run: Run, steps: list[Step], fits: list[Fitted]) -> None:
     if run.options.between == "auto" and not surely_moves(run.loop):
         spec = replace(spec, between="hold", substeps=1)
     counted = np.isfinite(run.loop.process_value) & run.loop.used
-    changes, good = filtered(run.loop.process_value, counted, np.array([1.0, -1.0]))
+    changes, good = filtered(run.loop.process_value, counted, np.array([1.0, -1.0]), run.loop.starts)
     good[list(run.loop.starts)] = False
     taps = autoregression(changes, good, ORDER, run.loop.starts)
-    past, good = filtered(changes, good, np.concatenate([[1.0], taps]))
+    past, good = filtered(changes, good, np.concatenate([[1.0], taps]), run.loop.starts)
     error = float(np.sqrt(np.mean(past[good]**2)))
     first = run.fit(replace(spec, process=FIRST_ORDER, effects=(*_valve(fits), WALK), increments=True,
                             taps=tuple(taps.tolist())))
@@ -159,6 +159,8 @@ def _take(steps: list[Step], fits: list[Fitted], some: list[Step], made: list[Fi
     how = ("white steps that add up (standard deviation "
            f"{sd / abs(1.0 + float(taps.sum())):.3g} a sample) under measurement noise"
            if made[-1].model.spec.increments else f"an autoregression of order {taps.size}")
+    if (pace := made[-1].model.pace) > 1.0:
+        how += f", from one PV to the next, which is {pace * made[-1].model.step_s:.3g} s on average,"
     floor = some[-1].error.noise_sd
     said = Finding("noise-model", "info",
                    f"the noise is not white but {how}: the one-step error with it is {sd:.4g}, the irreducible noise "

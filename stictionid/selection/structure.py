@@ -20,7 +20,7 @@ from ..fit.starts.basins import along_ridge, grown, with_process
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, as_moving, may_move, moved, surely_moves
 from ..model.model import Model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
-from ..numerics.autoregression import autocovariance
+from ..numerics.autoregression import autocovariance, linked
 from ..numerics.population import Found, together
 from ..numerics.varpro import whiten
 from ..process.scan import DECIMATED, parts_of, pi_law, ran_between
@@ -225,7 +225,7 @@ def _chatter(run: Run, e: Evaluated | None, scans: int) -> float:
     """
     law = pi_law(run.loop, scans)
     floor = run.floor(e.position_means, e.values["dead_time_s"]) if e is not None else None
-    pace = float(np.median(np.abs(np.diff(run.loop.output[run.loop.used])))) / scans
+    pace = float(np.median(np.abs(np.diff(run.loop.output[run.loop.driven])))) / scans
     if law is None or floor is None or scans < _SCANS_UNKNOWN or not pace > 0.0:
         return 0.0
     return abs(law.gain) * floor / pace
@@ -322,8 +322,10 @@ def _clearly(better: TriedStructure, worse: TriedStructure) -> bool:
 
 def _soft_error(e: Evaluated) -> float:
     """Root mean square of the softened differences of the free-run residual (see `SOFT`), in the unit of y."""
-    soft = whiten(np.nan_to_num(e.residual)[:, None], Spec(increments=True, taps=SOFT).whitening())[:, 0]
-    good = np.convolve(e.counted > 0, np.ones(len(SOFT) + 2))[:soft.size] > len(SOFT) + 1.5
+    taps, links = Spec(increments=True, taps=SOFT).whitening(), linked(e.counted > 0, e.starts)
+    soft = whiten(np.nan_to_num(e.residual)[:, None], taps, None if links is None else links.before)[:, 0]
+    good = (np.convolve(e.counted > 0, np.ones(len(SOFT) + 2))[:soft.size] > len(SOFT) + 1.5 if links is None else
+            links.reached(taps.size))
     return float(np.sqrt(np.mean(soft[good] ** 2)))
 
 

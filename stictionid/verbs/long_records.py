@@ -72,7 +72,7 @@ def excerpt(loop: Loop, found: Range, options: Options) -> Excerpt | None:
     rows = max(SEARCHED, int(_PERIODS * period))
     if loop.samples <= rows or any(_by_the_clock(name) for name in options.effects):
         return None
-    at = np.flatnonzero(loop.used)
+    at = np.flatnonzero(loop.driven)
     u = loop.output[at]
     turns = at[reversals(u, max(_TURN * float(np.ptp(u)), _TURN_NOISE * noise_of(u)))].astype(np.float64)
     return Excerpt(loop, _richest(loop, turns, rows, None), turns)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..fit.fit import Fitted
 from ..numerics.jit import kernel
-from ..record.loop import Loop
+from ..record.loop import Loop, bridged
 from ..record.study import Estimate, Severity
 from ..typing import FloatArray
 
@@ -49,7 +49,7 @@ def controller_law(loop: Loop, *, held: bool = True) -> ControllerLaw | None:
     """
     if loop.setpoint is None:
         return None
-    e = np.nan_to_num(loop.setpoint - loop.process_value)
+    e = np.nan_to_num(loop.setpoint - bridged(loop.process_value))
     good = loop.used
     # In levels, not in differences: a continuous controller never saw the noise of the samples.
     total = (np.cumsum(e) - (0.0 if held else 0.5 * e)) * loop.step_s
@@ -84,13 +84,15 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
     `residual` is not a number where the model says nothing; `held` says whether the output was held between samples.
     """
     percent = estimate.unit == "%"
-    hours = max(float(loop.used.sum()) * loop.step_s, 1e-9)
-    now = _travel(position[loop.used]) / hours * _DAY_S
+    hours = max(float(loop.driven.sum()) * loop.step_s, 1e-9)
+    now = _travel(position[loop.driven]) / hours * _DAY_S
     low, high = estimate.S_interval or (estimate.S, estimate.S)
     words = sorted({band(low), band(estimate.S), band(high)}, key=[w for _, w in BANDS].index)
     law = controller_law(loop, held=held)
     sd = float(np.std(loop.process_value[loop.used]))
-    after = None if law is None else _repaired(loop, estimate, law, np.nan_to_num(residual))
+    # Between two PV values that are there the residual goes straight.
+    left = np.where(np.isnan(loop.process_value), bridged(residual), np.nan_to_num(residual))
+    after = None if law is None else _repaired(loop, estimate, law, left)
     if after is not None:
         y, u = after
         sd_after = float(np.std(y[loop.used]))
@@ -103,7 +105,7 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
                         None, None, None, f"not simulated: {why}", BANDS_SOURCE)
     assert law is not None
     share = max(1.0 - (sd_after / sd) ** 2, 0.0) if sd else 0.0
-    later = _travel(u[loop.used]) / hours * _DAY_S
+    later = _travel(u[loop.driven]) / hours * _DAY_S
     digits, unit = (0 if now >= 10.0 else 2), estimate.unit
     said = (f"without friction the process value would scatter by {sd_after:.3g} instead of {sd:.3g} "
             f"({100 * share:.0f} % of its variance is the valve's doing) and the valve travel {later:,.{digits}f} "
@@ -124,11 +126,12 @@ def _repaired(loop: Loop, estimate: Estimate, law: ControllerLaw,
     fastest = min([*lags, estimate.dead_time_s or np.inf, loop.step_s * _PARTS])
     parts = int(np.clip(np.ceil(_PARTS * loop.step_s / max(fastest, 1e-9)), 1, 20)) if loop.samples < 50_000 else 1
     h = loop.step_s / parts
-    r = np.where(np.isfinite(loop.setpoint), loop.setpoint, loop.process_value)
+    y_known = bridged(loop.process_value)
+    r = np.where(np.isfinite(loop.setpoint), loop.setpoint, y_known)
     y, u = np.empty(loop.samples), np.empty(loop.samples)
     fine = _closed(r, residual, parts, h, np.exp(-h / np.array(lags)), round(estimate.dead_time_s / h),
                    estimate.gain, estimate.integrating, law.gain, law.gain / law.integral_time_s * h,
-                   float(loop.output[0]), float(loop.process_value[0]), y, u)
+                   float(loop.output[0]), float(y_known[0]), y, u)
     return (y, u) if fine else None
 
 

@@ -33,15 +33,15 @@ def noise_of(model: Model, evaluated: Evaluated, polynomial: FloatArray, largest
 
     `polynomial` is the prewhitening applied before the noise is estimated (differences), the leading 1 included.
     """
-    signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
-    starts = model.loop.starts
+    starts, counted = model.loop.starts, evaluated.counted > 0
+    signal, good = filtered(evaluated.residual, counted, polynomial, starts)
     first = autoregression(signal, good, largest, starts)
     if not first.size:
         return first
-    columns = np.stack([filtered(x, good, polynomial)[0] for x in slopes_of(model, evaluated).T], axis=1)
+    columns = np.stack([filtered(x, counted, polynomial, starts)[0] for x in slopes_of(model, evaluated).T], axis=1)
     whole = np.concatenate([[1.0], first])
-    innovation, rows = filtered(signal, good, whole)
-    white = np.stack([filtered(x, good, whole)[0] for x in columns.T], axis=1)[rows]
+    innovation, rows = filtered(signal, good, whole, starts)
+    white = np.stack([filtered(x, good, whole, starts)[0] for x in columns.T], axis=1)[rows]
     size = np.linalg.norm(white, axis=0)
     used = size > _NOTHING * size.max(initial=0.0)
     _, values, axes = np.linalg.svd(white[:, used] / size[used], full_matrices=False)

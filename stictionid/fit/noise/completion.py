@@ -28,6 +28,8 @@ LARGEST_ORDER = 8
 # Rounds of noise model and refit; the second rarely matters.
 _COMPLETIONS = 2
 BLOCKS = 5
+# Samples from one PV to the next from which a spectrum is taken of those that are there.
+_SPARSE = 1.5
 # Relative fall of the cost below which a refit in prewhitened form has settled.
 _SETTLED = 1e-4
 # A free run whose error is at most this multiple of the innovations is at the noise.
@@ -247,15 +249,19 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
           rng: np.random.Generator | None) -> tuple[FloatArray, int]:
     """Taps of the noise model beside the model's own prewhitening, and the number of fitted parameters behind them.
 
-    A resonance is estimated in the longest segment: a spectrum knows no gaps.
+    A resonance is estimated in the longest segment: a spectrum knows no gaps. Where PV is mostly missing, the samples
+    that are there follow on one another.
     """
     polynomial = np.concatenate([[1.0], own])
     if increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
-    signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
+    signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial, model.loop.starts)
     if noise == RESONANT:
         part = model.loop.longest
-        found = resonance(signal[part], good[part], rng or np.random.default_rng(0))
+        signal, good = signal[part], good[part]
+        if model.pace >= _SPARSE:
+            signal, good = signal[good], good[good]
+        found = resonance(signal, good, rng or np.random.default_rng(0))
         return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
     ar = autoregression(signal, good, order, model.loop.starts)
     return ar, ar.size
@@ -264,7 +270,7 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
 def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArray, increments: bool,
            own: tuple[float, ...], numbers: int) -> Refit:
     polynomial = _whitening(own, ar, increments)
-    innovation, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial)
+    innovation, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial, model.loop.starts)
     good &= ~model.starting(polynomial.size)
     count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + numbers
     return Refit(model, values, evaluated, ar, increments, innovation, good, count, numbers, own)

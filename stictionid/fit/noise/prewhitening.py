@@ -83,6 +83,6 @@ def with_taps(model: Model, values: FloatArray, taps: FloatArray) -> Whitened:
     polynomial = np.concatenate([[1.0], taps])
     if model.spec.increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
-    innovation, good = filtered(e.residual, e.counted > 0, polynomial)
+    innovation, good = filtered(e.residual, e.counted > 0, polynomial, model.loop.starts)
     good &= ~model.starting(polynomial.size)
     return Whitened(model, values, e, e.rmse, innovation, good, taps.size)

@@ -17,7 +17,8 @@ import numpy as np
 
 from ...effects import parse
 from ...model.model import Model
-from ...numerics.autoregression import autocovariance, chi_square_z, ljung_box
+from ...numerics.autoregression import autocovariance, chi_square_z, filtered, linked, ljung_box
+from ...record.loop import bridged
 from ...typing import BoolArray, FloatArray
 
 # Level of each of six tests, 1 % for all together (a further tag adds one), and its one-sided normal quantile.
@@ -73,7 +74,7 @@ def passes_tests(model: Model, polynomial: FloatArray, order: int, position: Flo
 def _correlated(model: Model, order: int, e: FloatArray, good: BoolArray) -> float:
     """Joint test of the autocorrelations over one period, as a normal value."""
     rows = int(good.sum())
-    lags = int(np.clip(model.period_s / model.step_s, _FEWEST, min(_MOST, rows // 10)))
+    lags = int(np.clip(model.period_s / (model.step_s * model.pace), _FEWEST, min(_MOST, rows // 10)))
     c = autocovariance(e, good, lags, model.loop.starts)
     return ljung_box(c[1:] / c[0], rows, order)[1]
 
@@ -87,15 +88,19 @@ def _tags(model: Model, polynomial: FloatArray, e: FloatArray, good: BoolArray) 
 
 
 def _positions(model: Model, polynomial: FloatArray, position: FloatArray) -> list[FloatArray]:
-    """Past positions over one period, passed through the filter that turned errors into innovations."""
-    white = np.convolve(position - position.mean(), polynomial)[:position.size]
+    """Past positions over one period, passed through the filter that made the errors innovations."""
+    links = linked(model.good(), model.loop.starts)
+    white = (np.convolve(position - position.mean(), polynomial)[:position.size] if links is None else
+             position - position.mean())
     longest = max(int(np.clip(model.period_s / model.step_s, 2, 60)), 2)
-    return [_later(white, k) for k in np.unique(np.round(np.linspace(1, longest, _POSITIONS)).astype(int)).tolist()]
+    found = [_later(white, k) for k in np.unique(np.round(np.linspace(1, longest, _POSITIONS)).astype(int)).tolist()]
+    # Beside missing PV a filter goes from one sample that counts to the next, and so must what it is compared with.
+    return found if links is None else [filtered(x, model.good(), polynomial, model.loop.starts)[0] for x in found]
 
 
 def _curved(model: Model, position: FloatArray) -> list[FloatArray]:
-    """Squares and products of the previous position and y, and polynomials in time."""
-    y = np.nan_to_num(model.loop.process_value - np.nanmean(model.loop.process_value))
+    """Squares and products of the position and y before, and the course of time."""
+    y = bridged(model.loop.process_value - np.nanmean(model.loop.process_value))
     before, level, t = _later(position - position.mean(), 1), _later(y, 1), np.linspace(-1.0, 1.0, y.size)
     return [before**2, before * level, level**2, t, t**2, t**3, before * t]
 

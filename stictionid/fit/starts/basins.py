@@ -29,10 +29,13 @@ from ..moves import (
     thinning,
     with_start,
 )
+from .continuation import LEAST_S, open_bank, open_costs
 
 GROUPS = 3
 _PARTICLES, _ROUNDS, _SCOUTS = 20, 12, 300
 _DELAYS = 6
+# Samples from one PV to the next, on average and beyond one, from which no difference equation holds between them.
+_NEAR_PACE = 0.25
 _ROAMERS, _ROAM_ROUNDS = 1, 25
 # Valves of an even scan, and how many of them get a polish. Then the one lag in samples and the longest dead time in
 # periods. Last the steps of the sequence (powers of the root of x^4 = x + 1).
@@ -80,16 +83,22 @@ def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> F
 def _one_step_cost(model: Model) -> Callable[[FloatArray], FloatArray]:
     """The ARX cost (P,) of points (P, 3) of S, J and initial force in the unit cube, on the thinned record."""
     model = thinned(model, thinning(model))
-    period = model.period_s / model.step_s
-    longest = int(np.clip(0.4 * period, 1, 60))
+    costs, neutral = valve_costs(model), neutral_point(model)[None, 3:]
+    return lambda cube: costs(model.values(np.concatenate([cube, neutral.repeat(len(cube), 0)], axis=1)))
+
+
+def valve_costs(model: Model) -> Callable[[FloatArray], FloatArray]:
+    """Costs (P,) of valves, values (d, P), whatever the process: the one-step error of a difference equation.
+
+    Where PV is missing too often for one to hold from each PV to the next, the free run of a few lags together.
+    """
+    if model.pace > 1.0 + _NEAR_PACE:
+        bank = open_bank(model)
+        return lambda values: np.where(values[0] >= LEAST_S * model.s_max, open_costs(model, bank, values), np.inf)
+    longest = int(np.clip(0.4 * model.period_s / model.step_s, 1, 60))
     ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
     arx = Arx(model, 2, tuple(int(d) for d in ladder))
-    neutral = neutral_point(model)[None, 3:]
-
-    def cost(cube: FloatArray) -> FloatArray:
-        return arx.costs(model.values(np.concatenate([cube, neutral.repeat(len(cube), 0)], axis=1)))[0]
-
-    return cost
+    return lambda values: arx.costs(values)[0]
 
 
 def _common_basins(model: Model, rng: np.random.Generator, groups: int) -> FloatArray:

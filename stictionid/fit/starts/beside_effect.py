@@ -18,11 +18,10 @@ from ...model.segments import bound
 from ...model.spec import BASE, INTEGRATOR, Spec
 from ...numerics.population import swarm, together
 from ...typing import FloatArray
-from ..arx_cost import Arx
 from ..fit import Fitted
 from ..moves import longest_piece, with_start
 from ..noise.completion import at_noise, own_taps, quick
-from .basins import basins, with_process
+from .basins import basins, valve_costs, with_process
 from .continuation import distinct, grown_beside, grown_valves
 from .reparametrised import followed, ridge_of
 from .windows import resting_valves, windowed_valves
@@ -112,9 +111,7 @@ def valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng:
                                           and (RESTING in model.spec.effects or not model.spec.held)):
         found = _grown_with(model, name, fit, rng, windows)
         return found if ridge_of(model) is None or not model.spec.held else _ridges(model, name, fit, found, rng)
-    period = model.period_s / model.step_s
-    ladder = np.unique(np.round(np.geomspace(1, int(np.clip(0.4 * period, 1, 60)) + 1, 6) - 1).astype(int))
-    arx = Arx(model.pieces[at], 2, tuple(int(d) for d in ladder))
+    costs = valve_costs(model.pieces[at])
     valve = [0, 1, model.forces[at]]
     middle = model.values(np.full((1, model.space.size), 0.5))
     middle[model.head:, 0] = model.vector(fit.best.values)[model.head:]
@@ -130,7 +127,7 @@ def valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng:
             return cube
 
         def cost(part: FloatArray, whole: Callable[[FloatArray], FloatArray] = whole) -> FloatArray:
-            return arx.costs(model.of(at, model.values(whole(part))))[0]
+            return costs(model.of(at, model.values(whole(part))))
 
         best = swarm(cost, 3, rng, groups=1, particles=24, rounds=_SWARM, scouts=_SCOUTS)
         starts.append((float(best.costs[0]), whole(best.points[:1])[0]))

@@ -45,9 +45,9 @@ _SCAN, _PERIODS, _GROWTH, _LEFT = 4000, 2.0, 1.4, (64, 6)
 _DRIFTING = ((0.06, 64), (0.1, 48), (0.14, 32), (0.2, 24), (0.28, 16), (0.4, 12), (0.55, 8), (0.75, 8), (1.0, 6))
 # Index of the time constant and of the dead time in a point.
 _PROCESS = (3, 4)
-# Below this share of S_max a valve follows its command, and with it, in the closed loop, y.
-_LEAST_S = 0.1
-# Distance between points that are kept: of the scan, and after a polish. Share of the range.
+# Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
+LEAST_S = 0.1
+# Distance between points that are kept: of the scan, and of what was polished. Share of the range.
 _APART, _NEAR = 0.03, 0.004
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
 # Number of cached answers, a few hundred numbers each: those of a few rounds over the catalogue.
@@ -197,8 +197,8 @@ def _grown(small: Model, own: list[int], middle: FloatArray, rng: np.random.Gene
 
 
 def _sticks(model: Model, values: FloatArray) -> BoolArray:
-    """Mask (P,) of the valves of values (d, P) that stick enough not to follow their command."""
-    return np.asarray(values[0] >= _LEAST_S * model.s_max)
+    """Whether valves of values (d, P) stick enough not to follow their command, (P,)."""
+    return np.asarray(values[0] >= LEAST_S * model.s_max)
 
 
 def _through_parts(small: Model, cost_of: Callable[[Model], Callable[[FloatArray], FloatArray]], scanned: int,

@@ -49,7 +49,7 @@ def may_move(loop: Loop) -> bool:
 
     A noisy command has no corners to find.
     """
-    u = loop.output[loop.used]
+    u = loop.output[loop.driven]
     return noise_of(u) < _ROUGH * float(np.ptp(u)) and not ran_with_samples(loop)
 
 
