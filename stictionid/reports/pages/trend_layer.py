@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...typing import FloatArray
-from ..pictures import palette
+from ..pictures import measures, palette
 from ..pictures.curves import Case
 from ..pictures.study_pictures import axis_label, shading, unit_of
 
@@ -78,7 +78,7 @@ def _signals(case: Case) -> list[tuple[str, str, int, str, FloatArray]]:
     found: list[tuple[str, str, int, str, FloatArray]] = []
     if loop.setpoint is not None:
         found.append(("SP", "sp", _UPPER, pv, loop.setpoint))
-    found.append(("PV", "pv", _UPPER, pv, loop.process_value))
+    found.append(("PV", "pv", _UPPER, pv, measures.joined(loop, loop.process_value)))
     if last is not None and np.isfinite(last.model).any():
         found.append(("model", "model", _UPPER, pv, last.model))
     found.append(("OP", "op", _LOWER, op, loop.output))

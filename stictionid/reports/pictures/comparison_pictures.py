@@ -10,7 +10,7 @@ import numpy as np
 from ...comparison import Comparison
 from ...comparison.cells import Cell
 from .. import wording
-from .measures import stretches, thin
+from .measures import joined, passed, stretches, thin
 from .picture import Band, Line, Panel, Picture, Rule
 
 # Bins of a trend and points of a scatter plot.
@@ -47,13 +47,13 @@ def _fit(c: Comparison) -> Picture:
     g = c.ground
     t = g.loop.time_s
     bands = _shading(c)
-    model = np.where(g.good, g.evaluated.model, np.nan)
-    residual = np.where(g.good, g.residual, np.nan)
+    model = np.where(g.good | passed(g.loop), g.evaluated.model, np.nan)
+    measured, residual = (joined(g.loop, x) for x in (g.loop.process_value, np.where(g.good, g.residual, np.nan)))
     said = f"The free-run error is {wording.number(c.error.rmse)} {_unit(c)}"
     said += f", {wording.number(c.error.rmse / c.error.noise_sd)} times the noise." if c.error.noise_sd else "."
     return Picture("fit", "Model against measurement", said,
                    "Measured PV and the model's free run, their difference below; shaded where it stands out.",
-                   (Panel("", f"PV, {_unit(c)}", (Line("PV measured", "pv", *thin(t, g.loop.process_value, _BINS)),
+                   (Panel("", f"PV, {_unit(c)}", (Line("PV measured", "pv", *thin(t, measured, _BINS)),
                                                   Line("model", "model", *thin(t, model, _BINS))), bands, height=1.5),
                     Panel("time, s", f"residual, {_unit(c)}",
                           (Line("residual", "residual", *thin(t, residual, _BINS)),), bands,

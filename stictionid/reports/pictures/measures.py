@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...record.loop import Loop
+from ...numerics.autoregression import linked
+from ...record.loop import Loop, bridged
 from ...record.study import Study
 from ...typing import BoolArray, FloatArray
 
@@ -60,8 +61,21 @@ def stretches(mask: BoolArray, step_s: float, reason: str) -> tuple[Stretch, ...
 
 
 def unused(loop: Loop) -> tuple[Stretch, ...]:
-    """Stretches whose samples entered no cost."""
-    return stretches(~np.asarray(loop.used), loop.step_s, "not used")
+    """Stretches whose samples entered no cost; not those from one PV to the next of a slower tag."""
+    return stretches(~np.asarray(loop.used) & ~passed(loop), loop.step_s, "not used")
+
+
+def passed(loop: Loop) -> BoolArray:
+    """Samples (n,) without a PV that lie between two of a slower tag."""
+    missing = np.isnan(loop.process_value)
+    links = linked(loop.used, loop.starts) if missing.any() else None
+    return np.zeros(loop.samples, bool) if links is None else missing & links.between()
+
+
+def joined(loop: Loop, values: FloatArray) -> FloatArray:
+    """A curve (n,) at the samples of PV with straight lines from one PV to the next of a slower tag."""
+    gaps = passed(loop)
+    return np.where(gaps, bridged(values), values) if gaps.any() else values
 
 
 def failing(study: Study, loop: Loop, residual: FloatArray) -> tuple[Stretch, ...]:

@@ -73,7 +73,7 @@ def trend(study: Study, loop: Loop, last: Curves | None) -> Picture:
     """Fig. 8 and 9: r and y above, u below, over the whole record, with the model and the valve positions."""
     per, unit = time_unit(loop.samples * loop.step_s)
     t = loop.time_s / per
-    upper = [_line("PV", "pv", t, loop.process_value)]
+    upper = [_line("PV", "pv", t, measures.joined(loop, loop.process_value))]
     if loop.setpoint is not None:
         upper.insert(0, _line("SP", "sp", t, loop.setpoint))
     if last is not None:
@@ -129,7 +129,7 @@ def axis_label(what: str, loop: Loop, role: str, default: str = "") -> str:
 
 def window(study: Study, loop: Loop) -> slice:
     """The last CLOSE_PERIODS periods of the longest used stretch, or its last points where there is no period."""
-    good = loop.used & np.isfinite(loop.process_value) & np.isfinite(loop.output)
+    good = loop.used & np.isfinite(loop.process_value) & np.isfinite(loop.output) | measures.passed(loop)
     runs = [(part.start, measures.longest_run(good[part])) for part in loop.segments]
     run = max((slice(at + r.start, at + r.stop) for at, r in runs), key=lambda r: r.stop - r.start)
     period = study.range.period_median_s
@@ -192,7 +192,8 @@ def phase(study: Study, loop: Loop) -> Picture:
                    f"PV over OP, {_when(part, loop)}, arrows in the direction of time. A smooth ellipse is a linear "
                    "loop, sharp corners or a parallelogram point to friction.",
                    (Panel(axis_label("OP", loop, "output", "%"), axis_label("PV", loop, "process_value"),
-                          (Line("PV over OP", "pv", loop.output[k], loop.process_value[k], "arrows"),)),))
+                          (Line("PV over OP", "pv", loop.output[k], measures.joined(loop, loop.process_value)[k],
+                                "arrows"),)),))
 
 
 def fit(study: Study, loop: Loop, last: Curves) -> Picture | None:
@@ -216,21 +217,21 @@ def _fit(study: Study, loop: Loop, last: Curves, part: slice, key: str, title: s
     bands = tuple(b for b in shading(study, loop, last, per)
                   if key == "fit" or (b.end > t[0] and b.start < t[-1]))
     error = study.steps[-1].error
-    residual = last.residual[part]
+    residual = measures.joined(loop, last.residual)[part]
     good = residual[np.isfinite(residual)]
     pv_unit = loop.unit("process_value")
     alt = (f"The model follows PV with a free-run error of {wording.with_unit(error.rmse, pv_unit)}"
            + (f", {wording.number(error.rmse / error.noise_sd)} times the noise" if error.noise_sd else "")
            + (f"; the largest residual here is {wording.with_unit(float(np.abs(good).max()), pv_unit)}."
               if good.size else "."))
-    rules = [Rule("y", 0.0)]
+    rules, measured = [Rule("y", 0.0)], measures.joined(loop, loop.process_value)
     if error.noise_sd:
         rules += [Rule("y", s * 2 * error.noise_sd, "±2 noise" if s > 0 else "", "bound") for s in (1, -1)]
     return Picture(key, title, alt, "Measured PV and the model's free run; below, their difference with twice the "
                    "noise either way." if error.noise_sd else "Measured PV and the model's free run; below, their "
                    "difference.",
                    (Panel("", axis_label("PV", loop, "process_value"),
-                          (_line("PV measured", "pv", t, loop.process_value[part]),
+                          (_line("PV measured", "pv", t, measured[part]),
                            _line("model", "model", t, last.model[part])), bands, height=1.5),
                     Panel(f"time, {unit}", axis_label("residual", loop, "process_value"),
                           (_line("residual", "residual", t, residual),), bands, rules=tuple(rules), height=0.8)),
