@@ -68,6 +68,39 @@ def _read(data: bytes) -> None:
     _check(read(io.BytesIO(data)))
 
 
+_SPECS = ({}, {"process": "integrator", "increments": True}, {"taps": (-1.2, 0.5, -0.1)})
+
+
+def _models(data: bytes) -> None:
+    """An export whose cells are missing in a pattern, up to models on it with noise models of their own."""
+    import numpy as np
+
+    from stictionid.absorbed import noise_of
+    from stictionid.gates import check, swing_of, time_scale_s
+    from stictionid.historian import read
+    from stictionid.noise import irreducible
+    from stictionid.oscillation import find_range
+    from stictionid.restarts import bound
+    from stictionid.segments import chosen
+    from stictionid.spec import Spec
+
+    reading = read(io.BytesIO(data))
+    _check(reading)
+    piece, _ = chosen(reading.loop)
+    found = find_range(piece)
+    check(piece, found)
+    for spec in _SPECS:
+        model = bound(piece, Spec(**spec), s_max=swing_of(piece, found), period_s=time_scale_s(piece, found))
+        values = model.values(np.full((1, model.space.size), 0.5))[:, 0]
+        e = model.evaluate(values)
+        if not math.isfinite(e.sse) or not np.isfinite(model.costs_of(values[:, None])).all():
+            raise Broken(f"no cost of {spec}")
+        taps = noise_of(model, e, np.array([1.0, -1.0]) if model.spec.increments else np.ones(1), 8)
+        floor = irreducible(model.context.process_value, e.position_means, model.good(), 1, piece.starts)
+        if not np.isfinite(taps).all() or not (floor is None or math.isfinite(floor)):
+            raise Broken(f"noise of {spec}: {taps}, {floor}")
+
+
 def _options(data: bytes) -> None:
     """Option values as the command line hands them over, on an export that reads well."""
     from stictionid.cli.common.reading import _OPTIONS, collect
@@ -224,6 +257,7 @@ DOORS = {
     "text, damaged bytes": Door(_make_bytes, _read, 18),
     "text, random tables": Door(make.text_table, _read, 17),
     "text, packed or encoded": Door(_make_packed, _read, 11),
+    "text, missing cells": Door(make.masked, _models, 1),
     "text, noise": Door(_make_noise, _read, 24),
     "Parquet, damaged bytes": Door(lambda rng: make.damage(rng, rng.choice(_parquets()), 3), _read, 30),
     "Parquet, random tables": Door(make.arrow_table, _read, 6),

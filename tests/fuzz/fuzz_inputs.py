@@ -41,6 +41,26 @@ NAMES = (
 _START = datetime(2024, 5, 31, 14)
 
 
+def missing(rng: random.Random, rows: int) -> list[bool]:
+    """Which cells of a column are missing: every k-th, all but every k-th, blocks, an end, or at random."""
+    kind, k = rng.randrange(6), rng.choice((2, 3, 5, 10, 20))
+    phase, share = rng.randrange(k), rng.choice((0.1, 0.5, 0.9))
+    block = rng.choice((3, 30)), rng.choice((40, 200))
+    return [(i % k == phase, i % k != phase, i % block[1] < block[0], i < share * rows, i >= rows - share * rows,
+             rng.random() < share)[kind] for i in range(rows)]
+
+
+def masked(rng: random.Random) -> bytes:
+    """An export of a loop whose PV, and now and then another column, is missing in a pattern of rows."""
+    r = record(rows=rng.choice((30, 120, 120, 400)), seed=rng.randrange(5))
+    word = rng.choice(("", "Bad", "NaN", "#N/A", "Bad Input", "-9999"))
+    for name in ("pv", *(n for n in ("op", "sp") if rng.random() < 0.15)):
+        cells = getattr(r, name)
+        for i, gone in enumerate(missing(rng, len(cells))):
+            cells[i] = word if gone else cells[i]
+    return rng.choice((wide, wide, wide, long, paired))(r).encode()
+
+
 @functools.cache
 def seeds() -> tuple[bytes, ...]:
     """Small exports that read well: what mutation starts from."""
@@ -193,6 +213,9 @@ def table(rng: random.Random) -> tuple[list[str], list[list[str]]]:
     sane = rng.random() < 0.6
     columns = [_stamps(rng, rows) if ("t" in n.lower() and (sane or rng.random() < 0.8)) or rng.random() < 0.05
                else signal(rng, rows, sane and rng.random() < 0.9) for n in names]
+    if rng.random() < 0.2:
+        place, word = rng.randrange(len(names)), rng.choice(("", "Bad", "NaN"))
+        columns[place] = [word if gone else c for c, gone in zip(columns[place], missing(rng, rows), strict=True)]
     for _ in range(rng.choice((0, 0, 1, 3, 8)) if rows else 0):
         rng.choice(columns)[rng.randrange(rows)] = rng.choice(TOKENS)
     return names, columns
@@ -259,7 +282,7 @@ def arrow_table(rng: random.Random) -> bytes:
         else:
             array = pa.array(50 + np.round(draw.standard_normal(rows), 3))
         if rows and rng.random() < 0.2 and (pa.types.is_string(array.type) or pa.types.is_floating(array.type)):
-            mask = draw.random(rows) < rng.choice((0.1, 0.9))
+            mask = missing(rng, rows)
             array = pa.array([None if m else v for v, m in zip(array.to_pylist(), mask, strict=True)], array.type)
         arrays.append(array)
     sink = io.BytesIO()
