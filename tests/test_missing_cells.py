@@ -188,7 +188,7 @@ def test_too_few_pv_in_a_period_is_said_as_it_is(loop, tmp_path):
     path = missing_cells.write(loop, missing_cells.patterns(loop.samples)["19-of-20"], tmp_path / "a.csv")
     study = identify(read_loop(path))
     assert study.estimate is None and study.verdict.evidence["code"] == "too-slow-sampling"
-    said = re.search(r"only every 20 s: that are ([\d.]+) samples in a period of ([\d.]+) s", study.verdict.reason)
+    said = re.search(r"only every 20 s: that is ([\d.]+) samples in a period of ([\d.]+) s", study.verdict.reason)
     assert said is not None, study.verdict.reason
     per, period = map(float, said.groups())
     assert per < SAMPLES_PER_PERIOD and per == pytest.approx(period / 20.0, abs=0.05)

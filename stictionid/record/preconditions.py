@@ -99,7 +99,7 @@ def _check_process_value(loop: Loop, found: Range) -> None:
         period_s = told_s if period_s is None or told_s < _MISSED * period_s else period_s
     if period_s is not None and period_s < SAMPLES_PER_PERIOD * apart_s:
         raise CannotTell(
-            f"PV is there only every {apart_s:.3g} s{'' if _even(loop) else ' on average'}: that are "
+            f"PV is there only every {apart_s:.3g} s{'' if _even(loop) else ' on average'}: that is "
             f"{period_s / apart_s:.1f} samples in a period of {period_s:.4g} s, {SAMPLES_PER_PERIOD} are needed",
             f"export PV at {period_s / SAMPLES_PER_PERIOD:.3g} s or faster, as OP is", code="too-slow-sampling")
 
