@@ -49,12 +49,12 @@ __all__ = [
     "find_range", "identify", "preset", "read_loop", "rerun", "simulate", "study_from_json", "to_json",
 ]
 
+if not TYPE_CHECKING:  # or an import of a name that is not there would pass
+    def __getattr__(name: str) -> Any:
+        if name in _HOME_OF:
+            import importlib
 
-def __getattr__(name: str) -> Any:
-    if name in _HOME_OF:
-        import importlib
-
-        value = getattr(importlib.import_module(f"{__name__}.{_HOME_OF[name]}"), name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            value = getattr(importlib.import_module(f"{__name__}.{_HOME_OF[name]}"), name)
+            globals()[name] = value
+            return value
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -75,11 +75,11 @@ _HOME = {
 
 __all__ = ["ReadOptions", "Reading", "loops_in", "options_from", "read", "read_frame", "read_loop"]
 
+if not TYPE_CHECKING:  # or an import of a name that is not there would pass
+    def __getattr__(name: str) -> Any:
+        """Load public names on first use, so that importing the package is fast."""
+        if name not in _HOME:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from importlib import import_module
 
-def __getattr__(name: str) -> Any:
-    """Load public names on first use, so that importing the package is fast."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(f".{_HOME[name]}", __name__), name)
+        return getattr(import_module(f".{_HOME[name]}", __name__), name)
