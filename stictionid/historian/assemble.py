@@ -18,7 +18,7 @@ from .grid.align import Aligned, resample
 from .grid.grid import Frame, GridStep, driven, fill, find_step, insert_missing, place_on_grid, split
 from .grid.masks import frozen, manual, saturated, startup
 from .grid.window import cut_window, stamp_text
-from .series.shapes import Shaped
+from .series.shaped import Shaped
 from .table.rows import CODE, RowBook
 from .table.table import Table
 from .words.codes import blank_codes

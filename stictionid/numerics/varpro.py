@@ -74,7 +74,7 @@ def _whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
 
 
 @kernel
-def _whiten_links(base, before, taps):
+def _whiten_links(base: FloatArray, before: IntArray, taps: FloatArray) -> None:
     """Filter each stretch of rows in place along its links, last row first."""
     samples, lanes = before.size, base.shape[1]
     for first in range(0, base.shape[0], samples):
