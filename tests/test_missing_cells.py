@@ -20,10 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import missing_cells  # noqa: E402
-
-from stictionid.cli import main  # noqa: E402
 from stictionid.gates import SAMPLES_PER_PERIOD, check  # noqa: E402
-from stictionid.historian import read, read_loop  # noqa: E402
 from stictionid.identify import Options, identify  # noqa: E402
 from stictionid.loop import BoolArray, FloatArray, Loop  # noqa: E402
 from stictionid.methods.run import increment_error  # noqa: E402
@@ -34,6 +31,9 @@ from stictionid.segments import chosen  # noqa: E402
 from stictionid.simulate import simulate  # noqa: E402
 from stictionid.spec import INTEGRATOR, Spec  # noqa: E402
 from stictionid.starts import basins  # noqa: E402
+
+from stictionid.cli import main  # noqa: E402
+from stictionid.historian import read, read_loop  # noqa: E402
 
 PATTERNS = tuple(missing_cells.patterns(20))
 SETTING = replace(missing_cells.LOOPS["first-order"], duration_s=900.0)
