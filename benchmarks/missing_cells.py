@@ -20,12 +20,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
-from stictionid.identify import Options, identify
-from stictionid.loop import BoolArray, Loop
-from stictionid.results import Study
-from stictionid.simulate import Controller, Plant, Setting, simulate
 
 from stictionid.historian import read_loop
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.record.loop import Loop
+from stictionid.record.study import Study
+from stictionid.typing import BoolArray
+from stictionid.verbs.identify import Options, identify
 
 # Differences to the intact record that pass, as shares of its S and J.
 MOST_S, MOST_J = 0.02, 0.10

@@ -20,20 +20,21 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import missing_cells  # noqa: E402
-from stictionid.gates import SAMPLES_PER_PERIOD, check  # noqa: E402
-from stictionid.identify import Options, identify  # noqa: E402
-from stictionid.loop import BoolArray, FloatArray, Loop  # noqa: E402
-from stictionid.methods.run import increment_error  # noqa: E402
-from stictionid.noise import autocovariance, autoregression, filtered, irreducible, linked, pace_of  # noqa: E402
-from stictionid.oscillation import find_range  # noqa: E402
-from stictionid.restarts import bound  # noqa: E402
-from stictionid.segments import chosen  # noqa: E402
-from stictionid.simulate import simulate  # noqa: E402
-from stictionid.spec import INTEGRATOR, Spec  # noqa: E402
-from stictionid.starts import basins  # noqa: E402
 
 from stictionid.cli import main  # noqa: E402
+from stictionid.fit.context import increment_error
+from stictionid.fit.starts.basins import basins
 from stictionid.historian import read, read_loop  # noqa: E402
+from stictionid.model.closed_loop import simulate
+from stictionid.model.segments import bound
+from stictionid.model.spec import INTEGRATOR, Spec
+from stictionid.numerics.autoregression import autocovariance, autoregression, filtered, irreducible, linked, pace_of
+from stictionid.record.loop import Loop
+from stictionid.record.oscillation import find_range
+from stictionid.record.preconditions import SAMPLES_PER_PERIOD, check
+from stictionid.record.segments import chosen
+from stictionid.typing import BoolArray, FloatArray
+from stictionid.verbs.identify import Options, identify
 
 PATTERNS = tuple(missing_cells.patterns(20))
 SETTING = replace(missing_cells.LOOPS["first-order"], duration_s=900.0)
@@ -100,7 +101,7 @@ def test_a_slower_pv_keeps_the_stamps_of_op(loop, tmp_path):
 
 
 def test_a_cleaned_record_reads_as_it_was(loop, tmp_path):
-    from stictionid.historian.clean import write_clean
+    from stictionid.historian.checks.clean import write_clean
 
     reading = read(missing_cells.write(loop, missing_cells.patterns(loop.samples)["two-of-3"], tmp_path / "a.csv"))
     write_clean(reading, str(tmp_path / "clean.csv"))

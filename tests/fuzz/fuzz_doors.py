@@ -74,15 +74,15 @@ _SPECS = ({}, {"process": "integrator", "increments": True}, {"taps": (-1.2, 0.5
 def _models(data: bytes) -> None:
     """An export whose cells are missing in a pattern, up to models on it with noise models of their own."""
     import numpy as np
-    from stictionid.absorbed import noise_of
-    from stictionid.gates import check, swing_of, time_scale_s
-    from stictionid.noise import irreducible
-    from stictionid.oscillation import find_range
-    from stictionid.restarts import bound
-    from stictionid.segments import chosen
-    from stictionid.spec import Spec
 
+    from stictionid.fit.noise.bias_correction import noise_of
     from stictionid.historian import read
+    from stictionid.model.segments import bound
+    from stictionid.model.spec import Spec
+    from stictionid.numerics.autoregression import irreducible
+    from stictionid.record.oscillation import find_range
+    from stictionid.record.preconditions import check, swing_of, time_scale_s
+    from stictionid.record.segments import chosen
 
     reading = read(io.BytesIO(data))
     _check(reading)
