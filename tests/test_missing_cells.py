@@ -13,18 +13,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import missing_cells
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
-import missing_cells  # noqa: E402
-
-from stictionid.cli import main  # noqa: E402
+from stictionid.cli import main
 from stictionid.fit.context import increment_error
 from stictionid.fit.starts.basins import basins
-from stictionid.historian import read, read_loop  # noqa: E402
+from stictionid.historian import read, read_loop
 from stictionid.model.closed_loop import simulate
 from stictionid.model.segments import bound
 from stictionid.model.spec import INTEGRATOR, Spec

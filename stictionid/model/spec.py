@@ -91,7 +91,7 @@ class Evaluated:
 
     @property
     def left(self) -> FloatArray:
-        """What this model leaves for a later one (n,): y less the y that it is to follow.
+        """Residual (n,) for a later model: y less the y that it is to follow.
 
         Where y is missing it goes straight from one value to the next.
         """

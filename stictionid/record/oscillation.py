@@ -89,7 +89,7 @@ def reversals(command: FloatArray, threshold: float) -> list[int]:
 
 
 def output_reversals(loop: Loop) -> int:
-    """How often the output of one segment turns by a tenth of its span and more than its noise."""
+    """Number of turns of the output of one segment by a tenth of its span and more than its noise."""
     u = loop.output[loop.driven]
     return count_reversals(u, max(0.1 * float(np.ptp(u)), 4.0 * noise_of(u)))
 

@@ -105,7 +105,7 @@ def _check_process_value(loop: Loop, found: Range) -> None:
 
 
 def _even(loop: Loop) -> bool:
-    """Whether PV that is missing in between comes at even distances."""
+    """True where PV that is missing in between comes at even distances."""
     return np.unique(np.diff(np.flatnonzero(loop.used))).size == 1
 
 

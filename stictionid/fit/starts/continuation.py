@@ -197,7 +197,7 @@ def _grown(small: Model, own: list[int], middle: FloatArray, rng: np.random.Gene
 
 
 def _sticks(model: Model, values: FloatArray) -> BoolArray:
-    """Whether valves of values (d, P) stick enough not to follow their command, (P,)."""
+    """Mask (P,) of the valves of values (d, P) that stick enough not to follow their command."""
     return np.asarray(values[0] >= LEAST_S * model.s_max)
 
 

@@ -69,7 +69,7 @@ def align(series: dict[str, Series]) -> Aligned:
 
 
 def _within(pv: Series, op: Series, pv_step: GridStep, op_step: GridStep) -> bool:
-    """Whether PV comes at whole multiples of OP's step, at stamps of OP: it needs no OP made coarser."""
+    """True where PV comes at whole multiples of OP's step, at stamps of OP: OP then keeps its own step."""
     if "irregular" in (pv_step.kind, op_step.kind):
         return False
     times = pv_step.ns / op_step.ns

@@ -140,7 +140,7 @@ def insert_missing(frame: Frame, place: IntArray) -> None:
 
 
 def sparse(frame: Frame) -> bool:
-    """Whether PV is missing beside so many values of OP that it comes from a slower tag: it stays as it is."""
+    """True where PV is missing beside so many values of OP that it comes from a slower tag: it stays as it is."""
     beside = ~np.isnan(frame.values["output"])
     return bool(beside.any() and np.isnan(frame.values["process_value"][beside]).mean() > SPARSE_SHARE)
 
