@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import naive_methods as naive
 import numpy as np
 import pytest
+from commands import run
 
 import stictionid.methods as method_room
 from stictionid.errors import DataError, UsageError
@@ -226,12 +225,6 @@ def test_ranks_are_those_of_the_twin() -> None:
     d = np.random.default_rng(0).standard_normal(17) + 0.3
     scale = np.sqrt(17 * 18 * 35 / 6)
     assert _signed_ranks(d) == pytest.approx(naive.signed_rank_sum(d) / scale)
-
-
-def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess:
-    """One command in a process of its own."""
-    return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True, text=True,
-                          cwd=cwd, timeout=300, encoding="utf-8")
 
 
 def test_all_laws_are_ranked_on_the_command_line(tmp_path: Path) -> None:

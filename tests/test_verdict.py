@@ -185,14 +185,14 @@ def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
 def test_no_stiction_without_a_gain_on_blocks_that_were_not_fitted(monkeypatch) -> None:
     held = [Held(np.full(5, size), np.full(5, 100.0), np.full(5, size), np.full(5, 100.0)) for size in (1.1, 1.0)]
     answers = iter(held)
-    monkeypatch.setattr("stictionid.verdict.held_out_of", lambda *_: next(answers))
+    monkeypatch.setattr("stictionid.verdict.judge.held_out_of", lambda *_: next(answers))
     loop = replace(simulate(scanned(5.0, 3.0), seed=1).loop, position=None)
     verdict = identify(loop, options=Options(base_only=True)).verdict
     assert verdict.stiction == "undecided" and "5 % worse on blocks" in verdict.reason
 
 
 def test_a_record_of_which_nothing_can_be_held_out_is_trusted_less(monkeypatch) -> None:
-    monkeypatch.setattr("stictionid.verdict.held_out_of", lambda *_: None)
+    monkeypatch.setattr("stictionid.verdict.judge.held_out_of", lambda *_: None)
     verdict = identify(simulate(scanned(5.0, 3.0), seed=1).loop, options=Options(base_only=True)).verdict
     assert verdict.stiction == "stiction" and verdict.confidence <= 0.6
     assert "the samples it was fitted to" in verdict.reason and "weaker" in verdict.reason
