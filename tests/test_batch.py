@@ -11,6 +11,7 @@ import time
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
+import numpy as np
 import pytest
 from batch_files import records, write_csv, write_wide
 
@@ -219,7 +220,7 @@ def test_a_dead_worker_costs_its_loop_one_retry_and_nobody_else_anything(todo, c
 def test_a_defect_is_a_failed_loop_with_its_traceback(todo, tmp_path, monkeypatch) -> None:
     from stictionid.batch.work import worker
 
-    monkeypatch.setattr(worker, "_read", lambda task, sha256: 1 / 0)
+    monkeypatch.setattr(worker, "read_task", lambda task, sha256: 1 / 0)
     store = run(todo, tmp_path / "out")
     record = json.loads((store.failures / "FIC100.json").read_text())
     assert "ZeroDivisionError" in record["message"] and "Traceback" in record["detail"]
@@ -407,7 +408,7 @@ def test_one_worker_fills_an_empty_cache_while_the_others_wait(tmp_path, monkeyp
         def __contains__(self, level):
             return False
 
-    monkeypatch.setattr(warm, "_done", Never())
+    monkeypatch.setattr(warm, "turns_taken", Never())
 
     def start() -> None:
         with warm.first_turn("screen") as first:
@@ -428,17 +429,38 @@ def test_one_worker_fills_an_empty_cache_while_the_others_wait(tmp_path, monkeyp
 
 def test_the_lock_lies_where_numba_keeps_the_kernels() -> None:
     from stictionid.batch.work import warm
-    from stictionid.process import linear
+    from stictionid.numerics.cross_products import products
 
-    place = linear._run.stats.cache_path
-    assert warm.cache_folder() == (Path(place) if os.access(place, os.W_OK) else None)
+    products(np.ones((4, 1)), (0,), np.ones((4, 2)), np.array([0]), np.array([4]))
+    folder = warm.cache_folder()
+    assert folder is None or any(folder.glob("*.products_kernel-*.nbi"))
+
+
+def test_a_change_of_any_source_file_is_a_new_first_turn(tmp_path, monkeypatch) -> None:
+    from stictionid.batch.work import warm
+
+    pytest.importorskip("fcntl")
+    source = tmp_path / "package" / "laws" / "law.py"
+    source.parent.mkdir(parents=True)
+    source.write_text("x = 1\n")
+    monkeypatch.setattr(warm, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(warm, "__file__", str(tmp_path / "package" / "batch" / "work" / "warm.py"))
+
+    def first() -> bool:
+        monkeypatch.setattr(warm, "turns_taken", set())
+        with warm.first_turn("screen") as turn:
+            return turn
+
+    assert (first(), first()) == (True, False)
+    os.utime(source, (1.0, 1.0))
+    assert (first(), first()) == (True, False)
 
 
 def test_without_a_writable_cache_everybody_just_works(tmp_path, monkeypatch) -> None:
     from stictionid.batch.work import warm
 
     monkeypatch.setattr(warm, "cache_folder", lambda: None)
-    monkeypatch.setattr(warm, "_done", set())
+    monkeypatch.setattr(warm, "turns_taken", set())
     with warm.first_turn("screen") as first:
         assert first is False
 

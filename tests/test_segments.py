@@ -169,7 +169,7 @@ def test_effects_by_the_clock_see_it_with_the_gaps(name: str, given: dict[str, f
     values = np.concatenate([[4.6, 2.1, 0.3, 6.5, 4.3], list(given.values())])[:, None]
     assert models[0].space.names[5:] == tuple(given)
     if name == "stiction-drift":
-        np.testing.assert_array_equal(np.concatenate([m._profile for m in models[1].pieces]), models[0]._profile[keep])
+        np.testing.assert_array_equal(np.concatenate([m.profile for m in models[1].pieces]), models[0].profile[keep])
         return
     full = models[0].own_columns(*models[0].responses(values, filtered=False))
     cut = models[1].own_columns(*models[1].responses(np.insert(values, 5, [[0.0], [0.0]], axis=0), filtered=False))

@@ -61,7 +61,7 @@ class Model(Response):
         self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
                                dict(loop.extras), residual, None if residual is None else y - residual, record,
                                spec.held)
-        self._profile = self._drift_profile()
+        self.profile = self._drift_profile()
         self._range()
         self.skip = skipped(loop.samples, loop.step_s, period_s)
         self.weight = self._weights()

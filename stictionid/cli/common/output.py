@@ -152,7 +152,7 @@ def warn_when_cold(quiet: bool) -> None:
     """Say what the first run waits for: kernels that are compiled once for this machine."""
     from pathlib import Path
 
-    folder = Path(__file__).parent.parent / "laws" / "__pycache__"
+    folder = Path(__file__).resolve().parents[2] / "laws" / "__pycache__"
     if not any(folder.glob("chen._run-*.nbc")):
         say("first run on this machine: compiling the kernels (about 10 s, once)", quiet=quiet)
 
