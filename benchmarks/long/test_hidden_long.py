@@ -1,0 +1,49 @@
+"""Hidden effects at length: every effect of the catalogue is named, pairs are, and a stop short of the command is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from loops_with_effects import NOISE, SMALL, small
+from test_hidden import AT_THE_NOISE, HELD, NAMED, comes_back
+
+from stictionid.model.closed_loop import Controller, Plant
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import identify
+
+
+@pytest.mark.parametrize("name", sorted(set(SMALL) - set(NAMED)))
+def test_the_hidden_effect_is_named_and_the_loop_comes_back(name: str) -> None:
+    setting, loop = small(name)
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert after.missing[:1] == (name,), after.candidates[:3]
+    assert after.steps[1].added == name
+    comes_back(after, name, setting)
+
+
+@pytest.mark.parametrize("pair", [
+    ("step-disturbance", "extra-lag"), ("stiction-drift", "sinusoidal-disturbance"),
+    ("asymmetric-stiction", "random-walk-disturbance"), ("random-walk-disturbance", "measured-disturbance")])
+def test_two_hidden_effects_are_both_found(pair: tuple[str, str]) -> None:
+    _, loop = small(*pair)
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert set(after.missing) == set(pair)
+    if "random-walk-disturbance" not in pair:
+        assert after.steps[-1].error.rmse <= AT_THE_NOISE * NOISE
+
+
+def test_a_travel_limit_short_of_most_of_the_command_is_found() -> None:
+    # The controller winds up against the stop: the command is beyond it for more than half of the record.
+    limit = ("travel-limit", {"upper": 49.2})
+    setting, loop = small(**{"effects": (limit,), "plant": Plant(0.84, 13.0, 4.7), "S": 2.9, "J": 1.6,
+                             "duration_s": 1200.0,
+                             "controller": Controller(1.2, 13.0, scan_s=1.0),
+                             "setpoint_moves": ((0.0, -0.5), (300.0, -1.5), (500.0, 1.8), (800.0, -1.5))})
+    assert np.median(loop.output) > 49.2 + 0.6 * setting.S
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert after.missing[:1] == ("travel-limit",)
+    assert after.steps[-1].error.rmse <= AT_THE_NOISE * NOISE
+    numbers = {p.name: p for p in after.steps[-1].parameters}
+    assert numbers["S"].value == pytest.approx(2.9, rel=0.02) and numbers["J"].value == pytest.approx(1.6, rel=0.05)
+    assert numbers["upper"].value == pytest.approx(49.2, abs=0.05)
+    assert not numbers["lower"].identifiable and numbers["lower"].interval is None
