@@ -194,41 +194,11 @@ def test_turns_of_noise_are_no_oscillation_too_fast_for_the_samples(amplitude, p
     assert per == pytest.approx(period, rel=0.3) and (per > SAMPLES_PER_PERIOD) == slow
 
 
-def test_a_valve_that_rests_between_scans_is_found_on_a_noisy_integrator() -> None:
-    """80 slips add up: the basin is 0.2 % of S wide, the ARX cost all noise, and one swarm of two walked past it."""
-    base = replace(with_stiction(preset("itptd"), 5.0, 3.0), law="karnopp")
-    base = replace(base, controller=replace(base.controller, scan_s=1.0), noise_sd=0.8)
-    study = identify(replace(simulate(base, seed=1).loop, position=None))
-    assert study.estimate is not None
-    assert study.steps[-1].added == "re-sticking"
-    assert pytest.approx(5.0, rel=0.01) == study.estimate.S
-    assert pytest.approx(3.0, rel=0.02) == study.estimate.J
-
-
 def test_noise_that_was_asked_for_stays_though_the_base_needs_none() -> None:
     loop = simulate(replace(with_stiction(preset("foptd"), 5.0, 3.0), noise_sd=0.05)).loop
     assert identify(loop).adequate
     asked = identify(loop, options=Options(effects=("coloured-noise",)))
     assert [step.added for step in asked.steps] == [None, "coloured-noise"]
-
-
-def test_a_level_that_strays_too_far_to_be_explained_shows_its_valve_in_changes() -> None:
-    """The controller moves the valve against the load, so that no level is explained; it was an abstention.
-
-    A further lag is asked for in changes once: asked again it was named by chance.
-    """
-    setting = Setting(Plant(1.4, 2.3, 0.3), Controller(0.87, 1.8, scan_s=1.0), S=3.2, J=0.6, duration_s=1500.0,
-                      setpoint_moves=((0.0, 1.0), (400.0, -2.0), (800.0, 2.0)), noise_sd=0.06,
-                      effects=(("random-walk-disturbance", {"innovation_sd": 0.075}),))
-    loop = replace(simulate(setting, seed=33).loop, position=None)
-    bare = identify(loop, options=Options(base_only=True))
-    assert not bare.steps and bare.verdict.evidence["code"] == "model-explains-nothing"
-    study = identify(loop)
-    assert [s.added for s in study.steps] == [None, "random-walk-disturbance"]
-    assert study.estimate is not None and study.verdict.stiction == "stiction"
-    assert pytest.approx(3.2, rel=0.01) == study.estimate.S and pytest.approx(0.6, rel=0.1) == study.estimate.J
-    # One step ahead there is the walk and the noise (their stationary Kalman filter), as for a model that knows all.
-    assert study.steps[-1].error.rmse_one_step == pytest.approx(0.1083, rel=0.06)
 
 
 def test_a_load_that_steps_under_an_integrator_is_a_step_of_its_own_where_the_base_explains_nothing() -> None:

@@ -166,6 +166,16 @@ def test_a_wandering_load_under_a_moving_command_is_no_stiction() -> None:
     assert study.verdict.stiction != "stiction"
 
 
+def test_friction_that_makes_most_of_the_error_is_not_denied_where_the_cycle_is_smooth() -> None:
+    """It explains 0.1 % of the variance of y, most of which setpoint moves make, but half of the free-run error."""
+    moves = tuple((100.0 * k, 20.0 * (-1) ** k) for k in range(8))
+    setting = scanned(0.76, 0.58, duration_s=800.0, setpoint_moves=moves,
+                      effects=(("coloured-noise", {"root": 0.95, "innovation_sd": 0.05}),))
+    verdict = identify(replace(simulate(replace(setting, noise_sd=0.0), seed=2).loop, position=None)).verdict
+    assert verdict.evidence["share_of_pv_variance"] < 0.005 and verdict.evidence["error_drop"] > 0.5
+    assert verdict.stiction == "undecided"
+
+
 def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
     verdict = identify(simulate(scanned(5.0, 3.0), seed=1).loop).verdict
     assert verdict.stiction == "stiction" and verdict.confidence > 0.9
