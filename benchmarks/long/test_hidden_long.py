@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import test_effects
 from loops_with_effects import NOISE, SMALL, small
+from test_effects import needs_hidden
 from test_hidden import AT_THE_NOISE, HELD, NAMED, comes_back
 
 from stictionid.model.closed_loop import Controller, Plant
@@ -47,3 +49,8 @@ def test_a_travel_limit_short_of_most_of_the_command_is_found() -> None:
     assert numbers["S"].value == pytest.approx(2.9, rel=0.02) and numbers["J"].value == pytest.approx(1.6, rel=0.05)
     assert numbers["upper"].value == pytest.approx(49.2, abs=0.05)
     assert not numbers["lower"].identifiable and numbers["lower"].interval is None
+
+
+@needs_hidden
+def test_a_step_is_found_in_a_record_made_by_others() -> None:
+    test_effects.test_a_hidden_effect_is_found_and_the_error_falls_to_the_noise("hidden_08", "step-disturbance")

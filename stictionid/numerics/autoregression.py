@@ -11,7 +11,7 @@ Starts = tuple[int, ...]
 # Lags of the free model that estimates the irreducible noise (CRITICISM.md section 7, step 9).
 CEILING_LAGS = 20
 # Rows that are brought to triangular form at once.
-_PIECE = 50_000
+PIECE = 50_000
 
 
 def autocovariance(signal: FloatArray, good: BoolArray, lags: int, starts: Starts = (0,)) -> FloatArray:
@@ -120,7 +120,7 @@ def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray
     y, v = process_value - y_mean, position - v_mean
     further = range(1, len(starts))
     factor = np.empty((0, 2 * lags + 2 + len(further)))
-    for part in np.array_split(rows, -(-rows.size // _PIECE)):
+    for part in np.array_split(rows, -(-rows.size // PIECE)):
         columns = [y[part - lag] for lag in range(1, lags + 1)]
         columns += [v[part - delay - lag] for lag in range(1, lags + 1)]
         segment = np.searchsorted(starts, part, side="right") - 1
