@@ -226,7 +226,8 @@ def test_a_defect_is_a_failed_loop_with_its_traceback(todo, tmp_path, monkeypatc
     assert "ZeroDivisionError" in record["message"] and "Traceback" in record["detail"]
 
 
-def test_workers_see_one_core_and_end_with_their_parent() -> None:
+def test_workers_see_one_core_and_end_with_their_parent(monkeypatch) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     crew = Processes(1)
     try:
         assert crew.submit(os.getenv, "OPENBLAS_NUM_THREADS").result() == "1"
