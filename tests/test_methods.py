@@ -15,6 +15,7 @@ import stictionid.methods as method_room
 from stictionid.errors import DataError, UsageError
 from stictionid.methods import catalogue
 from stictionid.methods.contract import SPELLING
+from stictionid.methods.option_check import check_options
 from stictionid.model.closed_loop import preset, simulate, with_stiction
 from stictionid.model.restore import rerun
 from stictionid.numerics.armax import Regression, armax, stabilised
@@ -93,7 +94,7 @@ def test_a_new_method_is_one_new_file(tmp_path: Path, monkeypatch: pytest.Monkey
 ])
 def test_options_that_do_not_apply_are_refused_with_a_sentence(options: Options, said: str) -> None:
     with pytest.raises(UsageError) as refusal:
-        options.check()
+        check_options(options)
     assert said in refusal.value.message and refusal.value.hint
 
 

@@ -10,6 +10,7 @@ from loops_with_effects import loop_of
 
 from stictionid.errors import UsageError
 from stictionid.fit.starts.intersample import surely_moves
+from stictionid.methods.option_check import check_options
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.restore import rebuild_model, rerun
 from stictionid.process.scan import MOST_PARTS, parts_of, pi_law, ran_between, ran_with_samples, scanned
@@ -105,9 +106,9 @@ def test_options_that_do_not_fit_are_refused() -> None:
     with pytest.raises(UsageError, match="no slower than"):
         identify(loop, options=Options(between="decimated"))
     with pytest.raises(UsageError, match="not positive"):
-        Options(scan_s=0.0).check()
+        check_options(Options(scan_s=0.0))
     with pytest.raises(UsageError, match="--scan has no meaning"):
-        Options(method="arx", scan_s=2.0).check()
+        check_options(Options(method="arx", scan_s=2.0))
 
 
 def test_a_controller_ran_with_the_samples_only_where_its_law_is_exact_there():
