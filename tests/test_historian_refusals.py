@@ -155,7 +155,7 @@ def test_refuses_in_one_sentence(tmp_path, name):
 
 
 def test_an_endless_line_below_a_header_is_seen_in_a_file_that_is_read_in_pieces(tmp_path, monkeypatch):
-    monkeypatch.setattr("stictionid.historian.source.MIN_STREAMED_BYTES", 1 << 20)
+    monkeypatch.setattr("stictionid.historian.bytes.source.MIN_STREAMED_BYTES", 1 << 20)
     path = tmp_path / "export.csv"
     path.write_bytes(b"time,PV,OP\n" + b"7" * (3 << 20))
     with pytest.raises(DataError, match=r"line longer than .*from byte 11 on"):

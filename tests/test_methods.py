@@ -244,15 +244,6 @@ def test_all_laws_are_ranked_on_the_command_line(tmp_path: Path) -> None:
     assert max(map(len, done.stdout.splitlines())) <= 80
 
 
-def test_chen_and_kano_cannot_be_told_apart_and_the_default_is_kept(loop: Loop) -> None:
-    study = identify(loop, options=Options(law="all", base_only=True))
-    finding = next(f for f in study.steps[-1].findings if f.code == "laws-alike")
-    assert {"chen", "kano"} <= set(finding.evidence["alike"]) and "he" not in finding.evidence["alike"]
-    assert study.estimate is not None and study.estimate.law == "chen"
-    by_name = {law.law: law for law in study.laws}
-    assert pytest.approx(by_name["chen"].S, rel=0.01) == by_name["kano"].S
-
-
 # --- step tests
 
 
