@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import test_effects
+import test_effects_command
 from loops_with_effects import NOISE, SMALL, small
 from test_effects import needs_hidden
 from test_hidden import AT_THE_NOISE, HELD, NAMED, comes_back
@@ -54,3 +57,8 @@ def test_a_travel_limit_short_of_most_of_the_command_is_found() -> None:
 @needs_hidden
 def test_a_step_is_found_in_a_record_made_by_others() -> None:
     test_effects.test_a_hidden_effect_is_found_and_the_error_falls_to_the_noise("hidden_08", "step-disturbance")
+
+
+@pytest.mark.parametrize("name", sorted(set(SMALL) - set(test_effects_command.TAKEN_IN)))
+def test_an_effect_is_hidden_added_and_not_added_twice(name: str, tmp_path: Path) -> None:
+    test_effects_command.test_an_effect_is_hidden_added_and_not_added_twice(name, tmp_path)
