@@ -84,8 +84,7 @@ def test_nothing_is_invented_where_nothing_is_hidden(kind: str, more: dict) -> N
 
 
 def test_two_hidden_effects_are_both_found() -> None:
-    """Coloured noise imitates both of these, and beside it neither shows."""
-    pair = ("step-disturbance", "asymmetric-stiction")
+    pair = ("step-disturbance", "extra-lag")
     setting, loop = small(*pair)
     after = diagnose(loop, identify(loop, options=HELD), apply=True)
     assert set(after.missing) == set(pair) and after.adequate

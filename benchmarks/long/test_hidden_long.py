@@ -27,7 +27,8 @@ def test_the_hidden_effect_is_named_and_the_loop_comes_back(name: str) -> None:
 
 
 @pytest.mark.parametrize("pair", [
-    ("step-disturbance", "extra-lag"), ("stiction-drift", "sinusoidal-disturbance"),
+    # Coloured noise imitates both of these, and beside it neither shows.
+    ("step-disturbance", "asymmetric-stiction"), ("stiction-drift", "sinusoidal-disturbance"),
     ("asymmetric-stiction", "random-walk-disturbance"), ("random-walk-disturbance", "measured-disturbance")])
 def test_two_hidden_effects_are_both_found(pair: tuple[str, str]) -> None:
     _, loop = small(*pair)

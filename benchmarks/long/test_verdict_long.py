@@ -12,18 +12,29 @@ from stictionid.verbs.identify import identify
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
 @pytest.mark.parametrize(("name", "expected"), [
-    ("loop_B.csv", {"stiction"}), ("loop_C.csv", {"stiction"}), ("loop_E.csv", {"no stiction", "undecided"}),
+    ("loop_A.csv", {"stiction"}), ("loop_B.csv", {"stiction"}), ("loop_E.csv", {"no stiction", "undecided"}),
     ("export_J.txt", {"no stiction", "undecided"}), ("export_M.txt", {"no stiction", "undecided"}),
 ])
 def test_real_loops_are_judged_as_their_experts_do(name: str, expected: set[str]) -> None:
     assert identify(read_loop(SHARED / name)).verdict.stiction in expected
 
 
-def test_a_wandering_load_under_a_moving_command_is_no_stiction() -> None:
-    # Without a rival that knows how the command moves, the likelihood ratio for a valve was 1991.
-    study = identify(loops.clean(48, "noise").loop)
+@pytest.mark.parametrize("seed", [38, 48])
+def test_a_wandering_load_under_a_moving_command_is_no_stiction(seed: int) -> None:
+    # Without a rival that knows how the command moves, the likelihood ratios for a valve were 727 and 1991.
+    study = identify(loops.clean(seed, "noise").loop)
     assert study.steps[-1].model["between"] == "corner"
     assert study.verdict.stiction != "stiction"
+
+
+def test_a_load_that_wanders_by_more_than_the_valve_moves_y_hides_no_answer_to_the_valve() -> None:
+    assert identify(loops.clean(13, "noise").loop).verdict.stiction == "no stiction"
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+def test_a_real_record_that_turns_faster_than_its_samples_says_so() -> None:
+    study = identify(read_loop(SHARED / "export_F.csv"))
+    assert study.estimate is None and study.verdict.evidence["code"] == "too-slow-sampling"
 
 
 def test_a_dead_time_four_samples_away_is_found_behind_one_that_fits_worse() -> None:
