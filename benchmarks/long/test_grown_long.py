@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from loops_with_effects import VISIBLE, loop_of, shown
+from test_grown import of_rest
 
 from stictionid.fit.fit import as_it_stands
 from stictionid.fit.starts.continuation import grown_valves
-from stictionid.fit.starts.windows import resting_valves
+from stictionid.fit.starts.windows import resting_valves, windowed_valves
 from stictionid.fit.with_effect import scout
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -119,3 +122,13 @@ def test_a_valve_that_rests_is_found_beside_a_slow_stem() -> None:
     rates = valves[model.rows_of("slew-limit").start] / dict(setting.effects)["slew-limit"]["rate"]
     apart = np.stack([valves[0] / setting.S, valves[1] / setting.J, rates]) - 1.0
     assert np.abs(apart).max(axis=0).min() < 0.25
+
+
+def test_windows_are_searched_where_the_valve_so_far_is_wrong() -> None:
+    model, columns, still = of_rest("chen")
+    slides = replace(model.spec, effects=("asymmetric-stiction",))
+    right = Model(model.loop, slides, s_max=model.s_max, period_s=model.period_s)
+    values = right.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 0.3,
+                           "dead_time_s": 1.0, "asymmetric-stiction:jump_difference": 2.0})
+    wrong = (right, values * np.where(np.arange(values.size) == 0, 0.7, 1.0))
+    assert windowed_valves(model, columns, still, np.random.default_rng(0), rival=wrong).size
