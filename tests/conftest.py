@@ -31,7 +31,8 @@ def _compile_each_kernel_once() -> None:
             return compiled(self, signature)
         Path(folder).mkdir(parents=True, exist_ok=True)
         # Threads of this process first, then other processes: in the other order each could wait for the other.
-        with global_compiler_lock, open(Path(folder) / f".{self.py_func.__qualname__}.lock", "a") as lock:
+        name = f".{self.py_func.__module__}.{self.py_func.__qualname__}.lock"
+        with global_compiler_lock, open(Path(folder) / name, "a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             return compiled(self, signature)
 
