@@ -199,9 +199,13 @@ def test_standard_input_is_read() -> None:
     assert result.returncode == 0 and json.loads(result.stdout)["oscillating"]
 
 
-def test_strict_makes_doubt_an_exit_code() -> None:
+def test_strict_makes_doubt_an_exit_code(tmp_path: Path) -> None:
     assert run("identify", SAMPLE / "foptd_scanned.parquet", "--strict", "-q").returncode == 0
-    assert run("identify", SAMPLE / "itptd.parquet", "--strict", "-q").returncode in (0, 4)
+    made = run("simulate", "--S", 4, "--J", 2, "--noise", 0.05, "--scan", 1, "--duration", 600, "-o", "a.csv",
+               "--effect", "sinusoidal-disturbance:period_s=17,amplitude=0.3", cwd=tmp_path)
+    assert made.returncode == 0
+    done = run("identify", "a.csv", "--base-only", "--json", "-q", "--strict", cwd=tmp_path)
+    assert done.returncode == 4 and not json.loads(done.stdout)["adequate"]
 
 
 @pytest.mark.parametrize("command", ["simulate", "range", "identify", "read", "report", "laws", "agree"])
