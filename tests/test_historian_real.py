@@ -81,10 +81,10 @@ def test_every_finding_is_in_the_table_of_the_package():
     folder = Path(room.__file__).parent
     used = {
         code
-        for p in folder.glob("*.py")
+        for p in folder.rglob("*.py")
         for code in re.findall(r'Finding\(\s*"([a-z-]+)"', p.read_text(encoding="utf-8"))
     }
-    notes = (folder / "notes.py").read_text(encoding="utf-8")
+    notes = (folder / "checks" / "notes.py").read_text(encoding="utf-8")
     used |= set(re.findall(r'": "([a-z]+(?:-[a-z]+)+)"', notes)) | {"frozen", "masked"}
     listed = set(re.findall(r"^([a-z-]+) +(?:info|warning|serious)", room.__doc__, re.MULTILINE))
     assert used == listed

@@ -161,7 +161,7 @@ def table_html(table: PageTable, name: str, *, links: Sequence[str] = ()) -> str
 
 
 def _comparison(cases: Sequence[Case], all_facts: Sequence[Facts], drawn: Sequence[dict[str, Picture]]) -> str:
-    """PageTable of all loops (sortable and filterable with the page's script), their S on one axis, small multiples."""
+    """Table of all loops (sortable and filterable with the page's script), their S on one axis, small multiples."""
     table = table_html(facts_of.comparison([c.study for c in cases]), COMPARED,
                    links=[f"#s{i}" for i in range(1, len(cases) + 1)])
     parts = [f'<section id="all" aria-labelledby="all-title"><h2 id="all-title">Comparison</h2>'

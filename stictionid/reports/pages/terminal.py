@@ -81,7 +81,7 @@ def _part(table: PageTable, kept: tuple[int, ...]) -> PageTable:
 def _table(table: PageTable, console: Any, encoding: str) -> Any:
     """A rich table: light lines on a terminal that has them, plain ASCII elsewhere."""
     from rich import box
-    from rich.table import PageTable as RichTable
+    from rich.table import Table as RichTable
 
     lines = box.SIMPLE_HEAD if console.is_terminal and _has(encoding, "─") else box.ASCII
     made = RichTable(title=_text(table.caption, encoding) or None, title_justify="left", title_style="", box=lines,
