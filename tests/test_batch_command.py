@@ -100,7 +100,7 @@ def test_json_alone_on_stdout_and_progress_a_line_each(clean) -> None:
 
 @linux
 def test_kill_9_loses_only_loops_in_flight_and_resume_makes_it_whole(site, clean, tmp_path) -> None:
-    process = start(site, tmp_path / "out", "--jobs", "2")
+    process = start(site, tmp_path / "out", "--jobs", "1")
     seen = first_loops(process, 2)
     # A worker that is killed does not stop the batch.
     os.kill(int(seen[-1]["worker"].rpartition(":")[2]), signal.SIGKILL)

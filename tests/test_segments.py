@@ -137,7 +137,6 @@ def together_and_alone(name: str, seeds: range) -> None:
 
 def test_segments_together_tell_more_than_the_longest_alone() -> None:
     together_and_alone("foptd", range(1))
-    together_and_alone("itptd", range(1))
 
 
 def test_a_long_stretch_in_manual_ends_a_segment_and_a_short_one_does_not() -> None:

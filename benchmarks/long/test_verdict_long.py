@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import pytest
 from loops_with_effects import loop_of
-from test_verdict import SHARED, loops
+from test_verdict import SHARED, loops, scanned
 
 from stictionid.historian import read_loop
+from stictionid.model.closed_loop import simulate
 from stictionid.verbs.identify import identify
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
 @pytest.mark.parametrize(("name", "expected"), [
     ("loop_A.csv", {"stiction"}), ("loop_B.csv", {"stiction"}), ("loop_E.csv", {"no stiction", "undecided"}),
-    ("export_J.txt", {"no stiction", "undecided"}), ("export_M.txt", {"no stiction", "undecided"}),
+    ("export_J.txt", {"no stiction", "undecided"}), ("export_L.txt", {"no stiction", "undecided"}),
+    ("export_M.txt", {"no stiction", "undecided"}),
 ])
 def test_real_loops_are_judged_as_their_experts_do(name: str, expected: set[str]) -> None:
     assert identify(read_loop(SHARED / name)).verdict.stiction in expected
@@ -52,3 +54,9 @@ def test_a_stop_that_hides_most_of_the_movement_is_a_step_not_an_abstention() ->
     assert [step.added for step in study.steps] == [None, "travel-limit"]
     assert study.steps[-1].error.rmse < 1.1 * sd and study.verdict.stiction != "no stiction"
     assert pytest.approx(setting.S, rel=0.1) == study.estimate.S
+
+
+def test_a_missing_effect_is_no_random_walk() -> None:
+    drift = ("stiction-drift", {"stickband_growth": 1.5, "jump_growth": 0.0})
+    study = identify(simulate(scanned(5.0, 3.0, effects=(drift,)), seed=3).loop)
+    assert not any("random-walk-disturbance" in s.effects for s in study.steps)
