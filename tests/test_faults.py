@@ -116,8 +116,7 @@ def test_a_name_that_is_no_unicode_goes_through_a_study_and_back(bench: Bench) -
         file.write(bench.csv.read_bytes())
     name = os.fsdecode(place + b"/b\xff.csv")
     assert not judge(bench.run("identify", name, "--base-only", "-q", "-o", "names.json"), 0)
-    for out in ("n.html", "n.md"):
-        assert not judge(bench.run("report", "names.json", "-o", out), 0)
+    assert not judge(bench.run("report", "names.json", "-o", "n.md"), 0)
     assert b"No pictures" not in (bench.folder / "n.md").read_bytes()
     (bench.folder / "names.json").read_text(encoding="utf-8")
 
