@@ -1,7 +1,7 @@
 """Runs the tests of .ci/elsewhere.txt with the oldest allowed dependencies, and with the newest on other Pythons.
 
 Run: python .ci/elsewhere.py [--every] [--only WORD]
-Of the other Pythons the newest is taken; --every takes all (each is five minutes of one core).
+Of the other Pythons the newest is taken; --every takes all (each is about two minutes of one core).
 Each gets a virtual environment of its own in a temporary folder. An environment is left out, with the reason in one
 line, only where a Python is not here or a dependency has no wheels for it; anything else that goes wrong is a failure,
 and the exit code is 1. Only Python's own library is used here.
@@ -136,7 +136,7 @@ def tested(place: Place, wheel: Path, folder: Path) -> str:
         absent = without_wheels(pip, place.pins, folder)
         raise NoWheels(", ".join(absent)) if absent else Failed(said)
     # The tests import the folder they stand in, which is what the wheel was made of.
-    code, said = run([str(folder / "env" / "bin" / "python"), "-m", "pytest", "-p", "no:cacheprovider",
+    code, said = run([str(folder / "env" / "bin" / "python"), "-m", "pytest", "-p", "no:cacheprovider", "-n", "0",
                       *lines_of(HERE / "elsewhere.txt")], folder)
     closing = [line for line in said.splitlines() if re.search(r"\d+ (passed|failed|error)", line)]
     if code or not closing:

@@ -119,9 +119,9 @@ def _private(taken: list[Import], modules: dict[str, Path]) -> list[str]:
     for name, path in modules.items():
         aliases = {}
         tree = ast.parse(path.read_text(encoding="utf-8"))
+        own = {each.of.rpartition(".")[2] for each in taken if each.by == name and each.name is None}
         for node in ast.walk(tree):
             if isinstance(node, ast.ImportFrom) and node.level:
-                own = {each.of.rpartition(".")[2] for each in imports_of(name, path, modules) if each.name is None}
                 aliases.update({a.asname or a.name: a.name for a in node.names if a.name in own})
         for node in ast.walk(tree):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in aliases \

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run
 
 from stictionid.errors import UsageError
 from stictionid.historian import read_loop
@@ -149,18 +148,15 @@ def test_normalised_data_are_never_labelled_percent(tmp_path) -> None:
 
 def test_the_command_writes_table_picture_and_json(tmp_path) -> None:
     out = tmp_path / "a.md"
-    words = ["agree", SAMPLE / "foptd_scanned.parquet", "--windows", "2", "--base-only", "-q", "--json", "-o", out,
-             "--figures", "png"]
-    done = subprocess.run([sys.executable, "-m", "stictionid", *map(str, words)], capture_output=True, text=True)
+    done = run("agree", SAMPLE / "foptd_scanned.parquet", "--windows", "2", "--base-only", "-q", "--json", "-o", out,
+               "--figures", "png")
     content = json.loads(done.stdout)
     assert (done.returncode, done.stderr) == (0, "")
     assert content["schema"] == "stictionid.agreement/1" and content["agree"] is True
     assert (tmp_path / "a-drift.png").read_bytes().startswith(b"\x89PNG")
     text = out.read_text()
     assert "](a-drift.png)" in text and "| window 2 |" in text
-    alone = subprocess.run([sys.executable, "-m", "stictionid", "agree", str(SAMPLE / "foptd.csv")],
-                           capture_output=True, text=True)
+    alone = run("agree", SAMPLE / "foptd.csv")
     assert alone.returncode == 2 and "--windows 3" in alone.stderr
-    few = subprocess.run([sys.executable, "-m", "stictionid", "agree", str(SAMPLE / "foptd.csv"), "--windows", "4"],
-                         capture_output=True, text=True)
+    few = run("agree", SAMPLE / "foptd.csv", "--windows", "4")
     assert few.returncode == 3 and "whole cycles" in few.stderr

@@ -11,6 +11,7 @@ import time
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
+import numpy as np
 import pytest
 from batch_files import records, write_csv, write_wide
 
@@ -169,6 +170,18 @@ def test_resume_does_only_what_is_not_there_or_no_longer_fits(site, tmp_path) ->
     run(todo, out, resume=True, tell=tell)
     assert seen == dict.fromkeys(("FIC100", "FIC101", "FIC102"), True) and content(out) == first
 
+    # Times of files say nothing: moved by years all is kept, other bytes of the same size and time are done again.
+    for file in tmp_path.rglob("*"):
+        os.utime(file, (file.stat().st_mtime - 1e8,) * 2)
+    run(todo, out, resume=True, tell=tell)
+    assert all(seen.values()) and content(out) == first
+    changed = tmp_path / "FIC102.csv"
+    before, text = changed.stat(), changed.read_bytes()
+    changed.write_bytes(text[:-2] + (b"1" if text[-2:-1] != b"1" else b"2") + text[-1:])
+    os.utime(changed, ns=(before.st_atime_ns, before.st_mtime_ns))
+    run(todo, out, resume=True, tell=tell)
+    assert seen == {"FIC100": True, "FIC101": True, "FIC102": False} and changed.stat().st_size == before.st_size
+
     (out / "studies" / "FIC100.json").write_text("{ half a study")
     (tmp_path / "FIC101.csv").write_bytes((site / "FIC103.csv").read_bytes())
     run(todo, out, resume=True, tell=tell)
@@ -219,13 +232,14 @@ def test_a_dead_worker_costs_its_loop_one_retry_and_nobody_else_anything(todo, c
 def test_a_defect_is_a_failed_loop_with_its_traceback(todo, tmp_path, monkeypatch) -> None:
     from stictionid.batch.work import worker
 
-    monkeypatch.setattr(worker, "_read", lambda task, sha256: 1 / 0)
+    monkeypatch.setattr(worker, "read_task", lambda task, sha256: 1 / 0)
     store = run(todo, tmp_path / "out")
     record = json.loads((store.failures / "FIC100.json").read_text())
     assert "ZeroDivisionError" in record["message"] and "Traceback" in record["detail"]
 
 
-def test_workers_see_one_core_and_end_with_their_parent() -> None:
+def test_workers_see_one_core_and_end_with_their_parent(monkeypatch) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     crew = Processes(1)
     try:
         assert crew.submit(os.getenv, "OPENBLAS_NUM_THREADS").result() == "1"
@@ -407,7 +421,7 @@ def test_one_worker_fills_an_empty_cache_while_the_others_wait(tmp_path, monkeyp
         def __contains__(self, level):
             return False
 
-    monkeypatch.setattr(warm, "_done", Never())
+    monkeypatch.setattr(warm, "turns_taken", Never())
 
     def start() -> None:
         with warm.first_turn("screen") as first:
@@ -428,17 +442,38 @@ def test_one_worker_fills_an_empty_cache_while_the_others_wait(tmp_path, monkeyp
 
 def test_the_lock_lies_where_numba_keeps_the_kernels() -> None:
     from stictionid.batch.work import warm
-    from stictionid.process import linear
+    from stictionid.numerics.cross_products import products
 
-    place = linear._run.stats.cache_path
-    assert warm.cache_folder() == (Path(place) if os.access(place, os.W_OK) else None)
+    products(np.ones((4, 1)), (0,), np.ones((4, 2)), np.array([0]), np.array([4]))
+    folder = warm.cache_folder()
+    assert folder is None or any(folder.glob("*.products_kernel-*.nbi"))
+
+
+def test_a_change_of_any_source_file_is_a_new_first_turn(tmp_path, monkeypatch) -> None:
+    from stictionid.batch.work import warm
+
+    pytest.importorskip("fcntl")
+    source = tmp_path / "package" / "laws" / "law.py"
+    source.parent.mkdir(parents=True)
+    source.write_text("x = 1\n")
+    monkeypatch.setattr(warm, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(warm, "__file__", str(tmp_path / "package" / "batch" / "work" / "warm.py"))
+
+    def first() -> bool:
+        monkeypatch.setattr(warm, "turns_taken", set())
+        with warm.first_turn("screen") as turn:
+            return turn
+
+    assert (first(), first()) == (True, False)
+    os.utime(source, (1.0, 1.0))
+    assert (first(), first()) == (True, False)
 
 
 def test_without_a_writable_cache_everybody_just_works(tmp_path, monkeypatch) -> None:
     from stictionid.batch.work import warm
 
     monkeypatch.setattr(warm, "cache_folder", lambda: None)
-    monkeypatch.setattr(warm, "_done", set())
+    monkeypatch.setattr(warm, "turns_taken", set())
     with warm.first_turn("screen") as first:
         assert first is False
 

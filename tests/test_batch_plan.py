@@ -32,7 +32,7 @@ def read_back(task: Task):
     """The loop a worker would read for a task."""
     from stictionid.batch.work import worker
 
-    return worker._read(task, worker._fingerprint(task)).loop
+    return worker.read_task(task, worker.fingerprint_of(task)).loop
 
 
 def same(loop, truth) -> bool:

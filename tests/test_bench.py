@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import run
 from typer.testing import CliRunner
 
 from stictionid.cli.app import app
@@ -45,11 +43,6 @@ FAILS: dict[str, set[tuple[str, str]]] = {
 def shown_by(*arguments: str) -> Any:
     """A command in this process, which is quicker; a refusal is `exception`."""
     return CliRunner().invoke(app, list(arguments))
-
-
-def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True, text=True,
-                          encoding="utf-8", cwd=cwd, timeout=120, env=os.environ | {"PYTHONIOENCODING": "utf-8"})
 
 
 @pytest.mark.parametrize("law", LAWS)

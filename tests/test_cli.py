@@ -1,4 +1,7 @@
-"""The command line through real processes: outputs, exit codes, refusals in one sentence, nothing half-written."""
+"""The command line: outputs, exit codes, refusals in one sentence, nothing half-written.
+
+The main road goes through processes of its own, as do pipes and full disks; `commands.run` stands for them elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +13,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run
 
 ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data"
 
 
-def run(*arguments: object, cwd: Path | None = None, stdin: str | None = None, env: dict | None = None):
+def process(*arguments: object, cwd: Path | None = None, stdin: str | None = None):
     """One command in a process of its own."""
     return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True, text=True,
-                          cwd=cwd, input=stdin, timeout=300, env={**os.environ, **(env or {})}, encoding="utf-8")
+                          cwd=cwd, input=stdin, timeout=300, encoding="utf-8")
 
 
 def refused(result, code: int) -> None:
@@ -31,8 +35,8 @@ def refused(result, code: int) -> None:
 
 
 def test_the_main_road(tmp_path: Path) -> None:
-    made = run("simulate", "--preset", "foptd", "--S", 5, "--J", 3, "--noise", 0.05, "--scan", 1, "-o", "a.csv",
-               cwd=tmp_path)
+    made = process("simulate", "--preset", "foptd", "--S", 5, "--J", 3, "--noise", 0.05, "--scan", 1, "-o", "a.csv",
+                   cwd=tmp_path)
     assert made.returncode == 0 and made.stdout == ""
     truth = json.loads((tmp_path / "a.truth.json").read_text())
     assert (truth["S"], truth["J"], truth["law"], truth["step_s"]) == (5.0, 3.0, "chen", 1.0)
@@ -40,7 +44,7 @@ def test_the_main_road(tmp_path: Path) -> None:
     assert found["oscillating"] and {"period_s", "s_max", "cycles", "reason"} <= set(found)
     table = run("range", "a.csv", cwd=tmp_path).stdout
     assert max(map(len, table.splitlines())) <= 80 and "S_max" in table
-    study = run("identify", "a.csv", "-o", "study.json", "--json", cwd=tmp_path)
+    study = process("identify", "a.csv", "-o", "study.json", "--json", cwd=tmp_path)
     assert study.returncode == 0
     content = json.loads(study.stdout)
     assert content == json.loads((tmp_path / "study.json").read_text())
@@ -191,13 +195,17 @@ def test_a_reader_that_closes_the_pipe_is_no_error() -> None:
 
 
 def test_standard_input_is_read() -> None:
-    result = run("range", "-", "--json", stdin=(SAMPLE / "foptd.csv").read_text())
+    result = process("range", "-", "--json", stdin=(SAMPLE / "foptd.csv").read_text())
     assert result.returncode == 0 and json.loads(result.stdout)["oscillating"]
 
 
-def test_strict_makes_doubt_an_exit_code() -> None:
+def test_strict_makes_doubt_an_exit_code(tmp_path: Path) -> None:
     assert run("identify", SAMPLE / "foptd_scanned.parquet", "--strict", "-q").returncode == 0
-    assert run("identify", SAMPLE / "itptd.parquet", "--strict", "-q").returncode in (0, 4)
+    made = run("simulate", "--S", 4, "--J", 2, "--noise", 0.05, "--scan", 1, "--duration", 600, "-o", "a.csv",
+               "--effect", "sinusoidal-disturbance:period_s=17,amplitude=0.3", cwd=tmp_path)
+    assert made.returncode == 0
+    done = run("identify", "a.csv", "--base-only", "--json", "-q", "--strict", cwd=tmp_path)
+    assert done.returncode == 4 and not json.loads(done.stdout)["adequate"]
 
 
 @pytest.mark.parametrize("command", ["simulate", "range", "identify", "read", "report", "laws", "agree"])

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
+import commands
 import numpy as np
 import pytest
 
@@ -127,8 +125,7 @@ def test_pictures_and_pages_are_written_whole(stepped, tmp_path: Path) -> None:
 
 def test_the_command_prints_findings_json_and_series(clean, tmp_path: Path) -> None:
     def run(*arguments: object):
-        return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True,
-                              text=True, cwd=tmp_path, env={**os.environ}, timeout=300)
+        return commands.run(*arguments, cwd=tmp_path)
 
     made = run("simulate", "--preset", "foptd", "--S", 4, "--J", 2, "--noise", 0.05, "--scan", 1, "-o", "a.csv")
     assert made.returncode == 0, made.stderr

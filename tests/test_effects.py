@@ -130,7 +130,7 @@ def test_a_simulation_refuses_effects_that_make_no_sense(effects) -> None:
 
 
 @needs_hidden
-@pytest.mark.parametrize(("name", "effect"), [("hidden_05", "travel-limit"), ("hidden_08", "step-disturbance")])
+@pytest.mark.parametrize(("name", "effect"), [("hidden_05", "travel-limit")])
 def test_a_hidden_effect_is_found_and_the_error_falls_to_the_noise(name: str, effect: str) -> None:
     plant = json.loads((SHARED / "truth.json").read_text())[name]["plant"]
     loop = read_loop(SHARED / f"{name}.csv")

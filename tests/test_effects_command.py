@@ -25,20 +25,37 @@ def command(*words: object):
     return done.exit_code, done.stdout, done.exception if isinstance(done.exception, StictionidError) else None
 
 
-@pytest.mark.parametrize("name", SMALL)
-def test_an_effect_is_hidden_added_and_not_added_twice(name: str, tmp_path: Path) -> None:
+# What `identify --with` takes in here: a valve effect, a tag, a noise, a variant. Others are in benchmarks/long.
+TAKEN_IN = ("asymmetric-stiction", "coloured-noise", "measured-disturbance", "step-disturbance")
+
+
+def hidden(name: str, folder: Path) -> tuple[Path, dict]:
+    """The export of a small loop with an effect that `simulate` has hidden, and its truth."""
     spelt = f"{name}:" + ",".join(f"{parameter}={value}" for parameter, value in SMALL[name][2].items())
     moves = [word for time, size in (SMALL[name][1] or MOVES) for word in ("--setpoint", f"{time}:{size}")]
-    export, study = tmp_path / "loop.csv", tmp_path / "study.json"
+    export = folder / "loop.csv"
     code, _, refusal = command(
         "simulate", "--gain", PLANT.gain, "--time-constant", PLANT.time_constant_s, "--dead-time", PLANT.dead_time_s,
         "--kc", CONTROLLER.gain, "--ti", CONTROLLER.integral_time_s, "--scan", 1, "--S", 4, "--J", 2.5, "--duration",
         SAMPLES, "--noise", 0.0 if name == "coloured-noise" else NOISE, "--seed", 21, *moves, "--effect", spelt,
         "-o", export, "-q")
     assert (code, refusal) == (0, None)
-    truth = json.loads((tmp_path / "loop.truth.json").read_text())
+    truth = json.loads((folder / "loop.truth.json").read_text())
     assert [effect["name"] for effect in truth["effects"]] == [name]
+    return export, truth
 
+
+@pytest.mark.parametrize("name", sorted(set(SMALL) - set(TAKEN_IN)))
+def test_an_effect_is_hidden_as_it_was_asked_for(name: str, tmp_path: Path) -> None:
+    _, truth = hidden(name, tmp_path)
+    given = truth["effects"][0]["parameters"]
+    assert all(given[parameter] == value for parameter, value in SMALL[name][2].items())
+
+
+@pytest.mark.parametrize("name", TAKEN_IN)
+def test_an_effect_is_hidden_added_and_not_added_twice(name: str, tmp_path: Path) -> None:
+    export, truth = hidden(name, tmp_path)
+    study = tmp_path / "study.json"
     tag = ["--extra", "D1"] if name == "measured-disturbance" else []
     asked = f"{name}:D1" if tag else name
     code, printed, refusal = command("identify", export, *tag, "--with", asked, "-o", study, "--json", "-q")

@@ -33,7 +33,7 @@ def wave(periods: list[float], samples: int) -> Loop:
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(room, "SEARCHED", 1000)
     monkeypatch.setattr(room, "POLISHED", 2000)
-    monkeypatch.setattr(room, "_PERIODS", 8.0)
+    monkeypatch.setattr(room, "PERIODS", 8.0)
 
 
 def test_the_stretch_with_the_most_reversals_is_searched_and_more_around_it_polished(short) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loops_with_effects import VISIBLE, loop_of, shown
+from loops_with_effects import loop_of
 
 from stictionid.effects import get
 from stictionid.fit.context import bic_gain
@@ -17,7 +17,7 @@ from stictionid.fit.moves import thinned
 from stictionid.fit.starts import continuation
 from stictionid.fit.starts.continuation import grown_valves
 from stictionid.fit.starts.reparametrised import as_natural, as_valves
-from stictionid.fit.starts.windows import resting_valves, windowed_valves
+from stictionid.fit.starts.windows import windowed_valves
 from stictionid.fit.with_effect import scout, settled
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
@@ -26,18 +26,11 @@ from stictionid.numerics.filter_bank import LagBank
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
-from stictionid.record.study import ErrorSummary, Restarts, Step
-from stictionid.selection import structure
-from stictionid.selection.run import before_chosen
 from stictionid.selection.steps import opened
-from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 
-# The valve of this loop overshoots, and its process is of second order.
-HIDDEN = (300, "slip-overshoot", 0.01, 0.0, 1500)
 
-
-@pytest.mark.parametrize(("seed", "name"), [(307, "asymmetric-stiction"), (314, "travel-limit"), (328, "re-sticking")])
+@pytest.mark.parametrize(("seed", "name"), [(307, "asymmetric-stiction"), (328, "re-sticking")])
 def test_a_part_that_grows_finds_a_valve_whatever_the_process(seed: int, name: str) -> None:
     setting, loop, (kind, _), _ = loop_of(seed, name, 0.01, 0.0, 1500)
     found = find_range(loop)
@@ -106,10 +99,10 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
     after = Model(loop, Spec(effects=("re-sticking", "extra-lag"), process="integrator"), **span)
     at = after.rows_of("re-sticking").start
 
-    def searched(*_: object) -> None:
+    def searched(*_: object, **__: object) -> None:
         raise AssertionError("searched again")
 
-    monkeypatch.setattr(continuation, "_grown", searched)
+    monkeypatch.setattr(continuation, "LagBank", searched)
     again = grown_valves(after, [0, 1, 2, at], second)
     np.testing.assert_array_equal(again[:, [0, 1, 2, at]], found[:, [0, 1, 2, 5]])
     assert first.random() == second.random()
@@ -118,38 +111,16 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
         grown_valves(Model(moved, Spec(effects=("re-sticking",)), **span), [0, 1, 2, 5], np.random.default_rng(3))
 
 
-@pytest.mark.parametrize(("seed", "colour", "added"), [
-    (525, 0.0, ["re-sticking", "extra-lag"]), (739, 0.0, ["re-sticking"]), (958, 0.0, ["re-sticking"]),
-    (407, 0.8, ["re-sticking", "coloured-noise"])])
-def test_the_basin_of_a_valve_that_rests_is_found(seed: int, colour: float, added: list[str]) -> None:
-    """Karnopp valves of plants of second and first order, an integrator and a tank: the first search ends 1.5 to 23
-    times the noise away, on the ridge of S, J and dead time, or at a process without its second lag."""
-    setting, loop, (kind, _), sd = loop_of(seed, None, 0.01, colour, 1500)
+def test_the_basin_of_a_valve_that_rests_is_found() -> None:
+    """The first search of this Karnopp valve ends in another basin; benchmarks/long has one for every process."""
+    setting, loop, (kind, _), sd = loop_of(739, None, 0.01, 0.0, 1500)
     assert kind == "karnopp"
     study = identify(loop)
-    assert [step.added for step in study.steps[1:]] == added
+    assert [step.added for step in study.steps[1:]] == ["re-sticking"]
     assert study.steps[-1].error.rmse < 1.05 * sd
     assert study.estimate is not None
     assert pytest.approx(setting.S, rel=0.005) == study.estimate.S
     assert pytest.approx(setting.J, rel=0.03) == study.estimate.J
-
-
-def test_a_valve_that_rests_is_not_searched_to_the_end_where_a_sliding_one_is_far_better(monkeypatch) -> None:
-    """Coloured noise keeps every error above the irreducible one: that alone is no reason to grow records for a law
-    that leaves several times as much."""
-    _, loop, (kind, _), _ = loop_of(1, None, 0.02, 0.8, 800)
-    assert kind == "scan"
-    grown: list[str] = []
-
-    def counted(model: Model, *given) -> np.ndarray:
-        continuation.append(model.spec.law)
-        return basins_of(model, *given)
-
-    basins_of = structure.grown
-    monkeypatch.setattr(structure, "grown", counted)
-    study = identify(loop)
-    assert [step.added for step in study.steps[1:]] == ["coloured-noise"]
-    assert "he" not in grown
 
 
 @pytest.mark.parametrize("unit", [1.0, 100.0])
@@ -171,74 +142,7 @@ def test_the_criterion_does_not_depend_on_the_unit_of_y(unit: float) -> None:
     assert bic_gain(wrong, right) == pytest.approx(-bic_gain(right, wrong))
 
 
-def test_a_lag_and_a_valve_effect_are_found_together() -> None:
-    setting, loop, _, sd = loop_of(*HIDDEN)
-    after = diagnose(loop, identify(loop), apply=True)
-    assert set(after.steps[-1].effects) == {"extra-lag", "slip-overshoot"}
-    assert after.steps[-1].error.rmse < 1.05 * sd
-    assert after.estimate is not None
-    assert pytest.approx(setting.S, rel=0.03) == after.estimate.S
-
-
-def test_an_integrator_shows_a_slow_ramp_in_its_level() -> None:
-    _, loop, _, sd = loop_of(321, "ramp-disturbance", 0.01, 0.0, 1500)
-    study = identify(loop)
-    assert study.steps[-1].error.rmse > 2.0 * sd
-    after = diagnose(loop, study, apply=True)
-    # A ramp at the output of an integrator is a step at its load.
-    assert set(after.missing) <= {"ramp-disturbance", "step-disturbance"} and after.missing
-    assert after.steps[-1].error.rmse < 1.05 * sd
-
-
-def test_what_a_record_cannot_show_is_told_from_the_truth() -> None:
-    setting, loop, _, sd = loop_of(*HIDDEN)
-    assert shown(setting, loop, "slip-overshoot", sd) > VISIBLE
-    # A lag of 2 s stands for the 0.3 s of this integrator, and the dead time for the rest.
-    setting, loop, _, sd = loop_of(300, "extra-lag", 0.01, 0.0, 1500)
-    assert shown(setting, loop, "extra-lag", sd) < VISIBLE
-
-
-def test_a_ramp_that_made_a_tank_an_integrator_is_found_on_the_right_process() -> None:
-    _, loop, _, _ = loop_of(322, "ramp-disturbance", 0.01, 0.0, 700)
-    study = identify(loop)
-    assert study.steps[-1].model["process"] == "integrator"
-    after = diagnose(loop, study)
-    assert after.missing == ("ramp-disturbance",)
-    assert after.steps[-1].model["process"] == "first-order"
-    assert any(f.code == "other-structure" for f in after.steps[-1].findings)
-
-
-def test_what_identify_chose_stands_step_by_step_but_never_beside_a_noise_model() -> None:
-    base = Step(None, (), (), ErrorSummary(1.0), Restarts(1, 1))
-    rests = replace(base, added="re-sticking", effects=("re-sticking",))
-    lag = replace(base, added="extra-lag", effects=("re-sticking", "extra-lag"))
-    noisy = replace(base, added="coloured-noise", effects=("coloured-noise",))
-    late = replace(base, added="extra-lag", effects=("coloured-noise", "extra-lag"))
-    asked = replace(base, added="slew-limit", effects=("slew-limit",))
-    study = identify(loop_of(300, None, 0.01, 0.0, 400)[1])
-
-    def kept(*steps: Step) -> list[int]:
-        return [len(s.steps) for s in before_chosen(replace(study, steps=steps))]
-
-    assert kept(base, rests, lag) == [2, 1]
-    assert kept(base, rests) == [1]
-    assert kept(base, noisy, late) == [1]
-    both = replace(noisy, effects=("re-sticking", "coloured-noise"))
-    assert kept(base, rests, both, replace(late, effects=(*both.effects, "extra-lag"))) == [2, 1]
-    assert kept(base) == kept(base, asked) == []
-
-
-def test_a_valve_that_stops_elsewhere_at_a_kick_is_no_disturbance() -> None:
-    """A slip arrives in the very sample in which the setpoint kicks the output of a continuous controller."""
-    _, loop, (kind, _), _ = loop_of(703, None, 0.01, 0.0, 1500)
-    assert kind == "moving"
-    after = diagnose(loop, identify(loop))
-    steps = [c for c in after.candidates if c.effect == "step-disturbance"]
-    assert max(c.delta_bic or 0.0 for c in steps) > 50.0
-    assert after.missing == ()
-
-
-def _of_rest(law: str) -> tuple[Model, list[int], slice]:
+def of_rest(law: str) -> tuple[Model, list[int], slice]:
     """A model that rests, on an integrator with asymmetric stiction at 1 % noise, and the columns of its valve."""
     setting = Setting(Plant(1.0, 0.3, 1.0, integrating=True), Controller(0.1, 5.0, scan_s=1.0), S=5.0, J=3.0, law=law,
                       duration_s=900.0, setpoint_moves=((0.0, 3.0), (300.0, -4.0), (600.0, 4.0)), noise_sd=0.6,
@@ -253,7 +157,7 @@ def _of_rest(law: str) -> tuple[Model, list[int], slice]:
 
 def test_windows_find_a_valve_that_rests_whatever_the_process_does() -> None:
     """From a record that grows no seed found it: each slip waits for the one before."""
-    model, columns, still = _of_rest("karnopp")
+    model, columns, still = of_rest("karnopp")
     best = model.named(model.values(windowed_valves(model, columns, still, np.random.default_rng(0))[:1])[:, 0])
     assert best["S"] == pytest.approx(5.0, rel=0.03)
     assert best["J"] == pytest.approx(3.0, rel=0.06)
@@ -261,15 +165,12 @@ def test_windows_find_a_valve_that_rests_whatever_the_process_does() -> None:
 
 
 def test_windows_leave_nothing_where_the_valve_so_far_fits_them_as_well() -> None:
-    model, columns, still = _of_rest("chen")
+    model, columns, still = of_rest("chen")
     slides = replace(model.spec, effects=("asymmetric-stiction",))
     right = Model(model.loop, slides, s_max=model.s_max, period_s=model.period_s)
     values = right.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 0.3,
                            "dead_time_s": 1.0, "asymmetric-stiction:jump_difference": 2.0})
-    rival = (right, values)
-    assert not windowed_valves(model, columns, still, np.random.default_rng(0), rival=rival).size
-    wrong = (right, values * np.where(np.arange(values.size) == 0, 0.7, 1.0))
-    assert windowed_valves(model, columns, still, np.random.default_rng(0), rival=wrong).size
+    assert not windowed_valves(model, columns, still, np.random.default_rng(0), rival=(right, values)).size
 
 
 @pytest.mark.parametrize("seed", [707, 719])
@@ -283,33 +184,6 @@ def test_a_stroke_so_slow_that_the_loop_swings_ever_wider_is_in_the_range(seed: 
     assert guess is not None
     assert 2.0 * limits.low < rate < limits.high
     assert np.abs(np.log(guess(model.context) / rate)).min() < np.log(3.0)
-
-
-def test_a_valve_that_rests_is_found_beside_a_slow_stem() -> None:
-    """S, J and rate trade against each other for as long as no process goes with them: a polish of all settles them."""
-    setting, loop, _, _ = loop_of(401, "slew-limit", 0.01, 0.0, 1500)
-    found = find_range(loop)
-    model = Model(loop, Spec(effects=("re-sticking", "slew-limit")), s_max=swing_of(loop, found),
-                  period_s=time_scale_s(loop, found))
-    points = resting_valves(model, ("slew-limit",), model.rows_of("re-sticking"), np.random.default_rng(0))
-    valves = model.values(points)
-    rates = valves[model.rows_of("slew-limit").start] / dict(setting.effects)["slew-limit"]["rate"]
-    apart = np.stack([valves[0] / setting.S, valves[1] / setting.J, rates]) - 1.0
-    assert np.abs(apart).max(axis=0).min() < 0.25
-
-
-def test_windows_find_a_stickband_that_grows_in_an_integrator() -> None:
-    """Parts that grow from the beginning end at valves that follow their command, a third of the true stickband."""
-    setting, loop, (kind, bed), sd = loop_of(716, "stiction-drift", 0.01, 0.0, 1500)
-    assert (kind, bed) == ("scan", "integrator")
-    found = find_range(loop)
-    model = Model(loop, Spec(process="integrator"), s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
-    values = model.vector({"S": 0.5 * setting.S, "J": 0.5 * setting.J, "initial_residual_force": 0.0,
-                           "time_constant_s": 0.3, "dead_time_s": 1.0})
-    fit = as_it_stands(model, values)
-    look = scout(fit, "stiction-drift", values[None, :5], np.random.default_rng(0))
-    assert look.values[0] == pytest.approx(setting.S, rel=0.03)
-    assert look.cost < (2.0 * sd) ** 2 * loop.samples
 
 
 @pytest.mark.parametrize("every", [1, 2, 3, 5])

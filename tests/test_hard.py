@@ -103,12 +103,12 @@ def test_simulations_nobody_waits_for_are_refused(options: tuple[str, str], word
 def test_the_longest_simulation_is_let_in() -> None:
     from dataclasses import replace
 
-    from stictionid.model.closed_loop import MOST_STEPS, _check, preset
+    from stictionid.model.closed_loop import MOST_STEPS, check_setting, preset
 
     longest = MOST_STEPS * 0.05
-    _check(replace(preset("foptd"), duration_s=longest))
+    check_setting(replace(preset("foptd"), duration_s=longest))
     with pytest.raises(UsageError, match="20,000,000"):
-        _check(replace(preset("foptd"), duration_s=longest + 1))
+        check_setting(replace(preset("foptd"), duration_s=longest + 1))
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero here")
@@ -166,10 +166,10 @@ def test_small_files_have_a_largest_size(tmp_path: Path) -> None:
     ("--shape", "round"), ("--time-format", "stardate"), ("--limit", "rows"), ("--span-pv", "5,1"),
     ("--mode-map", "1=BOSS"), ("--header", "-1"), ("--step", "0")])
 def test_options_are_checked_before_a_file_is_looked_for(option: tuple[str, str]) -> None:
-    from stictionid.cli.common.reading import _OPTIONS, collect
+    from stictionid.cli.common.reading import OPTIONS, collect
     from stictionid.historian import read
 
-    defaults = {name: default for name, _, default in _OPTIONS}
+    defaults = {name: default for name, _, default in OPTIONS}
     name = option[0].lstrip("-").replace("-", "_")
     value = {"limit": [option[1]], "mode_map": [option[1]], "header": -1, "step": 0.0}.get(name, option[1])
     with pytest.raises(UsageError) as told:

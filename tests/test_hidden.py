@@ -1,4 +1,4 @@
-"""Every effect of the catalogue hidden once: named first, the error falls to the noise, S and J come back.
+"""Every effect of the catalogue hidden once: some are named, all bring the error to the noise and S and J back.
 
 In loops with nothing hidden no effect may be named; of pairs both are found.
 """
@@ -6,50 +6,66 @@ In loops with nothing hidden no effect may be named; of pairs both are found.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
-import numpy as np
 import pytest
 from loops_with_effects import NOISE, PHYSICAL, SMALL, small
 
-from stictionid.effects import catalogue, get, parse
-from stictionid.fit.starts.beside_effect import on_valve
-from stictionid.model.closed_loop import Controller, Plant, simulate
-from stictionid.selection import rounds, run, tries, work
-from stictionid.selection.rounds import Looked, look_at
-from stictionid.selection.run import _Asked, _Fork, _other_way, _rivals
-from stictionid.selection.work import Answer, Ground
+from stictionid.effects import catalogue, get
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.record.study import Study, study_from_json, to_json
 from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 
 HELD = Options(base_only=True, between="hold")
 # What the noise effects leave one step ahead, and what the others leave of the free run, as a multiple of the noise.
-_AT_THE_NOISE = 1.05
+AT_THE_NOISE = 1.05
+# Named here. test_diagnose.py names a step, a sine and coloured noise, test_effects.py a stop, the pair below a lag;
+# benchmarks/long names all others.
+NAMED = ("asymmetric-stiction", "gain-nonlinearity", "measured-disturbance")
 
 
 def test_every_effect_of_the_catalogue_is_hidden_once() -> None:
     assert set(SMALL) == set(catalogue())
 
 
-@pytest.mark.parametrize("name", sorted(SMALL))
-def test_the_hidden_effect_is_named_and_the_loop_comes_back(name: str) -> None:
-    setting, loop = small(name)
-    after = diagnose(loop, identify(loop, options=HELD), apply=True)
-    assert after.missing[:1] == (name,), after.candidates[:3]
-    assert after.steps[1].added == name and after.adequate
-    last, estimate = after.steps[-1].error, after.estimate
-    assert estimate is not None
+def comes_back(study: Study, name: str, setting: Setting) -> None:
+    """The error of the last model is the noise, and S and J are the true ones."""
+    last, estimate = study.steps[-1].error, study.estimate
+    assert estimate is not None and study.adequate
     if get(name).noise is None:
-        assert last.rmse <= _AT_THE_NOISE * NOISE
+        assert last.rmse <= AT_THE_NOISE * NOISE
         # Eleven slow cycles under a command that moves by 0.1 % a scan: S is known to one of its steps.
         # The length of an overshooting slip trades against S: from 4.05 to 4.14 the squared error differs by 0.03 %.
         assert pytest.approx(setting.S, abs=0.2 if name == "slip-overshoot" else 0.1) == estimate.S
         assert pytest.approx(setting.J, abs=0.05 * setting.J) == estimate.J
     elif name == "coloured-noise":
         assert last.rmse_one_step is not None
-        assert last.rmse_one_step <= _AT_THE_NOISE * float(SMALL[name][2]["innovation_sd"])
+        assert last.rmse_one_step <= AT_THE_NOISE * float(SMALL[name][2]["innovation_sd"])
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_the_hidden_effect_is_named_and_the_loop_comes_back(name: str) -> None:
+    setting, loop = small(name)
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert after.missing[:1] == (name,), after.candidates[:3]
+    assert after.steps[1].added == name
+    comes_back(after, name, setting)
+    assert study_from_json(to_json(after)) == after
+    top = after.candidates[0]
+    assert top.accepted and top.effect == name and top.rmse_one_step_holdout is not None
+    assert {p.name for p in top.parameters} <= {p.name for p in catalogue()[name].parameters}
     assert all(c.detectable_from for c in after.candidates if c.effect == "extra-lag" and not c.accepted)
+
+
+@pytest.mark.parametrize("name", sorted(set(SMALL) - {*NAMED, "coloured-noise", "step-disturbance"}))
+def test_the_loop_comes_back_once_its_hidden_effect_is_added(name: str) -> None:
+    """Without a comparison with all other effects, which benchmarks/long makes for these, too."""
+    setting, loop = small(name)
+    variant = str(SMALL[name][2].get("at", ""))
+    after = add(loop, identify(loop, options=HELD), f"{name}@{variant}" if variant else name)
+    assert after.steps[-1].added == name
+    comes_back(after, name, setting)
 
 
 @pytest.mark.parametrize(("kind", "more"), [
@@ -67,82 +83,16 @@ def test_nothing_is_invented_where_nothing_is_hidden(kind: str, more: dict) -> N
     assert setting.effects or after.adequate
 
 
-@pytest.mark.parametrize("pair", [("step-disturbance", "extra-lag"), ("stiction-drift", "sinusoidal-disturbance")])
-def test_two_hidden_effects_are_both_found(pair: tuple[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[str] = []
-
-    def on_every_base(looked: Looked, *args: Any, **more: Any) -> Looked:
-        asked.append(looked.winner.name if looked.winner is not None else "")
-        return rounds.on_every_base(looked, *args, **more)
-
-    monkeypatch.setattr(run, "on_every_base", on_every_base)
-    _, loop = small(*pair)
+def test_two_hidden_effects_are_both_found() -> None:
+    pair = ("step-disturbance", "extra-lag")
+    setting, loop = small(*pair)
     after = diagnose(loop, identify(loop, options=HELD), apply=True)
-    assert set(after.missing) == set(pair)
-    assert after.steps[-1].error.rmse <= _AT_THE_NOISE * NOISE
-    # A step far ahead of every noise model is gone on from at once, and the lag after it ends the walk.
-    assert pair[1] != "extra-lag" or asked == ["extra-lag"]
-
-
-@pytest.mark.parametrize(("name", "near"), [("step-disturbance", True), ("asymmetric-stiction", False)])
-def test_a_look_that_leaves_white_noise_saves_the_others_the_basins_of_the_valve(
-        name: str, near: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: dict[str, bool] = {}
-
-    def look(ground: Ground, name: str) -> Answer:
-        seen[name] = ground.near
-        return work.look(ground, name)
-
-    monkeypatch.setattr(tries, "look", look)
-    _, loop = small(name)
-    looked = look_at(loop, identify(loop, options=HELD), 0, 1, lambda text, share: None)
-    assert looked.winner is not None and parse(looked.winner.name)[0].name == name
-    assert {seen[n] for n in seen if on_valve(parse(n)[0])} == {near}
-    assert not any(seen[n] for n in seen if not on_valve(parse(n)[0]))
+    assert set(after.missing) == set(pair) and after.adequate
+    assert after.steps[-1].error.rmse <= AT_THE_NOISE * NOISE
+    assert after.estimate is not None and pytest.approx(setting.S, abs=0.1) == after.estimate.S
 
 
 def test_the_records_of_the_small_loops_are_repeatable() -> None:
     setting, loop = small("step-disturbance")
     again = simulate(replace(setting), seed=21).loop
     assert (loop.process_value == again.process_value).all()
-
-
-def test_a_travel_limit_short_of_most_of_the_command_is_found() -> None:
-    # The controller winds up against the stop: the command is beyond it for more than half of the record.
-    limit = ("travel-limit", {"upper": 49.2})
-    setting, loop = small(**{"effects": (limit,), "plant": Plant(0.84, 13.0, 4.7), "S": 2.9, "J": 1.6,
-                             "duration_s": 1200.0,
-                             "controller": Controller(1.2, 13.0, scan_s=1.0),
-                             "setpoint_moves": ((0.0, -0.5), (300.0, -1.5), (500.0, 1.8), (800.0, -1.5))})
-    assert np.median(loop.output) > 49.2 + 0.6 * setting.S
-    after = diagnose(loop, identify(loop, options=HELD), apply=True)
-    assert after.missing[:1] == ("travel-limit",)
-    assert after.steps[-1].error.rmse <= _AT_THE_NOISE * NOISE
-    numbers = {p.name: p for p in after.steps[-1].parameters}
-    assert numbers["S"].value == pytest.approx(2.9, rel=0.02) and numbers["J"].value == pytest.approx(1.6, rel=0.05)
-    assert numbers["upper"].value == pytest.approx(49.2, abs=0.05)
-    assert not numbers["lower"].identifiable and numbers["lower"].interval is None
-
-
-def test_a_walk_that_ends_with_more_than_noise_is_begun_again_from_another_effect() -> None:
-    setting, loop = small("step-disturbance", "asymmetric-stiction")
-    study = identify(loop, options=HELD)
-    looked = look_at(loop, study, 0, 1, lambda text, share: None)
-    named = {t.name: t for t in looked.found.tried if t.refit is not None}
-    noise = named["coloured-noise"]
-    # As if the round had named a noise model, which imitates both: nothing beside that shows either.
-    ended = add(loop, study, noise.name, known=noise.refit)
-    asked = _Asked(everything=False, apply=True, seed=0, jobs=1, bootstrap=0, tell=lambda text, share: None)
-    fork = _Fork(study, (), replace(looked, winner=named["asymmetric-stiction"]))
-    after = _other_way(loop, ended, fork, asked)
-    assert set(after.missing) == {"step-disturbance", "asymmetric-stiction"} and after.adequate
-    assert after.estimate is not None and pytest.approx(setting.S, abs=0.1) == after.estimate.S
-    # From there on nothing is begun again, nor where it was asked for no other ways.
-    assert _other_way(loop, ended, fork, replace(asked, detours=False)) is ended
-    # A noise model won, so what follows must do better than every noise model, and leave less in the free run.
-    won = replace(looked, winner=noise)
-    least = max(t.delta_bic for t in looked.found.tried if t.noise)
-    assert _rivals(won, won)
-    for rival in _rivals(won, won):
-        assert rival.delta_bic > least and rival.refit is not None
-        assert rival.refit.evaluated.rmse < 0.95 * looked.found.reference.evaluated.rmse

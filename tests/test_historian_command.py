@@ -1,4 +1,4 @@
-"""The command `read` through real processes: tables, JSON, exit codes, profiles, cleaned files."""
+"""The command `read`: tables, JSON, exit codes, profiles, cleaned files."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import numpy as np
+from commands import run
 from historian_files import comma, record, wide
 
 from stictionid.historian import read
@@ -14,18 +15,12 @@ from stictionid.historian import read
 R = record(rows=300)
 
 
-def _run(*arguments, stdin=None):
-    return subprocess.run(
-        [sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True, input=stdin, timeout=60
-    )
-
-
 def test_table_on_stdout_and_guesses_on_stderr(tmp_path):
     path = tmp_path / "export.csv"
     path.write_text(wide(R, names="time,A7.SV,A7.PV,A7.MV"))
-    done = _run("read", path)
+    done = run("read", path)
     assert done.returncode == 0
-    out, err = done.stdout.decode(), done.stderr.decode()
+    out, err = done.stdout, done.stderr
     assert "A7.MV" in out and "used" in out and "300" in out
     assert "guessed: output is 'A7.MV'" in err and "--op" in err
     assert "Traceback" not in err
@@ -34,7 +29,7 @@ def test_table_on_stdout_and_guesses_on_stderr(tmp_path):
 def test_json_is_all_there_is_on_stdout(tmp_path):
     path = tmp_path / "export.csv"
     path.write_text(wide(R) + "(300 rows affected)\n")
-    content = json.loads(_run("read", path, "--json").stdout)
+    content = json.loads(run("read", path, "--json").stdout)
     assert content["columns"] == {
         "time": "timestamp",
         "setpoint": "FIC101.SP",
@@ -47,9 +42,9 @@ def test_json_is_all_there_is_on_stdout(tmp_path):
 
 
 def test_standard_input(tmp_path):
-    done = _run("read", "-", "--json", "--quiet", stdin=wide(R).encode())
+    done = run("read", "-", "--json", "--quiet", stdin=wide(R))
     assert json.loads(done.stdout)["rows"]["used"] == 300
-    assert done.stderr == b""
+    assert done.stderr == ""
 
 
 def test_exit_codes(tmp_path):
@@ -71,11 +66,11 @@ def test_exit_codes(tmp_path):
         ((good, "--step", "-1"), 2, "--step"),
         ((good, "-o", "a.xls"), 2, ".parquet"),
     ):
-        done = _run("read", *arguments)
-        err = done.stderr.decode()
+        done = run("read", *arguments)
+        err = done.stderr
         assert done.returncode == code, err
         assert words in err and "Traceback" not in err
-        assert done.stdout == b""
+        assert done.stdout == ""
 
 
 def test_cleaned_file_reads_back_to_the_same_loop(tmp_path):
@@ -85,7 +80,7 @@ def test_cleaned_file_reads_back_to_the_same_loop(tmp_path):
     path.write_text("\n".join([*lines[:101], *lines[131:]]) + "\n")
     first = read(path)
     for name in ("clean.parquet", "clean.csv"):
-        assert _run("read", path, "-o", tmp_path / name).returncode == 0
+        assert run("read", path, "-o", tmp_path / name).returncode == 0
         again = read(tmp_path / name).loop
         for role in ("setpoint", "process_value", "output", "used"):
             np.testing.assert_array_equal(getattr(again, role), getattr(first.loop, role))
@@ -97,19 +92,19 @@ def test_profile_is_saved_and_applied(tmp_path):
     path, profile = tmp_path / "export.csv", tmp_path / "site.toml"
     early = record(rows=300, start=R.stamps[0].replace(month=3, day=4))
     path.write_text(wide(early, sep=";", cell=comma, stamp=lambda m: m.strftime("%d/%m/%Y %H:%M:%S")))
-    assert _run("read", path).returncode == 3
+    assert run("read", path).returncode == 3
     assert (
-        _run(
+        run(
             "read", path, "--dayfirst", "--span-pv", "0,100", "--mode-map", "1=AUTO", "--save-profile", profile
         ).returncode
         == 0
     )
-    content = json.loads(_run("read", path, "--profile", profile, "--json").stdout)
+    content = json.loads(run("read", path, "--profile", profile, "--json").stdout)
     assert content["start"] == "2024-03-04T14:00:00"
     assert content["units"]["process_value"] == "%"
     profile.write_text("# stictionid\ndayfirst = 'yes'\n")
-    assert _run("read", path, "--profile", profile).returncode == 3
-    assert _run("read", path, "--profile", tmp_path / "none.toml").returncode == 2
+    assert run("read", path, "--profile", profile).returncode == 3
+    assert run("read", path, "--profile", tmp_path / "none.toml").returncode == 2
 
 
 def test_a_site_sets_itself_up_once(tmp_path):
@@ -123,11 +118,11 @@ def test_a_site_sets_itself_up_once(tmp_path):
         return path
 
     first, second, profile = export("a.csv", "FIC101"), export("b.csv", "PIC7"), tmp_path / "site.toml"
-    assert _run("read", first, "--no-guess").returncode == 3
-    assert _run("read", first, "--pv", "FIC101.PV", "--save-profile", profile).returncode == 0
+    assert run("read", first, "--no-guess").returncode == 3
+    assert run("read", first, "--pv", "FIC101.PV", "--save-profile", profile).returncode == 0
     assert "FIC101" not in profile.read_text(encoding="utf-8")
-    done = _run("read", second, "--no-guess", "--profile", profile, "--json")
-    assert done.returncode == 0, done.stderr.decode()
+    done = run("read", second, "--no-guess", "--profile", profile, "--json")
+    assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["assumptions"] == []
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import naive
 import numpy as np
@@ -15,7 +14,7 @@ from stictionid.errors import UsageError
 from stictionid.fit.arx_cost import Arx
 from stictionid.fit.fit import search
 from stictionid.historian import read_loop
-from stictionid.methods import auto
+from stictionid.methods.auto import samples_a_turn
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.model.model import Model
 from stictionid.model.restore import rerun
@@ -165,7 +164,7 @@ def test_a_rough_command_that_moves_between_samples_is_not_taken_for_a_held_one_
 ])
 def test_options_that_do_not_exist_are_refused(options: Options) -> None:
     with pytest.raises(UsageError):
-        identify(scanned(), options=options)
+        identify(Loop(output=np.zeros(9), process_value=np.zeros(9)), options=options)
 
 
 @pytest.mark.parametrize(("loop", "code"), [
@@ -191,19 +190,8 @@ def test_what_the_record_cannot_tell_is_an_abstention_with_its_reason(loop: Loop
 def test_turns_of_noise_are_no_oscillation_too_fast_for_the_samples(amplitude, period, noise, slow) -> None:
     rng, t = np.random.default_rng(5), np.arange(2000)
     y = 2.0 * np.sin(t / 300.0) * (period < 10) + amplitude * np.sin(2.0 * np.pi * t / period)
-    per = auto._samples_a_turn(SimpleNamespace(used_y=lambda: y + noise * rng.standard_normal(t.size)))
+    per = samples_a_turn(y + noise * rng.standard_normal(t.size))
     assert per == pytest.approx(period, rel=0.3) and (per > SAMPLES_PER_PERIOD) == slow
-
-
-def test_a_valve_that_rests_between_scans_is_found_on_a_noisy_integrator() -> None:
-    """80 slips add up: the basin is 0.2 % of S wide, the ARX cost all noise, and one swarm of two walked past it."""
-    base = replace(with_stiction(preset("itptd"), 5.0, 3.0), law="karnopp")
-    base = replace(base, controller=replace(base.controller, scan_s=1.0), noise_sd=0.8)
-    study = identify(replace(simulate(base, seed=1).loop, position=None))
-    assert study.estimate is not None
-    assert study.steps[-1].added == "re-sticking"
-    assert pytest.approx(5.0, rel=0.01) == study.estimate.S
-    assert pytest.approx(3.0, rel=0.02) == study.estimate.J
 
 
 def test_noise_that_was_asked_for_stays_though_the_base_needs_none() -> None:
@@ -211,25 +199,6 @@ def test_noise_that_was_asked_for_stays_though_the_base_needs_none() -> None:
     assert identify(loop).adequate
     asked = identify(loop, options=Options(effects=("coloured-noise",)))
     assert [step.added for step in asked.steps] == [None, "coloured-noise"]
-
-
-def test_a_level_that_strays_too_far_to_be_explained_shows_its_valve_in_changes() -> None:
-    """The controller moves the valve against the load, so that no level is explained; it was an abstention.
-
-    A further lag is asked for in changes once: asked again it was named by chance.
-    """
-    setting = Setting(Plant(1.4, 2.3, 0.3), Controller(0.87, 1.8, scan_s=1.0), S=3.2, J=0.6, duration_s=1500.0,
-                      setpoint_moves=((0.0, 1.0), (400.0, -2.0), (800.0, 2.0)), noise_sd=0.06,
-                      effects=(("random-walk-disturbance", {"innovation_sd": 0.075}),))
-    loop = replace(simulate(setting, seed=33).loop, position=None)
-    bare = identify(loop, options=Options(base_only=True))
-    assert not bare.steps and bare.verdict.evidence["code"] == "model-explains-nothing"
-    study = identify(loop)
-    assert [s.added for s in study.steps] == [None, "random-walk-disturbance"]
-    assert study.estimate is not None and study.verdict.stiction == "stiction"
-    assert pytest.approx(3.2, rel=0.01) == study.estimate.S and pytest.approx(0.6, rel=0.1) == study.estimate.J
-    # One step ahead there is the walk and the noise (their stationary Kalman filter), as for a model that knows all.
-    assert study.steps[-1].error.rmse_one_step == pytest.approx(0.1083, rel=0.06)
 
 
 def test_a_load_that_steps_under_an_integrator_is_a_step_of_its_own_where_the_base_explains_nothing() -> None:
@@ -250,24 +219,13 @@ def test_a_load_that_steps_under_an_integrator_is_a_step_of_its_own_where_the_ba
     assert "friction" in study.verdict.reason and study.adequate
 
 
-def test_a_held_search_that_ended_beside_its_basin_is_looked_at_again_from_where_the_moving_one_ended() -> None:
-    from stictionid.fit.context import Run
-    from stictionid.fit.starts.intersample import SUBSTEPS
-    from stictionid.selection.structure import TriedStructure, _looked_again
-
-    loop = read_loop(Path(__file__).parents[1] / "sample_data" / "foptd_scanned.parquet")
-    run = Run(loop, find_range(loop), Options(), law="chen", rng=np.random.default_rng(0),
-              tell=lambda *_: None)
-    # Where both searches ended with numpy 2.5 and seed 0: dead time off by a sample, 1.5 times the noise.
-    ends = {"hold": (Spec(), [0.5793609, 0.32886129, 0.8675, 0.4708931, 0.08516798]),
-            "corner": (Spec(between="corner", substeps=SUBSTEPS),
-                       [0.58839067, 0.33239446, 0.18383987, 0.47319692, 0.0793606])}
-    tried = {}
-    for name, (spec, point) in ends.items():
-        cube = np.array(point)
-        cost = float(run.model(spec).costs(cube[None])[0])
-        tried[name] = TriedStructure(spec, cube, cost, None, np.inf)
-    again = _looked_again(run, tried["hold"], tried["corner"])
-    assert again.cost < 0.5 * tried["hold"].cost and again.evaluated is not None
-    assert again.evaluated.values["dead_time_s"] == pytest.approx(5.0, abs=0.05)
-    assert _looked_again(run, again, tried["corner"]) is again
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_held_command_is_found_in_its_basin_whatever_the_seed(seed: int) -> None:
+    """Searches of this loop can end with a dead time that is a sample off and an error of 1.5 times the noise."""
+    study = identify(read_loop(ROOT / "sample_data" / "foptd_scanned.parquet"),
+                     options=Options(base_only=True, seed=seed))
+    truth = json.loads((ROOT / "sample_data" / "foptd_scanned.truth.json").read_text())
+    e = study.estimate
+    assert e is not None and study.steps[-1].model["between"] == "hold"
+    assert e.dead_time_s == pytest.approx(5.0, abs=0.05)
+    assert pytest.approx(truth["S"], rel=0.01) == e.S and pytest.approx(truth["J"], rel=0.05) == e.J

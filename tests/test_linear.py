@@ -161,7 +161,7 @@ def test_gaps_take_the_rows_of_an_arx_model_that_they_touch() -> None:
 
 @pytest.mark.parametrize("piece", [90, 50_000])
 def test_the_irreducible_noise_is_what_a_free_model_leaves(piece: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(autoregression, "_PIECE", piece)
+    monkeypatch.setattr(autoregression, "PIECE", piece)
     rng = np.random.default_rng(5)
     y, v, good, delay = rng.standard_normal(500), staircase(500), rng.random(500) > 0.01, 3
     rows = np.array([k for k in range(24, 500) if good[k - 20:k + 1].all()])

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import naive_methods as naive
 import numpy as np
 import pytest
+from commands import run
 
 import stictionid.methods as method_room
 from stictionid.errors import DataError, UsageError
 from stictionid.methods import catalogue
 from stictionid.methods.contract import SPELLING
+from stictionid.methods.option_check import check_options
 from stictionid.model.closed_loop import preset, simulate, with_stiction
 from stictionid.model.restore import rerun
 from stictionid.numerics.armax import Regression, armax, stabilised
@@ -94,7 +94,7 @@ def test_a_new_method_is_one_new_file(tmp_path: Path, monkeypatch: pytest.Monkey
 ])
 def test_options_that_do_not_apply_are_refused_with_a_sentence(options: Options, said: str) -> None:
     with pytest.raises(UsageError) as refusal:
-        options.check()
+        check_options(options)
     assert said in refusal.value.message and refusal.value.hint
 
 
@@ -226,12 +226,6 @@ def test_ranks_are_those_of_the_twin() -> None:
     assert _signed_ranks(d) == pytest.approx(naive.signed_rank_sum(d) / scale)
 
 
-def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess:
-    """One command in a process of its own."""
-    return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True, text=True,
-                          cwd=cwd, timeout=300, encoding="utf-8")
-
-
 def test_all_laws_are_ranked_on_the_command_line(tmp_path: Path) -> None:
     write_loop(loop_of("he"), tmp_path / "he.csv")
     done = run("identify", "he.csv", "--law", "all", "--base-only", "-o", "study.json", cwd=tmp_path)
@@ -246,15 +240,6 @@ def test_all_laws_are_ranked_on_the_command_line(tmp_path: Path) -> None:
     assert "S moves from" in finding["statement"] and "chen" not in finding["evidence"]["alike"]
     assert "laws, best first" in done.stdout and "kept" in done.stdout and finding["statement"] in done.stderr
     assert max(map(len, done.stdout.splitlines())) <= 80
-
-
-def test_chen_and_kano_cannot_be_told_apart_and_the_default_is_kept(loop: Loop) -> None:
-    study = identify(loop, options=Options(law="all", base_only=True))
-    finding = next(f for f in study.steps[-1].findings if f.code == "laws-alike")
-    assert {"chen", "kano"} <= set(finding.evidence["alike"]) and "he" not in finding.evidence["alike"]
-    assert study.estimate is not None and study.estimate.law == "chen"
-    by_name = {law.law: law for law in study.laws}
-    assert pytest.approx(by_name["chen"].S, rel=0.01) == by_name["kano"].S
 
 
 # --- step tests

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import study_factory
+from commands import Done, run
 
 from stictionid.errors import UsageError
 from stictionid.record.study import Severity, to_json
@@ -50,13 +51,7 @@ def same_as_golden(text: str, name: str) -> None:
             assert float(x) == pytest.approx(float(y), rel=0.02, abs=0.02), (a, b)
 
 
-def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONIOENCODING": "utf-8", "COLUMNS": "80"}
-    return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True, text=True,
-                          encoding="utf-8", cwd=cwd, env=environment)
-
-
-def is_one_sentence(out: subprocess.CompletedProcess[str], code: int) -> None:
+def is_one_sentence(out: Done, code: int) -> None:
     assert out.returncode == code, out.stderr
     assert out.stdout == ""
     lines = out.stderr.splitlines()
@@ -65,7 +60,7 @@ def is_one_sentence(out: subprocess.CompletedProcess[str], code: int) -> None:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a small simulated record and its study, through the real commands."""
+    """A folder with a small simulated record and its study, made by the commands."""
     folder = tmp_path_factory.mktemp("made")
     out = run("simulate", "--preset", "foptd", "--S", 4, "--J", 2, "--duration", 250, "--noise", 0.02, "--seed", 3,
               "-o", "loop.csv", cwd=folder)
@@ -309,11 +304,15 @@ def test_a_long_record_is_written_compactly_and_in_full(tmp_path: Path) -> None:
 
 
 def test_report_through_a_process(made: Path, tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "stictionid", "report", "study.json", "-o", str(tmp_path / "p.html")]
+    process = subprocess.run(words, capture_output=True, text=True, encoding="utf-8", cwd=made)
+    assert process.returncode == 0 and process.stdout == "" and f"wrote {tmp_path}" in process.stderr
     for extension in ("md", "json", "html"):
         out = run("report", made / "study.json", "-o", tmp_path / f"r.{extension}", cwd=made)
         assert out.returncode == 0 and out.stdout == "" and f"wrote {tmp_path}" in out.stderr
     out = run("report", made / "study.json", "--json", cwd=made)
     assert json.loads(out.stdout)["studies"][0]["study"]["verdict"]["stiction"] == "stiction"
+    assert (tmp_path / "r.html").read_bytes() == (tmp_path / "p.html").read_bytes()
     assert "pictures beside it" not in run("report", made / "study.json", "-o", tmp_path / "r.json", cwd=made).stderr
 
 

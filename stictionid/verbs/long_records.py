@@ -33,7 +33,7 @@ from ..typing import FloatArray
 
 # Samples that are searched. Rows of the valve's path that are polished (parts of samples where the command moves
 # between them). Fewest periods of a search.
-SEARCHED, POLISHED, _PERIODS = 10_000, 100_000, 30.0
+SEARCHED, POLISHED, PERIODS = 10_000, 100_000, 30.0
 # The output turns where it comes back by this share of its span, or this multiple of its noise.
 _TURN, _TURN_NOISE = 0.1, 4.0
 # Break-aways tried on all samples.
@@ -69,7 +69,7 @@ class Excerpt:
 def excerpt(loop: Loop, found: Range, options: Options) -> Excerpt | None:
     """The stretch of a record that is too long to be searched whole; None for one that is not."""
     period = (found.period_median_s or 0.0) / loop.step_s
-    rows = max(SEARCHED, int(_PERIODS * period))
+    rows = max(SEARCHED, int(PERIODS * period))
     if loop.samples <= rows or any(_by_the_clock(name) for name in options.effects):
         return None
     at = np.flatnonzero(loop.driven)

@@ -46,7 +46,7 @@ def device_as_output(bench: Bench) -> Result:
     for device, code in (("/dev/null", 0), ("/dev/full", 2)):
         if Path(device).exists():
             kind = Path(device).stat().st_rdev
-            found += judge(bench.run("identify", bench.csv, "-q", "-o", device), code)
+            found += judge(bench.run("identify", bench.csv, "--base-only", "-q", "-o", device), code)
             trials += 1
             if not Path(device).is_char_device() or Path(device).stat().st_rdev != kind:
                 found.append(f"{device} was replaced")

@@ -103,10 +103,10 @@ def _models(data: bytes) -> None:
 
 def _options(data: bytes) -> None:
     """Option values as the command line hands them over, on an export that reads well."""
-    from stictionid.cli.common.reading import _OPTIONS, collect
+    from stictionid.cli.common.reading import OPTIONS, collect
     from stictionid.historian import read
 
-    said = {name: default for name, _, default in _OPTIONS}
+    said = {name: default for name, _, default in OPTIONS}
     content = json.loads(data)
     said |= content["options"]
     _check(read(io.BytesIO(make.seeds()[content["seed"]]), options=collect(said)))

@@ -14,14 +14,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_done: set[str] = set()
+# Levels of which this process has done a loop.
+turns_taken: set[str] = set()
 
 
 @contextmanager
 def first_turn(level: str) -> Iterator[bool]:
     """Context of a worker's first loop; gives True to the worker that fills the cache."""
-    folder = None if level in _done else cache_folder()
-    _done.add(level)
+    folder = None if level in turns_taken else cache_folder()
+    turns_taken.add(level)
     if folder is None:
         yield False
         return
@@ -61,7 +62,7 @@ def _fingerprint(level: str) -> str:
     """A fingerprint that changes with the machine code: source files, numba, Python, kind of processor."""
     import numba
 
-    package = Path(__file__).resolve().parent.parent
+    package = Path(__file__).resolve().parents[2]
     newest = max(p.stat().st_mtime_ns for p in package.rglob("*.py"))
     said = f"{level} {newest} {numba.__version__} {platform.python_version()} {platform.processor()} {package}"
     return hashlib.sha256(said.encode()).hexdigest()[:16]

@@ -79,10 +79,10 @@ def _study(task: Task, work: Work, times: dict[str, float]) -> TaskOutcome:
     start = clock()
     if task.problem:
         raise DataError(task.problem)
-    sha256 = _fingerprint(task)
+    sha256 = fingerprint_of(task)
     if sha256 is not None and sha256 == task.have:
         return TaskOutcome(task.key, task.had, kept=True)
-    reading = _read(task, sha256)
+    reading = read_task(task, sha256)
     if reading is None:
         return TaskOutcome(task.key, task.had, kept=True)
     loop = replace(reading.loop, name=task.loop)
@@ -134,7 +134,7 @@ def _done(loop: Loop, work: Work, times: dict[str, float]) -> Study:
     return study
 
 
-def _fingerprint(task: Task) -> str | None:
+def fingerprint_of(task: Task) -> str | None:
     """SHA-256 of the task's file, computed once per file; None for folders, where it comes with the rows."""
     from ...system.files import sha256_of
 
@@ -150,7 +150,7 @@ def _fingerprint(task: Task) -> str | None:
     return known[1]
 
 
-def _read(task: Task, sha256: str | None) -> Any:
+def read_task(task: Task, sha256: str | None) -> Any:
     """The Reading of the task's loop; None where its rows are those of the existing study."""
     from ...historian import read
     from ...historian.reading import reading_of

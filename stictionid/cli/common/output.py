@@ -151,7 +151,7 @@ def warn_when_cold(quiet: bool) -> None:
     """Announce the delay of a first run: kernels are compiled once for this machine."""
     from pathlib import Path
 
-    folder = Path(__file__).parent.parent / "laws" / "__pycache__"
+    folder = Path(__file__).resolve().parents[2] / "laws" / "__pycache__"
     if not any(folder.glob("chen._run-*.nbc")):
         say("first run on this machine: compiling the kernels (about 10 s, once)", quiet=quiet)
 

@@ -85,7 +85,7 @@ Limit = Annotated[
     _option("Raise a limit: rows, columns, line, file or unpacked; repeatable.", "--limit", metavar="WHAT=SIZE"),
 ]
 
-_OPTIONS: tuple[tuple[str, Any, Any], ...] = (
+OPTIONS: tuple[tuple[str, Any, Any], ...] = (
     ("sp", Sp, None),
     ("pv", Pv, None),
     ("op", Op, None),
@@ -126,11 +126,11 @@ def reads_file(command: Callable[..., Any]) -> Callable[..., Any]:
     own = inspect.signature(command, eval_str=True)
     keyword = inspect.Parameter.KEYWORD_ONLY
     mine = [p for p in own.parameters.values() if p.name != "reading"]
-    shared = [inspect.Parameter(name, keyword, default=default, annotation=kind) for name, kind, default in _OPTIONS]
+    shared = [inspect.Parameter(name, keyword, default=default, annotation=kind) for name, kind, default in OPTIONS]
 
     @functools.wraps(command)
     def wrapper(*args: Any, **values: Any) -> Any:
-        said = {name: values.pop(name) for name, _, _ in _OPTIONS}
+        said = {name: values.pop(name) for name, _, _ in OPTIONS}
         return command(*args, **values, reading=collect(said))
 
     parameters = [p.replace(kind=keyword) for p in mine] + shared

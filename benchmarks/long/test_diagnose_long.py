@@ -1,0 +1,57 @@
+"""Diagnoses at length: beside a random walk, in changes of y, with nothing but coloured noise, and by bootstrap."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from test_diagnose import HELD, hidden, setting
+
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.verbs.add import add
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import identify
+
+
+def test_a_valve_effect_beside_a_random_walk_is_found_in_changes_of_y() -> None:
+    """The free run strays nine times as far as the noise: by itself every effect is fitted to that."""
+    effects = (("asymmetric-stiction", {"jump_up": 1.4, "jump_down": 2.8}),
+               ("random-walk-disturbance", {"innovation_sd": 0.08}))
+    loop = replace(simulate(setting(effects=effects), seed=1).loop, position=None)
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert set(after.missing) == {"asymmetric-stiction", "random-walk-disturbance"}
+    # White noise of 0.06 on a walk of 0.08 a sample leaves one-step errors of 0.112.
+    assert after.steps[-1].error.rmse_one_step == pytest.approx(0.112, rel=0.05)
+    assert after.estimate is not None and pytest.approx(4.0, rel=0.02) == after.estimate.S
+
+
+def test_where_y_strays_as_far_as_it_moves_its_changes_show_the_valve_and_what_is_missing() -> None:
+    """No level is explained beside a stop and a walk: it was an abstention, though every slip stands in the changes."""
+    noise = 0.063
+    loop = simulate(Setting(Plant(2.45, 6.3, 2.2), Controller(0.45, 6.3, scan_s=1.0), S=3.06, J=2.16, duration_s=800.0,
+                            setpoint_moves=((0.0, 0.0), (150.0, 2.0), (350.0, -3.0), (550.0, 2.0)), noise_sd=noise,
+                            effects=(("travel-limit", {"upper": 50.0}),
+                                     ("random-walk-disturbance", {"innovation_sd": noise}))), seed=6).loop
+    study = identify(loop)
+    assert [step.added for step in study.steps] == [None, "random-walk-disturbance"]
+    assert study.steps[0].error.fit_percent < 0.0
+    found = diagnose(loop, study, apply=True)
+    assert found.missing == ("travel-limit",)
+    assert found.estimate is not None and pytest.approx(3.06, rel=0.05) == found.estimate.S
+    assert found.steps[-1].error.rmse_one_step < 1.05 * 1.618 * noise  # what a walk as strong as the noise leaves
+
+
+def test_a_noise_model_stays_where_no_physics_does_better() -> None:
+    loop = simulate(setting(effects=(("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),), noise_sd=0.0),
+                    seed=5).loop
+    study = add(loop, identify(loop, options=HELD), "coloured-noise")
+    after = diagnose(loop, study)
+    assert after.steps == study.steps and after.missing == () and after.adequate
+    assert all(c.effect != "coloured-noise" and not c.accepted for c in after.candidates)
+
+
+def test_what_chance_would_not_show_is_named_with_its_share_of_bootstrap_records() -> None:
+    loop, study = hidden("step-disturbance", time_s=500.0, size=1.2)
+    after = diagnose(loop, study, bootstrap=99)
+    assert after.missing == ("step-disturbance",)
+    assert "bootstrap p = 0.01" in after.candidates[0].statement

@@ -1,0 +1,134 @@
+"""Single hard loops: valves that rest on every process, a lag beside a valve effect, ramps, kicks, slow stems."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from loops_with_effects import VISIBLE, loop_of, shown
+from test_grown import of_rest
+
+from stictionid.fit.fit import as_it_stands
+from stictionid.fit.starts.continuation import grown_valves
+from stictionid.fit.starts.windows import resting_valves, windowed_valves
+from stictionid.fit.with_effect import scout
+from stictionid.model.model import Model
+from stictionid.model.spec import Spec
+from stictionid.record.oscillation import find_range
+from stictionid.record.preconditions import swing_of, time_scale_s
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import identify
+
+# The valve of this loop overshoots, and its process is of second order.
+HIDDEN = (300, "slip-overshoot", 0.01, 0.0, 1500)
+
+
+def test_a_part_that_grows_finds_a_valve_with_a_stop() -> None:
+    setting, loop, (kind, _), _ = loop_of(314, "travel-limit", 0.01, 0.0, 1500)
+    found = find_range(loop)
+    spec = Spec(effects=("travel-limit",))
+    spec = spec if kind == "scan" else Spec(effects=spec.effects, between="corner", substeps=4)
+    model = Model(loop, spec, s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
+    points = grown_valves(model, [0, 1, 2, *range(5, model.space.size)], np.random.default_rng(0))
+    assert np.abs(model.values(points)[0] / setting.S - 1.0).min() < 0.03
+
+
+@pytest.mark.parametrize(("seed", "colour", "added"), [
+    (525, 0.0, ["re-sticking", "extra-lag"]), (739, 0.0, ["re-sticking"]), (958, 0.0, ["re-sticking"]),
+    (407, 0.8, ["re-sticking", "coloured-noise"])])
+def test_the_basin_of_a_valve_that_rests_is_found(seed: int, colour: float, added: list[str]) -> None:
+    """Karnopp valves of plants of second and first order, an integrator and a tank: the first search ends 1.5 to 23
+    times the noise away, on the ridge of S, J and dead time, or at a process without its second lag."""
+    setting, loop, (kind, _), sd = loop_of(seed, None, 0.01, colour, 1500)
+    assert kind == "karnopp"
+    study = identify(loop)
+    assert [step.added for step in study.steps[1:]] == added
+    assert study.steps[-1].error.rmse < 1.05 * sd
+    assert study.estimate is not None
+    assert pytest.approx(setting.S, rel=0.005) == study.estimate.S
+    assert pytest.approx(setting.J, rel=0.03) == study.estimate.J
+
+
+def test_a_lag_and_a_valve_effect_are_found_together() -> None:
+    setting, loop, _, sd = loop_of(*HIDDEN)
+    after = diagnose(loop, identify(loop), apply=True)
+    assert set(after.steps[-1].effects) == {"extra-lag", "slip-overshoot"}
+    assert after.steps[-1].error.rmse < 1.05 * sd
+    assert after.estimate is not None
+    assert pytest.approx(setting.S, rel=0.03) == after.estimate.S
+
+
+def test_an_integrator_shows_a_slow_ramp_in_its_level() -> None:
+    _, loop, _, sd = loop_of(321, "ramp-disturbance", 0.01, 0.0, 1500)
+    study = identify(loop)
+    assert study.steps[-1].error.rmse > 2.0 * sd
+    after = diagnose(loop, study, apply=True)
+    # A ramp at the output of an integrator is a step at its load.
+    assert set(after.missing) <= {"ramp-disturbance", "step-disturbance"} and after.missing
+    assert after.steps[-1].error.rmse < 1.05 * sd
+
+
+def test_what_a_record_cannot_show_is_told_from_the_truth() -> None:
+    setting, loop, _, sd = loop_of(*HIDDEN)
+    assert shown(setting, loop, "slip-overshoot", sd) > VISIBLE
+    # A lag of 2 s stands for the 0.3 s of this integrator, and the dead time for the rest.
+    setting, loop, _, sd = loop_of(300, "extra-lag", 0.01, 0.0, 1500)
+    assert shown(setting, loop, "extra-lag", sd) < VISIBLE
+
+
+def test_a_ramp_that_made_a_tank_an_integrator_is_found_on_the_right_process() -> None:
+    _, loop, _, _ = loop_of(322, "ramp-disturbance", 0.01, 0.0, 700)
+    study = identify(loop)
+    assert study.steps[-1].model["process"] == "integrator"
+    after = diagnose(loop, study)
+    assert after.missing == ("ramp-disturbance",)
+    assert after.steps[-1].model["process"] == "first-order"
+    assert any(f.code == "other-structure" for f in after.steps[-1].findings)
+
+
+def test_a_valve_that_stops_elsewhere_at_a_kick_is_no_disturbance() -> None:
+    """A slip arrives in the very sample in which the setpoint kicks the output of a continuous controller."""
+    _, loop, (kind, _), _ = loop_of(703, None, 0.01, 0.0, 1500)
+    assert kind == "moving"
+    after = diagnose(loop, identify(loop))
+    steps = [c for c in after.candidates if c.effect == "step-disturbance"]
+    assert max(c.delta_bic or 0.0 for c in steps) > 50.0
+    assert after.missing == ()
+
+
+def test_windows_find_a_stickband_that_grows_in_an_integrator() -> None:
+    """Parts that grow from the beginning end at valves that follow their command, a third of the true stickband."""
+    setting, loop, (kind, bed), sd = loop_of(716, "stiction-drift", 0.01, 0.0, 1500)
+    assert (kind, bed) == ("scan", "integrator")
+    found = find_range(loop)
+    model = Model(loop, Spec(process="integrator"), s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
+    values = model.vector({"S": 0.5 * setting.S, "J": 0.5 * setting.J, "initial_residual_force": 0.0,
+                           "time_constant_s": 0.3, "dead_time_s": 1.0})
+    fit = as_it_stands(model, values)
+    look = scout(fit, "stiction-drift", values[None, :5], np.random.default_rng(0))
+    assert look.values[0] == pytest.approx(setting.S, rel=0.03)
+    assert look.cost < (2.0 * sd) ** 2 * loop.samples
+
+
+def test_a_valve_that_rests_is_found_beside_a_slow_stem() -> None:
+    """S, J and rate trade against each other for as long as no process goes with them: a polish of all settles them."""
+    setting, loop, _, _ = loop_of(401, "slew-limit", 0.01, 0.0, 1500)
+    found = find_range(loop)
+    model = Model(loop, Spec(effects=("re-sticking", "slew-limit")), s_max=swing_of(loop, found),
+                  period_s=time_scale_s(loop, found))
+    points = resting_valves(model, ("slew-limit",), model.rows_of("re-sticking"), np.random.default_rng(0))
+    valves = model.values(points)
+    rates = valves[model.rows_of("slew-limit").start] / dict(setting.effects)["slew-limit"]["rate"]
+    apart = np.stack([valves[0] / setting.S, valves[1] / setting.J, rates]) - 1.0
+    assert np.abs(apart).max(axis=0).min() < 0.25
+
+
+def test_windows_are_searched_where_the_valve_so_far_is_wrong() -> None:
+    model, columns, still = of_rest("chen")
+    slides = replace(model.spec, effects=("asymmetric-stiction",))
+    right = Model(model.loop, slides, s_max=model.s_max, period_s=model.period_s)
+    values = right.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 0.3,
+                           "dead_time_s": 1.0, "asymmetric-stiction:jump_difference": 2.0})
+    wrong = (right, values * np.where(np.arange(values.size) == 0, 0.7, 1.0))
+    assert windowed_valves(model, columns, still, np.random.default_rng(0), rival=wrong).size

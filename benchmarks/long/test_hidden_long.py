@@ -1,0 +1,65 @@
+"""Hidden effects at length: every effect of the catalogue is named, pairs are, and a stop short of the command is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import test_effects
+import test_effects_command
+from loops_with_effects import NOISE, SMALL, small
+from test_effects import needs_hidden
+from test_hidden import AT_THE_NOISE, HELD, NAMED, comes_back
+
+from stictionid.model.closed_loop import Controller, Plant
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import identify
+
+
+@pytest.mark.parametrize("name", sorted(set(SMALL) - set(NAMED)))
+def test_the_hidden_effect_is_named_and_the_loop_comes_back(name: str) -> None:
+    setting, loop = small(name)
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert after.missing[:1] == (name,), after.candidates[:3]
+    assert after.steps[1].added == name
+    comes_back(after, name, setting)
+
+
+@pytest.mark.parametrize("pair", [
+    # Coloured noise imitates both of these, and beside it neither shows.
+    ("step-disturbance", "asymmetric-stiction"), ("stiction-drift", "sinusoidal-disturbance"),
+    ("asymmetric-stiction", "random-walk-disturbance"), ("random-walk-disturbance", "measured-disturbance")])
+def test_two_hidden_effects_are_both_found(pair: tuple[str, str]) -> None:
+    _, loop = small(*pair)
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert set(after.missing) == set(pair)
+    if "random-walk-disturbance" not in pair:
+        assert after.steps[-1].error.rmse <= AT_THE_NOISE * NOISE
+
+
+def test_a_travel_limit_short_of_most_of_the_command_is_found() -> None:
+    # The controller winds up against the stop: the command is beyond it for more than half of the record.
+    limit = ("travel-limit", {"upper": 49.2})
+    setting, loop = small(**{"effects": (limit,), "plant": Plant(0.84, 13.0, 4.7), "S": 2.9, "J": 1.6,
+                             "duration_s": 1200.0,
+                             "controller": Controller(1.2, 13.0, scan_s=1.0),
+                             "setpoint_moves": ((0.0, -0.5), (300.0, -1.5), (500.0, 1.8), (800.0, -1.5))})
+    assert np.median(loop.output) > 49.2 + 0.6 * setting.S
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert after.missing[:1] == ("travel-limit",)
+    assert after.steps[-1].error.rmse <= AT_THE_NOISE * NOISE
+    numbers = {p.name: p for p in after.steps[-1].parameters}
+    assert numbers["S"].value == pytest.approx(2.9, rel=0.02) and numbers["J"].value == pytest.approx(1.6, rel=0.05)
+    assert numbers["upper"].value == pytest.approx(49.2, abs=0.05)
+    assert not numbers["lower"].identifiable and numbers["lower"].interval is None
+
+
+@needs_hidden
+def test_a_step_is_found_in_a_record_made_by_others() -> None:
+    test_effects.test_a_hidden_effect_is_found_and_the_error_falls_to_the_noise("hidden_08", "step-disturbance")
+
+
+@pytest.mark.parametrize("name", sorted(set(SMALL) - set(test_effects_command.TAKEN_IN)))
+def test_an_effect_is_hidden_added_and_not_added_twice(name: str, tmp_path: Path) -> None:
+    test_effects_command.test_an_effect_is_hidden_added_and_not_added_twice(name, tmp_path)

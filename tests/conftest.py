@@ -1,0 +1,43 @@
+"""Settings of the whole suite: one BLAS thread a process, one source for all processes, each kernel compiled once."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# Read by numpy when it is first imported, and by the processes that tests start.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+# Processes in other folders run the source under test, not an installed copy, and find the kernels compiled so far.
+os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+
+
+def _compile_each_kernel_once() -> None:
+    """Make a test worker that needs a kernel wait for the one that compiles it; numba's cache then hands it over."""
+    try:
+        import fcntl
+    except ImportError:
+        return
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.dispatcher import Dispatcher
+
+    compiled = Dispatcher.compile
+
+    def once(self: Any, signature: Any) -> Any:
+        folder = getattr(self._cache, "cache_path", None)
+        if folder is None:
+            return compiled(self, signature)
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        # Threads of this process first, then other processes: in the other order each could wait for the other.
+        name = f".{self.py_func.__module__}.{self.py_func.__qualname__}.lock"
+        with global_compiler_lock, open(Path(folder) / name, "a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            return compiled(self, signature)
+
+    Dispatcher.compile = once
+
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    _compile_each_kernel_once()
