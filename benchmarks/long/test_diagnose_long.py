@@ -1,11 +1,11 @@
-"""Diagnoses at length: beside a random walk, in changes of y, with nothing but coloured noise, and by bootstrap."""
+"""Diagnoses at length: beside a random walk, in changes of y, and with nothing but coloured noise."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import pytest
-from test_diagnose import HELD, hidden, setting
+from test_diagnose import HELD, setting
 
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.verbs.add import add
@@ -48,10 +48,3 @@ def test_a_noise_model_stays_where_no_physics_does_better() -> None:
     after = diagnose(loop, study)
     assert after.steps == study.steps and after.missing == () and after.adequate
     assert all(c.effect != "coloured-noise" and not c.accepted for c in after.candidates)
-
-
-def test_what_chance_would_not_show_is_named_with_its_share_of_bootstrap_records() -> None:
-    loop, study = hidden("step-disturbance", time_s=500.0, size=1.2)
-    after = diagnose(loop, study, bootstrap=99)
-    assert after.missing == ("step-disturbance",)
-    assert "bootstrap p = 0.01" in after.candidates[0].statement
