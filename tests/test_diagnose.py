@@ -79,14 +79,6 @@ def test_an_effect_whose_fit_breaks_down_is_reported_and_the_others_go_on(
     assert broken and all(c.delta_bic is None and "did not converge" in c.statement for c in broken)
 
 
-def test_a_scanned_command_taken_for_a_moving_one_is_put_right_before_anything_is_named() -> None:
-    loop = simulate(setting(), seed=13).loop
-    study = identify(loop, options=Options(base_only=True, between="corner"))
-    after = diagnose(loop, study)
-    assert after.missing == () and after.steps[-1].model["between"] == "hold"
-    assert after.steps[-1].error.rmse <= 1.05 * 0.06 < 0.95 * study.steps[-1].error.rmse
-
-
 def test_a_moving_command_taken_for_a_held_one_is_put_right_once_what_hid_it_is_in(
         stepped: tuple[Loop, Study, Study]) -> None:
     moving = setting(controller=Controller(0.15, 6.0), effects=(("step-disturbance", {"time_s": 500.0, "size": 1.2}),))
@@ -107,16 +99,6 @@ def test_coloured_noise_is_named_noise_and_its_root_comes_back() -> None:
     assert after.steps[-1].error.rmse_one_step == pytest.approx(0.05, rel=0.06)
     root = next(p.value for p in after.steps[-1].parameters if p.effect == "coloured-noise" and p.name == "root")
     assert root == pytest.approx(0.8, abs=0.15)
-
-
-def test_a_noise_model_that_imitates_physics_gives_way_to_it() -> None:
-    loop, study = hidden("sinusoidal-disturbance", period_s=37.0, amplitude=0.5)
-    noisy = add(loop, study, "coloured-noise")
-    assert noisy.adequate
-    after = diagnose(loop, noisy)
-    assert after.missing == ("sinusoidal-disturbance",) and not after.adequate
-    assert [s.added for s in after.steps] == [None]
-    assert "gave-way" in {f.code for f in after.steps[-1].findings}
 
 
 def test_noise_alone_is_told_from_what_valve_process_or_a_disturbance_leave() -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from loops_with_effects import NOISE, PHYSICAL, SMALL, small
+from loops_with_effects import NOISE, SMALL, small
 
 from stictionid.effects import catalogue, get
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
@@ -69,7 +69,7 @@ def test_the_loop_comes_back_once_its_hidden_effect_is_added(name: str) -> None:
 
 
 @pytest.mark.parametrize(("kind", "more"), [
-    ("white", {}), ("karnopp", {"law": "karnopp"}), ("no moves", {"setpoint_moves": ((0.0, 3.0),)}), ("coloured", {})])
+    ("white", {}), ("no moves", {"setpoint_moves": ((0.0, 3.0),)}), ("coloured", {})])
 def test_nothing_is_invented_where_nothing_is_hidden(kind: str, more: dict) -> None:
     if kind == "no moves":
         # The small loop rests without its moves; this one cycles by itself.
@@ -79,7 +79,7 @@ def test_nothing_is_invented_where_nothing_is_hidden(kind: str, more: dict) -> N
     assert study.steps, study.verdict.reason
     after = diagnose(loop, study, apply=True)
     named = {step.added for step in after.steps if step.added}
-    assert named <= {"karnopp": PHYSICAL, "coloured": {"coloured-noise"}}.get(kind, set())
+    assert named <= {"coloured": {"coloured-noise"}}.get(kind, set())
     assert setting.effects or after.adequate
 
 

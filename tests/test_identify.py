@@ -195,10 +195,10 @@ def test_turns_of_noise_are_no_oscillation_too_fast_for_the_samples(amplitude, p
 
 
 def test_noise_that_was_asked_for_stays_though_the_base_needs_none() -> None:
-    loop = simulate(replace(with_stiction(preset("foptd"), 5.0, 3.0), noise_sd=0.05)).loop
-    assert identify(loop).adequate
+    loop = simulate(replace(with_stiction(preset("foptd"), 5.0, 3.0), noise_sd=0.05, duration_s=500.0)).loop
     asked = identify(loop, options=Options(effects=("coloured-noise",)))
     assert [step.added for step in asked.steps] == [None, "coloured-noise"]
+    assert asked.steps[0].error.rmse < 1.05 * asked.steps[0].error.noise_sd
 
 
 def test_a_load_that_steps_under_an_integrator_is_a_step_of_its_own_where_the_base_explains_nothing() -> None:

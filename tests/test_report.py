@@ -266,9 +266,8 @@ def test_a_tag_is_no_formula_in_a_png() -> None:
     loop = replace(one.loop, units=dict.fromkeys(one.loop.units, "$\\frac{$"))
     study = replace(one.study, candidates=tuple(replace(c, effect="$_^$") for c in one.study.candidates),
                     data=replace(one.study.data, units=loop.units))
-    for kind in (replace(one, loop=loop, study=study), study_factory.hostile()):
-        for picture in pictures(kind).values():
-            assert len(figure_bytes(picture, "png")) > 3_000
+    for picture in pictures(replace(one, loop=loop, study=study)).values():
+        assert len(figure_bytes(picture, "png")) > 3_000
 
 
 @pytest.mark.parametrize(("text", "written"), [

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from test_diagnose import HELD, setting
+from test_diagnose import HELD, hidden, setting
 
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
-from stictionid.verbs.identify import identify
+from stictionid.verbs.identify import Options, identify
 
 
 def test_a_valve_effect_beside_a_random_walk_is_found_in_changes_of_y() -> None:
@@ -48,3 +48,21 @@ def test_a_noise_model_stays_where_no_physics_does_better() -> None:
     after = diagnose(loop, study)
     assert after.steps == study.steps and after.missing == () and after.adequate
     assert all(c.effect != "coloured-noise" and not c.accepted for c in after.candidates)
+
+
+def test_a_scanned_command_taken_for_a_moving_one_is_put_right_before_anything_is_named() -> None:
+    loop = simulate(setting(), seed=13).loop
+    study = identify(loop, options=Options(base_only=True, between="corner"))
+    after = diagnose(loop, study)
+    assert after.missing == () and after.steps[-1].model["between"] == "hold"
+    assert after.steps[-1].error.rmse <= 1.05 * 0.06 < 0.95 * study.steps[-1].error.rmse
+
+
+def test_a_noise_model_that_imitates_physics_gives_way_to_it() -> None:
+    loop, study = hidden("sinusoidal-disturbance", period_s=37.0, amplitude=0.5)
+    noisy = add(loop, study, "coloured-noise")
+    assert noisy.adequate
+    after = diagnose(loop, noisy)
+    assert after.missing == ("sinusoidal-disturbance",) and not after.adequate
+    assert [s.added for s in after.steps] == [None]
+    assert "gave-way" in {f.code for f in after.steps[-1].findings}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import test_effects
 import test_effects_command
-from loops_with_effects import NOISE, SMALL, small
+from loops_with_effects import NOISE, PHYSICAL, SMALL, small
 from test_effects import needs_hidden
 from test_hidden import AT_THE_NOISE, HELD, NAMED, comes_back
 
@@ -24,6 +24,12 @@ def test_the_hidden_effect_is_named_and_the_loop_comes_back(name: str) -> None:
     assert after.missing[:1] == (name,), after.candidates[:3]
     assert after.steps[1].added == name
     comes_back(after, name, setting)
+
+
+def test_of_a_karnopp_valve_at_most_its_own_physics_is_named() -> None:
+    _, loop = small(law="karnopp")
+    after = diagnose(loop, identify(loop), apply=True)
+    assert {step.added for step in after.steps if step.added} <= PHYSICAL and after.adequate
 
 
 @pytest.mark.parametrize("pair", [
