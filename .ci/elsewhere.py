@@ -170,8 +170,11 @@ def main() -> int:
     if max(found) == sys.version_info[:2]:
         print("+ no newer Python than this run's is here: only the oldest dependencies are tested elsewhere")
     with tempfile.TemporaryDirectory(prefix="elsewhere-") as top:
-        # One wheel for all: several builds in one folder at a time would get into each other's way.
-        code, said = run([sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", top, str(ROOT)], Path(top))
+        # One wheel for all, of a copy: several builds in one folder at a time would get into each other's way.
+        source = Path(top) / "source"
+        left_out = shutil.ignore_patterns(".git", ".venv*", "build", "*.egg-info", "__pycache__")
+        shutil.copytree(ROOT, source, ignore=left_out)
+        code, said = run([sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", top, str(source)], Path(top))
         wheels = list(Path(top).glob("*.whl"))
         if code or not wheels:
             print(f"+ the wheel could not be made: FAILED\n{said}")
