@@ -39,11 +39,5 @@ def _compile_each_kernel_once() -> None:
     Dispatcher.compile = once
 
 
-def pytest_xdist_auto_num_workers(config: Any) -> int:
-    """One worker more than cores: some tests wait for a browser, a signal or a process."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return cores + 1
-
-
 if "PYTEST_XDIST_WORKER" in os.environ:
     _compile_each_kernel_once()

@@ -17,7 +17,6 @@ from stictionid.fit.moves import thinned
 from stictionid.fit.starts import continuation
 from stictionid.fit.starts.continuation import grown_valves
 from stictionid.fit.starts.reparametrised import as_natural, as_valves
-from stictionid.fit.starts.windows import windowed_valves
 from stictionid.fit.with_effect import scout, settled
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
@@ -153,24 +152,6 @@ def of_rest(law: str) -> tuple[Model, list[int], slice]:
                   s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
     own = model.rows_of("asymmetric-stiction")
     return model, [0, 1, *range(own.start, own.stop)], model.rows_of("re-sticking")
-
-
-def test_windows_find_a_valve_that_rests_whatever_the_process_does() -> None:
-    """From a record that grows no seed found it: each slip waits for the one before."""
-    model, columns, still = of_rest("karnopp")
-    best = model.named(model.values(windowed_valves(model, columns, still, np.random.default_rng(0))[:1])[:, 0])
-    assert best["S"] == pytest.approx(5.0, rel=0.03)
-    assert best["J"] == pytest.approx(3.0, rel=0.06)
-    assert best["asymmetric-stiction:jump_difference"] == pytest.approx(2.0, rel=0.15)
-
-
-def test_windows_leave_nothing_where_the_valve_so_far_fits_them_as_well() -> None:
-    model, columns, still = of_rest("chen")
-    slides = replace(model.spec, effects=("asymmetric-stiction",))
-    right = Model(model.loop, slides, s_max=model.s_max, period_s=model.period_s)
-    values = right.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 0.3,
-                           "dead_time_s": 1.0, "asymmetric-stiction:jump_difference": 2.0})
-    assert not windowed_valves(model, columns, still, np.random.default_rng(0), rival=(right, values)).size
 
 
 @pytest.mark.parametrize("seed", [707, 719])

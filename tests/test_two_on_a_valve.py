@@ -8,7 +8,7 @@ import pytest
 from stictionid.fit.fit import Fitted, as_it_stands
 from stictionid.fit.moves import descended, with_start
 from stictionid.fit.starts.niches import beyond_rest, herded
-from stictionid.fit.with_effect import beside_others, scout, together_on_valve
+from stictionid.fit.with_effect import beside_others, together_on_valve
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -35,7 +35,7 @@ def a_model(loop: Loop, effects: tuple[str, ...], between: str = "hold") -> Mode
                  s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
 
 
-def _first(model: Model) -> Fitted:
+def first_of(model: Model) -> Fitted:
     """What a fit of the first effect alone ends with: S and J of the middle of the record."""
     start = model.vector({"S": S + 0.4, "J": 0.8, "initial_residual_force": 0.0, "time_constant_s": 6.0,
                           "dead_time_s": 5.5, "asymmetric-stiction:jump_difference": -0.4,
@@ -45,26 +45,11 @@ def _first(model: Model) -> Fitted:
     return as_it_stands(model, values)
 
 
-def test_the_second_effect_is_searched_together_with_the_first() -> None:
-    fit = _first(a_model(a_loop(), PAIR[:1]))
-    rng = np.random.default_rng(0)
-    alone = scout(fit, PAIR[1], fit.values[None, :5], rng)
-    found = beside_others(fit, PAIR[1], alone.points, rng)
-    assert found is not None
-    rmse = [float(np.sqrt(look.cost / fit.model.shared.rows)) for look in (alone, found)]
-    assert rmse[0] > 1.5 * NOISE > 1.2 * rmse[1]
-    named = found.model.named(found.values)
-    assert named["S"] == pytest.approx(S, rel=0.02)
-    assert named["J"] == pytest.approx(J, rel=0.06)
-    assert named["asymmetric-stiction:jump_difference"] == pytest.approx(DIFFERENCE, rel=0.15)
-    assert named["stiction-drift:stickband_growth"] == pytest.approx(GROWTH, rel=0.15)
-
-
 @pytest.mark.parametrize(("have", "name", "between"), [
     ((), PAIR[1], "hold"), (PAIR[:1], "extra-lag", "hold"), (("extra-lag",), PAIR[1], "hold"),
     (("re-sticking",), PAIR[1], "hold"), (PAIR[:1], PAIR[1], "corner")])
 def test_one_effect_on_a_valve_needs_no_search_of_two(have: tuple[str, ...], name: str, between: str) -> None:
-    fit = _first(a_model(a_loop(0.0 if between == "corner" else 1.0), have, between))
+    fit = first_of(a_model(a_loop(0.0 if between == "corner" else 1.0), have, between))
     assert beside_others(fit, name, np.empty((0, 0)), np.random.default_rng(0)) is None
 
 
@@ -83,7 +68,7 @@ def test_a_herd_crosses_slips_that_a_descent_stops_at() -> None:
 
 
 def test_one_effect_on_a_valve_stays_where_it_is() -> None:
-    fit = _first(a_model(a_loop(), PAIR[:1]))
+    fit = first_of(a_model(a_loop(), PAIR[:1]))
     assert together_on_valve(fit.model, fit.values, np.random.default_rng(0)) is fit.values
 
 

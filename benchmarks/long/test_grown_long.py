@@ -132,3 +132,21 @@ def test_windows_are_searched_where_the_valve_so_far_is_wrong() -> None:
                            "dead_time_s": 1.0, "asymmetric-stiction:jump_difference": 2.0})
     wrong = (right, values * np.where(np.arange(values.size) == 0, 0.7, 1.0))
     assert windowed_valves(model, columns, still, np.random.default_rng(0), rival=wrong).size
+
+
+def test_windows_find_a_valve_that_rests_whatever_the_process_does() -> None:
+    """From a record that grows no seed found it: each slip waits for the one before."""
+    model, columns, still = of_rest("karnopp")
+    best = model.named(model.values(windowed_valves(model, columns, still, np.random.default_rng(0))[:1])[:, 0])
+    assert best["S"] == pytest.approx(5.0, rel=0.03)
+    assert best["J"] == pytest.approx(3.0, rel=0.06)
+    assert best["asymmetric-stiction:jump_difference"] == pytest.approx(2.0, rel=0.15)
+
+
+def test_windows_leave_nothing_where_the_valve_so_far_fits_them_as_well() -> None:
+    model, columns, still = of_rest("chen")
+    slides = replace(model.spec, effects=("asymmetric-stiction",))
+    right = Model(model.loop, slides, s_max=model.s_max, period_s=model.period_s)
+    values = right.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 0.3,
+                           "dead_time_s": 1.0, "asymmetric-stiction:jump_difference": 2.0})
+    assert not windowed_valves(model, columns, still, np.random.default_rng(0), rival=(right, values)).size

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_two_on_a_valve import DIFFERENCE, GROWTH, NOISE, PAIR, J, S, a_loop, a_model
+from test_two_on_a_valve import DIFFERENCE, GROWTH, NOISE, PAIR, J, S, a_loop, a_model, first_of
 
 from stictionid.fit.fit import as_it_stands
 from stictionid.fit.moves import descended, with_start
-from stictionid.fit.with_effect import scout, together_on_valve
+from stictionid.fit.with_effect import beside_others, scout, together_on_valve
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -51,3 +51,18 @@ def test_a_drift_beside_a_random_walk_is_found_in_windows() -> None:
     named = looks[1].model.named(looks[1].values)
     assert named["S"] == pytest.approx(4.0, rel=0.03)
     assert named[f"{PAIR[1]}:stickband_growth"] == pytest.approx(1.4, rel=0.1)
+
+
+def test_the_second_effect_is_searched_together_with_the_first() -> None:
+    fit = first_of(a_model(a_loop(), PAIR[:1]))
+    rng = np.random.default_rng(0)
+    alone = scout(fit, PAIR[1], fit.values[None, :5], rng)
+    found = beside_others(fit, PAIR[1], alone.points, rng)
+    assert found is not None
+    rmse = [float(np.sqrt(look.cost / fit.model.shared.rows)) for look in (alone, found)]
+    assert rmse[0] > 1.5 * NOISE > 1.2 * rmse[1]
+    named = found.model.named(found.values)
+    assert named["S"] == pytest.approx(S, rel=0.02)
+    assert named["J"] == pytest.approx(J, rel=0.06)
+    assert named["asymmetric-stiction:jump_difference"] == pytest.approx(DIFFERENCE, rel=0.15)
+    assert named["stiction-drift:stickband_growth"] == pytest.approx(GROWTH, rel=0.15)
