@@ -87,7 +87,7 @@ class Told:
         return mine.S / other.S - 1.0, mine.J / other.J - 1.0
 
     def passes(self, intact: Told) -> bool:
-        """Whether the answer is that of the intact record, or an abstention with a reason."""
+        """True where the answer is that of the intact record, or an abstention with a reason."""
         gone = self.against(intact)
         if gone is None:
             return self.study is not None
@@ -95,7 +95,7 @@ class Told:
 
 
 def told(path: Path, options: Options | None = None) -> Told:
-    """What `identify` says of a file."""
+    """Answer of `identify` to one file."""
     begun = time.perf_counter()
     try:
         study = identify(read_loop(path), options=options)

@@ -1,4 +1,4 @@
-"""What pip installs is what stands in the source tree, which is what tests and their processes run."""
+"""The installed package has the files of the source tree, from which tests and their processes run."""
 
 from __future__ import annotations
 

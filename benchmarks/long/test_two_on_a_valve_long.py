@@ -32,7 +32,7 @@ def test_a_pair_is_searched_out_of_a_basin_whose_dead_time_is_samples_off() -> N
 
 
 def test_a_drift_beside_a_random_walk_is_found_in_windows() -> None:
-    """What y strays by adds up along the record, and spoils a few windows only."""
+    """A random walk in y adds up along the record, but spoils few windows."""
     walk, noise = "random-walk-disturbance", 0.04
     loop = simulate(Setting(Plant(0.8, 7.3, 3.2), Controller(1.0, 7.3, scan_s=1.0), S=4.0, J=2.6, duration_s=1000.0,
                             setpoint_moves=((300.0, 2.0), (650.0, -2.5)), noise_sd=noise,

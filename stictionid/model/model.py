@@ -116,10 +116,13 @@ class Model(Response):
         return np.concatenate([np.arange(m.loop.samples) < m.skip + extra for m in self.pieces])
 
     def _weights(self) -> FloatArray:
-        good = self.good()
-        weight = good.copy() if self.links is None else self.links.reached(self.taps.size)
-        for lag in range(1, self.taps.size + 1 if self.links is None else 1):
-            weight[lag:] &= good[:-lag]
+        if self.links is not None:
+            weight = self.links.reached(self.taps.size)
+        else:
+            good = self.good()
+            weight = good.copy()
+            for lag in range(1, self.taps.size + 1):
+                weight[lag:] &= good[:-lag]
         weight[:max(self.skip, self.taps.size)] = False
         return weight.astype(np.float64)
 

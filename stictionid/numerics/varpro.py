@@ -44,8 +44,8 @@ def _whiten(base: FloatArray, taps: FloatArray, out: FloatArray) -> None:
 def whiten(columns: FloatArray, taps: FloatArray, before: IntArray | None = None) -> FloatArray:
     """Columns (n, c) passed through 1 + taps[0] q^-1 + …; the first len(taps) rows are start-up and must not count.
 
-    `before` (n,) is the row before each where that is not its neighbour, -1 for none (see `noise.Links`): rows without
-    as many rows before them as there are taps are 0.
+    `before` (n,) is the row before each where that is not its neighbour, -1 for none (`autoregression.Links`). Rows
+    without as many rows before them as there are taps are 0.
     """
     columns = np.ascontiguousarray(columns, dtype=np.float64)
     if taps.size == 0:
