@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..effects.contract import Context, Record
+from ..numerics import tally
 from ..numerics.autoregression import first_rows, linked
 from ..numerics.jit import FULL, LANES, output
 from ..numerics.varpro import REJECTED, Shared
@@ -149,6 +150,7 @@ class Model(Response):
     def costs_of(self, values: FloatArray, position: FloatArray | None = None) -> FloatArray:
         """Costs as in `costs` for physical values (d, P), which may all share one known valve path (rows, 1)."""
         out = np.empty(values.shape[1])
+        tally.add(values.shape[1], self.loop.samples)
         for rows, part in self.blocks(values):
             base, offsets = self.responses(part, position, lent=True)
             costs = (self._fixed_gain_costs(base, offsets) if "gain" in self.spec.fixed
@@ -163,6 +165,7 @@ class Model(Response):
         call (see `scratch` in numerics/jit.py).
         """
         values = self.values(cube)
+        tally.add(values.shape[1], self.loop.samples)
         out: FloatArray | None = None
         for rows, part in self.blocks(values):
             base, offsets = self.responses(part, lent=True)

@@ -85,8 +85,8 @@ class Refit:
 
     @property
     def walk_alone(self) -> bool:
-        """True where model and random walk leave only noise in the differences of y."""
-        return self.increments and not self.own and noise_alone(
+        """True where model and random walk leave only noise in the differences of y, softened or not."""
+        return self.increments and noise_alone(
             self.model, self._polynomial()[1:], self.evaluated.position, self.innovation, self.good, walk=True)
 
     @property

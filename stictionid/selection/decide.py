@@ -1,0 +1,173 @@
+"""The decision after a search: the winner pruned, its equivalents, the ranking, and what the catalogue does not hold.
+
+Source: SELECTION.md section 1; CRITICISM.md section 7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import parse
+from ..fit.cross_validation import held_out
+from ..fit.moves import descended, with_start
+from ..fit.noise.completion import Refit
+from ..fit.public_values import noise_values, rows_for, values_of
+from ..fit.starts.beside_effect import RESTING
+from ..model.segments import bound
+from ..record.study import Candidate, Equivalent
+from .detectable import detectable
+from .gates import GAIN
+from .looks import rng_of, standing
+from .node import BASE_EFFECTS, key, node, physical, plain, without
+from .policy import Policy
+from .score import Scored, completed, noise_name
+from .search import DROP, Entry, Search
+from .tells import settling
+
+
+def pruned(search: Search, winner: Entry) -> Entry:
+    """The winner without each effect whose loss costs less than its margin, one after the other."""
+    while True:
+        losses = {name: _dropped(search, winner, name) for name in physical(winner.spec)}
+        cheap = {name: e for name, e in losses.items()
+                 if winner.scored.done.gain_over(e.scored.done) < _margin(name, search.policy)}
+        if not cheap:
+            return winner
+        name = min(cheap, key=lambda n: winner.scored.done.gain_over(cheap[n].scored.done))
+        winner = cheap[name]
+
+
+def _margin(name: str, policy: Policy) -> float:
+    return policy.structure_margin if plain(name) in BASE_EFFECTS else policy.margin
+
+
+def _dropped(search: Search, entry: Entry, name: str) -> Entry:
+    """The node without one effect: as the search met it, or polished from the winner's values, whichever is better."""
+    spec = node(without(entry.spec, (name,)), soft=entry.scored.done.increments)
+    known = search.memo.get(key(spec))
+    fit = standing(entry.scored, entry.spec)
+    model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
+    start = model.cube(model.vector(fit.model.named(fit.values))[:, None])
+    found = descended(model, np.concatenate([start, with_start(model, start)]))
+    done = completed(model, model.values(found.points[:1])[:, 0], rng_of(search.seed, key(spec), 2), search.policy)
+    if known is not None and not known.failed and known.scored.done.gain_over(done) > 0.0:
+        return known
+    scored = Scored(done, True, held_out(done))
+    if known is None:
+        known = search.memo[key(spec)] = Entry(spec, scored, key(entry.spec), DROP, name)
+    else:
+        known.scored = scored
+    return known
+
+
+def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
+    """Nodes that do as well as the winner, are no wider, don't contain it, and pass the same gates; best first.
+
+    A sliding valve whose slip jump exceeds its stickband needs a friction below zero. One that rests then counts as
+    equivalent up to the full margin.
+    """
+    done, found = winner.scored.done, []
+    mine = set(physical(winner.spec))
+    odd = done.evaluated.values["J"] > done.evaluated.values["S"]
+    for e in search.memo.values():
+        if e is winner or e.failed or not e.scored.full or e.op == DROP or not e.passed:
+            continue
+        theirs = set(physical(e.spec))
+        near = search.policy.margin if odd and RESTING in theirs else search.policy.alike
+        if e.scored.done.parameters <= done.parameters + 1 and not mine < theirs \
+                and done.gain_over(e.scored.done) < near:
+            found.append(e)
+    return tuple(sorted(found, key=lambda e: done.gain_over(e.scored.done)))
+
+
+def as_equivalent(entry: Entry, number: int, winner: Entry) -> Equivalent:
+    """An equivalent node as a study holds it."""
+    values = entry.scored.done.evaluated.values
+    others = tuple(n for n in physical(winner.spec) if n not in entry.spec.effects)
+    own = next((n for n in physical(entry.spec) if n not in winner.spec.effects), "")
+    tell = settling(own, others) if own else "the measured valve position"
+    return Equivalent(number, tuple(entry.spec.effects), values["S"], values["J"],
+                      entry.scored.done.bic(entry.scored.done.good), tell)
+
+
+def candidates(search: Search, parent: Entry, winner: str, alike: tuple[str, ...]) -> tuple[Candidate, ...]:
+    """The ranking of all effects beside one node, the named one first, then by what they gain beyond noise."""
+    base, out = parent.scored, []
+    children = [e for e in search.memo.values() if e.parent == key(parent.spec) and e.op == "add"]
+    noise = _noise_gain(search, parent)
+    named = next((e for e in children if e.what == winner), None)
+    sharpest = named.scored.done if named else base.done
+    seen = detectable([e.what for e in children if e.what != winner], sharpest, search.policy)
+    for e in sorted(children, key=lambda e: (e.what != winner, -_gain(e, parent))):
+        effect, variant = parse(e.what)
+        size = seen.get(e.what)
+        if e.failed:
+            out.append(Candidate(effect.name, False, None, None, None, None, None, None, (), size, (),
+                                 f"{e.what} could not be tried: {e.failed}", variant, rejected_because=e.failed))
+            continue
+        done, gain = e.scored.done, _gain(e, parent)
+        why = "" if e.what == winner else _why(e, winner)
+        change = (f"one-step error {base.done.innovation_sd:.4g} to {done.innovation_sd:.4g}, free run "
+                  f"{base.rmse:.4g} to {e.scored.rmse:.4g}, BIC {gain:+.0f} beyond noise")
+        said = f"{e.what} explains it: {change}" if e.what == winner else f"{e.what}: {why}: {change}"
+        if e.what == winner and (test := settling(winner, alike)):
+            said += f"; what would settle it: {test}"
+        held = e.scored.held
+        out.append(Candidate(
+            effect.name, e.what == winner, e.scored.rmse, held.rmse if held else None,
+            held.rmse_one_step if held else None, _drop(base.rmse, e.scored.rmse),
+            _drop(base.done.innovation_sd, done.innovation_sd), gain, alike if e.what == winner else (), size,
+            rows_for(e.what, values_of(e.what, done.model, done.values, done.evaluated)), said, variant,
+            gain_beyond_noise=gain, rejected_because=why))
+    return tuple(out) if not noise else (*out[:1 if winner else 0], *noise, *out[1 if winner else 0:])
+
+
+def _noise_gain(search: Search, parent: Entry) -> tuple[Candidate, ...]:
+    """The noise model of a node as a candidate of its own, where it has one."""
+    done = parent.scored.done
+    name = noise_name(done, search.policy, rng_of(search.seed, key(parent.spec), 1))
+    if not name:
+        return ()
+    numbers = noise_values(name, done.taps, done.increments, done.innovation_sd, done.model.step_s, done.model.pace)
+    return (Candidate(name, False, parent.scored.rmse, None, None, 0.0, None, None, (), None, rows_for(name, numbers),
+                      f"{name}: every model is completed with it before effects are compared",
+                      gain_beyond_noise=0.0, rejected_because="it is the noise that others are compared with"),)
+
+
+def _gain(entry: Entry, parent: Entry) -> float:
+    return -np.inf if entry.failed else entry.scored.done.gain_over(parent.scored.done)
+
+
+def _drop(before: float, after: float) -> float | None:
+    return 100.0 * (1.0 - after / before) if before else None
+
+
+def _why(entry: Entry, winner: str) -> str:
+    """The reason why an effect is not named."""
+    for gate in entry.gates:
+        if not gate.passed:
+            return gate.reason
+    if not entry.scored.full:
+        return "a first look gained too little to be fitted in full"
+    return f"it helps less than {winner}" if winner else "it was not needed"
+
+
+def named_noise(search: Search, winner: Entry) -> str:
+    """The noise to name beside the winner: none while the residual answers past valve positions."""
+    done = winner.scored.done
+    return noise_name(done, search.policy, rng_of(search.seed, key(winner.spec), 1)) if done.white else ""
+
+
+def missing_reason(winner: Entry, policy: Policy) -> str:
+    """The words for a winner that leaves more than noise; empty where nothing is missing."""
+    done = winner.scored.done
+    if done.white:
+        return ""
+    return (f"something is missing that the catalogue does not hold: the innovations {done.innovation_sd:.4g} of the "
+            f"best model still answer past valve positions, the signals or time (free run {winner.scored.rmse:.4g})")
+
+
+__all__ = ["GAIN", "Refit", "as_equivalent", "candidates", "equivalents", "missing_reason", "named_noise", "pruned",
+           "replace"]

@@ -1,0 +1,174 @@
+"""Gates that an effect must pass beside its gain: held-out blocks, the free run, its range, and physics.
+
+Each gate is one function of an `Edge` and gives the reason for a rejection, empty where the effect passes.
+Source: CRITICISM.md section 7, steps 6 and 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effects import parse
+from ..fit.cross_validation import Held
+from ..fit.noise.completion import block_gains
+from ..fit.public_values import values_of
+from ..fit.starts.beside_effect import RESTING
+from ..model.spec import INTEGRATOR
+from ..process.intersample import kicks
+from ..record.study import Gate
+from .node import BASE_EFFECTS, plain
+from .policy import Policy
+from .score import Scored
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """A child with one effect more than its parent, and what else was tried beside that parent."""
+
+    name: str
+    child: Scored
+    parent: Scored
+    policy: Policy
+    # BIC that a valve which rests gains over the same parent; 0 where it does not help.
+    rest_gain: float = 0.0
+
+    @property
+    def gain(self) -> float:
+        """BIC of the child over its parent, both completed with noise."""
+        return self.child.done.gain_over(self.parent.done)
+
+    @property
+    def margin(self) -> float:
+        """BIC that this effect must gain."""
+        return self.policy.structure_margin if plain(self.name) in BASE_EFFECTS else self.policy.margin
+
+    @property
+    def local(self) -> bool:
+        """True for an effect that acts at a place of the record: a disturbance, or friction that changes with time."""
+        effect = parse(self.name)[0]
+        return effect.kind == "L" or effect.profile is not None
+
+
+def _gains(edge: Edge) -> str:
+    return "" if edge.gain >= edge.margin else f"it gains {edge.gain:.0f} BIC beyond noise, {edge.margin:g} name an effect"
+
+
+def _is_there(edge: Edge) -> str:
+    """Reject a friction or signal effect whose searched numbers all ended where the effect vanishes."""
+    effect, done = parse(edge.name)[0], edge.child.done
+    if effect.columns is not None:
+        return ""
+    values = [v for k, v in done.model.named(done.values).items() if k.startswith(edge.name + ":")]
+    ranges = effect.parameters_for(done.model.context)
+    vanished = bool(ranges) and all(abs(p.share(v) - p.share(p.neutral)) <= edge.policy.neutral
+                                    for p, v in zip(ranges, values, strict=True))
+    return "its refit ended where it vanishes" if vanished else ""
+
+
+def _blocks(edge: Edge) -> str:
+    """Reject an effect that does not lower the one-step error in most blocks of the record."""
+    if edge.local:
+        return ""
+    gains = block_gains(edge.parent.done, edge.child.done, edge.parent.done.good & edge.child.done.good)
+    better = int((gains > 0).sum())
+    if better < edge.policy.blocks or float(np.median(gains)) < edge.policy.block_gain:
+        return f"the one-step error falls in {better} of {gains.size} blocks only"
+    return ""
+
+
+def _held_out(edge: Edge) -> str:
+    """Reject an effect that predicts held-out blocks no better."""
+    return "" if holds(edge.child.held, edge.parent.held, edge.policy, local=edge.local) else \
+        "it predicts held-out blocks no better"
+
+
+def holds(after: Held | None, before: Held | None, policy: Policy, *, local: bool = False) -> bool:
+    """True where the held-out one-step error falls, in all and in the middle block, or where none could be held out.
+
+    Of a `local` effect either is enough: a drift may leave most blocks as they are, and nobody can predict a step that
+    lies in the block held out.
+    """
+    if after is None or before is None:
+        return True
+    whole = after.rmse_one_step <= (1.0 - policy.block_gain) * before.rmse_one_step
+    middle = bool(np.median(1.0 - after.blocks / before.blocks) >= policy.block_gain)
+    return whole or middle if local else whole and middle
+
+
+def _free_run(edge: Edge) -> str:
+    """Reject an effect that makes the free run worse, unless the noise of the child alone implies that error."""
+    child, parent = edge.child, edge.parent
+    if child.done.increments or child.rmse <= edge.policy.free_run * parent.rmse or child.done.white:
+        return ""
+    return f"its free run is worse than without it ({child.rmse:.4g} for {parent.rmse:.4g})"
+
+
+def _in_range(edge: Edge) -> str:
+    """Reject a signal effect or disturbance that ended at a limit of its range that is not its neutral value.
+
+    Friction effects may: their far ends are laws of their own, such as a valve that rests at every sample.
+    """
+    effect, done = parse(edge.name)[0], edge.child.done
+    if effect.friction is not None:
+        return ""
+    values = [v for k, v in done.model.named(done.values).items() if k.startswith(edge.name + ":")]
+    for p, value in zip(effect.parameters_for(done.model.context), values, strict=True):
+        near_neutral = abs(p.share(value) - p.share(p.neutral)) <= edge.policy.edge
+        if p.at_bound(value) and not near_neutral and p.name not in ("lag_s", "dead_time_s"):
+            return f"its {p.name} ended at the limit of its range, {value:.4g} {p.unit}"
+    return ""
+
+
+def _slip(edge: Edge) -> str:
+    """Reject a step or ramp of an integrator that may be one slip in the wrong place, which adds up to one.
+
+    It is believed only where the free run with it is at the noise, so that no slip is wrong.
+    """
+    child = edge.child
+    if child.done.model.spec.process != INTEGRATOR or not parse(edge.name)[0].variants \
+            or child.rmse <= edge.policy.at_noise * child.done.innovation_sd:
+        return ""
+    return "one slip in the wrong place of an integrator looks the same"
+
+
+def _kick(edge: Edge) -> str:
+    """Reject a step near a setpoint move that kicked an output which moves between samples.
+
+    The valve may have stopped elsewhere: what the output did just before and after lies between the samples.
+    """
+    done = edge.child.done
+    model = done.model
+    if model.spec.held or plain(edge.name) != "step-disturbance":
+        return ""
+    numbers = values_of(edge.name, model, done.values, done.evaluated)
+    size = abs(numbers["size"])
+    if parse(edge.name)[1] == "output":
+        size /= max(abs(done.evaluated.gain), np.finfo(float).tiny)
+    named = model.named(done.values)
+    after = (numbers["time_s"] - model.loop.clock_s) / model.step_s
+    reach = (named["dead_time_s"] + 2.0 * named["time_constant_s"]) / model.step_s
+    near = (after > -edge.policy.kick_samples) & (after < reach + edge.policy.kick_samples)
+    kicked = bool((size < np.abs(kicks(model.loop.output, model.loop.setpoint)))[near].any())
+    return "the setpoint moved then: where the valve stopped lies between the samples" if kicked else ""
+
+
+def _beyond_rest(edge: Edge) -> str:
+    """Reject a drift of friction that explains hardly more than a valve that rests, which it is under a held command."""
+    if parse(edge.name)[0].profile is None or not edge.child.done.model.spec.held:
+        return ""
+    if edge.rest_gain > (1.0 - edge.policy.drift_alone) * edge.gain:
+        return f"{RESTING} alone explains nearly as much"
+    return ""
+
+
+GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
+    ("gain", _gains), ("there", _is_there), ("blocks", _blocks), ("held-out", _held_out), ("free-run", _free_run),
+    ("range", _in_range), ("slip", _slip), ("kick", _kick), ("rest", _beyond_rest))
+
+
+def judged(edge: Edge) -> tuple[Gate, ...]:
+    """All gates of an edge, with the reasons of those that it does not pass."""
+    return tuple(Gate(name, not why, why) for name, gate in GATES for why in (gate(edge),))

@@ -1,0 +1,210 @@
+"""First looks at edges and full fits of nodes: pure functions of a ground, so that they run in any process.
+
+Every task has its own random generator, made from the seed and the node's key.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import ModelError
+from ..fit.cross_validation import Held, held_out
+from ..fit.fit import Fitted, as_it_stands
+from ..fit.moves import descended, search_model, with_start
+from ..fit.noise.completion import Refit, restored
+from ..fit.starts.basins import grown, with_process
+from ..fit.starts.beside_effect import RESTING, on_valve, starting_pool, undisturbed
+from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
+from ..fit.starts.windows import resting_valves
+from ..fit.with_effect import Scouted, beside_others, scout, settled, together_on_valve
+from ..model.segments import bound
+from ..model.spec import BASE, INTEGRATOR, Spec
+from ..numerics import tally
+from ..typing import FloatArray
+from .node import key, node, plain
+from .policy import Policy
+from .score import Scored, completed, glanced
+
+# Stages of a look, from the cheap one to the thorough one.
+NEAR, FAR, DEEP = "near", "far", "deep"
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """What all tasks of one expansion share: the parent in its search form, starts (k, 5), seed and policy."""
+
+    fit: Fitted
+    pool: FloatArray
+    seed: int
+    policy: Policy
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One edge to look at, or one look to fit in full: the child, the effect added, and the stage."""
+
+    spec: Spec
+    added: str = ""
+    stage: str = NEAR
+    look: Packed | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Packed:
+    """A look or a fit without its arrays, small enough to travel; `failed` says why there is none."""
+
+    spec: Spec
+    added: str = ""
+    model_spec: Spec | None = None
+    values: FloatArray | None = None
+    taps: FloatArray | None = None
+    own: tuple[float, ...] = ()
+    increments: bool = False
+    noise_numbers: int = 0
+    residual: FloatArray | None = None
+    points: FloatArray | None = None
+    cost: float = np.inf
+    gain: float = 0.0
+    held: Held | None = None
+    full: bool = False
+    failed: str = ""
+    spent: int = 0
+
+    def scored(self, fit: Fitted) -> Scored:
+        """The fit with its arrays again; one run of the model, no search."""
+        assert self.model_spec is not None and self.values is not None and self.taps is not None
+        before = fit.model
+        model = bound(before.loop, self.model_spec, s_max=before.s_max, period_s=before.period_s,
+                      residual=self.residual)
+        done = restored(model, self.values, self.taps, own=self.own, increments=self.increments,
+                        numbers=self.noise_numbers)
+        return Scored(done, self.full, self.held)
+
+
+def performed(ground: Ground, task: Task) -> Packed:
+    """The answer to one task; one whose numbers break down says so."""
+    before = tally.spent()
+    try:
+        found = _full(ground, task) if task.look is not None else _look(ground, task)
+    except (ModelError, np.linalg.LinAlgError) as error:
+        found = Packed(task.spec, task.added, failed=f"its refit did not converge ({error})")
+    return replace(found, spent=(tally.spent() - before) // ground.fit.model.loop.samples)
+
+
+def pool_of(fit: Fitted, seed: int) -> FloatArray:
+    """Starting values (k, 5) of the base for all children of a node."""
+    return starting_pool(fit.model, fit.values, rng_of(seed, key(fit.model.spec), 0))
+
+
+def rng_of(seed: int, name: str, stage: int) -> np.random.Generator:
+    """A random generator of a task, whatever ran before it."""
+    return np.random.default_rng([seed, stage, zlib.crc32(name.encode())])
+
+
+def _look(ground: Ground, task: Task) -> Packed:
+    rng = rng_of(ground.seed, key(task.spec), 1)
+    found = (_with_effect(ground, task, rng) if task.added else
+             _other_process(ground, task, rng) if task.spec.process != ground.fit.model.spec.process else
+             _other_command(ground, task))
+    if not np.isfinite(found.cost):
+        return Packed(task.spec, task.added, failed="its refit found no model whose valve moves")
+    # The search may run on a coarser model; the score is that of the model itself.
+    done = glanced(found.model, found.values, ground.policy)
+    return _packed(task, done, points=found.points[:8], cost=found.cost, gain=found.gain)
+
+
+def _with_effect(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
+    found = scout(ground.fit, task.added, ground.pool, rng, far=task.stage != NEAR,
+                  windows=task.stage == DEEP)
+    if task.stage == NEAR:
+        return found
+    if plain(task.added) == RESTING and found.model.spec.held:
+        found = _rested(ground, found, rng)
+    if task.stage == DEEP and (more := beside_others(ground.fit, task.added, found.points, rng)) is not None:
+        found = more if more.cost < found.cost else found
+    return found
+
+
+def _rested(ground: Ground, look: Scouted, rng: np.random.Generator) -> Scouted:
+    """A look at a valve that rests, with the valves that windows of the record show whatever the process."""
+    fit, model = ground.fit, look.coarse
+    bare = undisturbed(model, fit.model, fit.values)
+    valves = bare.values(resting_valves(bare, (), bare.rows_of(RESTING), rng))
+    if not valves.size:
+        return look
+    known = fit.model.named(fit.values)
+    starts = np.stack([model.vector({**known, **bare.named(column)}) for column in valves.T], axis=1)
+    found = descended(model, with_process(model, model.cube(starts)), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    if not found.costs[0] < look.cost:
+        return look
+    return replace(look, points=np.concatenate([found.points, look.points]), cost=float(found.costs[0]))
+
+
+def _other_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
+    """A look at the other process: the valves of the pool, each with the process of a grid."""
+    model = _bound(ground.fit, task.spec)
+    coarse = search_model(model)
+    known = ground.fit.model.named(ground.fit.values)
+    values = np.stack([coarse.vector({**known, **dict(zip(BASE, base, strict=True))}) for base in ground.pool], axis=1)
+    starts = with_process(coarse, coarse.cube(values))
+    if task.stage != NEAR and coarse.spec.process == INTEGRATOR:
+        starts = np.concatenate([starts, grown(coarse, rng)])
+    found = descended(coarse, with_start(coarse, starts), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    return Scouted(coarse, model, found.points, float(found.costs[0]), float(found.costs[0]))
+
+
+def _other_command(ground: Ground, task: Task) -> Scouted:
+    """A look at another course of the command between samples, from the parent's point."""
+    fit = ground.fit
+    model = _bound(fit, task.spec)
+    coarse = search_model(model)
+    if task.spec.held:
+        start = coarse.cube(fit.values[:, None])
+        found = descended(coarse, with_start(coarse, start), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    else:
+        found = moved(fit.model, fit.values, task.spec)
+    return Scouted(coarse, model, found.points, float(found.costs[0]), float(found.costs[0]))
+
+
+def _bound(fit: Fitted, spec: Spec):
+    return bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
+                 residual=fit.best.left)
+
+
+def _full(ground: Ground, task: Task) -> Packed:
+    assert task.look is not None and task.look.points is not None and task.look.residual is not None
+    rng = rng_of(ground.seed, key(task.spec), 2)
+    model = _bound(ground.fit, task.spec)
+    name = task.added if task.added and on_valve(_effect(task.added)) else ""
+    model, values, cost = settled(Scouted(search_model(model), model, task.look.points, task.look.cost, np.inf, name),
+                                  rng)
+    if not np.isfinite(cost):
+        return Packed(task.spec, task.added, failed="its refit did not converge")
+    values = together_on_valve(model, values, rng)
+    done = completed(model, values, rng, ground.policy)
+    return replace(_packed(task, done, cost=cost), held=held_out(done), full=True)
+
+
+def _effect(name: str):
+    from ..effects import parse
+
+    return parse(name)[0]
+
+
+def _packed(task: Task, done: Refit, *, points: FloatArray | None = None, cost: float = np.inf,
+            gain: float = 0.0) -> Packed:
+    if not np.isfinite(done.innovation_sd):
+        return Packed(task.spec, task.added, failed="its refit did not converge")
+    return Packed(task.spec, task.added, done.model.spec, done.values, done.taps, done.own, done.increments,
+                  done.noise_numbers, done.evaluated.left, points, cost, gain)
+
+
+def standing(fit_of: Scored, spec: Spec) -> Fitted:
+    """The node's point in its search form, ready for looks at its children."""
+    done = fit_of.done
+    model = bound(done.model.loop, node(spec, soft=done.increments), s_max=done.model.s_max,
+                  period_s=done.model.period_s, residual=done.evaluated.left)
+    return as_it_stands(model, model.vector(done.model.named(done.values)))

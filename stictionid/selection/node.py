@@ -1,0 +1,89 @@
+"""A node of the search: the specification of a model without its noise, and the ways from one to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from ..effects import catalogue, in_order, parse
+from ..fit.options import check_tag
+from ..fit.starts.beside_effect import RESTING
+from ..model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec
+from ..record.loop import Loop
+
+LAG = "extra-lag"
+# Effects that belong to the base: they neither deepen the tree nor need a rival.
+BASE_EFFECTS = frozenset({LAG, RESTING})
+
+
+def plain(name: str) -> str:
+    """The effect's name without variant and tag."""
+    return parse(name)[0].name
+
+
+def physical(spec: Spec) -> tuple[str, ...]:
+    """The names of a spec's effects that are no noise models."""
+    return tuple(name for name in spec.effects if parse(name)[0].noise is None)
+
+
+def node(spec: Spec, *, soft: bool = False) -> Spec:
+    """The spec in the form in which it is searched: without noise model, its effects in physical order.
+
+    An integrator is searched in softened differences, and so is a first order where y walks (`soft`).
+    """
+    differences = soft or spec.process == INTEGRATOR
+    return replace(spec, effects=tuple(name for name, _, _ in in_order(physical(spec))), increments=differences,
+                   taps=SOFT if differences else ())
+
+
+def key(spec: Spec) -> str:
+    """A text that is equal for equal nodes, whatever their noise."""
+    return f"{structure(spec)}: {' + '.join(sorted(physical(spec)))}"
+
+
+def structure(spec: Spec) -> str:
+    """Law, process and command between samples in words, as a study's tree holds them."""
+    between = spec.between + (f"/{spec.substeps}" if spec.substeps > 1 else "")
+    return f"{spec.law}, {spec.process}, {between}"
+
+
+def depth(spec: Spec) -> int:
+    """Number of effects beside those of the base."""
+    return sum(plain(name) not in BASE_EFFECTS for name in physical(spec))
+
+
+def with_effect(spec: Spec, name: str) -> Spec:
+    """The node with one effect more."""
+    return replace(spec, effects=tuple(n for n, _, _ in in_order((*physical(spec), name))))
+
+
+def without(spec: Spec, names: Iterable[str]) -> Spec:
+    """The node without some of its effects."""
+    gone = set(names)
+    return replace(spec, effects=tuple(n for n in physical(spec) if n not in gone))
+
+
+def other_process(spec: Spec) -> Spec:
+    """The node with an integrator for a first order, or the other way."""
+    return node(replace(spec, process=FIRST_ORDER if spec.process == INTEGRATOR else INTEGRATOR, guides=()))
+
+
+def variants(effect: str, loop: Loop) -> tuple[str, ...]:
+    """The names under which an effect is tried: one for each variant, or for each further tag of the record."""
+    check_tag(effect, loop)
+    found, option = parse(effect)
+    if option:
+        return (effect,)
+    if "extra" in found.needs:
+        return tuple(f"{found.name}:{tag}" for tag in loop.moving_extras)
+    return tuple(f"{found.name}@{v}" for v in found.variants) or (found.name,)
+
+
+def additions(spec: Spec, loop: Loop, only: Iterable[str] | None = None) -> tuple[str, ...]:
+    """Names under which effects of the catalogue (or of `only` these) may be added to a node, noise models left out."""
+    have = {plain(name) for name in physical(spec)}
+    asked = None if only is None else set(only)
+    return tuple(name for effect in catalogue().values()
+                 if effect.name not in have and effect.noise is None and (asked is None or effect.name in asked)
+                 and not ("extra" in effect.needs and not loop.moving_extras)
+                 for name in variants(effect.name, loop))

@@ -1,0 +1,252 @@
+"""Best-first search over models: expand the best node, fit what may win in full, hand better values back.
+
+Source: SELECTION.md section 1; CRITICISM.md section 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..effects import parse
+from ..fit.cross_validation import held_out
+from ..fit.fit import Fitted, as_it_stands
+from ..fit.moves import descended
+from ..fit.starts.beside_effect import on_valve
+from ..fit.starts.intersample import as_moving
+from ..model.segments import bound
+from ..model.spec import BASE, Spec
+from ..record.loop import Loop
+from ..record.study import Gate
+from ..typing import Progress
+from .crew import Crew
+from .gates import Edge, judged
+from .looks import DEEP, FAR, NEAR, Ground, Packed, Task, pool_of, rng_of, standing
+from .node import BASE_EFFECTS, additions, depth, key, node, other_process, plain, with_effect
+from .policy import Policy
+from .score import Scored, completed
+
+ROOT, ADD, DROP, SWAP = "root", "add", "drop", "swap"
+
+
+@dataclass(slots=True)
+class Entry:
+    """What the search remembers of a node: specification, best fit, where it came from, and the gates it met."""
+
+    spec: Spec
+    scored: Scored
+    parent: str | None = None
+    op: str = ROOT
+    what: str = ""
+    look: Packed | None = None
+    gates: tuple[Gate, ...] = ()
+    expanded: bool = False
+    failed: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """True for a root, and for a full fit that passed every gate."""
+        return self.op == ROOT or (self.scored.full and all(g.passed for g in self.gates))
+
+
+@dataclass(slots=True)
+class Search:
+    """One search over the models of one record: nodes by key, evaluations spent, nodes not asked."""
+
+    loop: Loop
+    policy: Policy
+    seed: int
+    jobs: int
+    tell: Progress
+    only: frozenset[str] | None = None
+    commands: tuple[Spec, ...] = ()
+    memo: dict[str, Entry] = field(default_factory=dict)
+    spent: int = 0
+    unasked: list[str] = field(default_factory=list)
+
+    def root(self, fit: Fitted) -> Entry:
+        """A fit made elsewhere as a root of the search."""
+        rng = rng_of(self.seed, key(fit.model.spec), 2)
+        spec = node(fit.model.spec)
+        model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
+                      residual=fit.best.left)
+        done = completed(model, model.vector(fit.best.values), rng, self.policy)
+        entry = Entry(spec, Scored(done, True, held_out(done)))
+        self.memo[key(spec)] = entry
+        return entry
+
+    def run(self) -> Entry:
+        """Expand nodes, best first, until noise is left, nothing gains, or the budget is spent; the best node."""
+        widths: dict[int, int] = {}
+        while True:
+            best = self.best()
+            if self.at_end(best):
+                return best
+            queue = [e for e in self._ranked() if not e.expanded and depth(e.spec) < self.policy.depth
+                     and widths.get(depth(e.spec), 0) < self.policy.beam]
+            if not queue:
+                return best
+            if self.spent >= self.policy.budget:
+                self.unasked += [key(e.spec) for e in queue]
+                return best
+            chosen = queue[0]
+            widths[depth(chosen.spec)] = widths.get(depth(chosen.spec), 0) + 1
+            self.expand(chosen)
+
+    def at_end(self, entry: Entry) -> bool:
+        """True where an entry leaves noise alone, or was expanded and leaves innovations that pass every test."""
+        done = entry.scored.done
+        if done.noise_alone or done.walk_alone:
+            return True
+        return entry.expanded and done.white
+
+    def best(self) -> Entry:
+        """The entry with the best BIC among those that passed all gates."""
+        return self._ranked()[0]
+
+    def _ranked(self) -> list[Entry]:
+        entries = [e for e in self.memo.values() if e.passed]
+        reference = entries[0].scored.done
+        gains = {key(e.spec): e.scored.done.gain_over(reference) for e in entries}
+        return sorted(entries, key=lambda e: -gains[key(e.spec)])
+
+    def expand(self, entry: Entry) -> None:
+        """Look at every edge of a node, fit in full what may win, and hand values back."""
+        entry.expanded = True
+        self.tell(f"expanding {' + '.join(entry.spec.effects) or 'the base'}", min(self.spent / self.policy.budget, 1.0))
+        fit = standing(entry.scored, entry.spec)
+        ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy)
+        tasks = self._edges(entry, fit)
+        looks = self._performed(ground, entry, [t for t in tasks if t.stage == NEAR])
+        self._finish(ground, entry, looks)
+        if not self._settled(entry):
+            far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._on_valve(t)])
+            self._finish(ground, entry, [a for a in far if self._better(a)])
+        if not self._settled(entry):
+            deep = self._performed(ground, entry, [replace(t, stage=DEEP) for t in tasks if self._hides(t, entry)])
+            self._finish(ground, entry, [a for a in deep if self._better(a)])
+
+    def _edges(self, entry: Entry, fit: Fitted) -> list[Task]:
+        spec = fit.model.spec
+        tasks = [Task(node(with_effect(spec, name), soft=spec.increments), name)
+                 for name in additions(spec, self.loop, self.only)]
+        if not spec.fixed:
+            tasks.append(Task(other_process(spec)))
+        tasks += [Task(replace(spec, between=c.between, substeps=c.substeps)) for c in self.commands
+                  if c.between != spec.between]
+        return [t for t in tasks if key(t.spec) not in self.memo or not self.memo[key(t.spec)].scored.full]
+
+    def _on_valve(self, task: Task) -> bool:
+        return not task.added or on_valve(parse(task.added)[0])
+
+    def _hides(self, task: Task, entry: Entry) -> bool:
+        return bool(task.added) and on_valve(parse(task.added)[0])
+
+    def _performed(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
+        """Answers to tasks; each look is remembered where it is the best of its node."""
+        answers = []
+        with Crew(ground, self.jobs) as crew:
+            for task, answer in zip(tasks, crew.map(tasks), strict=True):
+                self.spent += answer.spent
+                if answer.failed:
+                    if key(task.spec) not in self.memo:
+                        self.memo[key(task.spec)] = self._failed(entry, task, answer)
+                    continue
+                scored = answer.scored(ground.fit)
+                self._keep(entry, task, answer, scored)
+                answers.append(answer)
+        return answers
+
+    def _failed(self, entry: Entry, task: Task, answer: Packed) -> Entry:
+        return Entry(task.spec, entry.scored, key(entry.spec), ADD if task.added else SWAP,
+                     task.added or what_of(task.spec, entry.spec), failed=answer.failed,
+                     gates=(Gate("fit", False, answer.failed),))
+
+    def _keep(self, entry: Entry, task: Task, answer: Packed, scored: Scored) -> None:
+        """Put an answer in the memo where it is better than what is known of its node."""
+        name = key(task.spec)
+        known = self.memo.get(name)
+        if known is not None and not known.failed and known.op == ROOT:
+            if scored.full and scored.done.gain_over(known.scored.done) > self.policy.better_base:
+                known.scored = scored
+            return
+        if known is None or known.failed or (scored.full and not known.scored.full) \
+                or (scored.full == known.scored.full and scored.done.gain_over(known.scored.done) > 0.0):
+            self.memo[name] = Entry(task.spec, scored, key(entry.spec), ADD if task.added else SWAP,
+                                    task.added or what_of(task.spec, entry.spec), look=answer,
+                                    expanded=known.expanded if known else False)
+
+    def _better(self, answer: Packed) -> bool:
+        known = self.memo[key(answer.spec)]
+        return not known.failed and known.look is answer
+
+    def _finish(self, ground: Ground, entry: Entry, looks: Sequence[Packed]) -> None:
+        """Fit the looks that may win in full, the best first; then hand values back and judge all full children."""
+        parent = entry.scored.done
+        gains = {key(a.spec): self.memo[key(a.spec)].scored.done.gain_over(parent) for a in looks}
+        by_score = sorted(looks, key=lambda a: -gains[key(a.spec)])
+        by_free_run = sorted(looks, key=lambda a: self.memo[key(a.spec)].scored.rmse)
+        queue = list(dict.fromkeys([key(a.spec) for a in (*by_score[:1], *by_free_run[:1], *by_score)]))
+        answers = {key(a.spec): a for a in looks}
+        best, count = -np.inf, 0
+        for name in queue:
+            answer = answers[name]
+            if count >= self.policy.finalists or (gains[name] < best - self.policy.within):
+                break
+            if gains[name] < 0.0 and count >= 2:
+                break
+            count += 1
+            done = self._performed(ground, entry, [Task(answer.spec, answer.added, look=answer)])
+            if done:
+                best = max(best, self.memo[name].scored.done.gain_over(parent))
+                if self.memo[name].scored.done.noise_alone:
+                    break
+        self._hand_back(entry)
+        self._judge(entry)
+
+    def _hand_back(self, entry: Entry) -> None:
+        """Polish the parent from the values of each full child: a wrong basin looks exactly like a missing effect."""
+        fit = standing(entry.scored, entry.spec)
+        children = [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
+                    and e.spec.process == entry.spec.process and e.spec.between == entry.spec.between]
+        if not children:
+            return
+        known = fit.model.named(fit.values)
+        starts = np.stack([fit.model.vector({n: v for n, v in e.scored.done.model.named(e.scored.done.values).items()
+                                             if n in known}) for e in children], axis=1)
+        found = descended(fit.model, fit.model.cube(starts))
+        gained = fit.best.rows * float(np.log(max(fit.sse, np.finfo(float).tiny) / max(found.costs[0], np.finfo(float).tiny)))
+        if gained > self.policy.better_base:
+            done = completed(fit.model, fit.model.values(found.points[:1])[:, 0],
+                             rng_of(self.seed, key(entry.spec), 1), self.policy)
+            if done.gain_over(entry.scored.done) > 0.0:
+                entry.scored = Scored(done, True, held_out(done))
+
+    def _judge(self, entry: Entry) -> None:
+        rest = max((e.scored.done.gain_over(entry.scored.done) for e in self.memo.values()
+                    if e.parent == key(entry.spec) and e.op == ADD and plain(e.what) == "re-sticking" and not e.failed),
+                   default=0.0)
+        for e in self.memo.values():
+            if e.parent != key(entry.spec) or e.failed or not e.scored.full:
+                continue
+            if e.op == ADD:
+                e.gates = judged(Edge(e.what, e.scored, entry.scored, self.policy, rest))
+            else:
+                gain = e.scored.done.gain_over(entry.scored.done)
+                e.gates = (Gate("gain", gain >= self.policy.structure_margin,
+                                "" if gain >= self.policy.structure_margin else f"it gains {gain:.0f} BIC"),)
+
+    def _settled(self, entry: Entry) -> bool:
+        """True where a child that passed the gates leaves nothing but noise."""
+        return any(e.parent == key(entry.spec) and e.passed and (e.scored.done.noise_alone or e.scored.done.walk_alone)
+                   for e in self.memo.values())
+
+
+def what_of(spec: Spec, before: Spec) -> str:
+    """A change of structure in words: the new process, or the new command between samples."""
+    return spec.process if spec.process != before.process else f"{spec.between} command"
+
+
+__all__ = ["ADD", "DROP", "ROOT", "SWAP", "BASE", "BASE_EFFECTS", "Entry", "Iterable", "Search", "as_it_stands", "as_moving"]
