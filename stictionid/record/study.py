@@ -17,6 +17,7 @@ from typing import Any
 
 from ..errors import DataError
 from .loop import Finding
+from .tree import Equivalent, TreeNode
 
 SCHEMA = "stictionid.study/1"
 _SCHEMA_NUMBER = 1
@@ -220,7 +221,8 @@ class LawResult:
 class Candidate:
     """One effect of the catalogue added to the model and refitted: its gain, and the decision to accept it or not.
 
-    `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
+    `gain_beyond_noise` is the BIC gained over the best pure noise model. `rejected_because` is empty for an accepted
+    effect. `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
     """
 
     effect: str
@@ -231,8 +233,10 @@ class Candidate:
     error_drop_percent: float | None
     one_step_drop_percent: float | None
     delta_bic: float | None
+    gain_beyond_noise: float | None = field(default=None, kw_only=True)
     equivalent_to: tuple[str, ...] = ()
     detectable_from: str | None = None
+    rejected_because: str = field(default="", kw_only=True)
     parameters: tuple[ParameterValue, ...] = ()
     statement: str = ""
     variant: str = ""
@@ -254,7 +258,12 @@ class CostMap:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Result of one identification, step by step; the only object that commands hand to each other."""
+    """Result of one identification, step by step; the only object that commands hand to each other.
+
+    `tree` holds every model that the search tried; it is empty in a study of an older version. `evaluations` counts
+    the search's cost evaluations. `unasked` lists what the budget left untried. `equivalents` explain the record alike.
+    `missing_reason` says in words what is missing.
+    """
 
     created_by: CreatedBy
     data: DataRecord
@@ -264,6 +273,11 @@ class Study:
     steps: tuple[Step, ...] = ()
     laws: tuple[LawResult, ...] = ()
     candidates: tuple[Candidate, ...] = ()
+    tree: tuple[TreeNode, ...] = field(default=(), kw_only=True)
+    evaluations: int | None = field(default=None, kw_only=True)
+    unasked: tuple[str, ...] = field(default=(), kw_only=True)
+    equivalents: tuple[Equivalent, ...] = field(default=(), kw_only=True)
+    missing_reason: str = field(default="", kw_only=True)
     missing: tuple[str, ...] = ()
     adequate: bool | None = None
     adequate_reason: str = ""
