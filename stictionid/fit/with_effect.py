@@ -75,18 +75,17 @@ class Scouted:
 
 
 def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *, far: bool = True,
-          windows: bool = False) -> Scouted:
+          windows: bool = False, valves: FloatArray | None = None) -> Scouted:
     """The model with effect `name` added, searched far enough to decide on a full refit.
 
     Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. Unless `far`
     is False they include swarms over valve and effect on the one-step error, and a swarm over everything. With
-    `windows` set, friction that changes with time is searched in windows of the record, too.
+    `windows` set, friction that changes with time is searched in windows of the record, too. `valves` (k, d) are values
+    of such valves found before; each gets a process that fits it, and they stand for the swarms.
     """
     before = fit.model
-    spec = replace(before.spec, effects=(*before.spec.effects, name))
-    model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
-                  residual=fit.best.left)
-    coarse = search_model(model)
+    model, coarse = widened_by(fit, name)
+    spec = model.spec
     effect, option = parse(name)
     guesses = effect.guess(model.context_of(option)) if effect.guess else np.zeros((1, 0))
     others = fit.best.values
@@ -104,8 +103,10 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     best = 1 + np.arange(len(pool)) * len(guesses) + each.argmin(axis=1)
     warm = cube[np.append(best, 0)]
     fresh = roam = np.empty((0, model.space.size))
+    if valves is not None and len(valves):
+        fresh = with_process(coarse, coarse.cube(valves.T))
     if far:
-        if effect.kind in "FT" and guesses.size:
+        if valves is None and effect.kind in "FT" and guesses.size:
             fresh = valve_basins(coarse, name, guesses, fit, rng, windows)
         roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM,
                      scouts=_SCOUTS).points[:_ROAM]
@@ -129,6 +130,14 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
         both = together(polish, beside)
         points, cost = both.points, float(both.costs[0])
     return replace(found, points=points, cost=cost)
+
+
+def widened_by(fit: Fitted, name: str) -> tuple[Model, Model]:
+    """The model of a fit with effect `name` added, and the model to search it on."""
+    before = fit.model
+    spec = replace(before.spec, effects=(*before.spec.effects, name))
+    model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
+    return model, search_model(model)
 
 
 def beside_others(fit: Fitted, name: str, look: FloatArray, rng: np.random.Generator) -> Scouted | None:

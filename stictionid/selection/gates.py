@@ -18,7 +18,7 @@ from ..fit.public_values import values_of
 from ..fit.starts.beside_effect import RESTING
 from ..model.spec import INTEGRATOR
 from ..process.intersample import kicks
-from ..record.study import Gate
+from ..record.tree import Gate
 from .node import BASE_EFFECTS, plain
 from .policy import Policy
 from .score import Scored

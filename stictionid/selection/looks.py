@@ -6,30 +6,33 @@ Every task has its own random generator, made from the seed and the node's key.
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..effects import parse
 from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended, search_model, with_start
 from ..fit.noise.completion import Refit, restored
 from ..fit.starts.basins import grown, with_process
-from ..fit.starts.beside_effect import RESTING, on_valve, starting_pool, undisturbed
+from ..fit.starts.beside_effect import RESTING, on_valve, starting_pool, undisturbed, valve_basins
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
 from ..fit.starts.windows import resting_valves
-from ..fit.with_effect import Scouted, beside_others, scout, settled, together_on_valve
+from ..fit.with_effect import Scouted, beside_others, scout, settled, together_on_valve, widened_by
+from ..model.model import Model
 from ..model.segments import bound
 from ..model.spec import BASE, INTEGRATOR, Spec
 from ..numerics import tally
 from ..typing import FloatArray
-from .node import key, node, plain
+from .node import key, node
 from .policy import Policy
 from .score import Scored, completed, glanced
 
-# Stages of a look, from the cheap one to the thorough one.
-NEAR, FAR, DEEP = "near", "far", "deep"
+# Stages of a task: a search for valves, a look from what is known, one with swarms, one for effects that hide others.
+VALVES, NEAR, FAR, DEEP = "valves", "near", "far", "deep"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,8 @@ class Ground:
     pool: FloatArray
     seed: int
     policy: Policy
+    # Named values of valves, by the effects on the valve that they have (see `kind_of`).
+    valves: Mapping[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +77,8 @@ class Packed:
     full: bool = False
     failed: str = ""
     spent: int = 0
+    # Named values of the valves that a search for valves found.
+    valves: tuple[dict[str, float], ...] = ()
 
     def scored(self, fit: Fitted) -> Scored:
         """The fit with its arrays again; one run of the model, no search."""
@@ -88,7 +95,8 @@ def performed(ground: Ground, task: Task) -> Packed:
     """The answer to one task; one whose numbers break down says so."""
     before = tally.spent()
     try:
-        found = _full(ground, task) if task.look is not None else _look(ground, task)
+        found = (_full(ground, task) if task.look is not None else
+                 _valves(ground, task) if task.stage == VALVES else _look(ground, task))
     except (ModelError, np.linalg.LinAlgError) as error:
         found = Packed(task.spec, task.added, failed=f"its refit did not converge ({error})")
     return replace(found, spent=(tally.spent() - before) // ground.fit.model.loop.samples)
@@ -116,31 +124,38 @@ def _look(ground: Ground, task: Task) -> Packed:
     return _packed(task, done, points=found.points[:8], cost=found.cost, gain=found.gain)
 
 
+def kind_of(spec: Spec) -> str:
+    """The effects on the valve of a node, and its command between samples: nodes of one kind have the same valves."""
+    return " + ".join(sorted(n for n in spec.effects if on_valve(parse(n)[0]))) + f" {spec.between}"
+
+
+def _valves(ground: Ground, task: Task) -> Packed:
+    """Valves of the child's kind, found with the process open or polished along: once for each kind and record."""
+    rng = rng_of(ground.seed, kind_of(task.spec), 1)
+    fit, effect = ground.fit, parse(task.added)[0]
+    _, coarse = widened_by(fit, task.added)
+    guesses = effect.guess(coarse.context) if effect.guess else np.zeros((1, 0))
+    points = valve_basins(coarse, task.added, guesses, fit, rng, False)
+    named = [coarse.named(column) for column in coarse.values(points).T]
+    if effect.name == RESTING and coarse.spec.held:
+        bare = undisturbed(coarse, fit.model, fit.values)
+        found = bare.values(resting_valves(bare, (), bare.rows_of(RESTING), rng))
+        named += [{**fit.model.named(fit.values), **bare.named(column)} for column in found.T]
+    return Packed(task.spec, task.added, valves=tuple(named))
+
+
 def _with_effect(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
-    found = scout(ground.fit, task.added, ground.pool, rng, far=task.stage != NEAR,
-                  windows=task.stage == DEEP)
-    if task.stage == NEAR:
-        return found
-    if plain(task.added) == RESTING and found.model.spec.held:
-        found = _rested(ground, found, rng)
+    _, coarse = widened_by(ground.fit, task.added)
+    known = ground.valves.get(kind_of(task.spec), ()) if on_valve(parse(task.added)[0]) else ()
+    here = ground.fit.model.named(ground.fit.values)
+    mine = {n for n in coarse.names if on_valve(parse(n)[0])}
+    valves = [coarse.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
+              for named in known]
+    found = scout(ground.fit, task.added, ground.pool, rng, far=task.stage != NEAR, windows=task.stage == DEEP,
+                  valves=np.array(valves).reshape(-1, coarse.space.size))
     if task.stage == DEEP and (more := beside_others(ground.fit, task.added, found.points, rng)) is not None:
         found = more if more.cost < found.cost else found
     return found
-
-
-def _rested(ground: Ground, look: Scouted, rng: np.random.Generator) -> Scouted:
-    """A look at a valve that rests, with the valves that windows of the record show whatever the process."""
-    fit, model = ground.fit, look.coarse
-    bare = undisturbed(model, fit.model, fit.values)
-    valves = bare.values(resting_valves(bare, (), bare.rows_of(RESTING), rng))
-    if not valves.size:
-        return look
-    known = fit.model.named(fit.values)
-    starts = np.stack([model.vector({**known, **bare.named(column)}) for column in valves.T], axis=1)
-    found = descended(model, with_process(model, model.cube(starts)), turns=QUICK_TURNS, settle=QUICK_SETTLE)
-    if not found.costs[0] < look.cost:
-        return look
-    return replace(look, points=np.concatenate([found.points, look.points]), cost=float(found.costs[0]))
 
 
 def _other_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
@@ -169,7 +184,7 @@ def _other_command(ground: Ground, task: Task) -> Scouted:
     return Scouted(coarse, model, found.points, float(found.costs[0]), float(found.costs[0]))
 
 
-def _bound(fit: Fitted, spec: Spec):
+def _bound(fit: Fitted, spec: Spec) -> Model:
     return bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
                  residual=fit.best.left)
 
@@ -178,20 +193,15 @@ def _full(ground: Ground, task: Task) -> Packed:
     assert task.look is not None and task.look.points is not None and task.look.residual is not None
     rng = rng_of(ground.seed, key(task.spec), 2)
     model = _bound(ground.fit, task.spec)
-    name = task.added if task.added and on_valve(_effect(task.added)) else ""
+    name = task.added if task.added and on_valve(parse(task.added)[0]) else ""
     model, values, cost = settled(Scouted(search_model(model), model, task.look.points, task.look.cost, np.inf, name),
                                   rng)
     if not np.isfinite(cost):
         return Packed(task.spec, task.added, failed="its refit did not converge")
-    values = together_on_valve(model, values, rng)
+    if task.stage == DEEP:
+        values = together_on_valve(model, values, rng)
     done = completed(model, values, rng, ground.policy)
     return replace(_packed(task, done, cost=cost), held=held_out(done), full=True)
-
-
-def _effect(name: str):
-    from ..effects import parse
-
-    return parse(name)[0]
 
 
 def _packed(task: Task, done: Refit, *, points: FloatArray | None = None, cost: float = np.inf,

@@ -29,7 +29,7 @@ class Policy:
     alike: float = _number(10.0, "BIC", "difference within which two models are equivalent", _CRITICISM)
     beam: int = _number(3, "nodes", "nodes expanded at one depth", _CRITICISM)
     depth: int = _number(4, "effects", "most effects beside a lag and a rest", _CRITICISM)
-    finalists: int = _number(4, "nodes", "looks of an expansion that are fitted in full", _PLANTS)
+    finalists: int = _number(3, "nodes", "looks of an expansion that are fitted in full", _PLANTS)
     within: float = _number(150.0, "BIC", "distance from the best full fit that a look may have", _PLANTS)
     pairs: int = _number(6, "looks", "best looks whose pairs are looked at", _CRITICISM)
     better_base: float = _number(2.0, "2 log L", "gain by which a better optimum replaces a fit", _CRITICISM)

@@ -79,11 +79,13 @@ def noise_name(done: Refit, policy: Policy, rng: np.random.Generator) -> str:
         return WALK
     if not done.taps.size:
         return ""
-    white = quick(done.model, done.values, order=0)
-    if done.gain_over(white) < policy.noise_margin:
+    bare = replace(done.model.spec, taps=SOFT if done.increments else (), increments=done.increments)
+    model = bound(done.model.loop, bare, s_max=done.model.s_max, period_s=done.model.period_s,
+                  residual=done.evaluated.left)
+    if done.gain_over(quick(model, done.values, order=0)) < policy.noise_margin:
         return ""
-    band = quick(done.model, done.values, noise=RESONANT, rng=rng)
-    return NARROW if band.gain_over(done) > 0.0 else COLOURED
+    band = quick(model, done.values, noise=RESONANT, rng=rng)
+    return NARROW if band.gain_over(quick(model, done.values)) > 0.0 else COLOURED
 
 
 def best_of(*refits: Refit) -> Refit:

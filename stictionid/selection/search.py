@@ -19,11 +19,11 @@ from ..fit.starts.intersample import as_moving
 from ..model.segments import bound
 from ..model.spec import BASE, Spec
 from ..record.loop import Loop
-from ..record.study import Gate
+from ..record.tree import Gate
 from ..typing import Progress
 from .crew import Crew
 from .gates import Edge, judged
-from .looks import DEEP, FAR, NEAR, Ground, Packed, Task, pool_of, rng_of, standing
+from .looks import DEEP, FAR, VALVES, Ground, Packed, Task, kind_of, pool_of, rng_of, standing
 from .node import BASE_EFFECTS, additions, depth, key, node, other_process, plain, with_effect
 from .policy import Policy
 from .score import Scored, completed
@@ -43,6 +43,7 @@ class Entry:
     look: Packed | None = None
     gates: tuple[Gate, ...] = ()
     expanded: bool = False
+    deepened: bool = False
     failed: str = ""
 
     @property
@@ -63,6 +64,7 @@ class Search:
     only: frozenset[str] | None = None
     commands: tuple[Spec, ...] = ()
     memo: dict[str, Entry] = field(default_factory=dict)
+    valves: dict[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
     spent: int = 0
     unasked: list[str] = field(default_factory=list)
 
@@ -84,8 +86,10 @@ class Search:
             best = self.best()
             if self.at_end(best):
                 return best
-            queue = [e for e in self._ranked() if not e.expanded and depth(e.spec) < self.policy.depth
-                     and widths.get(depth(e.spec), 0) < self.policy.beam]
+            queue = [e for e in self._queue() if widths.get(depth(e.spec), 0) < self.policy.beam]
+            if not queue and not best.deepened and not best.scored.done.white:
+                self.deepen(best)
+                continue
             if not queue:
                 return best
             if self.spent >= self.policy.budget:
@@ -96,15 +100,31 @@ class Search:
             self.expand(chosen)
 
     def at_end(self, entry: Entry) -> bool:
-        """True where an entry leaves noise alone, or was expanded and leaves innovations that pass every test."""
-        done = entry.scored.done
-        if done.noise_alone or done.walk_alone:
-            return True
-        return entry.expanded and done.white
+        """True where an entry's free run is white noise, or it was expanded and leaves innovations that pass every test.
+
+        An autoregression that whitens everything is no reason to stop before the node was expanded.
+        """
+        scored = entry.scored
+        return (scored.free_run_at_noise and scored.done.white) or (entry.expanded and scored.done.white)
 
     def best(self) -> Entry:
         """The entry with the best BIC among those that passed all gates."""
         return self._ranked()[0]
+
+    def _queue(self) -> list[Entry]:
+        """The nodes to expand, first those without effects beyond the base by their free run, then by BIC.
+
+        Beside a missing effect an autoregression hides which base is right; the free run does not.
+        """
+        ranked = [e for e in self._ranked() if not e.expanded and depth(e.spec) < self.policy.depth]
+        bases = [e for e in self.memo.values() if not e.expanded and not e.failed and e.scored.full
+                 and depth(e.spec) == 0 and self._better_base(e)]
+        return [*sorted(bases, key=lambda e: e.scored.rmse), *(e for e in ranked if depth(e.spec) > 0)]
+
+    def _better_base(self, entry: Entry) -> bool:
+        """True for a root, and for a node without further effects whose free run is clearly better than its parent's."""
+        before = self.memo.get(entry.parent or "")
+        return before is None or entry.scored.rmse * self.policy.free_run < before.scored.rmse
 
     def _ranked(self) -> list[Entry]:
         entries = [e for e in self.memo.values() if e.passed]
@@ -117,16 +137,32 @@ class Search:
         entry.expanded = True
         self.tell(f"expanding {' + '.join(entry.spec.effects) or 'the base'}", min(self.spent / self.policy.budget, 1.0))
         fit = standing(entry.scored, entry.spec)
-        ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy)
+        ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         tasks = self._edges(entry, fit)
-        looks = self._performed(ground, entry, [t for t in tasks if t.stage == NEAR])
-        self._finish(ground, entry, looks)
-        if not self._settled(entry):
-            far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._on_valve(t)])
-            self._finish(ground, entry, [a for a in far if self._better(a)])
-        if not self._settled(entry):
-            deep = self._performed(ground, entry, [replace(t, stage=DEEP) for t in tasks if self._hides(t, entry)])
-            self._finish(ground, entry, [a for a in deep if self._better(a)])
+        self._finish(ground, entry, self._performed(ground, entry, tasks))
+        if self._settled(entry) or entry.scored.done.white:
+            return
+        self._search_valves(ground, tasks)
+        far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._on_valve(t)])
+        self._finish(ground, entry, [a for a in far if self._better(a)])
+
+    def deepen(self, entry: Entry) -> None:
+        """Look at a node's edges once more for effects on the valve that hide each other."""
+        entry.deepened = True
+        fit = standing(entry.scored, entry.spec)
+        ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
+        tasks = [replace(t, stage=DEEP) for t in self._edges(entry, fit) if t.added and self._on_valve(t)]
+        deep = self._performed(ground, entry, tasks)
+        self._finish(ground, entry, [a for a in deep if self._better(a)])
+
+    def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
+        """Find the valves of every kind that is not known yet."""
+        asked = [replace(t, stage=VALVES) for t in tasks
+                 if t.added and self._on_valve(t) and kind_of(t.spec) not in self.valves]
+        with Crew(ground, self.jobs) as crew:
+            for task, answer in zip(asked, crew.map(asked), strict=True):
+                self.spent += answer.spent
+                self.valves[kind_of(task.spec)] = answer.valves
 
     def _edges(self, entry: Entry, fit: Fitted) -> list[Task]:
         spec = fit.model.spec
@@ -140,9 +176,6 @@ class Search:
 
     def _on_valve(self, task: Task) -> bool:
         return not task.added or on_valve(parse(task.added)[0])
-
-    def _hides(self, task: Task, entry: Entry) -> bool:
-        return bool(task.added) and on_valve(parse(task.added)[0])
 
     def _performed(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Answers to tasks; each look is remembered where it is the best of its node."""
@@ -193,15 +226,16 @@ class Search:
         best, count = -np.inf, 0
         for name in queue:
             answer = answers[name]
-            if count >= self.policy.finalists or (gains[name] < best - self.policy.within):
-                break
-            if gains[name] < 0.0 and count >= 2:
-                break
-            count += 1
-            done = self._performed(ground, entry, [Task(answer.spec, answer.added, look=answer)])
+            structural = depth(answer.spec) == 0 and self._better_base(self.memo[name])
+            late = count >= self.policy.finalists or gains[name] < max(best - self.policy.within, 0.0)
+            if late and count >= 2 and not structural:
+                continue
+            count += not structural
+            stage = DEEP if entry.deepened else FAR
+            done = self._performed(ground, entry, [Task(answer.spec, answer.added, stage, look=answer)])
             if done:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
-                if self.memo[name].scored.done.noise_alone:
+                if self.memo[name].scored.free_run_at_noise and self.memo[name].scored.done.white:
                     break
         self._hand_back(entry)
         self._judge(entry)
@@ -239,8 +273,8 @@ class Search:
                                 "" if gain >= self.policy.structure_margin else f"it gains {gain:.0f} BIC"),)
 
     def _settled(self, entry: Entry) -> bool:
-        """True where a child that passed the gates leaves nothing but noise."""
-        return any(e.parent == key(entry.spec) and e.passed and (e.scored.done.noise_alone or e.scored.done.walk_alone)
+        """True where a child that passed the gates leaves nothing but white noise in its free run."""
+        return any(e.parent == key(entry.spec) and e.passed and e.scored.free_run_at_noise and e.scored.done.white
                    for e in self.memo.values())
 
 

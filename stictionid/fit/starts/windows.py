@@ -33,7 +33,7 @@ from .reparametrised import as_natural, as_valves
 _FORCES = np.linspace(-0.97, 0.97, 15)
 # Windows of the scan, windows of its first look, and its points for each parameter beyond one. Then the divisor that
 # gives the points that go on, and the points that the scan and the last polish leave.
-_WINDOWS, _FIRST, _SCAN, _GO_ON, _LEFT = 12, 3, 8000, 10, (48, 4)
+_WINDOWS, _FIRST, _SCAN, _GO_ON, _LEFT = 12, 3, 3000, 10, (16, 4)
 # Lengths of the windows in periods, and the length up to which the polish is wide. Measured on 12 Karnopp valves with
 # one hidden effect, integrators and tanks, two seeds each: from 1.6 on 16 of 24 found, from 1 on 14, in 1.3 times the
 # time.

@@ -1,0 +1,90 @@
+"""The ladder of a study: the winner's effects added one by one in the order of their gain, each step a nested fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import parse
+from ..fit.add_effect import polished
+from ..fit.context import CONDITIONAL, Run
+from ..fit.fit import Fitted, finish
+from ..fit.moves import descended
+from ..fit.noise.completion import has_noise
+from ..model.model import Model
+from ..model.segments import bound
+from ..model.spec import Spec
+from ..record.loop import Finding
+from ..record.study import Step
+from ..typing import FloatArray
+from .node import key, node, physical, with_effect, without
+from .score import Scored, glanced
+from .search import Entry, Search
+
+
+def ordered(search: Search, winner: Entry) -> tuple[tuple[str, ...], dict[str, tuple[Spec, FloatArray]]]:
+    """The winner's effects in the order of their gain, and specification and values (d,) of every rung by its key.
+
+    A rung is the node as the search met it, or the winner without the later effects, polished.
+    """
+    left, order = list(physical(winner.spec)), []
+    spec = node(without(winner.spec, left), soft=winner.spec.increments)
+    rungs = {key(spec): _rung(search, winner, spec)}
+    while left:
+        tried = {name: _rung(search, winner, node(with_effect(spec, name), soft=winner.spec.increments))
+                 for name in left}
+        name = min(tried, key=lambda n: tried[n][2])
+        left.remove(name)
+        order.append(name)
+        spec = tried[name][0]
+        rungs[key(spec)] = tried[name]
+    return tuple(order), {k: (s, v) for k, (s, v, _) in rungs.items()}
+
+
+def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, float]:
+    """Specification, values (d,) and BIC of one rung in the winner's form."""
+    best = winner.scored.done
+    model = bound(best.model.loop, spec, s_max=best.model.s_max, period_s=best.model.period_s,
+                  residual=best.evaluated.left)
+    starts = [model.vector(best.model.named(best.values))]
+    known = search.memo.get(key(spec))
+    if known is not None and not known.failed:
+        starts.append(model.vector(known.scored.done.model.named(known.scored.done.values)))
+    found = descended(model, model.cube(np.stack(starts, axis=1)))
+    values = model.values(found.points[:1])[:, 0]
+    done = glanced(model, values, search.policy)
+    return spec, values, done.bic(done.good)
+
+
+def fitted(model: Model, values: FloatArray, rng: np.random.Generator, *, last: bool) -> Fitted:
+    """A rung with its last polish and errors; the `last` one with intervals, too."""
+    if last:
+        return polished(model, values, rng)
+    point = model.cube(values[:, None])
+    return finish(model, point, model.costs(point), rng, reach=False)
+
+
+def step_of(run: Run, fit: Fitted, added: str | None, findings: Sequence[Finding] = ()) -> Step:
+    """A fit as a step of its own; the finding on conditional intervals is that of this fit."""
+    step = run.step(replace(fit, runs=1, agree=1), added)
+    return replace(step, findings=(*step.findings, *(f for f in findings if f.code != CONDITIONAL)))
+
+
+def with_noise(scored: Scored, name: str, spec: Spec) -> Model:
+    """The model of a node with the noise that completes it as an effect of its own."""
+    done = scored.done
+    full = replace(done.spec, effects=(*physical(spec), name))
+    return bound(done.model.loop, full, s_max=done.model.s_max, period_s=done.model.period_s,
+                 residual=done.evaluated.left)
+
+
+def judged(run: Run, step: Step, after: Fitted) -> tuple[bool, str]:
+    """True where a step is adequate: its free run at the noise, or white innovations under a noise model; the reason."""
+    if has_noise(after.model.spec):
+        return True, f"the one-step error {step.error.rmse_one_step:.4g} is that of white innovations"
+    return run.adequate(step)
+
+
+__all__ = ["fitted", "judged", "ordered", "parse", "step_of", "with_noise"]
