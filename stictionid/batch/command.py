@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+import hashlib
 import shlex
 
 from ..historian.bytes.options import ReadOptions
+from ..selection.policy import Policy
 from .task import Work
 
 _FLAGS = {"span_pv": "--span-pv", "span_op": "--span-op", "time_format": "--time-format", "step_s": "--step",
           "reverse_op": "--reverse-op", "mode_map": "--mode-map", "keep_manual": "--keep-manual",
           "sentinels": "--sentinel", "no_guess": "--no-guess", "quality_kind": "--quality-kind"}
+# Hexadecimal digits of a policy's fingerprint.
+_DIGITS = 12
 
 
 def command_for(path: str, work: Work, reading: ReadOptions) -> str:
-    """`stictionid batch PATH` with every option that shapes the study, without those that only distribute the work."""
-    return "stictionid batch " + shlex.join([path, *_work(work), *_reading(reading)])
+    """`stictionid batch PATH` with every option that shapes the study, without those that only distribute the work.
+
+    A policy's numbers end it as a fingerprint, because the content of a policy file may change.
+    """
+    said = "stictionid batch " + shlex.join([path, *_work(work), *_reading(reading)])
+    return said if work.policy is None else f"{said} # policy {_fingerprint(work.policy)}"
+
+
+def _fingerprint(policy: Policy) -> str:
+    return hashlib.sha256(repr(policy).encode()).hexdigest()[:_DIGITS]
 
 
 def _work(work: Work) -> list[str]:
@@ -29,6 +41,10 @@ def _work(work: Work) -> list[str]:
         said += ["--with", effect]
     for name, number in sorted(o.fixed.items()):
         said += ["--" + name.removesuffix("_s").replace("_", "-"), repr(number)]
+    if work.policy_file:
+        said += ["--policy", work.policy_file]
+    if work.policy is not None and work.policy.budget != Policy().budget:
+        said += ["--budget", str(work.policy.budget)]
     return said + ["--base-only"] * o.base_only + ["--seed", str(o.seed)]
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from ..fit.options import Options
 from ..historian.bytes.options import ReadOptions
+from ..selection.policy import Policy
 
 LEVELS = ("screen", "identify", "diagnose")
 OK, ABSTAINED, FAILED = "ok", "abstained", "failed"
@@ -35,11 +36,16 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """Work on every loop: the level, the options of `identify`, and whether each loop gets an HTML page."""
+    """Work on every loop: the level, the options of `identify`, the policy, and whether each loop gets an HTML page.
+
+    `policy` None means the defaults; `policy_file` is the file that it was read from, if any.
+    """
 
     level: str = "identify"
     options: Options = field(default_factory=Options)
     pages: bool = False
+    policy: Policy | None = None
+    policy_file: str = ""
 
 
 @dataclass(frozen=True, slots=True)

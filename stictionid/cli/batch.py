@@ -28,6 +28,7 @@ from .common.output import (
     say,
     warn_when_cold,
 )
+from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import reads_file
 
 _SHOWN, _SKIPPED_SHOWN = 12, 5
@@ -57,6 +58,7 @@ def batch(
                                                           "model; repeatable.")] = None,
     base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold or corner.")] = "auto",
+    policy: PolicyOption = None, budget: BudgetOption = None,
     seed: SeedOption = 0,
     pages: Annotated[bool, typer.Option("--pages", help="One HTML report per loop, linked from summary.html.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when loops failed.")] = False,
@@ -82,8 +84,9 @@ def batch(
     if level not in LEVELS:
         raise UsageError(f"unknown level '{level}'", "choose one of " + ", ".join(LEVELS))
     options = Options(method, law, tuple(with_effect or ()), base_only, between, seed=seed)
-    check_options(options)
-    work = Work(level, options, pages)
+    steered = policy_of(policy, budget)
+    check_options(options, steered)
+    work = Work(level, options, pages, steered, str(policy.absolute()) if policy else "")
     _refuse_ignored(work)
     store = Store(output)
     store.check(force=force)
@@ -108,7 +111,8 @@ def _refuse_ignored(work: Any) -> None:
 
     o = work.options
     for flag, given in (("--method", o.method != "auto"), ("--with", bool(o.effects)), ("--base-only", o.base_only),
-                        ("--between", o.between != "auto"), ("--law all", o.law == "all")):
+                        ("--between", o.between != "auto"), ("--law all", o.law == "all"),
+                        ("--policy or --budget", work.policy is not None)):
         if work.level == "screen" and given:
             raise UsageError(f"{flag} has no meaning with --level screen", "leave it out, or use --level identify")
         if work.level == "diagnose" and given and flag == "--method":

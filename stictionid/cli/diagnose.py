@@ -23,6 +23,7 @@ from .common.output import (
     safe,
     say,
 )
+from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.study_files import DataArgument, StudyArgument, open_data, open_study
 
 # Characters for a name in the ladder at 80 columns.
@@ -39,6 +40,7 @@ def diagnose(
     jobs: JobsOption = None,
     bootstrap: Annotated[int, typer.Option("--bootstrap", min=0, max=100_000, metavar="N", help="Replicates for a "
                                            "p-value of the named effect, 99 or more; about half a second each.")] = 0,
+    policy: PolicyOption = None, budget: BudgetOption = None,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Rank the physical effects that the model may be missing, and name the one to add next.
@@ -48,13 +50,14 @@ def diagnose(
     from ..system.files import ensure_writable
     from ..verbs.diagnose import diagnose as run
 
+    steered = policy_of(policy, budget)
     if output is not None:
         ensure_writable(output, force=force, kind=b"{")
     before = open_study(study)
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:
         after = run(loop, before, everything=everything, apply=apply, seed=seed, jobs=jobs or cores(),
-                    bootstrap=bootstrap, progress=progress)
+                    bootstrap=bootstrap, policy=steered, progress=progress)
     _write(after, output or study, force, quiet)
     if as_json:
         print_json(after)

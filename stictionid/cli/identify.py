@@ -28,6 +28,7 @@ from .common.output import (
     say,
     warn_when_cold,
 )
+from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
 
 
@@ -57,6 +58,7 @@ def identify(
     order: Annotated[int | None, typer.Option(help="Order of the difference equation (arx, jelali, one-parameter, "
                                               "polynomial).")] = None,
     delay: Annotated[int | None, typer.Option(help="Its delay in samples; scanned when left out.")] = None,
+    policy: PolicyOption = None, budget: BudgetOption = None,
     seed: SeedOption = 0,
     jobs: Annotated[int, typer.Option(min=1, max=MOST_JOBS, help="Processes for work that can be split.")] = 1,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
@@ -81,7 +83,8 @@ def identify(
                                              ("dead_time_s", dead_time)) if value is not None}
     options = Options(method, law, tuple(with_effect or ()), base_only, between, fixed, seed, order, delay,
                       "stictionid " + shlex.join(sys.argv[1:]), scan_s=scan)
-    check_options(options)
+    steered = policy_of(policy, budget)
+    check_options(options, steered)
     if step_test is not None:
         options = _with_step_test(options, step_test, reading, quiet)
     loop = read_file(file, reading, quiet=quiet).loop
@@ -89,7 +92,7 @@ def identify(
     from ..verbs.identify import identify as run
 
     with Progress(quiet or as_json) as progress:
-        study = run(loop, options=options, progress=progress)
+        study = run(loop, options=options, policy=steered, progress=progress)
     if output is not None:
         write_whole(output, to_json(study), force=force, kind=b"{")
     if as_json:

@@ -28,6 +28,7 @@ from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..selection.added_steps import leave_out, try_load, try_resting, try_step, try_stop
 from ..selection.noise_steps import ask_noise, try_noise, try_walk_alone
+from ..selection.policy import Policy
 from ..selection.structure import LAG, check_scans, choose, first_look
 from ..typing import FloatArray
 from .contract import Method, Outcome
@@ -40,8 +41,11 @@ _NOTHING, _CHANGES = 0.995, 0.5
 _TURN, _SLOW, _FAST, _FASTER = 0.5, (0.0, 0.15), (0.15, 0.4), (0.4, 0.5)
 
 
-def _run(run: Run) -> Outcome:
-    """The search with the command that the record indicates; where that is a held one, again with a moving one."""
+def _run(run: Run, policy: Policy) -> Outcome:
+    """The search with the command that the record indicates; where that is a held one, again with a moving one.
+
+    The steps that it may add by itself have numbers of their own; none of them is a field of `policy` yet.
+    """
     outcome = _searched(run)
     if run.options.between != "auto" or moved_after_all(outcome.fits[-1], run.options.scan_s) is None:
         return outcome
@@ -187,5 +191,5 @@ METHOD = Method(
     source="METHODS.md section 4; paper Eq. 7 to 21",
     checked="this project's own",
     cannot="anything missing from the model (see diagnose); J where the slide is short",
-    run=_run, options=frozenset({"law", "effects", "base_only", "between", "scan", "fixed"}), restarts=True,
+    run=_run, options=frozenset({"law", "effects", "base_only", "between", "scan", "fixed", "policy"}), restarts=True,
 )

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..fit.context import Run
 from ..fit.fit import Fitted
 from ..fit.options import USUAL_ORDER
 from ..record.study import Step, Verdict
@@ -20,7 +19,7 @@ SPELLING = {
     "law": "--law", "effects": "--with", "base_only": "--base-only", "between": "--between",
     "scan": "--scan",
     "fixed": "a fixed plant (--gain, --time-constant, --dead-time, --step-test)", "order": "--order",
-    "delay": "--delay",
+    "delay": "--delay", "policy": "--policy or --budget",
 }
 
 
@@ -55,8 +54,9 @@ class Outcome:
 class Method:
     """One identification method: its summary, equation and source, what it cannot see, and the options that apply.
 
-    `options` are keys of SPELLING; any other option given with this method is refused. `law` is its default law, and
-    its only one where "law" is not among the options. `gives` names what it estimates. `restarts` marks a method that
+    `options` are keys of SPELLING; any other option given with this method is refused. With "policy" among them `run`
+    takes the policy of the search as its second argument. `law` is its default law, and its only one where "law" is not
+    among the options. `gives` names what it estimates. `restarts` marks a method that
     fits several segments of a record together; any other method gets the longest segment alone.
     """
 
@@ -66,7 +66,7 @@ class Method:
     source: str
     checked: str
     cannot: str
-    run: Callable[[Run], Outcome]
+    run: Callable[..., Outcome]
     options: frozenset[str]
     law: str = "chen"
     order: int = USUAL_ORDER

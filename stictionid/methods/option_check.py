@@ -8,13 +8,14 @@ from .. import laws as law_room
 from ..effects import parse
 from ..errors import UsageError
 from ..fit.options import ALL_LAWS, BETWEEN, USUAL_SCAN_S, Options, searchable
+from ..selection.policy import Policy
 from . import get
 from .contract import SPELLING, Method
 
 _HIGHEST_ORDER = 6
 
 
-def check_options(options: Options) -> None:
+def check_options(options: Options, policy: Policy | None = None) -> None:
     """Refuse options whose values do not exist or do not apply to their method; UsageError names those that do."""
     method = get(options.method)
     if options.between not in BETWEEN:
@@ -34,16 +35,17 @@ def check_options(options: Options) -> None:
         if not np.isfinite(value) or (name != "gain" and value < 0) or (name == "gain" and value == 0):
             raise UsageError(f"--{name.removesuffix('_s').replace('_', '-')} {value:g} is out of range",
                              "give a positive number")
-    _check_use(options, method)
+    _check_use(options, method, policy)
 
 
-def _check_use(options: Options, method: Method) -> None:
+def _check_use(options: Options, method: Method, policy: Policy | None) -> None:
     """Refuse options that the method would ignore: they would look as if they had been used."""
     given = {
         "law": options.law is not None and options.law != method.law, "effects": bool(options.effects),
         "base_only": options.base_only, "between": options.between != "auto",
         "scan": options.scan_s != USUAL_SCAN_S, "fixed": bool(options.fixed),
         "order": options.order is not None, "delay": options.delay is not None,
+        "policy": policy is not None,
     }
     for name in sorted(n for n, there in given.items() if there and n not in method.options):
         said = f"{SPELLING[name]} {options.law}" if name == "law" else SPELLING[name]

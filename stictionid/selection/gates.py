@@ -74,7 +74,7 @@ def _blocks(edge: Edge) -> str:
         return ""
     gains = block_gains(edge.parent.done, edge.child.done, edge.parent.done.good & edge.child.done.good)
     better = int((gains > 0).sum())
-    if better < edge.policy.blocks or float(np.median(gains)) < edge.policy.block_gain:
+    if better < edge.policy.blocks_better or float(np.median(gains)) < edge.policy.block_gain:
         return f"the one-step error falls in {better} of {gains.size} blocks only"
     return ""
 

@@ -1,64 +1,101 @@
-"""Numbers that steer the search over models, each with its unit and the benchmark that set it."""
+"""Numbers of the search over models in one frozen dataclass, and the TOML file that changes them.
+
+Each field holds its unit, its meaning and the benchmark that set it. Nothing else knows the names of the fields.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import tomllib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ..errors import UsageError
+from ..errors import DataError, UsageError
+from ..system.files import text_of
+
+_PLANTS, _CRITICISM, _LENGTH = "benchmarks/plants", "CRITICISM.md section 7", "benchmarks/search_race.py"
 
 
-def _number(default: Any, unit: str, meaning: str, benchmark: str) -> Any:
-    return field(default=default, metadata={"unit": unit, "meaning": meaning, "benchmark": benchmark})
-
-
-_PLANTS, _CRITICISM = "benchmarks/plants", "CRITICISM.md section 7"
+def _number(default: float, unit: str, meaning: str, benchmark: str, *, least: float = 0) -> Any:
+    """A field with its default, unit, meaning, the benchmark that set it, and its least value."""
+    return field(default=default, metadata={"unit": unit, "meaning": meaning, "benchmark": benchmark, "least": least})
 
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """Numbers of the search over models; nothing else in this folder holds one."""
+    """Numbers of one search; UsageError for a number below its least or not finite."""
 
-    budget: int = _number(1_500_000, "cost evaluations", "evaluations after which the search stops", _PLANTS)
-    margin: float = _number(20.0, "BIC", "gain over the best noise model that names an effect", _PLANTS)
-    structure_margin: float = _number(10.0, "BIC", "gain that changes the process, a lag or the command", _PLANTS)
+    budget: int = _number(3_000_000, "cost evaluations", "evaluations after which the search stops", _PLANTS, least=1)
+    margin: float = _number(20.0, "BIC", "gain beyond noise that names an effect", _PLANTS)
+    structure_margin: float = _number(10.0, "BIC", "gain that changes process, lag, rest or command", _CRITICISM)
     noise_margin: float = _number(20.0, "BIC", "gain that names a noise model", _PLANTS)
-    walk_margin: float = _number(20.0, "BIC", "gain of a random walk over a stationary noise", _PLANTS)
-    alike: float = _number(10.0, "BIC", "difference within which two models are equivalent", _CRITICISM)
-    beam: int = _number(3, "nodes", "nodes expanded at one depth", _CRITICISM)
-    depth: int = _number(4, "effects", "most effects beside a lag and a rest", _CRITICISM)
-    finalists: int = _number(3, "nodes", "looks of an expansion that are fitted in full", _PLANTS)
+    walk_margin: float = _number(20.0, "BIC", "gain of a random walk over stationary noise", _PLANTS)
+    alike: float = _number(10.0, "BIC", "distance within which models explain alike", _CRITICISM)
+    beam: int = _number(3, "nodes", "nodes expanded at each depth", _CRITICISM, least=1)
+    depth: int = _number(4, "effects", "most effects of a node, lag and rest not counted", _CRITICISM, least=1)
+    finalists: int = _number(3, "nodes", "looks of an expansion that are fitted in full", _PLANTS, least=1)
     within: float = _number(150.0, "BIC", "distance from the best full fit that a look may have", _PLANTS)
-    pairs: int = _number(6, "looks", "best looks whose pairs are looked at", _CRITICISM)
     better_base: float = _number(2.0, "2 log L", "gain by which a better optimum replaces a fit", _CRITICISM)
-    blocks: int = _number(4, "blocks of 5", "held-out blocks in which the error must fall", _CRITICISM)
-    block_gain: float = _number(0.005, "1", "least median fall of the held-out one-step error", _CRITICISM)
-    free_run: float = _number(1.02, "1", "largest growth of the free-run error", _CRITICISM)
+    blocks_better: int = _number(4, "blocks of 5", "blocks in which the error must fall", _CRITICISM)
+    block_gain: float = _number(0.005, "1", "least median fall of the one-step error of a block", _CRITICISM)
+    free_run: float = _number(1.02, "1", "growth of the free-run error that counts as none", _CRITICISM)
     at_noise: float = _number(1.1, "1", "free-run error over innovations that is the noise", _PLANTS)
-    halved: float = _number(0.5, "1", "share of the free-run error that no chance leaves", _CRITICISM)
-    neutral: float = _number(1e-3, "1", "distance from the neutral value at which an effect is absent", _PLANTS)
-    edge: float = _number(0.01, "1", "distance from the neutral value at which a bound is allowed", _PLANTS)
+    neutral: float = _number(1e-3, "1", "distance from neutral, of the range, of an absent effect", _PLANTS)
+    edge: float = _number(0.01, "1", "distance from neutral, of the range, where a limit is allowed", _PLANTS)
     drift_alone: float = _number(0.05, "1", "share of its gain that a drift must have beyond a rest", _PLANTS)
-    kick_samples: float = _number(3.0, "samples", "distance of a step from a setpoint kick", _PLANTS)
-    look_alike: float = _number(0.35, "1", "difference of two outputs over the innovations that shows none", _PLANTS)
+    kick_samples: float = _number(3.0, "samples", "distance of a step from a setpoint move", _PLANTS)
     rounding: float = _number(3.0, "1", "free-run error over noise and rounding that rounding explains", _PLANTS)
-    long_record: int = _number(6000, "samples", "longest record that is searched whole", "benchmarks/search_race.py")
+    long_record: int = _number(6000, "samples", "longest record that is searched whole", _LENGTH, least=1)
+
+    def __post_init__(self) -> None:
+        for f in dataclasses.fields(self):
+            value, least, unit = getattr(self, f.name), f.metadata["least"], f.metadata["unit"]
+            hint = f"give {least:g} {unit} or more: {f.metadata['meaning']}"
+            # (A whole number of Python may be larger than any float.)
+            if not (isinstance(value, int) or math.isfinite(value)):
+                raise UsageError(f"{f.name} {value} is not a finite number", hint)
+            if value < least:
+                raise UsageError(f"{f.name} {value} is below {least:g}, the least ({unit})", hint)
 
 
-def read_policy(path: Path) -> Policy:
-    """The policy of a TOML file; keys that are missing keep their defaults. Raises UsageError for an unknown key."""
+def read_policy(path: str | Path) -> Policy:
+    """The policy of a TOML file; a field that the file does not name keeps its default.
+
+    UsageError for an absent file, one that is no TOML, an unknown key, and a value of the wrong type or out of range.
+    """
+    path = Path(path)
+    hint = "write one entry a line, such as: budget = 50000"
     try:
-        told = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UsageError(f"--policy {path}: {error}", "give a TOML file with lines such as: margin = 20.0") from None
-    known = {f.name: f for f in fields(Policy)}
-    for key, value in told.items():
-        if key not in known:
-            raise UsageError(f"--policy {path}: unknown key '{key}'", "known keys: " + ", ".join(known))
-        whole = isinstance(known[key].default, int)
-        if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) or not value >= 0:
-            raise UsageError(f"--policy {path}: {key} = {value!r} is no {'whole ' if whole else ''}number of 0 or more",
-                             f"its default is {known[key].default:g}")
-    return Policy(**told)
+        content = tomllib.loads(text_of(path, "policy", hint=hint))
+    except DataError as error:
+        raise UsageError(error.message, error.hint) from None
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"policy {path} is no TOML: {error}", hint) from None
+    known = {f.name: f for f in dataclasses.fields(Policy)}
+    for name in content:
+        if name not in known:
+            raise UsageError(f"policy {path} has an unknown entry {name!r}", f"known: {', '.join(sorted(known))}")
+    try:
+        values: dict[str, Any] = {name: _typed(known[name], value) for name, value in content.items()}
+        return Policy(**values)
+    except UsageError as error:
+        raise UsageError(f"policy {path}: {error.message}", error.hint) from None
+
+
+def with_budget(policy: Policy, budget: int) -> Policy:
+    """The policy with another budget, in cost evaluations; UsageError where that is less than the least."""
+    return replace(policy, budget=budget)
+
+
+def _typed(known: dataclasses.Field[Any], value: object) -> float:
+    """`value` as a number of the field's own type, by its default; a whole number also serves as a decimal one."""
+    whole = isinstance(known.default, int)
+    if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
+        raise UsageError(f"{known.name} is {value!r}, not a {'whole ' * whole}number",
+                         f"give {known.metadata['meaning']} in {known.metadata['unit']}")
+    try:
+        return value if whole else float(value)
+    except OverflowError:
+        raise UsageError(f"{known.name} is larger than any number with decimals", "give a smaller one") from None

@@ -23,6 +23,7 @@ from ..record.segments import described
 from ..record.study import Candidate, Study
 from ..typing import Progress
 from .judge import ALIKE, HALVED, candidates, halves
+from .policy import Policy
 from .rounding import moved_by_rounding, step_of
 from .rounds import Looked, Onward, beside_lag, look_at, may_go_on, on_every_base, on_other_base, other_structure
 from .steps import extended, finished_step, opened, with_steps
@@ -50,14 +51,14 @@ _FAR = 50.0
 
 
 def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, apply: bool = False, seed: int = 0,
-         jobs: int = 1, bootstrap: int = 0, progress: Progress | None = None) -> Study:
+         jobs: int = 1, bootstrap: int = 0, policy: Policy | None = None, progress: Progress | None = None) -> Study:
     """The study with ranked candidates and the effect to add next; with `apply` added, and so on until none helps.
 
     An adequate model is left alone unless `everything` asks for the catalogue, its errors still remember, or
     `identify` made it so by a step of its own: that has to stand against the catalogue first.
-    `jobs` processes share the refits; `bootstrap` replicates give the named effect a p-value. `judge` gives a study
-    whose last model is another than before its verdict and severity. Raises DataError for an abstained study, and for
-    one that can't be rebuilt.
+    `jobs` processes share the refits; `bootstrap` replicates give the named effect a p-value. None of the walk's
+    numbers is a field of `policy` yet. `judge` gives a study whose last model is another than before its verdict and
+    severity. Raises DataError for an abstained study, and for one that can't be rebuilt.
     """
     return _walked(loop, study, [], (), _Asked(everything, apply, seed, jobs, bootstrap,
                                                progress or (lambda text, share: None), judge))

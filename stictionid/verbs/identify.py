@@ -40,6 +40,7 @@ from ..record.study import (
     intervals_withheld,
     without_intervals,
 )
+from ..selection.policy import Policy
 from ..typing import Progress
 from ..verdict import law_ranking
 from ..verdict.from_position import from_position
@@ -51,14 +52,15 @@ _MAP_S, _MAP_J = 41, 31
 
 
 
-def identify(loop: Loop, *, options: Options | None = None, progress: Progress | None = None) -> Study:
+def identify(loop: Loop, *, options: Options | None = None, policy: Policy | None = None,
+             progress: Progress | None = None) -> Study:
     """S, J, process, errors and verdict of one loop as a study; an abstention is a study too, with its reason.
 
-    Deterministic for a seed. Raises UsageError for options that do not exist or do not apply to the method. Needs u and
-    y; r is optional.
+    Deterministic for a seed. `policy` holds the numbers of the search; None means the defaults. Raises UsageError for
+    options that do not exist or do not apply to the method. Needs u and y; r is optional.
     """
     options = options or Options()
-    check_options(options)
+    check_options(options, policy)
     tell = progress or (lambda text, share: None)
     tell("looking for the oscillation", 0.02)
     method = method_room.get(options.method)
@@ -72,10 +74,10 @@ def identify(loop: Loop, *, options: Options | None = None, progress: Progress |
         view = excerpt(piece, found, options)
         near = piece if view is None else view.loop
         if options.law == ALL_LAWS:
-            run, outcome, laws = _every_law(near, found, options, method, tell)
+            run, outcome, laws = _every_law(near, found, options, method, policy, tell)
         else:
             run = _run_of(near, found, options, method, tell)
-            outcome = method.run(run)
+            outcome = _outcome(method, run, policy)
     except CannotTell as reason:
         return abstained(loop, found, options, reason)
     if outcome.verdict is not None:
@@ -106,7 +108,12 @@ def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: P
                rng=np.random.default_rng(options.seed), tell=tell)
 
 
-def _every_law(piece: Loop, found: Range, options: Options, method: Method,
+def _outcome(method: Method, run: Run, policy: Policy | None) -> Outcome:
+    """Result of the method; one that searches over models gets the policy."""
+    return method.run(run, policy or Policy()) if "policy" in method.options else method.run(run)
+
+
+def _every_law(piece: Loop, found: Range, options: Options, method: Method, policy: Policy | None,
                tell: Progress) -> tuple[Run, Outcome, tuple[LawResult, ...]]:
     """The method with every searchable law: run and outcome of the one to keep, and all laws ranked, best first.
 
@@ -119,7 +126,7 @@ def _every_law(piece: Loop, found: Range, options: Options, method: Method,
         tell(f"law {name}", (i + 0.1) / (len(names) + 1))
         run = _run_of(piece, found, replace(options, law=name), method, lambda text, share: None)
         try:
-            tried[name] = run, method.run(run)
+            tried[name] = run, _outcome(method, run, policy)
         except CannotTell as reason:
             failed = reason
     if not tried:

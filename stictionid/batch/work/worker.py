@@ -123,13 +123,13 @@ def _done(loop: Loop, work: Work, times: dict[str, float]) -> Study:
             return study
         from ...verbs.identify import identify
 
-        study = identify(loop, options=work.options)
+        study = identify(loop, options=work.options, policy=work.policy)
         times["identify"] = clock() - start
         if work.level == "diagnose" and study.steps:
             from ...verbs.diagnose import diagnose
 
             start = clock()
-            study = diagnose(loop, study, apply=True, seed=work.options.seed)
+            study = diagnose(loop, study, apply=True, seed=work.options.seed, policy=work.policy)
             times["diagnose"] = clock() - start
     return study
 
