@@ -25,6 +25,7 @@ from .common.output import (
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.study_files import DataArgument, StudyArgument, open_data, open_study
+from .common.tree import print_equivalents, print_tree
 
 # Characters for a name in the ladder at 80 columns.
 _NAME = 19
@@ -68,6 +69,7 @@ def diagnose(
         for c in after.candidates:
             if c.accepted:
                 console.print(safe(c.statement))
+    print_tree(after, console)
     if len(after.steps) > 1:
         console.print(_ladder(after))
     if after.missing:
@@ -75,6 +77,9 @@ def diagnose(
     else:
         console.print("missing: nothing" + (f", {after.adequate_reason}" if after.adequate else
                                             "; nothing in the catalogue helps enough"))
+    if after.missing_reason:
+        console.print(safe(after.missing_reason))
+    print_equivalents(after, console)
     for step in after.steps[-1:]:
         for f in step.findings:
             if f.code in ("better-optimum", "gave-way", "rounded-output"):

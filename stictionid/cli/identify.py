@@ -30,6 +30,7 @@ from .common.output import (
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
+from .common.tree import print_equivalents, print_tree
 
 
 @app.command()
@@ -61,6 +62,7 @@ def identify(
     policy: PolicyOption = None, budget: BudgetOption = None,
     seed: SeedOption = 0,
     jobs: Annotated[int, typer.Option(min=1, max=MOST_JOBS, help="Processes for work that can be split.")] = 1,
+    tree: Annotated[bool, typer.Option("--tree", help="Show the models that were tried.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
     = False,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
@@ -98,7 +100,7 @@ def identify(
     if as_json:
         print_json(study)
     else:
-        show(study, quiet)
+        show(study, quiet, tree=tree)
         if output is not None:
             say(f"wrote {output}; next: stictionid report {output} -o report.md", quiet=quiet)
     if study.estimate is None:
@@ -132,8 +134,8 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
     return options
 
 
-def show(study: Any, quiet: bool) -> None:
-    """The study as tables on stdout, findings on stderr."""
+def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
+    """The study as tables on stdout, the models tried among them if asked for; findings on stderr."""
     console = out_console()
     console.print(f"verdict: {study.verdict.stiction} (confidence {study.verdict.confidence:.2f})")
     console.print(f"because: {safe(study.verdict.reason)}")
@@ -143,9 +145,12 @@ def show(study: Any, quiet: bool) -> None:
     console.print(_error_table(study))
     if study.laws:
         console.print(_law_table(study))
+    if tree:
+        print_tree(study, console)
     console.print(f"adequate: {'yes' if study.adequate else 'no'}, {study.adequate_reason}")
     if study.interval_caution:
         console.print(study.interval_caution)
+    print_equivalents(study, console)
     for finding in study.steps[-1].findings:
         say(f"{finding.severity}: {finding.statement}", quiet=quiet)
 

@@ -21,7 +21,10 @@ class PageTable:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One heading with its sentences, bullets, tables, commands, and keys of its pictures."""
+    """One heading with its sentences, bullets, tables, commands, and keys of its pictures.
+
+    `lines` is text whose columns are aligned by spaces; `lines_title` names it.
+    """
 
     key: str
     title: str
@@ -30,6 +33,8 @@ class Section:
     tables: tuple[PageTable, ...] = ()
     pictures: tuple[str, ...] = ()
     commands: tuple[str, ...] = ()
+    lines: tuple[str, ...] = ()
+    lines_title: str = ""
 
 
 @dataclass(frozen=True, slots=True)

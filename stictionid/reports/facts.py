@@ -23,9 +23,9 @@ _HEADINGS = {"stiction": "The valve sticks", "no stiction": "No stiction found",
 
 def facts(study: Study, *, no_pictures: str = "") -> Facts:
     """All facts of one study in reading order; `no_pictures` says why there are none (data not found)."""
-    order = (_size, _ladder, _pictures_note(no_pictures), _trends, _valve, _map, _fit, sections.candidates,
-             sections.laws, sections.next_steps, sections.oscillation, sections.data, sections.parameters,
-             sections.method)
+    order = (_size, sections.equivalents, _ladder, _pictures_note(no_pictures), _trends, _valve, _map, _fit,
+             sections.candidates, sections.tree, sections.laws, sections.next_steps, sections.oscillation,
+             sections.data, sections.parameters, sections.method)
     made = tuple(s for make in order if (s := make(study)) is not None)
     name = wording.name(study.data.name)
     return Facts(name, f"Valve stiction: {name}", study.verdict.stiction, headline(study), _reason(study),
@@ -170,6 +170,8 @@ def _ladder(study: Study) -> Section | None:
         text.append(f"The model is {word}: {_tail(study.adequate_reason)}")
     if study.missing:
         text.append("Effects named by the search: " + ", ".join(wording.name(m) for m in study.missing) + ".")
+    if study.missing_reason:
+        text.append(wording.sentence(study.missing_reason))
     text.append("Error is the free-run error of the model (RMS); held out means on stretches not used in the fit.")
     return Section("ladder", "Error ladder", tuple(text), (), (table,), ("ladder",))
 

@@ -7,7 +7,7 @@ import shlex
 from itertools import zip_longest
 
 from ..record.study import Estimate, Step, Study
-from . import wording
+from . import tree_text, wording
 from .document import PageTable, Section
 
 # Samples per period below which the slips cannot be resolved. Unit: samples; METHODS.md section 4.
@@ -56,16 +56,41 @@ def candidates(study: Study) -> Section | None:
     if not study.candidates:
         return None
     rows = []
+    # Columns of newer studies: an older one has nothing in them.
+    gained = any(c.gain_beyond_noise is not None for c in study.candidates)
+    rejected = any(c.rejected_because for c in study.candidates)
     for c in study.candidates:
         rows.append((wording.name(c.effect), "yes" if c.accepted else "no", wording.number(c.rmse),
                      wording.percent(c.error_drop_percent), wording.percent(c.one_step_drop_percent),
-                     wording.number(c.delta_bic), ", ".join(map(wording.name, c.equivalent_to)) or wording.NOTHING,
-                     wording.clean(c.detectable_from or wording.NOTHING, 80)))
-    table = PageTable("Effects tried, best first", ("effect", "accepted", "error", "error drop", "one-step drop",
-                                                "delta BIC", "can't be told from", "would have shown from"),
-                  tuple(rows), (2, 3, 4, 5))
+                     wording.number(c.delta_bic), *[wording.number(c.gain_beyond_noise)] * gained,
+                     ", ".join(map(wording.name, c.equivalent_to)) or wording.NOTHING,
+                     wording.clean(c.detectable_from or wording.NOTHING, 80),
+                     *[wording.clean(c.rejected_because or wording.NOTHING, 200)] * rejected))
+    columns = ("effect", "accepted", "error", "error drop", "one-step drop", "delta BIC",
+               *["BIC beyond noise"] * gained, "can't be told from", "would have shown from",
+               *["rejected because"] * rejected)
+    table = PageTable("Effects tried, best first", columns, tuple(rows), (2, 3, 4, 5, *[6] * gained))
     bullets = tuple(wording.sentence(c.statement) for c in study.candidates if c.statement and c.accepted)
     return Section("candidates", "What else could be there", (), bullets, (table,), ("candidates",))
+
+
+def tree(study: Study) -> Section | None:
+    """Models that the search tried, as a picture and as lines; None where the study has no tree."""
+    if not study.tree:
+        return None
+    some = "1 model was" if len(study.tree) == 1 else f"{wording.count(len(study.tree))} models were"
+    after = tree_text.after_tree(study)
+    return Section("tree", "Models tried", (f"{some} tried" + (f"; {after}." if after else "."),), (), (), ("tree",),
+                   lines=tree_text.tree_lines(study), lines_title="The search as text, best first")
+
+
+def equivalents(study: Study) -> Section | None:
+    """Models that explain the record as well as the answer does; None where there are none."""
+    said = tree_text.equivalents(study)
+    if not said:
+        return None
+    return Section("equivalents", "Other models that explain the record alike",
+                   ("The intervals of S and J cover the answer and these models.",), tuple(map(wording.sentence, said)))
 
 
 def laws(study: Study) -> Section | None:

@@ -97,7 +97,7 @@ def _study(case: Case, facts: Facts, drawn: dict[str, Picture], prefix: str, lev
                       + (f'<dd class="note">{escaped(n.note)}</dd>' if n.note else "") + "</div>"
                       for n in facts.numbers)
     sections = [s for s in facts.sections
-                if s.text or s.bullets or s.tables or s.commands or any(k in drawn for k in s.pictures)]
+                if s.text or s.bullets or s.tables or s.commands or s.lines or any(k in drawn for k in s.pictures)]
     links = "".join(f'<li><a href="#{prefix}-{s.key}">{escaped(s.title)}</a></li>' for s in sections)
     return (f'<article id="{prefix}" aria-labelledby="{prefix}-title">'
             f'<h{level} id="{prefix}-title">{escaped(facts.title)}</h{level}>\n'
@@ -127,6 +127,10 @@ def _section(case: Case, section: Section, drawn: dict[str, Picture], prefix: st
                           f"<figcaption>{escaped(p.caption)}</figcaption></figure>" for p in square)
         parts.append(f'<div class="pair">{figures}</div>' if len(square) > 1 else figures)
     parts += [table_html(t, f"{name}-t{i}") for i, t in enumerate(section.tables)]
+    if section.lines:
+        parts.append(f'<h{level + 1} id="{name}-lines">{escaped(section.lines_title)}</h{level + 1}>'
+                     f'<pre class="aligned" role="region" tabindex="0" aria-labelledby="{name}-lines">'
+                     f"{escape_lines(section.lines)}</pre>")
     if section.commands:
         parts.append(f"<pre><code>{escape_lines(section.commands)}</code></pre>")
     return "\n".join(parts) + "</section>\n"

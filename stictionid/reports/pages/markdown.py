@@ -42,7 +42,7 @@ def _study(facts: Facts, drawn: dict[str, Picture], files: dict[str, str], level
 
 def _section(section: Section, drawn: dict[str, Picture], files: dict[str, str], level: str) -> list[str]:
     shown = [key for key in section.pictures if key in drawn]
-    if not (section.text or section.bullets or section.tables or section.commands or shown):
+    if not (section.text or section.bullets or section.tables or section.commands or section.lines or shown):
         return []
     parts = [f"{level} {escape(section.title)}", ""]
     for sentence in section.text:
@@ -54,11 +54,18 @@ def _section(section: Section, drawn: dict[str, Picture], files: dict[str, str],
         parts += [_picture(drawn[key], files[key]), ""]
     for table in section.tables:
         parts += [table_text(table), ""]
+    if section.lines:
+        parts += _block(section.lines, "text")
     if section.commands:
-        text = "\n".join(section.commands)
-        fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
-        parts += [f"{fence}sh", text, fence, ""]
+        parts += _block(section.commands, "sh")
     return parts
+
+
+def _block(lines: Sequence[str], kind: str) -> list[str]:
+    """Lines as they are, in a fence longer than any in them."""
+    text = "\n".join(lines)
+    fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
+    return [f"{fence}{kind}", text, fence, ""]
 
 
 def _picture(picture: Picture, file: str) -> str:

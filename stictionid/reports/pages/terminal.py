@@ -20,7 +20,7 @@ from ..pictures import measures, study_pictures
 from ..pictures.curves import Case
 
 # Sections shown on a terminal; the rest is in the written reports.
-_SECTIONS = ("no-pictures", "ladder", "candidates", "laws", "next")
+_SECTIONS = ("equivalents", "no-pictures", "ladder", "candidates", "tree", "laws", "next")
 # Columns kept of wide tables on a console narrower than _ROOMY columns.
 _NARROW = {"ladder": (0, 1, 2, 3, 4, 6), "candidates": (0, 1, 2, 3, 4)}
 _ROOMY = 110
@@ -33,7 +33,8 @@ _AXIS = 10
 _DOTS_X, _DOTS_Y = 2, 4
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 # Replacements for an encoding without these characters.
-_PLAIN = {"…": "...", "·": ";", "³": "3", "²": "2", "°": "deg ", "µ": "u", "±": "+/-", "×": "x", "–": "-"}
+_PLAIN = {"…": "...", "·": ";", "³": "3", "²": "2", "°": "deg ", "µ": "u", "±": "+/-", "×": "x", "–": "-",
+          "├": "|", "└": "`", "│": "|", "─": "-"}
 _STYLES = {"stiction": "bold red", "no stiction": "bold green", "undecided": "bold yellow"}
 
 
@@ -62,6 +63,8 @@ def _sections(facts: Facts, console: Any, encoding: str) -> None:
         for bullet in section.bullets:
             console.print(textwrap.fill(_text(f"- {bullet}", encoding), max(console.width, 20),
                                         subsequent_indent="  "))
+        for line in section.lines:
+            console.print(_text(line, encoding), no_wrap=True, overflow="ignore", crop=False)
         for table in section.tables:
             kept = _NARROW.get(section.key) if console.width < _ROOMY else None
             more = len(table.rows) - _MOST_ROWS

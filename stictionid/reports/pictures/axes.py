@@ -12,6 +12,8 @@ from .picture import Panel
 
 # Margin between the curves and the frame, as a share of the range.
 _MARGIN = 0.04
+# The same for a tree, on a logarithmic scale: a node needs room for its sign.
+_TREE_MARGIN = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,8 @@ class Axis:
 
 def limits(panel: Panel, axis: str) -> tuple[float, float]:
     """Smallest and largest number of a panel along "x" or "y", with a margin where curves would touch the frame."""
+    if panel.branches:
+        return _tree_limits(panel, axis)
     values: list[float] = []
     for line in panel.lines:
         data = line.x if axis == "x" else line.y
@@ -72,6 +76,17 @@ def limits(panel: Panel, axis: str) -> tuple[float, float]:
     return low - room, high + room
 
 
+def _tree_limits(panel: Panel, axis: str) -> tuple[float, float]:
+    """Limits of a tree: its rows from the top down, or its nodes and rules with a margin on a logarithmic scale."""
+    if axis == "y":
+        return len(panel.branches) - 0.4, -0.6
+    values = [b.x for b in panel.branches] + [r.value for r in panel.rules if r.axis == "x"]
+    good = [v for v in values if math.isfinite(v) and v > 0]
+    low, high = (min(good), max(good)) if good else (1.0, 1.0)
+    room = max((high / low) ** _TREE_MARGIN, 1.0 + _TREE_MARGIN)
+    return low / room, high * room
+
+
 def edges(centres: tuple[float, ...]) -> FloatArray:
     """Edges (k+1,) of cells with the given centres (k,)."""
     c = np.asarray(centres, dtype=float)
@@ -98,9 +113,14 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """1, 2, 5 times powers of ten between `low` and `high`; only the powers where there are many."""
+    """1, 2, 5 times powers of ten between `low` and `high`; only the powers where there are many.
+
+    Where there is none or one of them, round numbers as on a scale that is not logarithmic.
+    """
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     found = [m * 10.0 ** d for d in decades for m in (1, 2, 5) if low <= m * 10.0 ** d <= high]
+    if len(found) < 2:
+        return ticks(low, high, 4)
     return found if len(found) <= 7 else [v for v in found if math.log10(v) % 1 < 1e-9 or math.log10(v) % 1 > 1 - 1e-9]
 
 

@@ -16,7 +16,7 @@ from .. import wording
 from . import axes, palette, svg
 from .axes import Axis
 from .legend import BAND_NAMES, BETWEEN, RULE_ROW, SAMPLE, entries, rule_places
-from .picture import Cells, Line, Panel, Picture
+from .picture import Branch, Cells, Line, Panel, Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -98,6 +98,8 @@ def _panel(panel: Panel, ax: Axes) -> None:
         across(rule.value, label=rule.label if rule.axis == "y" else "", zorder=1.6, **_look(rule.role))
     for line in panel.lines:
         _line(line, ax)
+    for branch in reversed(panel.branches):
+        _branch(branch, ax)
     for b in panel.boxes:
         ax.add_patch(Rectangle((b.x0, b.y0), b.x1 - b.x0, b.y1 - b.y0, fill=False, label=b.label, zorder=3,
                                edgecolor=palette.LOOKS["mark"].light, linewidth=palette.LOOKS["mark"].width))
@@ -110,19 +112,22 @@ def _panel(panel: Panel, ax: Axes) -> None:
 
 def _scales(panel: Panel, ax: Axes) -> None:
     """Limits, ticks, grid, frame and names of the axes."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+    from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
     ax.set_facecolor(palette.GROUND.light)
     ax.set_axisbelow(True)
     ax.ticklabel_format(useOffset=False)
     if panel.log_x:
         ax.set_xscale("log")
-        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.xaxis.set_major_locator(FixedLocator(axes.log_ticks(*axes.limits(panel, "x"))) if panel.branches
+                                   else LogLocator(subs=(1, 2, 5)))
         ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         ax.xaxis.set_minor_locator(NullLocator())
     if panel.names:
         ax.set_yticks(range(len(panel.names)), [wording.clean(n, wording.LONGEST_NAME // 2) for n in panel.names],
                       **_PLAIN)
+    if panel.branches:
+        ax.set_yticks([])
     ax.set_xlim(*axes.limits(panel, "x"))
     ax.set_ylim(*axes.limits(panel, "y"))
     if panel.cells is None:
@@ -150,6 +155,26 @@ def _line(line: Line, ax: Axes) -> None:
         ax.plot(line.x, line.y, label=line.name, **_look(line.role))
     if line.style == "arrows":
         _arrows(line, ax)
+
+
+def _branch(branch: Branch, ax: Axes) -> None:
+    """A node of a tree with the edge that leads to it, as svg.py draws it."""
+    from matplotlib.patheffects import withStroke
+
+    look, colour = _look(branch.role), palette.LOOKS[branch.role].light
+    ax.plot([branch.from_x, branch.from_x, branch.x], [branch.from_row, branch.row, branch.row], **look, zorder=2)
+    ax.plot([branch.x], [branch.row], "o", color=colour, markersize=10, markeredgewidth=0, zorder=3)
+    # The legend's sample is both at once.
+    ax.plot([], [], marker="o", **look, markersize=8, markeredgewidth=0, label=branch.kind)
+    per_px = ax.figure.dpi / _POINTS
+    size = _CHARACTER * float(ax.xaxis.label.get_fontsize()) * len(branch.label)
+    start, end = (float(ax.transData.transform((v, branch.row))[0]) / per_px for v in (branch.from_x, branch.x))
+    anchor, above = svg.branch_label(start, end, ax.bbox.x0 / per_px, size)
+    ax.annotate(wording.name(branch.label), (branch.x, branch.row), (9 if anchor == "start" else -9, 4 * above),
+                textcoords="offset points", ha="left" if anchor == "start" else "right",
+                va="bottom" if above else "center", color=(palette.SOFT_INK if branch.role == "guide"
+                                                           else palette.INK).light, zorder=4, **_PLAIN,
+                path_effects=[withStroke(linewidth=3, foreground=palette.GROUND.light)])
 
 
 def _arrows(line: Line, ax: Axes) -> None:

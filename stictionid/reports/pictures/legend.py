@@ -30,6 +30,7 @@ def entries(panel: Panel) -> list[tuple[str, str, str]]:
     found += [(r.label, r.role, "line") for r in panel.rules if r.axis == "y"]
     found += [(b.label, "mark", "box") for b in panel.boxes]
     found += [(m.label, m.role, "mark") for m in panel.marks]
+    found += [(b.kind, b.role, "branch") for b in panel.branches]
     found = [e for e in found if e[0]]
     if len(found) == 1 and found[0][2] in ("bar", "line") and panel.names:
         return []  # one kind of bar, which the axis names
@@ -108,6 +109,9 @@ def _sample(kind: str, role: str, at: float, y: float) -> str:
         return f'<circle class="f-{role}" cx="{at + 12:.0f}" cy="{y:.0f}" r="4"/>'
     if kind == "box":
         return f'<rect class="r-{role}" x="{at:.0f}" y="{y - 6:.0f}" width="24" height="12"/>'
+    if kind == "branch":
+        return (f'<path class="r-{role}" d="M{at:.0f} {y:.0f}h24"/>'
+                f'<circle class="f-{role}" cx="{at + 12:.0f}" cy="{y:.0f}" r="4"/>')
     if kind == "mark":
         return mark(role, at + 12, y, 6)
     return f'<path class="r-{role}" d="M{at:.0f} {y:.0f}h24"/>'

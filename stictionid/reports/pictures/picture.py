@@ -78,8 +78,28 @@ class Cells:
 
 
 @dataclass(frozen=True, slots=True)
+class Branch:
+    """One node of a tree at `x`, `row`, joined to its parent at `from_x`, `from_row`; both pairs are equal for a root.
+
+    `label` stands at the edge, `note` holds more words about the node. `role` picks the look, `kind` names it.
+    """
+
+    from_x: float
+    from_row: int
+    x: float
+    row: int
+    label: str
+    note: str
+    role: str
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
 class Panel:
-    """One pair of axes; `height` is its share among the picture's panels, `ticks` names positions on the x axis."""
+    """One pair of axes; `height` is its share among the picture's panels, `names` stand at rows of the y axis.
+
+    A panel with `branches` has one row for each of them, from the top down, and no scale of y.
+    """
 
     x_label: str
     y_label: str
@@ -93,6 +113,7 @@ class Panel:
     height: float = 1.0
     y_from_zero: bool = False
     names: tuple[str, ...] = ()
+    branches: tuple[Branch, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

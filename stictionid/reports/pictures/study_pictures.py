@@ -16,7 +16,7 @@ from ...record.study import Study
 from ...typing import FloatArray
 from .. import wording
 from ..sections import added_later, mapped_step
-from . import measures, residual_pictures
+from . import measures, residual_pictures, tree_picture
 from .curves import Case
 from .picture import Band, Box, Cells, Line, Mark, Panel, Picture, Rule
 
@@ -35,8 +35,8 @@ _MOST_GAPS = 20
 
 
 def pictures(case: Case) -> dict[str, Picture]:
-    """Every picture of one case by key, in reading order; empty without data except for ladder and cost map."""
-    from_study = (ladder(case.study), cost_map(case.study), candidates(case.study))
+    """Every picture of one case by key, in reading order; empty without data except for those of the study itself."""
+    from_study = (ladder(case.study), cost_map(case.study), candidates(case.study), tree_picture.tree(case.study))
     found = [p for p in from_study if p is not None]
     if case.loop is not None and case.loop.samples > 1:
         last = case.curves[-1] if case.curves else None

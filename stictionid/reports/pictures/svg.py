@@ -15,7 +15,7 @@ from .. import wording
 from . import axes, palette
 from . import legend as names
 from .axes import Axis
-from .picture import Band, Line, Panel, Picture, Rule
+from .picture import Band, Branch, Line, Panel, Picture, Rule
 
 # Sizes in px of the drawing's own grid. A wide picture fills a page, a square one half of it or a phone.
 WIDE, SQUARE = 920, 440
@@ -29,6 +29,8 @@ CHARACTER = 7.3
 _ARROW_EVERY = 95.0
 # Most of a picture's width for names of bars, as a share; longer names are cut in the middle.
 _WIDEST_NAMES = 0.42
+# Height of one row of names or of a tree, and of the rest of such a frame. Unit: px.
+_ROW, _ROWS_BESIDE = 26, 46
 SVG_KIND = b"<!-- stictionid figure -->"
 
 
@@ -42,6 +44,8 @@ def style(selector: str = "") -> str:
     rules += [f"{selector} text{{fill:var(--ink);font:{TEXT}px system-ui,-apple-system,'Segoe UI',Arial,sans-serif}}",
               f"{selector} .grid{{stroke:var(--grid);stroke-width:1}}",
               f"{selector} .under{{stroke:var(--ground);stroke-width:5px;fill:none}}",
+              f"{selector} .soft{{fill:var(--soft)}}", f"{selector} .strong{{font-weight:650}}",
+              f"{selector} .halo{{stroke:var(--ground);stroke-width:4px;stroke-linejoin:round;paint-order:stroke}}",
               f"{selector} .frame{{stroke:var(--soft);stroke-width:1;fill:none}}",
               f"{selector} .b-failing{{fill:var(--failing)}}", f"{selector} .b-unused{{fill:url(#hatch)}}",
               f"{selector} .hatch{{stroke:var(--unused);stroke-width:4}}"]
@@ -95,9 +99,9 @@ def _cut(text: str, room: float) -> str:
 
 def heights(picture: Picture, width: int) -> list[int]:
     """Height of each panel's frame in a drawing `width` px wide."""
-    named = max((len(p.names) for p in picture.panels), default=0)
-    base = 46 + 26 * named if named else _HEIGHT_WIDE if picture.wide else _HEIGHT_SQUARE
-    if picture.wide and width != WIDE:
+    rows = max((len(p.names) or len(p.branches) for p in picture.panels), default=0)
+    base = _ROWS_BESIDE + _ROW * rows if rows else _HEIGHT_WIDE if picture.wide else _HEIGHT_SQUARE
+    if picture.wide and width != WIDE and not rows:
         base = 170
     return [round(base * p.height) for p in picture.panels] if len(picture.panels) > 1 else [base]
 
@@ -114,6 +118,7 @@ def _panel(panel: Panel, width: int, top: float, height: float, key: str) -> tup
     """One panel from `top` on, and the position of the next one."""
     legend, rows = names.legend(panel, _LEFT, width, top, CHARACTER, _cut)
     left = min(max(_LEFT, 12 + CHARACTER * max((len(n) for n in panel.names), default=0)), _WIDEST_NAMES * width)
+    left = _RIGHT if panel.branches else left
     x = Axis(*axes.limits(panel, "x"), left, width - _RIGHT, panel.log_x)
     y0 = top + _TOP + names.ROW * rows + names.RULE_ROW * names.rule_rows(panel, x, CHARACTER)
     y1 = y0 + height
@@ -131,6 +136,7 @@ def _panel(panel: Panel, width: int, top: float, height: float, key: str) -> tup
               f'width="{max(float(x.at(b.x1) - x.at(b.x0)), 2):.1f}" '
               f'height="{max(float(y.at(b.y0) - y.at(b.y1)), 2):.1f}"/>' for b in panel.boxes]
     parts += [names.mark(m.role, float(x.at(m.x)), float(y.at(m.y)), 8) for m in panel.marks]
+    parts += [_branch(b, x, y) for b in reversed(panel.branches)]
     parts.append("</g>")
     parts.append(names.rule_labels(panel, x, y0, CHARACTER, _cut))
     parts.append(f'<rect class="frame" x="{left:.1f}" y="{y0:.1f}" width="{width - _RIGHT - left:.1f}" '
@@ -160,6 +166,8 @@ def _grid(panel: Panel, x: Axis, y: Axis) -> str:
     if panel.names:
         parts += [f'<text x="{x.start - 6:.0f}" y="{float(y.at(i)) + 4:.1f}" text-anchor="end">'
                   f"{_cut(name, x.start - 8)}</text>" for i, name in enumerate(panel.names)]
+        return "".join(parts)
+    if panel.branches:
         return "".join(parts)
     up = axes.ticks(y.low, y.high, max(2, int((bottom - top) / 34)))
     step = up[1] - up[0] if len(up) > 1 else 1.0
@@ -202,6 +210,32 @@ def _line(line: Line, x: Axis, y: Axis) -> str:
         return f'<path class="r-{line.role}" d="{path}"/>'
     drawn = f'<path class="r-{line.role}" d="{_path(px, py, good)}"/>'
     return drawn + (_arrows(line.role, px[good], py[good]) if line.style == "arrows" else "")
+
+
+def branch_label(start: float, end: float, low: float, size: float) -> tuple[str, bool]:
+    """Anchor of the label of a branch from `start` to `end`, and whether it stands above the edge, not beside the node.
+
+    A label of width `size` goes along an edge that is long enough, else to that side of its node which has room.
+    """
+    if abs(start - end) > size + 12:
+        return ("start" if end < start else "end"), True
+    return ("end" if end - size - 10 > low else "start"), False
+
+
+def _branch(branch: Branch, x: Axis, y: Axis) -> str:
+    """A node of a tree with the edge that leads to it; its note appears under the pointer."""
+    start, end, row = float(x.at(branch.from_x)), float(x.at(branch.x)), float(y.at(branch.row))
+    room = x.end - x.start - 20
+    size = min(CHARACTER * len(branch.label), room)
+    anchor, above = branch_label(start, end, x.start, size)
+    at = end + (9 if anchor == "start" else -9)
+    look = {"optimum": "halo strong", "guide": "halo soft"}.get(branch.role, "halo")
+    joined = branch.from_row != branch.row
+    edge = f'<path class="r-{branch.role}" d="M{start:.1f} {float(y.at(branch.from_row)):.1f}V{row:.1f}H{end:.1f}"/>'
+    return (f"<g><title>{_safe(branch.note)}</title>" + edge * joined
+            + f'<circle class="f-{branch.role}" cx="{end:.1f}" cy="{row:.1f}" r="{5 if joined else 6}"/>'
+            f'<text class="{look}" x="{at:.1f}" y="{row - 5 if above else row + 4:.1f}" text-anchor="{anchor}">'
+            f"{_cut(branch.label, room)}</text></g>")
 
 
 def _path(px: FloatArray, py: FloatArray, good: np.ndarray) -> str:
