@@ -27,6 +27,7 @@ from stictionid.record.study import (
     Study,
     Verdict,
 )
+from stictionid.record.tree import Edge, Equivalent, Gate, TreeNode
 from stictionid.reports.pictures.curves import Case
 
 MADE_BY = CreatedBy("0.1.0", 7, "3.11.0", "2.4.6", "0.68.1")
@@ -142,6 +143,38 @@ def good(samples: int = 600) -> Case:
     return Case(study, loop, (curves, curves))
 
 
+def node(number: int, parent: int | None, op: str, what: str, rmse: float | None, bic: float | None, status: str,
+         reason: str = "", *, structure: str = "chen, first-order, hold") -> TreeNode:
+    """One model of a made-up search; `reason` is that of the gate that it failed."""
+    gates = (Gate("noise", True, "whitened"), *([Gate("held-out", False, reason)] if reason else []))
+    return TreeNode(number, parent, Edge(op, what), () if op == "root" else (what,), structure, "white",
+                    {"S": 5.0, "J": 2.0}, rmse, rmse, bic, status, gates)
+
+
+def searched(samples: int = 600) -> Case:
+    """The good study with the tree of a search: an answer of two effects, dead ends, and a model alike."""
+    case = good(samples)
+    base = "chen, first-order, hold"
+    tree = (node(0, None, "root", base, 1.168, -100.0, "named"),
+            node(1, 0, "add", "travel-limit", 0.0604, -2840.0, "named"),
+            node(2, 1, "add", "extra-lag", 0.0504, -2990.0, "named"),
+            node(3, 1, "add", "stiction-drift", 0.0602, -2838.0, "rejected", "the gain of 2 BIC is below the margin"),
+            node(4, 0, "add", "extra-lag", 0.85, -400.0, "expanded", "nothing beside it reaches the noise"),
+            node(5, 4, "add", "asymmetric-stiction", 0.83, -420.0, "rejected",
+                 "the residual answers past valve positions more than before: correlation 0.31 at 4 samples"),
+            node(6, 4, "add", "slip-overshoot", 0.058, -2980.0, "equivalent"),
+            node(7, 0, "swap", "integrator", None, None, "failed", "runs away from y",
+                 structure="chen, integrator, hold"),
+            *(node(8 + k, 0, "add", f"effect-{k}", 1.16 - 0.001 * k, -100.0 - 0.05 * k, "looked") for k in range(9)))
+    alike = Equivalent(6, ("extra-lag", "slip-overshoot"), 4.4, 2.3, -2980.0, "a bump in MAN of 5 %")
+    candidates = tuple(replace(c, gain_beyond_noise=150.0 if c.accepted else 0.5,
+                               rejected_because="" if c.accepted else "the gain of 0.5 BIC is below the margin")
+                       for c in case.study.candidates)
+    study = replace(case.study, tree=tree, evaluations=12345, unasked=("gain-nonlinearity",), equivalents=(alike,),
+                    candidates=candidates, missing_reason="a stop of the valve cuts the peaks of PV")
+    return replace(case, study=study)
+
+
 def doubtful(samples: int = 600) -> Case:
     """An estimate whose interval crosses bands, J weak, the model not adequate, the verdict undecided."""
     loop, curves = record(samples, S=1.4, J=0.3, noise=0.2, name="LIC7")
@@ -179,8 +212,14 @@ def hostile() -> Case:
                           parameters=tuple(replace(p, effect=HOSTILE, name=HOSTILE, unit=HOSTILE, meaning=HOSTILE)
                                            for p in step.parameters)) for step in s.steps)
     candidates = tuple(replace(c, effect=HOSTILE, equivalent_to=(HOSTILE,), detectable_from=HOSTILE,
-                               statement=HOSTILE) for c in s.candidates)
+                               statement=HOSTILE, rejected_because=HOSTILE) for c in s.candidates)
     estimate = replace(s.estimate, unit=HOSTILE, law=HOSTILE)
+    bad = Gate(HOSTILE, False, HOSTILE)
+    tree = (TreeNode(0, None, Edge("root", HOSTILE), (HOSTILE,), HOSTILE, HOSTILE, {HOSTILE: 1.0}, 1.0, 1.0,
+                     1.0, "named"),
+            TreeNode(1, 0, Edge("add", HOSTILE), (HOSTILE,), HOSTILE, HOSTILE, {}, 0.5, 0.5, 0.5, "rejected", (bad,)))
+    s = replace(s, tree=tree, unasked=(HOSTILE,), equivalents=(Equivalent(1, (HOSTILE,), 1.0, 1.0, 1.0, HOSTILE),),
+                missing_reason=HOSTILE)
     study = replace(s, data=data, steps=steps, candidates=candidates, estimate=estimate, missing=(HOSTILE,),
                     laws=(LawResult(HOSTILE, 1.0, 1.0, None),), adequate_reason=HOSTILE, command=HOSTILE,
                     range=replace(s.range, reason=HOSTILE, unit=HOSTILE, reference=HOSTILE),

@@ -29,7 +29,7 @@ from stictionid.reports.pictures.figures import draw, figure_bytes
 from stictionid.reports.pictures.study_pictures import pictures
 
 GOLDEN = Path(__file__).parent / "golden"
-KINDS = ("good", "doubtful", "abstained")
+KINDS = ("good", "doubtful", "abstained", "searched")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
 # Set to 1 to write the golden files anew after an intended change; read the difference before committing it.
 _REWRITE = os.environ.get("STICTIONID_REWRITE_GOLDEN") == "1"
@@ -93,7 +93,7 @@ def test_json_holds_every_number_a_picture_shows() -> None:
     assert len(study["series"]["model"]) == one.loop.samples
     for picture in study["pictures"].values():
         for panel in picture["panels"]:
-            assert panel["lines"] or panel["cells"] or panel["marks"]
+            assert panel["lines"] or panel["cells"] or panel["marks"] or panel["branches"]
             assert all(len(line["x"]) == len(line["y"]) for line in panel["lines"])
 
 

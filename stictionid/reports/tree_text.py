@@ -75,8 +75,9 @@ def tree_lines(study: Study, *, plain: bool = False, width: int = _WIDTH) -> tup
         return ()
     noise = study.steps[-1].error.noise_sd if study.steps else None
     guides = _PLAIN_GUIDES if plain else _GUIDES
-    rows = [(*_heads(s.last, guides), s.label, wording.number(s.node.rmse), _times(s.node.rmse, noise), s.words)
-            for s in found.shown]
+    above = {s.parent for s in found.shown} | ({found.shown[0].node.id} if found.more else set())
+    rows = [(*_heads(s.last, guides, s.node.id in above), s.label, wording.number(s.node.rmse),
+             _times(s.node.rmse, noise), s.words) for s in found.shown]
     if found.more:
         rows.append((guides[1], "   ", f"{found.more} more", "", "", found.rest))
     unit = wording.clean(study.data.units.get("process_value") or "", 8)
@@ -155,12 +156,13 @@ def _walk(children: dict[int | None, list[TreeNode]], parent: int | None, last: 
                     for k, child in reversed(list(enumerate(below)))]
 
 
-def _heads(last: tuple[bool, ...], guides: Sequence[str]) -> tuple[str, str]:
-    """The branches before a node's name, and those before the next line of its words."""
+def _heads(last: tuple[bool, ...], guides: Sequence[str], parent: bool) -> tuple[str, str]:
+    """The branches before a node's name, and those before the next line of its words; `parent` has nodes below it."""
+    below = guides[2] if parent else ""
     if not last:
-        return "", ""
+        return "", below
     above = "".join("   " if ended else guides[2] for ended in last[:-1])
-    return above + guides[1 if last[-1] else 0], above + ("   " if last[-1] else guides[2])
+    return above + guides[1 if last[-1] else 0], above + ("   " if last[-1] else guides[2]) + below
 
 
 def _gain(node: TreeNode, nodes: dict[int, TreeNode]) -> float | None:

@@ -169,8 +169,10 @@ def _branch(branch: Branch, ax: Axes) -> None:
     per_px = ax.figure.dpi / _POINTS
     size = _CHARACTER * float(ax.xaxis.label.get_fontsize()) * len(branch.label)
     start, end = (float(ax.transData.transform((v, branch.row))[0]) / per_px for v in (branch.from_x, branch.x))
-    anchor, above = svg.branch_label(start, end, ax.bbox.x0 / per_px, size)
-    ax.annotate(wording.name(branch.label), (branch.x, branch.row), (9 if anchor == "start" else -9, 4 * above),
+    _, anchor, above = svg.branch_label(start, end, ax.bbox.x0 / per_px, size)
+    beside = max(branch.x, branch.from_x) if anchor == "start" else min(branch.x, branch.from_x)
+    offset = svg.BESIDE if anchor == "start" else -svg.BESIDE
+    ax.annotate(wording.name(branch.label), (branch.x if above else beside, branch.row), (offset, 4 * above),
                 textcoords="offset points", ha="left" if anchor == "start" else "right",
                 va="bottom" if above else "center", color=(palette.SOFT_INK if branch.role == "guide"
                                                            else palette.INK).light, zorder=4, **_PLAIN,

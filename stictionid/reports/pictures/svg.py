@@ -30,7 +30,9 @@ _ARROW_EVERY = 95.0
 # Most of a picture's width for names of bars, as a share; longer names are cut in the middle.
 _WIDEST_NAMES = 0.42
 # Height of one row of names or of a tree, and of the rest of such a frame. Unit: px.
-_ROW, _ROWS_BESIDE = 26, 46
+_ROW, _BESIDE_ROWS = 26, 46
+# Distance of a label from the middle of its node. Unit: px.
+BESIDE = 9
 SVG_KIND = b"<!-- stictionid figure -->"
 
 
@@ -100,7 +102,7 @@ def _cut(text: str, room: float) -> str:
 def heights(picture: Picture, width: int) -> list[int]:
     """Height of each panel's frame in a drawing `width` px wide."""
     rows = max((len(p.names) or len(p.branches) for p in picture.panels), default=0)
-    base = _ROWS_BESIDE + _ROW * rows if rows else _HEIGHT_WIDE if picture.wide else _HEIGHT_SQUARE
+    base = _BESIDE_ROWS + _ROW * rows if rows else _HEIGHT_WIDE if picture.wide else _HEIGHT_SQUARE
     if picture.wide and width != WIDE and not rows:
         base = 170
     return [round(base * p.height) for p in picture.panels] if len(picture.panels) > 1 else [base]
@@ -212,14 +214,16 @@ def _line(line: Line, x: Axis, y: Axis) -> str:
     return drawn + (_arrows(line.role, px[good], py[good]) if line.style == "arrows" else "")
 
 
-def branch_label(start: float, end: float, low: float, size: float) -> tuple[str, bool]:
-    """Anchor of the label of a branch from `start` to `end`, and whether it stands above the edge, not beside the node.
+def branch_label(start: float, end: float, low: float, size: float) -> tuple[float, str, bool]:
+    """Place and anchor of the label of a branch from `start` to `end`, and whether it stands above the edge.
 
-    A label of width `size` goes along an edge that is long enough, else to that side of its node which has room.
+    A label of width `size` goes along an edge that is long enough, else to the left of it, else, where the frame
+    begins at `low` too near, to the right of it.
     """
-    if abs(start - end) > size + 12:
-        return ("start" if end < start else "end"), True
-    return ("end" if end - size - 10 > low else "start"), False
+    left, right = min(start, end), max(start, end)
+    if right - left > size + 2 * BESIDE:
+        return (end + BESIDE, "start", True) if end < start else (end - BESIDE, "end", True)
+    return (left - BESIDE, "end", False) if left - size - BESIDE > low else (right + BESIDE, "start", False)
 
 
 def _branch(branch: Branch, x: Axis, y: Axis) -> str:
@@ -227,8 +231,7 @@ def _branch(branch: Branch, x: Axis, y: Axis) -> str:
     start, end, row = float(x.at(branch.from_x)), float(x.at(branch.x)), float(y.at(branch.row))
     room = x.end - x.start - 20
     size = min(CHARACTER * len(branch.label), room)
-    anchor, above = branch_label(start, end, x.start, size)
-    at = end + (9 if anchor == "start" else -9)
+    at, anchor, above = branch_label(start, end, x.start, size)
     look = {"optimum": "halo strong", "guide": "halo soft"}.get(branch.role, "halo")
     joined = branch.from_row != branch.row
     edge = f'<path class="r-{branch.role}" d="M{start:.1f} {float(y.at(branch.from_row)):.1f}V{row:.1f}H{end:.1f}"/>'

@@ -11,8 +11,10 @@ from .. import wording
 from ..tree_text import Shown, tree_of
 from .picture import Branch, Panel, Picture, Rule
 
-# Nodes that the picture shows; the JSON has all of them. Unit: rows; a page of a screen.
-_MOST_NODES = 24
+# Nodes that the picture shows; the JSON has all of them. Unit: rows.
+_MOST_NODES = 18
+# Dead ends that the text alternative gives with their reason.
+_IN_WORDS = 3
 # Role and name of each status.
 _LOOKS = {"named": ("optimum", "path of the answer"), "equivalent": ("position", "explains the record alike"),
           "expanded": ("pv", "expanded")}
@@ -68,6 +70,3 @@ def _alt(study: Study, shown: tuple[Shown, ...], unit: str) -> str:
     rest = f" Not taken: {'; '.join(f'{s.label} ({s.words})' for s in dead[:_IN_WORDS])}." if dead else ""
     return f"{some} tried.{path}{rest} The text below has the same tree."
 
-
-# Dead ends that the text alternative gives with their reason.
-_IN_WORDS = 3
