@@ -42,7 +42,7 @@ class Shown:
 
 @dataclass(frozen=True, slots=True)
 class TreeText:
-    """The nodes to show in reading order, the number of those left out, and what these gained, in words."""
+    """The nodes to show in reading order, the number of those left out, and the largest gain of these in words."""
 
     shown: tuple[Shown, ...]
     more: int = 0
@@ -187,7 +187,7 @@ def _words(node: TreeNode, gain: float | None) -> str:
 
 
 def _rest(hidden: Sequence[TreeNode], nodes: dict[int, TreeNode]) -> str:
-    """What the nodes left out gained, at the most."""
+    """Largest gain of the nodes left out, in words."""
     gains = [gain for n in hidden if (gain := _gain(n, nodes)) is not None]
     if not gains:
         return ""

@@ -64,6 +64,8 @@ def _sections(facts: Facts, console: Any, encoding: str) -> None:
             console.print(textwrap.fill(_text(f"- {bullet}", encoding), max(console.width, 20),
                                         subsequent_indent="  "))
         for line in section.lines:
+            # A line keeps its width: one dot for the three of a cut text.
+            line = line if _has(encoding, "…") else line.replace("…", ".")
             console.print(_text(line, encoding), no_wrap=True, overflow="ignore", crop=False)
         for table in section.tables:
             kept = _NARROW.get(section.key) if console.width < _ROOMY else None
