@@ -24,7 +24,7 @@ _DRIVER = shutil.which("chromedriver")
 _MISSING = [name for name, there in (("chromium", _CHROMIUM), ("chromium-driver", _DRIVER),
                                      ("selenium", importlib.util.find_spec("selenium"))) if not there]
 pytestmark = pytest.mark.skipif(bool(_MISSING), reason=f"no {', '.join(_MISSING)} on this machine")
-PAGES = ("good", "doubtful", "abstained", "hostile", "several")
+PAGES = ("good", "doubtful", "abstained", "hostile", "searched", "several")
 
 
 @pytest.fixture(scope="module")
@@ -246,7 +246,8 @@ def test_the_summary_of_a_batch_sorts_filters_and_opens_a_loops_page(browser: An
 
 
 # Dark pages share one style sheet; two of them show every part that it colours.
-@pytest.mark.parametrize(("page", "dark"), [*((page, False) for page in PAGES), ("several", True), ("hostile", True)])
+@pytest.mark.parametrize(("page", "dark"), [*((page, False) for page in PAGES), ("several", True), ("hostile", True),
+                                             ("searched", True)])
 def test_axe_finds_nothing_serious(browser: Any, pages: Path, page: str, dark: bool) -> None:
     if importlib.util.find_spec("axe_core_python") is None:
         pytest.skip("no axe-core-python on this machine")

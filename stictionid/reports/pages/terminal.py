@@ -72,7 +72,8 @@ def _sections(facts: Facts, console: Any, encoding: str) -> None:
             more = len(table.rows) - _MOST_ROWS
             if more > 0:
                 table = replace(table, rows=table.rows[:_MOST_ROWS])
-            console.print(_table(_part(table, kept) if kept else table, console, encoding))
+            wide = kept is not None and len(table.columns) > max(kept)
+            console.print(_table(_part(table, kept) if kept and wide else table, console, encoding))
             if more > 0:
                 console.print(f"and {more} more; report -o shows all")
 
