@@ -37,4 +37,5 @@ EFFECT = Effect(
     summary="one more first-order lag: actuator, process or sensor",
     equation="G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1))",
     source="METHODS.md section 5", parameters=(_PARAMETER,), limits=_limits, dynamics=_dynamics, guess=_guess,
+    by_itself=True,
 )

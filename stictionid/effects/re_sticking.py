@@ -49,4 +49,5 @@ EFFECT = Effect(
     summary="a sliding valve sticks when the command moves too slowly",
     equation="while sliding: |du/dt| < restick_speed -> stuck",
     source="METHODS.md section 5", parameters=(_SPEED,), limits=_limits, friction=_friction, guess=_guess,
+    by_itself=True,
 )

@@ -1,37 +1,40 @@
-"""Method `auto`, the default: basins by ARX, last polish by the free-run error, restarts, choice of the structure.
+"""Method `auto`, the default: basins by ARX, last polish by the free-run error, then the search's small catalogue.
 
-The base model is the given law, first order with dead time or integrator with lag and dead time, and white output
-noise. The method decides how the command moved between samples and whether the process integrates. Where the data ask
-for a further lag it becomes a step of its own. Wrong where something is missing from the model; `diagnose` looks for
-it. Source: METHODS.md section 4, traps 1 to 5; the paper's Eq. 7 to 21 for the ARX part.
+The base model is the given law, first order with dead time, and white output noise. The search (selection/) decides how
+the command moved between samples, whether the process integrates, whether it has a further lag, and whether the valve
+rests between scans. Wrong where something else is missing from the model; `diagnose` looks for it. Source: METHODS.md
+section 4, traps 1 to 5; the paper's Eq. 7 to 21 for the ARX part.
 """
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
-from ..effects import noises_in
+from ..effects import catalogue, noises_in
 from ..errors import CannotTell
 from ..fit.add_effect import added
 from ..fit.context import WALK, Run, parameters
 from ..fit.fit import Fitted, reaching
 from ..fit.intervals.assemble import outline, region
-from ..fit.noise.prewhitening import whitened
-from ..fit.starts.beside_effect import RESTING
-from ..fit.starts.intersample import SUBSTEPS, moved_after_all
-from ..model.spec import FIRST_ORDER, Spec
+from ..fit.moves import descended, search_model
+from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
+from ..fit.with_effect import scout
+from ..model.spec import BASE, Spec
+from ..process.scan import DECIMATED, parts_of, ran_between
 from ..record.loop import Finding
 from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
-from ..selection.added_steps import leave_out, try_load, try_resting, try_step, try_stop
-from ..selection.noise_steps import ask_noise, try_noise, try_walk_alone
+from ..record.study import Step
+from ..selection.decide import Decision, decided
+from ..selection.node import LAG, physical
 from ..selection.policy import Policy
-from ..selection.structure import LAG, check_scans, choose, first_look
+from ..selection.run import commands_of, ladder_of, tree_of
+from ..selection.search import Search
 from ..typing import FloatArray
 from .contract import Method, Outcome
+from .decimated import CHATTER, chatter, check_scans, held_out, said_chatter, said_scans, scanned, scans_of
 
 # A free-run error beyond this share of the scatter of y explains nothing. An integrator is excepted if it leaves less
 # than the other share of the variance of the differences: 3 to 17 % with a hidden effect.
@@ -42,92 +45,95 @@ _TURN, _SLOW, _FAST, _FASTER = 0.5, (0.0, 0.15), (0.15, 0.4), (0.4, 0.5)
 
 
 def _run(run: Run, policy: Policy) -> Outcome:
-    """The search with the command that the record indicates; where that is a held one, again with a moving one.
-
-    The steps that it may add by itself have numbers of their own; none of them is a field of `policy` yet.
-    """
-    outcome = _searched(run)
-    if run.options.between != "auto" or moved_after_all(outcome.fits[-1], run.options.scan_s) is None:
-        return outcome
-    run.tell("rebuilding the command between samples", 0.5)
-    again = copy(run)
-    again.options = replace(run.options, between="corner")
-    try:
-        moving = _searched(again)
-    except CannotTell:
-        return outcome
-    return min(outcome, moving, key=lambda o: whitened(o.fits[-1].model, o.fits[-1].values).innovation_sd)
-
-
-def _searched(run: Run) -> Outcome:
-    """Base model with its process and its command between samples, then whatever else the data ask for."""
+    """Base model, then the search with the small catalogue, and with the whole one where that explains nothing."""
     o = run.options
-    noises = noises_in(o.effects)
-    spec = Spec(law=run.law, effects=tuple(name for name in o.effects if name not in noises), fixed=dict(o.fixed),
-                between="hold" if o.between == "auto" else o.between,
-                substeps=SUBSTEPS if o.between == "corner" else 1)
     run.tell("searching (S, J)", 0.1)
-    spec, runs, notes = choose(run, spec)
-    run.tell("restarting until two searches agree", 0.5)
-    fit = run.fit(spec, before=runs)
-    first = run.step(fit, None)
-    if spec.effects and not run.adequate(first)[0]:
-        run.tell("adding one effect after the other", 0.55)
-        one, said = _one_by_one(run, spec)
-        if one.best.rmse < fit.best.rmse:
-            fit, first, notes = one, run.step(one, None), said
+    fit, notes = _base(run)
     check_scans(run, fit)
-    steps, fits = [replace(first, findings=(*notes, *first.findings))], [fit]
+    noises = noises_in(o.effects)
     if _nothing(run, fit) and samples_a_turn(run.used_y()) < SAMPLES_PER_PERIOD:
         raise _explains_nothing(run)  # nor could a valve that rests be seen
-    if not o.base_only and RESTING not in spec.effects:
-        run.tell("trying a valve that rests between scans", 0.6)
-        try_resting(run, steps, fits)
-    if not o.base_only and _nothing(run, fits[-1]):
-        run.tell("trying a load that changes", 0.65)
-        try_load(run, steps, fits)
-    if not o.base_only:
-        try_stop(run, steps, fits)
-    if not o.base_only and _nothing(run, fits[-1]):
-        run.tell("trying a random walk", 0.68)
-        try_walk_alone(run, steps, fits)
-    if _nothing(run, fits[-1]):
+    run.tell("asking for the process and the command", 0.5)
+    small = frozenset() if o.base_only else frozenset(e.name for e in catalogue().values() if e.by_itself)
+    search, found = _searched(run, fit, policy, small)
+    if not o.base_only and _nothing_explained(run, found):
+        run.tell("asking for every effect", 0.6)
+        search, found = _searched(run, fit, policy, None)
+    if _nothing_explained(run, found):
         raise _explains_nothing(run)
-    # With a random walk the lag was tried already.
-    if not o.base_only and not o.fixed and not {LAG, WALK} & set(fits[-1].model.spec.effects):
-        run.tell("trying a further lag", 0.7)
-        try_step(run, steps, fits, LAG)
+    if noises or o.base_only:
+        found = replace(found, noise="")
+    steps, fits, order = ladder_of(run, search, found, fit)
+    steps[0] = replace(steps[0], findings=(*notes, *steps[0].findings))
     for name in noises:
         run.tell(f"fitting with {name}", 0.75)
-        ask_noise(run, steps, fits, name)
-    if not noises and not o.base_only and not o.fixed and not run.adequate(steps[-1])[0]:
-        run.tell("trying coloured noise and a random walk", 0.75)
-        try_noise(run, steps, fits)
-    if not noises:
-        leave_out(run, steps, fits)
-    found = fits[-1]
-    if not o.base_only and not o.fixed and LAG not in found.model.spec.effects:
-        fits[-1] = _whatever_the_order(run, fits[-1])
-    else:
-        fits[-1] = reaching(fits[-1], run.rng)
-    if fits[-1].sse < found.sse:
+        fits.append(added(fits[-1], name, run.rng))
+        steps.append(run.step(fits[-1], name))
+    last = fits[-1]
+    wide = not o.base_only and not o.fixed and LAG not in last.model.spec.effects
+    fits[-1] = _whatever_the_order(run, last) if wide else reaching(last, run.rng)
+    if fits[-1].sse < last.sse:
         # Another step of S does better than the search did.
         steps[-1] = run.step_again(steps[-1], fits[-1])
     steps[-1] = replace(steps[-1], parameters=parameters(fits[-1]))
     adequate, why = run.adequate(steps[-1])
-    return Outcome(tuple(steps), tuple(fits), adequate, why)
+    return Outcome(tuple(steps), tuple(fits), adequate, why, tree=tree_of(search, found, order),
+                   evaluations=search.spent, unasked=tuple(search.unasked), equivalents=found.equivalents,
+                   missing_reason=found.missing_reason)
 
 
-def _one_by_one(run: Run, spec: Spec) -> tuple[Fitted, tuple[Finding, ...]]:
-    """The fit of the requested effects, each added to the best model so far, and the findings on its structure.
+def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:
+    """The fit of the base, with the effects that were asked for, and the findings on scans between the samples."""
+    o = run.options
+    asked = tuple(name for name in o.effects if name not in noises_in(o.effects))
+    spec = Spec(law=run.law, effects=asked, fixed=dict(o.fixed), between="hold" if o.between == "auto" else o.between,
+                substeps=SUBSTEPS if o.between == "corner" else 1)
+    if o.between == DECIMATED:
+        slow = scanned(run, replace(spec, substeps=scans_of(run)))
+        if slow.evaluated is None:
+            raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
+                             code="valve-never-moves")
+        return run.fit(slow.spec, before=(slow.point[None], np.array([slow.cost]))), (said_scans(run, slow.spec.substeps),)
+    if o.between == "auto" and surely_moves(run.loop):
+        spec = as_moving(spec)
+    fit = run.fit(spec)
+    if asked and not run.adequate(run.step(fit, None))[0]:
+        run.tell("adding one effect after the other", 0.3)
+        one = run.fit(replace(spec, effects=()))
+        for name in asked:
+            one = added(one, name, run.rng)
+        fit = one if one.best.rmse < fit.best.rmse else fit
+    scans = parts_of(run.loop.step_s, o.scan_s)
+    if o.between != "auto" or scans < 2 or not ran_between(run.loop, scans):
+        return fit, ()
+    run.tell("rebuilding the scans between samples", 0.4)
+    slow = scanned(run, replace(spec, between=DECIMATED, substeps=scans))
+    share = chatter(run, slow.evaluated, scans)
+    if share > CHATTER:
+        return fit, (said_chatter(run, scans, share),)
+    if slow.evaluated is None:
+        return fit, ()
+    errors = held_out(run, slow.fit(run)), held_out(run, fit)
+    if not errors[0] < errors[1]:
+        return fit, ()
+    rebuilt = run.fit(slow.spec, before=(slow.point[None], np.array([slow.cost])))
+    return rebuilt, (said_scans(run, scans, errors),)
 
-    A narrow basin (a period, a drift) is found beside a valve that is nearly right, not by a search for everything.
-    """
-    bare, runs, notes = choose(run, replace(spec, effects=(), process=FIRST_ORDER, increments=False, taps=()))
-    fit = run.fit(bare, before=runs)
-    for name in spec.effects:
-        fit = added(fit, name, run.rng)
-    return fit, notes
+
+def _searched(run: Run, fit: Fitted, policy: Policy, only: frozenset[str] | None) -> tuple[Search, Decision]:
+    """The search from a base, and its decision; effects that were asked for stay."""
+    search = Search(run.loop, policy, run.options.seed, 1, run.tell, only=only, commands=commands_of(run))
+    search.root(fit)
+    return search, decided(search, search.run(), keep=physical(fit.model.spec))
+
+
+def _nothing_explained(run: Run, found: Decision) -> bool:
+    done = found.winner.scored.done
+    if done.increments and not done.model.spec.process == "integrator":
+        return False
+    e = done.evaluated
+    return e.rmse > _NOTHING * float(np.std(run.used_y())) and not (
+        done.increments and e.sse < _CHANGES * done.model.shared.target_energy)
 
 
 def _nothing(run: Run, fit: Fitted) -> bool:
@@ -171,14 +177,15 @@ def _explains_nothing(run: Run) -> CannotTell:
 def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
     """The fit with intervals that hold even if the process has a second lag, too small to be named."""
     fit = reaching(fit, run.rng, steps_only=True)
-    model, quick = first_look(run, fit.model, fit.best.values, LAG)
+    look = scout(fit, LAG, fit.values[None, :len(BASE)], run.rng, far=False)
+    model = look.coarse
     known = None
     if fit.around is not None:
         possible = fit.model.values(outline(fit.model, *fit.around))
-        values = model.values(quick.points[:1]).repeat(possible.shape[1], axis=1)
+        values = model.values(look.points[:1]).repeat(possible.shape[1], axis=1)
         values[:len(possible)] = possible
         known = model.cube(values)
-    wide = region(model, quick.points[0], run.rng, known)
+    wide = region(model, look.points[0], run.rng, known)
     names = {name: (min(low, wide[name][0]), max(high, wide[name][1]))
              for name, (low, high) in fit.intervals.items() if name in wide}
     return replace(fit, intervals={**fit.intervals, **names})

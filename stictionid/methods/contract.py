@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from ..fit.fit import Fitted
 from ..fit.options import USUAL_ORDER
 from ..record.study import Step, Verdict
+from ..record.tree import Equivalent, TreeNode
 
 # Options that only some methods use, and how the command line spells them.
 SPELLING = {
@@ -48,6 +49,11 @@ class Outcome:
     process: Process | None = None
     verdict: Verdict | None = None
     gives_jump: bool = True
+    tree: tuple[TreeNode, ...] = ()
+    evaluations: int | None = None
+    unasked: tuple[str, ...] = ()
+    equivalents: tuple[Equivalent, ...] = ()
+    missing_reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,32 +5,72 @@ Source: SELECTION.md section 1; CRITICISM.md section 7.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.moves import descended, with_start
-from ..fit.noise.completion import Refit
 from ..fit.public_values import noise_values, rows_for, values_of
 from ..fit.starts.beside_effect import RESTING
+from ..model.rounding import moved_by_rounding, step_of
 from ..model.segments import bound
-from ..record.study import Candidate, Equivalent
-from .detectable import detectable
-from .gates import GAIN
+from ..record.loop import Loop
+from ..record.study import Candidate, Study
+from ..record.tree import Equivalent
 from .looks import rng_of, standing
 from .node import BASE_EFFECTS, key, node, physical, plain, without
 from .policy import Policy
 from .score import Scored, completed, noise_name
-from .search import DROP, Entry, Search
+from .search import ADD, DROP, Entry, Search
 from .tells import settling
 
 
-def pruned(search: Search, winner: Entry) -> Entry:
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The answer of a search: the winner, the name of its noise, its equivalents, and what is missing in words."""
+
+    winner: Entry
+    noise: str
+    equivalents: tuple[Equivalent, ...]
+    missing_reason: str
+
+
+def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
+    """The best node pruned, with the noise to name, its equivalents, and what the catalogue does not hold.
+
+    Effects to `keep` are never pruned.
+    """
+    winner = pruned(search, best, keep)
+    done = winner.scored.done
+    noise = noise_name(done, search.policy, rng_of(search.seed, key(winner.spec), 1)) if done.white else ""
+    ids = {name: i for i, name in enumerate(search.memo)}
+    alike = tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in equivalents(search, winner))
+    return Decision(winner, noise, alike, missing_reason(winner))
+
+
+def rounded(loop: Loop, study: Study, found: Decision, policy: Policy, seed: int) -> str:
+    """Words where the rounding of the output explains what the study's model leaves; empty elsewhere.
+
+    A right model of a rounded output leaves whole strokes that no effect explains to the noise.
+    """
+    done, last = found.winner.scored.done, study.steps[-1]
+    floor = last.error.noise_sd
+    if done.white or floor is None or not step_of(loop.output) > 0.0:
+        return ""
+    moved = moved_by_rounding(loop, last.model, seed)
+    if last.error.rmse > policy.rounding * float(np.hypot(floor, moved)) or not moved > floor:
+        return ""
+    return (f"the output was recorded in steps of {step_of(loop.output):.3g}: that alone moves y by {moved:.3g}, and "
+            f"the model leaves {last.error.rmse:.3g}; export it with more digits")
+
+
+def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
     """The winner without each effect whose loss costs less than its margin, one after the other."""
     while True:
-        losses = {name: _dropped(search, winner, name) for name in physical(winner.spec)}
+        losses = {name: _dropped(search, winner, name) for name in physical(winner.spec) if name not in keep}
         cheap = {name: e for name, e in losses.items()
                  if winner.scored.done.gain_over(e.scored.done) < _margin(name, search.policy)}
         if not cheap:
@@ -95,16 +135,12 @@ def as_equivalent(entry: Entry, number: int, winner: Entry) -> Equivalent:
 def candidates(search: Search, parent: Entry, winner: str, alike: tuple[str, ...]) -> tuple[Candidate, ...]:
     """The ranking of all effects beside one node, the named one first, then by what they gain beyond noise."""
     base, out = parent.scored, []
-    children = [e for e in search.memo.values() if e.parent == key(parent.spec) and e.op == "add"]
+    children = [e for e in search.memo.values() if e.parent == key(parent.spec) and e.op == ADD]
     noise = _noise_gain(search, parent)
-    named = next((e for e in children if e.what == winner), None)
-    sharpest = named.scored.done if named else base.done
-    seen = detectable([e.what for e in children if e.what != winner], sharpest, search.policy)
     for e in sorted(children, key=lambda e: (e.what != winner, -_gain(e, parent))):
         effect, variant = parse(e.what)
-        size = seen.get(e.what)
         if e.failed:
-            out.append(Candidate(effect.name, False, None, None, None, None, None, None, (), size, (),
+            out.append(Candidate(effect.name, False, None, None, None, None, None, None, (), None, (),
                                  f"{e.what} could not be tried: {e.failed}", variant, rejected_because=e.failed))
             continue
         done, gain = e.scored.done, _gain(e, parent)
@@ -118,7 +154,7 @@ def candidates(search: Search, parent: Entry, winner: str, alike: tuple[str, ...
         out.append(Candidate(
             effect.name, e.what == winner, e.scored.rmse, held.rmse if held else None,
             held.rmse_one_step if held else None, _drop(base.rmse, e.scored.rmse),
-            _drop(base.done.innovation_sd, done.innovation_sd), gain, alike if e.what == winner else (), size,
+            _drop(base.done.innovation_sd, done.innovation_sd), gain, alike if e.what == winner else (), None,
             rows_for(e.what, values_of(e.what, done.model, done.values, done.evaluated)), said, variant,
             gain_beyond_noise=gain, rejected_because=why))
     return tuple(out) if not noise else (*out[:1 if winner else 0], *noise, *out[1 if winner else 0:])
@@ -154,20 +190,10 @@ def _why(entry: Entry, winner: str) -> str:
     return f"it helps less than {winner}" if winner else "it was not needed"
 
 
-def named_noise(search: Search, winner: Entry) -> str:
-    """The noise to name beside the winner: none while the residual answers past valve positions."""
-    done = winner.scored.done
-    return noise_name(done, search.policy, rng_of(search.seed, key(winner.spec), 1)) if done.white else ""
-
-
-def missing_reason(winner: Entry, policy: Policy) -> str:
+def missing_reason(winner: Entry) -> str:
     """The words for a winner that leaves more than noise; empty where nothing is missing."""
     done = winner.scored.done
     if done.white:
         return ""
     return (f"something is missing that the catalogue does not hold: the innovations {done.innovation_sd:.4g} of the "
             f"best model still answer past valve positions, the signals or time (free run {winner.scored.rmse:.4g})")
-
-
-__all__ = ["GAIN", "Refit", "as_equivalent", "candidates", "equivalents", "missing_reason", "named_noise", "pruned",
-           "replace"]

@@ -7,12 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import parse
 from ..fit.add_effect import polished
 from ..fit.context import CONDITIONAL, Run
 from ..fit.fit import Fitted, finish
 from ..fit.moves import descended
-from ..fit.noise.completion import has_noise
 from ..model.model import Model
 from ..model.segments import bound
 from ..model.spec import Spec
@@ -24,14 +22,17 @@ from .score import Scored, glanced
 from .search import Entry, Search
 
 
-def ordered(search: Search, winner: Entry) -> tuple[tuple[str, ...], dict[str, tuple[Spec, FloatArray]]]:
-    """The winner's effects in the order of their gain, and specification and values (d,) of every rung by its key.
+Rung = tuple[Spec, FloatArray]
+
+
+def ordered(search: Search, winner: Entry) -> tuple[tuple[str, ...], list[Rung]]:
+    """The winner's effects in the order of their gain, and specification and values (d,) of every rung, the base first.
 
     A rung is the node as the search met it, or the winner without the later effects, polished.
     """
     left, order = list(physical(winner.spec)), []
     spec = node(without(winner.spec, left), soft=winner.spec.increments)
-    rungs = {key(spec): _rung(search, winner, spec)}
+    rungs = [_rung(search, winner, spec)[:2]]
     while left:
         tried = {name: _rung(search, winner, node(with_effect(spec, name), soft=winner.spec.increments))
                  for name in left}
@@ -39,8 +40,8 @@ def ordered(search: Search, winner: Entry) -> tuple[tuple[str, ...], dict[str, t
         left.remove(name)
         order.append(name)
         spec = tried[name][0]
-        rungs[key(spec)] = tried[name]
-    return tuple(order), {k: (s, v) for k, (s, v, _) in rungs.items()}
+        rungs.append(tried[name][:2])
+    return tuple(order), rungs
 
 
 def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, float]:
@@ -78,13 +79,3 @@ def with_noise(scored: Scored, name: str, spec: Spec) -> Model:
     full = replace(done.spec, effects=(*physical(spec), name))
     return bound(done.model.loop, full, s_max=done.model.s_max, period_s=done.model.period_s,
                  residual=done.evaluated.left)
-
-
-def judged(run: Run, step: Step, after: Fitted) -> tuple[bool, str]:
-    """True where a step is adequate: its free run at the noise, or white innovations under a noise model; the reason."""
-    if has_noise(after.model.spec):
-        return True, f"the one-step error {step.error.rmse_one_step:.4g} is that of white innovations"
-    return run.adequate(step)
-
-
-__all__ = ["fitted", "judged", "ordered", "parse", "step_of", "with_noise"]

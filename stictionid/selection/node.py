@@ -47,6 +47,14 @@ def structure(spec: Spec) -> str:
     return f"{spec.law}, {spec.process}, {between}"
 
 
+def spec_of(words: str, effects: Iterable[str], like: Spec) -> Spec:
+    """The node that `structure` described in words, with some effects; what words leave out is as in another spec."""
+    law, process, command = words.split(", ")
+    between, _, parts = command.partition("/")
+    return node(replace(like, law=law, process=process, between=between, substeps=int(parts or 1),
+                        effects=tuple(effects)))
+
+
 def depth(spec: Spec) -> int:
     """Number of effects beside those of the base."""
     return sum(plain(name) not in BASE_EFFECTS for name in physical(spec))

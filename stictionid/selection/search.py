@@ -5,26 +5,25 @@ Source: SELECTION.md section 1; CRITICISM.md section 7.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..effects import parse
 from ..fit.cross_validation import held_out
-from ..fit.fit import Fitted, as_it_stands
+from ..fit.fit import Fitted
 from ..fit.moves import descended
 from ..fit.starts.beside_effect import on_valve
-from ..fit.starts.intersample import as_moving
 from ..model.segments import bound
-from ..model.spec import BASE, Spec
+from ..model.spec import Spec
 from ..record.loop import Loop
 from ..record.tree import Gate
 from ..typing import Progress
 from .crew import Crew
 from .gates import Edge, judged
 from .looks import DEEP, FAR, VALVES, Ground, Packed, Task, kind_of, pool_of, rng_of, standing
-from .node import BASE_EFFECTS, additions, depth, key, node, other_process, plain, with_effect
+from .node import additions, depth, key, node, other_process, plain, with_effect
 from .policy import Policy
 from .score import Scored, completed
 
@@ -79,9 +78,14 @@ class Search:
         self.memo[key(spec)] = entry
         return entry
 
-    def run(self) -> Entry:
-        """Expand nodes, best first, until noise is left, nothing gains, or the budget is spent; the best node."""
+    def run(self, *, everything: bool = False) -> Entry:
+        """Expand nodes, best first, until noise is left, nothing gains, or the budget is spent; the best node.
+
+        With `everything` the best node is expanded first, even where it leaves only noise.
+        """
         widths: dict[int, int] = {}
+        if everything and not self.best().expanded:
+            self.expand(self.best())
         while True:
             best = self.best()
             if self.at_end(best):
@@ -281,6 +285,3 @@ class Search:
 def what_of(spec: Spec, before: Spec) -> str:
     """A change of structure in words: the new process, or the new command between samples."""
     return spec.process if spec.process != before.process else f"{spec.between} command"
-
-
-__all__ = ["ADD", "DROP", "ROOT", "SWAP", "BASE", "BASE_EFFECTS", "Entry", "Iterable", "Search", "as_it_stands", "as_moving"]

@@ -14,7 +14,7 @@ from ..fit.context import CONDITIONAL, Run, process_numbers
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended, search_model, spreads, with_start
 from ..fit.noise.completion import Refit, at_noise, complete, has_noise
-from ..fit.options import Options, check_tag
+from ..fit.options import Options
 from ..fit.starts.beside_effect import starting_pool
 from ..fit.starts.intersample import moved_after_all
 from ..fit.with_effect import together_on_valve
@@ -27,22 +27,12 @@ from ..record.oscillation import find_range
 from ..record.segments import described
 from ..record.study import Estimate, Step, Study, intervals_withheld, without_intervals
 from ..typing import FloatArray, Progress
+from .node import variants
 
 # An earlier effect is superfluous when the model without it loses less than this in BIC (CRITICISM.md section 7).
 SUPERFLUOUS = 2.0
 # Twice the log-likelihood that a disturbance must gain by entering elsewhere (CRITICISM.md section 7, step 7: "named").
 _ELSEWHERE = 10.0
-
-
-def variants(effect: str, loop: Loop) -> tuple[str, ...]:
-    """The names under which an effect is tried: one for each variant, or for each further tag of the record."""
-    check_tag(effect, loop)
-    found, option = parse(effect)
-    if option:
-        return (effect,)
-    if "extra" in found.needs:
-        return tuple(f"{found.name}:{tag}" for tag in loop.moving_extras)
-    return tuple(f"{found.name}@{v}" for v in found.variants) or (found.name,)
 
 
 def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:

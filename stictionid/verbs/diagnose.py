@@ -2,21 +2,43 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from ..effects import parse
+from ..fit.noise.completion import quick
+from ..model.restore import rebuild_model
 from ..record.loop import Loop
+from ..record.segments import described
 from ..record.study import Study
 from ..selection.policy import Policy
 from ..selection.run import select
 from ..typing import Progress
+from ..verdict.detectable import detectable
 from .add import judged_anew
 
 
 def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool = False, seed: int = 0, jobs: int = 1,
              bootstrap: int = 0, policy: Policy | None = None, progress: Progress | None = None) -> Study:
-    """The study with ranked candidates and the effect to add next; `apply` adds one after the other until none helps.
+    """The study with ranked candidates and the effect to add next; `apply` adds all that the search finds.
 
-    `everything` refits the whole catalogue even where the model is adequate. `jobs` processes share the refits, and
+    `everything` asks for the whole catalogue even where the model is adequate. `jobs` processes share the fits, and
     `bootstrap` replicates give the named effect a p-value. `policy` holds the numbers of the search; None means
     the defaults. Raises DataError for an abstained study, and for one whose model cannot be built again.
     """
-    return select(loop, study, judged_anew, everything=everything, apply=apply, seed=seed, jobs=jobs,
-                bootstrap=bootstrap, policy=policy or Policy(), progress=progress)
+    found = select(loop, study, judged_anew, everything=everything, apply=apply, seed=seed, jobs=jobs,
+                   policy=policy or Policy(), progress=progress)
+    return _with_sizes(loop, found)
+
+
+def _with_sizes(loop: Loop, study: Study) -> Study:
+    """The study with the smallest size of every effect that was not named which its record would have shown."""
+    if not study.candidates:
+        return study
+    piece, _ = described(loop, study.steps[-1].model)
+    names = {c: c.effect + (f"@{c.variant}" if c.variant and c.variant in parse(c.effect)[0].variants else
+                            f":{c.variant}" if c.variant else "") for c in study.candidates if not c.accepted}
+    have = {parse(name)[0].name for name in study.steps[-1].effects}
+    sizes = detectable([n for c, n in names.items() if c.effect not in have],
+                       quick(*rebuild_model(piece, study.steps[-1].model)))
+    return replace(study, candidates=tuple(
+        replace(c, detectable_from=sizes.get(names[c])) if c in names else c for c in study.candidates))

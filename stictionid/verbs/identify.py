@@ -100,7 +100,9 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
                  adequate=outcome.adequate, adequate_reason=outcome.reason,
-                 cost_map=_cost_map(near_fit, len(outcome.steps) - 1), command=options.command, severity=meaning)
+                 cost_map=_cost_map(near_fit, len(outcome.steps) - 1), command=options.command, severity=meaning,
+                 tree=outcome.tree, evaluations=outcome.evaluations, unasked=outcome.unasked,
+                 equivalents=outcome.equivalents, missing_reason=outcome.missing_reason)
 
 
 def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:

@@ -32,7 +32,7 @@ from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from ..numerics.varpro import SAME, axes
 from ..record.loop import Loop
 from ..record.study import PositionEstimate, Verdict
-from ..selection.structure import LAG
+from ..selection.node import LAG
 from ..typing import FloatArray
 from .causes import looks_like
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,11 +23,8 @@ from ..model.segments import bound
 from ..numerics.narrow_band import shape
 from ..typing import FloatArray
 
-if TYPE_CHECKING:
-    from .tries import Round
-
-# Gain in BIC and drop of the one-step error that a named effect needs, as in `judge`.
-_BIC, _DROP = 10.0, 0.005
+# Gain in BIC and drop of the one-step error that a named effect needs, as in the policy of the search.
+_BIC, _DROP = 20.0, 0.005
 # Sizes tried on either side of the neutral value, as shares of the range.
 _LADDER = np.geomspace(2e-3, 1.0, 24)
 # Relative steps of the finite differences of the base parameters.
@@ -39,12 +35,8 @@ _PUBLIC = {"jump_difference": "jump_up - jump_down"}
 _TIMES = (0.2, 0.35, 0.5, 0.65, 0.8)
 
 
-def detectable(found: Round, names: Sequence[str], winner: Refit | None = None) -> dict[str, str]:
-    """For each effect the smallest size that would have been named, as "parameter from value unit".
-
-    Beside the named effect (`winner`), where there is one: what it leaves decides what else could be seen.
-    """
-    best = winner or _sharpest(found)
+def detectable(names: Sequence[str], best: Refit) -> dict[str, str]:
+    """For each effect the smallest size that would have been named beside a model, as "parameter from value unit"."""
     out = {}
     for name in names:
         try:
@@ -54,12 +46,6 @@ def detectable(found: Round, names: Sequence[str], winner: Refit | None = None) 
         if said:
             out[name] = said
     return out
-
-
-def _sharpest(found: Round) -> Refit:
-    """The model to measure against: the base, or the base with its noise model where that is clearly better."""
-    noises = [t.refit for t in found.tried if t.noise and t.refit is not None and t.delta_bic > _BIC]
-    return min(noises, key=lambda r: r.innovation_sd, default=found.reference)
 
 
 def need(rows: float, count: int) -> float:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..model.restore import rebuild_model
+from .restore import rebuild_model
 from ..record.loop import Loop
 from ..record.segments import described
 from ..typing import FloatArray
