@@ -23,10 +23,10 @@ from ..typing import FloatArray, Progress
 from .decide import Decision, candidates, decided, rounded
 from .ladder import fitted, ordered, step_of, with_noise
 from .looks import rng_of
-from .node import key, node, physical, plain, spec_of, structure
+from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
 from .score import Scored, glanced, noise_name
-from .search import ROOT, Entry, Search
+from .search import ADD, ROOT, Entry, Search
 from .steps import opened, with_steps
 
 # Gives a study with another last model its verdict and severity.
@@ -82,12 +82,18 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted) -> None:
     """Put the models of a study's steps and of its tree in the memo of a search."""
     search.root(fit)
     known = {n.id: n for n in study.tree}
+    asked: dict[int, set[str]] = {}
+    for n in study.tree:
+        if n.parent is not None and n.edge.op == ADD:
+            asked.setdefault(n.parent, set()).add(n.edge.what)
     for n in study.tree:
         if n.status in ("looked", "failed") or not n.parameters:
             continue
         spec = spec_of(n.structure, n.effects, fit.model.spec)
+        # Another search may have asked for fewer effects.
+        whole = set(additions(spec, search.loop, search.only)) <= asked.get(n.id, set())
         if key(spec) in search.memo:
-            search.memo[key(spec)].expanded |= n.status in ("expanded", "named")
+            search.memo[key(spec)].expanded |= whole
             continue
         model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
                       residual=fit.best.left)
@@ -95,14 +101,14 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted) -> None:
         parent = None if before is None else key(spec_of(before.structure, before.effects, fit.model.spec))
         search.memo[key(spec)] = Entry(spec, Scored(glanced(model, model.vector(n.parameters), search.policy), True),
                                        parent, n.edge.op, n.edge.what, gates=n.gates,
-                                       expanded=n.status in ("expanded", "named"))
+                                       expanded=whole)
     for step in study.steps[:-1]:
         model, values = rebuild_model(run.loop, step.model)
         spec = node(model.spec)
         if key(spec) not in search.memo:
-            whole = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
+            there = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
                           residual=fit.best.left)
-            search.root(as_it_stands(whole, whole.vector(model.named(values))))
+            search.root(as_it_stands(there, there.vector(model.named(values))))
 
 
 def ladder_of(run: Run, search: Search, found: Decision, first: Fitted,
