@@ -303,3 +303,42 @@ def adapted(mean, sigma, cov, path_s, path_c, steps, w, constants, turn, top):
            + cmu * rank_mu)
     return (np.clip(mean + sigma * step, 0.0, top), sigma * np.exp(np.clip(cs / damps * (length / chi - 1), -1, 1)),
             cov, path_s, path_c)
+
+
+def noise_covariance(taps, rho, theta, samples, burn=4000):
+    """Covariance of a noise process with unit innovations from its impulse response, and of its walk from time 0.
+
+    A (1 - rho q^-1) v = (1 - theta q^-1) e. For rho = 1 the walk starts at v(-1) = 0 with settled differences; its
+    level is left out.
+    """
+    a, walks = np.array([1.0, *taps]), rho == 1.0 and theta < 1.0
+    if rho == theta:
+        rho = theta = 0.0
+    if not walks:
+        a = np.convolve(a, [1.0, -rho])
+    total = burn + samples
+    h = []
+    for k in range(total):
+        past = sum(a[i] * h[k - i] for i in range(1, min(k, a.size - 1) + 1))
+        h.append((1.0 if k == 0 else -theta if k == 1 else 0.0) - past)
+    h = np.array(h)
+    gamma = np.array([h[:total - k] @ h[k:] for k in range(samples)])
+    out = gamma[np.abs(np.subtract.outer(np.arange(samples), np.arange(samples)))]
+    if walks:
+        sums = np.tril(np.ones((samples, samples)))
+        out = sums @ out @ sums.T
+    return out
+
+
+def noise_likelihood(residual, good, starts, taps, rho, theta):
+    """Sum of squares and log-determinant of the good samples, missing rows dropped and levels integrated out."""
+    sse = logdet = 0.0
+    for a, b in zip(starts, [*starts[1:], len(residual)]):
+        keep = np.flatnonzero(good[a:b])
+        V = noise_covariance(taps, rho, theta, b - a)[np.ix_(keep, keep)]
+        y, one = residual[a:b][keep], np.ones(keep.size)
+        L = np.linalg.cholesky(V)
+        e, g = np.linalg.solve(L, y), np.linalg.solve(L, one)
+        sse += e @ e - (e @ g) ** 2 / (g @ g)
+        logdet += 2.0 * np.log(np.diag(L)).sum() + np.log(g @ g)
+    return sse, logdet
