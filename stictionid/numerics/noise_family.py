@@ -260,60 +260,93 @@ def _gains(phi: FloatArray, theta: float, P0: FloatArray, level: FloatArray, wal
 
 @kernel
 def _filter(base: FloatArray, samples: int, phi: FloatArray, theta: float, starts: IntArray, kind: IntArray,
-            inverse: FloatArray, gain: FloatArray, predict: bool) -> None:
-    """Scaled innovations, or one-step predictions, of each stretch of `samples` rows in place."""
+            inverse: FloatArray, gain: FloatArray) -> None:
+    """Scaled innovations of each stretch of `samples` rows in place; `gain` (rows, m + 1) ends with a column of 0."""
     m, lanes = phi.size, base.shape[1]
     x = np.zeros((m + 1, lanes))
-    e = np.empty(lanes)
+    y = np.empty(lanes)
+    head, second = x[0], x[1]
     for first in range(0, base.shape[0], samples):
         segment = 0
         for t in range(samples):
             if segment < starts.size and t == starts[segment]:
                 segment += 1
                 x[:] = 0.0
-            row, head = base[first + t], x[0]
-            if kind[t] == _NO_ROW:
-                for p in range(lanes):
-                    e[p] = head[p]
-                for i in range(m):
-                    c, sink, source = phi[i], x[i], x[i + 1]
-                    for p in range(lanes):
-                        sink[p] = c * e[p] + source[p]
-                for p in range(lanes):
-                    row[p] = e[p] if predict else 0.0
-                continue
+            row, c = base[first + t], phi[0]
             if kind[t] == _STEADY:
-                c, source = phi[0], x[1]
+                if m == 1:
+                    for p in range(lanes):
+                        value = row[p]
+                        row[p] = value - head[p]
+                        head[p] = c * value
+                    continue
                 for p in range(lanes):
-                    e[p] = row[p] - head[p]
-                    head[p] = c * row[p] + source[p] - theta * e[p]
+                    value = row[p]
+                    e = value - head[p]
+                    y[p] = value
+                    row[p] = e
+                    head[p] = c * value + second[p] - theta * e
                 # Two rows of the state at once: each row of the data is loaded half as often.
                 i = 1
                 while i + 1 < m:
                     c, d, sink, both, source = phi[i], phi[i + 1], x[i], x[i + 1], x[i + 2]
                     for p in range(lanes):
-                        sink[p] = c * row[p] + both[p]
-                        both[p] = d * row[p] + source[p]
+                        value = both[p]
+                        sink[p] = c * y[p] + value
+                        both[p] = d * y[p] + source[p]
                     i += 2
                 if i < m:
                     c, sink = phi[i], x[i]
                     for p in range(lanes):
-                        sink[p] = c * row[p]
-                s = 1.0
-            else:
-                s = inverse[t]
+                        sink[p] = c * y[p]
+            elif kind[t] == _ROW:
+                s, g = inverse[t], gain[t]
+                k = g[1]
                 for p in range(lanes):
-                    e[p] = row[p] - head[p]
-                for i in range(m):
-                    c, g, sink, source = phi[i], gain[t, i + 1] if i + 1 < m else 0.0, x[i], x[i + 1]
+                    value = row[p]
+                    e = value - head[p]
+                    y[p] = value
+                    row[p] = e
+                    head[p] = c * value + second[p] + k * e
+                for i in range(1, m):
+                    c, k, sink, source = phi[i], g[i + 1], x[i], x[i + 1]
                     for p in range(lanes):
-                        sink[p] = c * row[p] + source[p] + g * e[p]
-            if predict:
+                        sink[p] = c * y[p] + source[p] + k * row[p]
                 for p in range(lanes):
-                    row[p] -= e[p]
+                    row[p] *= s
             else:
                 for p in range(lanes):
-                    row[p] = s * e[p]
+                    value = head[p]
+                    y[p] = value
+                    row[p] = 0.0
+                    head[p] = c * value + second[p]
+                for i in range(1, m):
+                    c, sink, source = phi[i], x[i], x[i + 1]
+                    for p in range(lanes):
+                        sink[p] = c * y[p] + source[p]
+
+
+@kernel
+def _predict(columns: FloatArray, out: FloatArray, phi: FloatArray, theta: float, starts: IntArray, kind: IntArray,
+             gain: FloatArray) -> None:
+    """One-step predictions (n, c) of columns (n, c)."""
+    m, segment = phi.size, 0
+    x = np.zeros((m + 1, columns.shape[1]))
+    for t in range(columns.shape[0]):
+        if segment < starts.size and t == starts[segment]:
+            segment += 1
+            x[:] = 0.0
+        for p in range(columns.shape[1]):
+            out[t, p] = x[0, p]
+            value = x[0, p] if kind[t] == _NO_ROW else columns[t, p]
+            e = value - x[0, p]
+            for i in range(m):
+                k = 0.0
+                if kind[t] == _ROW:
+                    k = gain[t, i + 1]
+                elif kind[t] == _STEADY and i == 0:
+                    k = -theta
+                x[i, p] = phi[i] * value + x[i + 1, p] + k * e
 
 
 class Whitener:
@@ -332,7 +365,7 @@ class Whitener:
             raise ValueError(f"taps {noise.taps} with rho {noise.rho:g} are not stable; fit the noise model again")
         self._starts = np.array(starts, np.int64)
         self._kind, self._inverse = np.empty(good.size, np.int8), np.empty(good.size)
-        gain = np.zeros((good.size, m))
+        gain = np.zeros((good.size, m + 1))
         self.log_scale = float(_gains(self._phi, self._theta, P, level, noise.walks, np.ascontiguousarray(good),
                                       self._starts, self._kind, self._inverse, gain))
         # Gains of settled rows are never read.
@@ -345,21 +378,28 @@ class Whitener:
 
         A column that is 0 but for rounding, such as the level under a random walk, comes back as exactly 0.
         """
-        out = self._run(columns, predict=False)
+        out = np.array(columns, dtype=np.float64, order="C")
+        self.apply_stack(out, len(out))
         size = np.abs(np.where((self._kind != _NO_ROW)[:, None], columns, 0.0)).max(axis=0, initial=0.0)
         out[:, np.abs(out).max(axis=0, initial=0.0) <= _ROUNDING * size] = 0.0
         return out
 
     def predictions(self, columns: FloatArray) -> FloatArray:
         """One-step predictions (n, c) of columns (n, c) from the good rows before each, those of no row included."""
-        return self._run(columns, predict=True)
+        columns = np.ascontiguousarray(columns, dtype=np.float64)
+        out = np.empty_like(columns)
+        _predict(columns, out, self._phi, self._theta, self._starts, self._kind, self._gain)
+        return out
 
     def apply_stack(self, base: FloatArray, samples: int) -> None:
         """Replace every column of a stack (k*samples, P) by its scaled innovations, in place."""
         if samples != self._kind.size:
             raise ValueError(f"the stack has {samples} samples a column and the filter {self._kind.size}; "
                              f"build the filter on the same record")
-        _filter(base, samples, self._phi, self._theta, self._starts, self._kind, self._inverse, self._gain, False)
+        if self.noise.white:
+            base.reshape(-1, samples, base.shape[1])[:, ~self.rows] = 0.0
+            return
+        _filter(base, samples, self._phi, self._theta, self._starts, self._kind, self._inverse, self._gain)
 
     @cached_property
     def levels(self) -> FloatArray:
@@ -367,11 +407,6 @@ class Whitener:
         n = self._kind.size
         segment = np.searchsorted(self.starts, np.arange(n), side="right") - 1
         return self.apply((segment[:, None] == np.arange(len(self.starts))).astype(np.float64))
-
-    def _run(self, columns: FloatArray, predict: bool) -> FloatArray:
-        out = np.array(columns, dtype=np.float64, order="C")
-        _filter(out, len(out), self._phi, self._theta, self._starts, self._kind, self._inverse, self._gain, predict)
-        return out
 
 
 @dataclass(frozen=True, slots=True)
