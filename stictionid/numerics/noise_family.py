@@ -13,6 +13,7 @@ Source: SELECTION.md section 2; Harvey 1989, 3.3; Durbin and Koopman 2012, 5.2 (
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -46,7 +47,7 @@ class Noise:
             value = getattr(self, name)
             if not 0.0 <= value <= 1.0:
                 raise ValueError(f"{name} is {value:g}, outside 0 to 1; give a value from 0 to 1")
-        if not np.isfinite(self.taps).all():
+        if not all(map(math.isfinite, self.taps)):
             raise ValueError(f"taps {self.taps} are not finite; give finite numbers")
 
     @property

@@ -17,7 +17,7 @@ import numpy as np
 from ..typing import BoolArray, FloatArray, IntArray
 from .autoregression import Starts
 from .jit import kernel
-from .noise_family import Noise, start_of
+from .noise_family import AUTOREGRESSION, MEASURED, WALK, Noise, start_of
 
 LARGEST_ORDER = 8
 # BIC that a random walk must gain over the best stationary noise (benchmarks/noise_family.py). Unit: 1.
@@ -34,7 +34,11 @@ _ROUNDS, _SETTLED, _STEP = 12, 0.01, 1e-4
 # Largest transformed number: 1 - tanh(5) is 1e-4 and the logistic function of 12 lacks 6e-6 of 1.
 _FARTHEST, _FARTHEST_PAIR = 5.0, 12.0
 # Falls of BIC in favour of another order below which the search for the order stops; steps of the order that it tries.
-_BETTER, _AWAY = 1e-6, (-1, 1, 2)
+_BETTER, _AWAY, _AWAY_WITH_GAPS = 1e-6, (-1, 1), (-1, 1, 2)
+# BIC behind the best kind beyond which a kind's order is not searched further.
+_NEAR = 20.0
+# Reflection at which an autocovariance sequence is taken to be none; the group of lanes that are AR(1) in rho.
+_UNSTABLE, _FOLDED = 0.999, "folded"
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,8 +342,8 @@ def _surveyed(record: _Record, largest: int) -> dict[tuple[str, int], Noise]:
     best: dict[tuple[str, int], tuple[float, Noise]] = {}
     for first in range(0, len(pairs), _LANES):
         rho, theta = (np.ascontiguousarray(c) for c in pairs[first:first + _LANES].T)
-        e, g, log_scale = (np.empty((record.y.size, rho.size)) for _ in range(2)), None, np.zeros(rho.size)
-        e, g = e
+        e, g = np.empty((record.y.size, rho.size)), np.empty((record.y.size, rho.size))
+        log_scale = np.zeros(rho.size)
         _survey(record.y, record.good, record.starts, rho, theta, e, g, log_scale)
         for part, level in zip(np.split(e, record.starts[1:]), np.split(g, record.starts[1:]), strict=True):
             energy = np.einsum("np,np->p", level, level)
@@ -354,39 +358,58 @@ def _surveyed(record: _Record, largest: int) -> dict[tuple[str, int], Noise]:
             share = 1.0 - np.arange(largest + 1) / record.good.size
             sums = np.where(there[:, None], sums / np.where(there, count, 1.0)[:, None] * (share * count[0])[:, None],
                             np.nan)
-        for lane in range(rho.size):
-            noise = Noise((), float(rho[lane]), float(theta[lane]))
-            for taps, variance in _levinson(sums[:, lane]):
-                deviance = record.rows * float(np.log(variance / record.rows)) + float(log_scale[lane])
-                found = replace(noise, taps=taps)
-                if not noise.cancels and theta[lane] == 0.0 and rho[lane] < 1.0:
-                    if len(taps) == largest:
+        taps = np.zeros((largest + 1, largest, rho.size))
+        variance = np.full((largest + 1, rho.size), np.inf)
+        _levinson(sums, taps, variance)
+        deviances = record.rows * np.log(variance / record.rows) + log_scale
+        for group, lanes in _groups(rho, theta).items():
+            for order in range(largest + 1):
+                lane = lanes[int(np.argmin(deviances[order, lanes]))] if lanes.size else -1
+                if lane < 0 or not np.isfinite(deviances[order, lane]):
+                    continue
+                found = Noise(tuple(taps[order, :order, lane].tolist()), float(rho[lane]), float(theta[lane]))
+                if group == _FOLDED:
+                    if order == largest:
                         continue
                     found = Noise(tuple(found.plain[0][1:].tolist()))
                 key = (_group(found), len(found.taps))
-                if key not in best or deviance < best[key][0]:
-                    best[key] = (deviance, found)
+                if key not in best or deviances[order, lane] < best[key][0]:
+                    best[key] = (float(deviances[order, lane]), found)
     return {key: noise for key, (_, noise) in best.items()}
 
 
-def _levinson(sums: FloatArray) -> list[tuple[tuple[float, ...], float]]:
-    """Taps and sums of squares of the orders 0, 1, … as far as the autocovariances (k,) are known and positive."""
-    taps, variance = np.empty(0), float(sums[0])
-    if not variance > 0.0:
-        return []
-    out: list[tuple[tuple[float, ...], float]] = [((), variance)]
-    for order in range(1, sums.size):
-        reflection = -(sums[order] + taps @ sums[order - 1:0:-1]) / variance
-        if not abs(reflection) < 0.999:
-            break
-        taps = np.concatenate([taps + reflection * taps[::-1], [reflection]])
-        variance *= 1.0 - float(reflection) ** 2
-        out.append((tuple(taps.tolist()), variance))
-    return out
+@kernel
+def _levinson(sums: FloatArray, taps: FloatArray, variance: FloatArray) -> None:
+    """Taps (orders + 1, orders, lanes) and sums of squares of all orders; inf once an autocovariance is not known."""
+    orders, lanes = variance.shape
+    for p in range(lanes):
+        if not sums[0, p] > 0.0:
+            continue
+        variance[0, p] = sums[0, p]
+        for k in range(1, orders):
+            reflection = sums[k, p]
+            for i in range(k - 1):
+                reflection += taps[k - 1, i, p] * sums[k - 1 - i, p]
+            reflection /= -variance[k - 1, p]
+            if not abs(reflection) < _UNSTABLE:
+                break
+            for i in range(k - 1):
+                taps[k, i, p] = taps[k - 1, i, p] + reflection * taps[k - 1, k - 2 - i, p]
+            taps[k, k - 1, p] = reflection
+            variance[k, p] = variance[k - 1, p] * (1.0 - reflection * reflection)
+
+
+def _groups(rho: FloatArray, theta: FloatArray) -> dict[str, IntArray]:
+    """Lanes of the survey by group; an AR(1) (theta = 0) is folded into A."""
+    cancels, walks = rho == theta, rho == 1.0
+    folded = ~cancels & ~walks & (theta == 0.0)
+    return {AUTOREGRESSION: np.flatnonzero(cancels), WALK: np.flatnonzero(walks & ~cancels),
+            _FOLDED: np.flatnonzero(folded), MEASURED: np.flatnonzero(~cancels & ~walks & ~folded)}
 
 
 def _group(noise: Noise) -> str:
-    return "walk" if noise.walks else "autoregression" if noise.cancels else "measured"
+    """Group in which a noise model competes: WALK, AUTOREGRESSION (white noise included) or MEASURED."""
+    return WALK if noise.walks else AUTOREGRESSION if noise.cancels else MEASURED
 
 
 def _resized(noise: Noise, order: int) -> Noise:
@@ -395,17 +418,21 @@ def _resized(noise: Noise, order: int) -> Noise:
     return replace(noise, taps=_taps(np.concatenate([reflections, np.full(order - reflections.size, 0.05)])))
 
 
-def _climbed(record: _Record, starts: list[Fitted], largest: int) -> Fitted:
-    """The best order of one group: polished from the best of the survey, then from its neighbours."""
+def _climbed(record: _Record, starts: list[Fitted], largest: int, goal: float) -> Fitted:
+    """The best order of one group: polished from the best of the survey, then from its neighbours.
+
+    Its neighbours are left out where the polished one is far behind the BIC `goal`.
+    """
+    away = _AWAY if bool(record.good.all()) else _AWAY_WITH_GAPS
     surveyed = {len(f.noise.taps): f for f in starts}
     first = min(starts, key=lambda f: f.bic)
     best = record.polished(first.noise)
     tried = {len(first.noise.taps)}
-    while True:
+    while best.bic < goal + _NEAR:
         at = len(best.noise.taps)
-        orders = [o for o in (at + away for away in _AWAY) if 0 <= o <= largest and o not in tried]
+        orders = [at + step for step in away if 0 <= at + step <= largest and at + step not in tried]
         if not orders:
-            return best
+            break
         found = []
         for order in orders:
             tried.add(order)
@@ -414,15 +441,15 @@ def _climbed(record: _Record, starts: list[Fitted], largest: int) -> Fitted:
                 start = min(start, surveyed[order], key=lambda f: f.deviance)
             found.append(record.polished(start.noise))
         now = min(found, key=lambda f: f.bic)
-        if now.bic < best.bic - _BETTER:
-            best = now
-        else:
-            return best
+        if not now.bic < best.bic - _BETTER:
+            break
+        best = now
+    return best
 
 
 def fits_of(residual: FloatArray, good: BoolArray, starts: Starts = (0,), *,
             largest: int = LARGEST_ORDER) -> dict[str, Fitted]:
-    """The best fit of each kind: "autoregression" (white noise included), "measured" and "walk".
+    """The best fit of each kind: AUTOREGRESSION (white noise included), MEASURED and WALK.
 
     All have the same rows: the level of every segment is integrated out. Empty for a residual of too few samples, or
     one that is 0.
@@ -439,7 +466,10 @@ def fits_of(residual: FloatArray, good: BoolArray, starts: Starts = (0,), *,
         fitted = searched.fitted(noise)
         if np.isfinite(fitted.bic):
             groups.setdefault(group, []).append(fitted)
-    best = {group: _climbed(searched, found, largest) for group, found in groups.items()}
+    best: dict[str, Fitted] = {}
+    for group in sorted(groups, key=lambda group: min(f.bic for f in groups[group])):
+        goal = min((f.bic for f in best.values()), default=np.inf)
+        best[group] = _climbed(searched, groups[group], largest, goal)
     if searched is not record:
         best = {group: record.polished(fitted.noise, 3) for group, fitted in best.items()}
     return best
@@ -460,9 +490,9 @@ def fit_noise(residual: FloatArray, good: BoolArray, starts: Starts = (0,), *, l
     A random walk must gain `walk_margin` over the best stationary noise.
     """
     found = fits_of(residual, good, starts, largest=largest)
-    stationary = [fit for kind, fit in found.items() if kind != "walk"]
+    stationary = [fit for kind, fit in found.items() if kind != WALK]
     if not stationary:
-        return found["walk"].noise if found else Noise()
+        return found[WALK].noise if found else Noise()
     best = min(stationary, key=lambda f: f.bic)
-    walk = found.get("walk")
+    walk = found.get(WALK)
     return walk.noise if walk is not None and walk.bic + walk_margin < best.bic else best.noise
