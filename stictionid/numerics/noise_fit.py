@@ -39,6 +39,8 @@ _BETTER, _AWAY, _AWAY_WITH_GAPS = 1e-6, (-1, 1), (-1, 1, 2)
 _NEAR = 20.0
 # Reflection at which an autocovariance sequence is taken to be none; the group of lanes that are AR(1) in rho.
 _UNSTABLE, _FOLDED = 0.999, "folded"
+# Group of random walks without measurement noise (theta = 0), which have one number less.
+_DIFFERENCES = "differences"
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,9 +304,10 @@ def _logistic(value: float) -> float:
 def _coordinates(noise: Noise) -> FloatArray:
     """Numbers of a noise model for the descent: A's reflections, then rho and theta / rho where they are free."""
     z = np.arctanh(_reflections(np.array(noise.taps)))
-    if noise.walks:
+    group = _group(noise)
+    if group == WALK:
         z = np.append(z, _logit(noise.theta))
-    elif not noise.cancels:
+    elif group == MEASURED:
         z = np.append(z, [_logit(noise.rho), _logit(noise.theta / noise.rho)])
     return _inside(z, noise)
 
@@ -317,10 +320,12 @@ def _inside(z: FloatArray, noise: Noise) -> FloatArray:
 
 def _builder(noise: Noise) -> Callable[[FloatArray], Noise]:
     """The function from coordinates to noise models of the same kind and order."""
-    order = len(noise.taps)
-    if noise.walks:
+    order, group = len(noise.taps), _group(noise)
+    if group == _DIFFERENCES:
+        return lambda z: Noise(_taps(np.tanh(z[:order])), 1.0)
+    if group == WALK:
         return lambda z: Noise(_taps(np.tanh(z[:order])), 1.0, _logistic(z[order]))
-    if noise.cancels:
+    if group == AUTOREGRESSION:
         return lambda z: Noise(_taps(np.tanh(z[:order])))
     return lambda z: Noise(_taps(np.tanh(z[:order])), rho := _logistic(z[order]), rho * _logistic(z[order + 1]))
 
@@ -328,7 +333,7 @@ def _builder(noise: Noise) -> Callable[[FloatArray], Noise]:
 def _pairs(rows: int) -> FloatArray:
     """Pairs (rho, theta) (k, 2) of the survey: none, AR(1), AR(1) under measurement noise, and walks."""
     slow = np.geomspace(0.8, min(4.0 / rows, 0.05), _SLOWNESS)
-    walks = np.geomspace(1.0, min(2.0 / rows, 0.02), _SLOWNESS + 3)
+    walks = np.geomspace(1.0, min(2.0 / rows, 0.02), _SLOWNESS + 4)
     pairs = [(0.0, 0.0), *((1.0, 1.0 - b) for b in walks)]
     for i, a in enumerate(slow):
         pairs += [(1.0 - a, 0.0), *((1.0 - a, 1.0 - b) for b in slow[:i])]
@@ -364,8 +369,8 @@ def _surveyed(record: _Record, largest: int) -> dict[tuple[str, int], Noise]:
         deviances = record.rows * np.log(variance / record.rows) + log_scale
         for group, lanes in _groups(rho, theta).items():
             for order in range(largest + 1):
-                lane = lanes[int(np.argmin(deviances[order, lanes]))] if lanes.size else -1
-                if lane < 0 or not np.isfinite(deviances[order, lane]):
+                lane = lanes[int(np.argmin(deviances[order, lanes]))]
+                if not np.isfinite(deviances[order, lane]):
                     continue
                 found = Noise(tuple(taps[order, :order, lane].tolist()), float(rho[lane]), float(theta[lane]))
                 if group == _FOLDED:
@@ -401,14 +406,15 @@ def _levinson(sums: FloatArray, taps: FloatArray, variance: FloatArray) -> None:
 
 def _groups(rho: FloatArray, theta: FloatArray) -> dict[str, IntArray]:
     """Lanes of the survey by group; an AR(1) (theta = 0) is folded into A."""
-    cancels, walks = rho == theta, rho == 1.0
-    folded = ~cancels & ~walks & (theta == 0.0)
-    return {AUTOREGRESSION: np.flatnonzero(cancels), WALK: np.flatnonzero(walks & ~cancels),
-            _FOLDED: np.flatnonzero(folded), MEASURED: np.flatnonzero(~cancels & ~walks & ~folded)}
+    names = np.array([_FOLDED if a != b == 0.0 and a < 1.0 else _group(Noise((), a, b))
+                      for a, b in zip(rho.tolist(), theta.tolist(), strict=True)])
+    return {name: np.flatnonzero(names == name) for name in np.unique(names).tolist()}
 
 
 def _group(noise: Noise) -> str:
-    """Group in which a noise model competes: WALK, AUTOREGRESSION (white noise included) or MEASURED."""
+    """Group in which a noise model competes: one kind of `fits_of`, or a walk of which theta stays 0."""
+    if noise.walks and noise.theta == 0.0:
+        return _DIFFERENCES
     return WALK if noise.walks else AUTOREGRESSION if noise.cancels else MEASURED
 
 
@@ -470,6 +476,9 @@ def fits_of(residual: FloatArray, good: BoolArray, starts: Starts = (0,), *,
     for group in sorted(groups, key=lambda group: min(f.bic for f in groups[group])):
         goal = min((f.bic for f in best.values()), default=np.inf)
         best[group] = _climbed(searched, groups[group], largest, goal)
+    walks = [best.pop(group) for group in (WALK, _DIFFERENCES) if group in best]
+    if walks:
+        best[WALK] = min(walks, key=lambda f: f.bic)
     if searched is not record:
         best = {group: record.polished(fitted.noise, 3) for group, fitted in best.items()}
     return best
