@@ -31,12 +31,15 @@ _LANES = 16
 _SEARCHED = 20_000
 # Rounds of Gauss-Newton, the fall of -2 log L below which it has settled, and the step of its differences.
 _ROUNDS, _SETTLED, _STEP = 12, 0.01, 1e-4
+# BIC by which the start that one kind is to another may be worse than what it has; 1 - rho of a slow start, in rows.
+_CROSSED, _SLOW = 5.0, 5.0
 # Largest transformed number: 1 - tanh(5) is 1e-4 and the logistic function of 12 lacks 6e-6 of 1.
 _FARTHEST, _FARTHEST_PAIR = 5.0, 12.0
 # Falls of BIC in favour of another order below which the search for the order stops; steps of the order that it tries.
 _BETTER, _AWAY, _AWAY_WITH_GAPS = 1e-6, (-1, 1), (-1, 1, 2)
-# BIC behind the best kind beyond which a kind's order is not searched further.
-_NEAR = 20.0
+# BIC behind the best kind beyond which a kind's order is not searched further: without gaps, and with gaps, where the
+# survey is coarse.
+_NEAR, _NEAR_WITH_GAPS = 20.0, 60.0
 # Reflection at which an autocovariance sequence is taken to be none; the group of lanes that are AR(1) in rho.
 _UNSTABLE, _FOLDED = 0.999, "folded"
 # Group of random walks without measurement noise (theta = 0), which have one number less.
@@ -222,6 +225,7 @@ class _Record:
         self.y = np.where(good, residual, 0.0)
         self.good, self.starts = np.ascontiguousarray(good), np.array(starts, np.int64)
         self._one = np.empty(good.size)
+        self.whole = bool(good.all())
         there = [bool(part.any()) for part in np.split(self.good, self.starts[1:])]
         self.rows = int(self.good.sum()) - sum(there)
 
@@ -343,7 +347,6 @@ def _pairs(rows: int) -> FloatArray:
 def _surveyed(record: _Record, largest: int) -> dict[tuple[str, int], Noise]:
     """The best noise model of each group and order of A by an approximate likelihood."""
     pairs = _pairs(record.rows)
-    gaps = not bool(record.good.all())
     best: dict[tuple[str, int], tuple[float, Noise]] = {}
     for first in range(0, len(pairs), _LANES):
         rho, theta = (np.ascontiguousarray(c) for c in pairs[first:first + _LANES].T)
@@ -358,7 +361,7 @@ def _surveyed(record: _Record, largest: int) -> dict[tuple[str, int], Noise]:
             log_scale += np.where(free, np.log(np.where(free, energy, 1.0)), 0.0)
         sums, count = np.zeros((largest + 1, rho.size)), np.zeros(largest + 1)
         _lagged(e, record.good, record.starts, sums, count)
-        if gaps:
+        if not record.whole:
             there = count > 0
             share = 1.0 - np.arange(largest + 1) / record.good.size
             sums = np.where(there[:, None], sums / np.where(there, count, 1.0)[:, None] * (share * count[0])[:, None],
@@ -429,12 +432,12 @@ def _climbed(record: _Record, starts: list[Fitted], largest: int, goal: float) -
 
     Its neighbours are left out where the polished one is far behind the BIC `goal`.
     """
-    away = _AWAY if bool(record.good.all()) else _AWAY_WITH_GAPS
+    away, near = (_AWAY, _NEAR) if record.whole else (_AWAY_WITH_GAPS, _NEAR_WITH_GAPS)
     surveyed = {len(f.noise.taps): f for f in starts}
     first = min(starts, key=lambda f: f.bic)
     best = record.polished(first.noise)
     tried = {len(first.noise.taps)}
-    while best.bic < goal + _NEAR:
+    while best.bic < goal + near:
         at = len(best.noise.taps)
         orders = [at + step for step in away if 0 <= at + step <= largest and at + step not in tried]
         if not orders:
@@ -476,6 +479,17 @@ def fits_of(residual: FloatArray, good: BoolArray, starts: Starts = (0,), *,
     for group in sorted(groups, key=lambda group: min(f.bic for f in groups[group])):
         goal = min((f.bic for f in best.values()), default=np.inf)
         best[group] = _climbed(searched, groups[group], largest, goal)
+    for group in (WALK, MEASURED):
+        other = best.get(MEASURED if group == WALK else WALK)
+        if other is None:
+            continue
+        # Slow AR(1) noise and a walk start one another: the survey may have missed the better basin of one of them.
+        near = replace(other.noise, rho=1.0 if group == WALK else 1.0 - _SLOW / searched.rows)
+        if near.theta < near.rho:
+            start = searched.fitted(near)
+            if group not in best or start.bic < best[group].bic + _CROSSED:
+                again = _climbed(searched, [start], largest, min(f.bic for f in best.values()))
+                best[group] = min([again, *(best[g] for g in (group,) if g in best)], key=lambda f: f.bic)
     walks = [best.pop(group) for group in (WALK, _DIFFERENCES) if group in best]
     if walks:
         best[WALK] = min(walks, key=lambda f: f.bic)
