@@ -2,10 +2,10 @@
 
 Run: python benchmarks/noise_family.py [--records 400] [--samples 1500] [--missing 0] [--seed 20000]
 
-Noise is simulated without a loop, fitted by numerics/noise_fit.py, and a walk named where its BIC beats that of the
-best stationary noise by the margin. `gain` has the median and the 99th percentile of that difference. WALK_MARGIN is
-the least whole number at which no stationary noise of the table is a walk in more than 1 % of its records. The last
-table has the time of one fit.
+Noise is simulated without a loop, fitted by numerics/noise/fit.py, and a walk named where its BIC beats that of the
+best stationary noise by the margin. `gain` is the median of that difference, beside its 99th percentile and largest
+value. WALK_MARGIN is a margin at which no stationary noise of the table is a walk in more than 1 % of its records. The
+last table has the time of one fit.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
 
-from stictionid.numerics.noise_family import WALK, Noise
-from stictionid.numerics.noise_fit import WALK_MARGIN, fits_of
+from stictionid.numerics.noise.family import WALK, Noise
+from stictionid.numerics.noise.fit import WALK_MARGIN, fits_of
 
 MARGINS = (0.0, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0)
 STATIONARY = {
@@ -32,7 +32,8 @@ STATIONARY = {
     "AR(1) 0.9, measured": Noise((), 0.9, 0.6),
     "AR(1) 0.95, measured": Noise((), 0.95, 0.8),
 }
-WALKS = {f"walk, 1 - theta = {1.0 - theta:.2g}": Noise((), 1.0, theta) for theta in (0.99, 0.98, 0.95, 0.9, 0.8, 0.5, 0.0)}
+WALKS = {f"walk, 1 - theta = {1.0 - theta:.2g}": Noise((), 1.0, theta)
+         for theta in (0.99, 0.98, 0.95, 0.9, 0.8, 0.5, 0.0)}
 WALKS["walk, 1 - theta = 0.2, AR(1) 0.6"] = Noise((-0.6,), 1.0, 0.8)
 
 
@@ -97,8 +98,8 @@ def main() -> None:
     parser.add_argument("--missing", type=float, default=0.0, help="share of the samples that are missing at random")
     parser.add_argument("--seed", type=int, default=20_000)
     args = parser.parse_args()
-    print(f"{args.records} records of {args.samples} samples, {args.missing:.0%} missing; share named a walk at a margin "
-          f"in BIC (default {WALK_MARGIN:g})\n")
+    print(f"{args.records} records of {args.samples} samples, {args.missing:.0%} missing; share named a walk at a "
+          f"margin in BIC (default {WALK_MARGIN:g})\n")
     clean = table(STATIONARY, args)
     least = next((m for m in range(100) if all(np.mean(g > m) <= 0.01 for g in clean.values())), None)
     print(f"\nleast margin with at most 1 % false in every row: {least}\n")

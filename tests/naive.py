@@ -333,7 +333,7 @@ def noise_covariance(taps, rho, theta, samples, burn=4000):
 def noise_likelihood(residual, good, starts, taps, rho, theta):
     """Sum of squares and log-determinant of the good samples, missing rows dropped and levels integrated out."""
     sse = logdet = 0.0
-    for a, b in zip(starts, [*starts[1:], len(residual)]):
+    for a, b in zip(starts, [*starts[1:], len(residual)], strict=True):
         keep = np.flatnonzero(good[a:b])
         V = noise_covariance(taps, rho, theta, b - a)[np.ix_(keep, keep)]
         y, one = residual[a:b][keep], np.ones(keep.size)
