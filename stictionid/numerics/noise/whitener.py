@@ -183,15 +183,21 @@ def _gains(phi: FloatArray, theta: float, P0: FloatArray, level: FloatArray, wal
 
 @kernel
 def _filter(base: FloatArray, samples: int, phi: FloatArray, theta: float, starts: IntArray, kind: IntArray,
-            inverse: FloatArray, gain: FloatArray) -> None:
+            inverse: FloatArray, gain: FloatArray, runs: IntArray) -> None:
     """Scaled innovations of each stretch of `samples` rows in place; `gain` (rows, m + 1) ends with a column of 0."""
     m, lanes = phi.size, base.shape[1]
     x = np.zeros((m + 1, lanes))
     y = np.empty(lanes)
     head, second = x[0], x[1]
     for first in range(0, base.shape[0], samples):
-        segment = 0
+        segment, run, stop = 0, 0, 0
         for t in range(samples):
+            if run < runs.shape[1] and t == runs[0, run]:
+                stop = runs[1, run]
+                run += 1
+            if t < stop:
+                # Rows that `_settled` has filtered already.
+                continue
             if segment < starts.size and t == starts[segment]:
                 segment += 1
                 x[:] = 0.0
@@ -250,6 +256,26 @@ def _filter(base: FloatArray, samples: int, phi: FloatArray, theta: float, start
 
 
 @kernel
+def _settled(base: FloatArray, samples: int, taps: FloatArray, runs: IntArray) -> None:
+    """Rows [a, b) of each run (2, r) and stretch passed through 1 + taps[0] q^-1 + …, in place, last row first."""
+    lanes, p = base.shape[1], taps.size
+    for first in range(0, base.shape[0], samples):
+        for r in range(runs.shape[1]):
+            for t in range(first + runs[1, r] - 1, first + runs[0, r] - 1, -1):
+                sink, i = base[t], 0
+                # Two taps at once: the row of the result is loaded and stored half as often.
+                while i + 1 < p:
+                    c, d, one, two = taps[i], taps[i + 1], base[t - 1 - i], base[t - 2 - i]
+                    for lane in range(lanes):
+                        sink[lane] += c * one[lane] + d * two[lane]
+                    i += 2
+                if i < p:
+                    c, one = taps[i], base[t - 1 - i]
+                    for lane in range(lanes):
+                        sink[lane] += c * one[lane]
+
+
+@kernel
 def _predict(columns: FloatArray, out: FloatArray, phi: FloatArray, theta: float, starts: IntArray, kind: IntArray,
              gain: FloatArray) -> None:
     """One-step predictions (n, c) of columns (n, c)."""
@@ -294,7 +320,25 @@ class Whitener:
         # Gains of settled rows are never read.
         last = np.flatnonzero(self._kind == _ROW)
         self._gain = gain[:int(last[-1]) + 1 if last.size else 1].copy()
+        self._runs = self._settled_runs()
         self.rows: BoolArray = self._inverse > 0.0
+
+    def _settled_runs(self) -> IntArray:
+        """First row and last row + 1 (2, r) of the end of every segment where a filter without theta is a plain sum.
+
+        As many good rows as its order stand before each. With theta the recursion of the state is faster (measured).
+        """
+        found: list[tuple[int, int]] = []
+        if self._theta:
+            return np.empty((2, 0), np.int64)
+        for first, stop in zip(self.starts, (*self.starts[1:], self._kind.size), strict=True):
+            unsettled = np.flatnonzero(self._kind[first:stop] != _STEADY)
+            missing = np.flatnonzero(self._kind[first:stop] == _NO_ROW)
+            begin = first + max(int(unsettled[-1]) + 1 if unsettled.size else 0,
+                                (int(missing[-1]) + 1 if missing.size else 0) + self._phi.size)
+            if begin < stop:
+                found.append((begin, stop))
+        return np.ascontiguousarray(np.array(found, np.int64).reshape(-1, 2).T)
 
     def apply(self, columns: FloatArray) -> FloatArray:
         """Scaled innovations e/sqrt(f) (n, c) of columns (n, c), 0 where no row counts.
@@ -322,7 +366,8 @@ class Whitener:
         if self.noise.white:
             base.reshape(-1, samples, base.shape[1])[:, ~self.rows] = 0.0
             return
-        _filter(base, samples, self._phi, self._theta, self._starts, self._kind, self._inverse, self._gain)
+        _settled(base, samples, -self._phi, self._runs)
+        _filter(base, samples, self._phi, self._theta, self._starts, self._kind, self._inverse, self._gain, self._runs)
 
     @cached_property
     def levels(self) -> FloatArray:
