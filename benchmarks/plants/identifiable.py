@@ -1,0 +1,121 @@
+"""Identifiability of a hidden effect: loss in BIC of the true model, fitted to the exported samples, without it.
+
+The true specification is polished from the true values. The one without the effect is polished from there, from other
+lags, and by one search of its own. An effect whose loss is below `MARGIN` can't be asked for.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from stictionid.effects import get
+from stictionid.fit.fit import one_run
+from stictionid.fit.moves import descended, first_force
+from stictionid.fit.noise.completion import Refit, quick
+from stictionid.model.model import Model
+from stictionid.model.segments import bound
+from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from stictionid.record.loop import Loop
+from stictionid.record.oscillation import find_range
+from stictionid.record.preconditions import swing_of, time_scale_s
+
+from .design import plain
+from .draw import Plant
+from .score import NOISES, loop_of
+
+MARGIN = 50.0
+_FORCES = np.linspace(-0.98, 0.98, 99)
+_LAGS = np.array([1.0, 1.5, 2.5])
+# Numbers of a noise model, as BIC counts them.
+_NUMBERS = 2
+# Restick speed of a valve that rests at every scan, in %/s.
+_ALWAYS = 1e9
+
+
+def losses(plant: Plant) -> tuple[dict[str, float], float]:
+    """Loss in BIC of dropping each hidden effect from the true model, and the error of that model over the noise."""
+    loop = loop_of(plant)
+    effects = _true_effects(plant)
+    model, values = _fitted(loop, plant, effects, search=False)
+    found = {name: _loss(loop, plant, effects, model, values, name) for name in plant.setting.effects}
+    return found, model.evaluate(values).rmse / max(float(plant.record.noise.std()), plant.truth["noise_sd"])
+
+
+def _loss(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], model: Model, values: Any,
+          name: str) -> float:
+    noise = _noise_of(plant)
+    if name in NOISES:
+        # The noise itself tells best: a true model fitted to slow samples leaves errors that a noise model takes up.
+        rows, variance = plant.record.noise.size, plant.truth["innovation_sd"] ** 2
+        return rows * float(np.log(np.var(plant.record.noise) / variance)) - _NUMBERS * float(np.log(rows))
+    rest = {n: v for n, v in effects.items() if plain(n) != name}
+    whole = quick(model, values, noise=noise)
+    best = -np.inf
+    for search in (False, True):
+        best = max(best, _bic_gain(quick(*_fitted(loop, plant, rest, search=search), noise=noise), whole))
+        if -best < MARGIN:
+            break
+    return -best
+
+
+def _bic_gain(other: Refit, whole: Refit) -> float:
+    return float(other.gain_over(whole))
+
+
+def _noise_of(plant: Plant) -> str:
+    """Noise model of the truth; an autoregression where no other is hidden (of order 0 for white noise)."""
+    kinds = [get(name).noise for name in plant.setting.effects if name in NOISES]
+    return next((kind for kind in kinds if kind), "autoregressive")
+
+
+def _true_effects(plant: Plant) -> dict[str, dict[str, Any]]:
+    """Effects of the true model as a specification spells them; noise is left to the completion."""
+    out: dict[str, dict[str, Any]] = {}
+    for name, given in plant.setting.effects.items():
+        if name in NOISES:
+            continue
+        values = {key: value for key, value in given.items() if key != "at"}
+        spelt = f"{name}@{given['at']}" if "at" in given else name
+        out[f"{name}:D1" if name == "measured-disturbance" else spelt] = values
+    second = plant.setting.process.second_time_constant_s
+    if second:
+        out.setdefault("extra-lag", {"second_time_constant_s": second})
+    if plant.truth["rests"]:
+        out.setdefault("re-sticking", {"restick_speed": _ALWAYS})
+    return out
+
+
+def _bound(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]]) -> Model:
+    n, found = plant.setting.export, find_range(loop)
+    between, parts = ("corner", 8) if plant.setting.moving else ("decimated", min(n, 10)) if n > 1 else ("hold", 1)
+    process = INTEGRATOR if plant.setting.process.integrating else FIRST_ORDER
+    spec = Spec(process=process, effects=tuple(effects), between=between, substeps=parts)
+    return bound(loop, spec, s_max=max(swing_of(loop, found), plant.truth["S"]), period_s=time_scale_s(loop, found))
+
+
+def _fitted(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], *, search: bool) -> tuple[Model, Any]:
+    """A specification polished from the true values, or by a search of its own where that is better."""
+    model = _bound(loop, plant, effects)
+    S, J = plant.truth["S"], plant.truth["J"]
+    values: dict[str, float] = {}
+    for name, given in effects.items():
+        effect = get(plain(name))
+        parameters, numbers = effect.parameters_for(model.context), dict(given)
+        if effect.setting:
+            theta, S, J = effect.setting(given, S, J)
+            numbers |= dict(zip((p.name for p in parameters), theta[:, 0], strict=True))
+        values |= {f"{name}:{p.name}": float(numbers.get(p.name, p.neutral)) for p in parameters}
+    process = plant.setting.process
+    values |= {"S": S, "J": J, "initial_residual_force": 0.0, "time_constant_s": process.time_constant_s,
+               "dead_time_s": process.dead_time_s}
+    starts = model.vector(values)[:, None].repeat(_LAGS.size, axis=1)
+    starts[3] *= _LAGS
+    points = np.clip(model.cube(starts), 0.0, 1.0)
+    found = descended(model, first_force(model, points, _FORCES)[0])
+    point, cost = found.points[0], float(found.costs[0])
+    if search:
+        other, its = one_run(model, np.random.default_rng(0))
+        point = other if its < cost else point
+    return model, model.values(point[None])[:, 0]
