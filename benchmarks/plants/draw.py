@@ -56,7 +56,7 @@ def turns(signal: FloatArray, threshold: float) -> int:
     """Reversals of a signal that go back by more than a threshold."""
     count, way, far = 0, 0, float(signal[0])
     for value in signal.tolist():
-        if way >= 0 and value > far or way <= 0 and value < far:
+        if (way >= 0 and value > far) or (way <= 0 and value < far):
             far = value
             way = way or (1 if value > signal[0] else -1)
         elif abs(value - far) > threshold:
@@ -150,7 +150,7 @@ def _attempt(levels: dict[str, str], effects: tuple[str, ...], rng: np.random.Ge
     controller = _controller(levels["controller"], process, rng)
     S = rng.uniform(2.0, 7.0)
     valve = Valve(S, S * rng.uniform(0.3, 0.9), _KINDS[levels["valve"]], inertia_s=_log(rng, 0.005, 0.04),
-                  damping=rng.uniform(0.9, 1.8))
+                  damping=rng.uniform(0.9, 1.8), stribeck=_log(rng, 0.003, 0.03))
     if "asymmetric-stiction" in effects:
         valve = valve._replace(J=S * rng.uniform(0.35, 0.65))
     setpoint = _setpoint(levels, effects, process, controller, scale, samples * n, rng)
@@ -255,8 +255,9 @@ def _truth(setting: Setting, record: Record, levels: dict[str, str], effects: tu
         "rests": setting.valve.kind != SLIDING or rests_by_drift(setting, valve),
         "second_lag": setting.process.second_time_constant_s > 0.0,
         "coloured": setting.noise.ar_sd > 0.0, "process": setting.process._asdict(),
-        "controller": setting.controller._asdict(), "noise": [setting.noise.white_sd, setting.noise.ar_sd,
-                                                              setting.noise.ar_root],
-        "inertia": [setting.valve.inertia_s, setting.valve.damping], "rounding": setting.rounding,
+        "controller": setting.controller._asdict(),
+        "noise": [setting.noise.white_sd, setting.noise.ar_sd, setting.noise.ar_root],
+        "inertia": [setting.valve.inertia_s, setting.valve.damping, setting.valve.stribeck],
+        "rounding": setting.rounding,
         "samples": int(record.u.size), "attempt": attempt, "seed": setting.seed,
     }

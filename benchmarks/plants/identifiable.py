@@ -24,6 +24,7 @@ from stictionid.record.preconditions import swing_of, time_scale_s
 from .design import plain
 from .draw import Plant
 from .score import NOISES, loop_of
+from .simulate import INERTIAL
 
 MARGIN = 50.0
 _FORCES = np.linspace(-0.98, 0.98, 99)
@@ -32,6 +33,8 @@ _LAGS = np.array([1.0, 1.5, 2.5])
 _NUMBERS = 2
 # Restick speed of a valve that rests at every scan, in %/s.
 _ALWAYS = 1e9
+# Stribeck velocities below which a stem sticks and slips.
+_STRIBECKS = 3.0
 
 
 def losses(plant: Plant) -> tuple[dict[str, float], float]:
@@ -83,7 +86,10 @@ def _true_effects(plant: Plant) -> dict[str, dict[str, Any]]:
     if second:
         out.setdefault("extra-lag", {"second_time_constant_s": second})
     if plant.truth["rests"]:
-        out.setdefault("re-sticking", {"restick_speed": _ALWAYS})
+        # Under a moving command a stem with mass slides where the command is much faster than the Stribeck velocity.
+        slides = plant.setting.moving and plant.setting.valve.kind == INERTIAL
+        speed = _STRIBECKS * plant.setting.valve.stribeck if slides else _ALWAYS
+        out.setdefault("re-sticking", {"restick_speed": speed})
     return out
 
 

@@ -25,10 +25,7 @@ from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-BENCHMARKS = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(BENCHMARKS))
-# A checkout without an installed package runs on itself.
-sys.path.append(str(BENCHMARKS.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from plants.design import KINDS, design
 from plants.draw import NoLoop, Plant, drawn
@@ -57,7 +54,7 @@ def one(kind: str, number: int, seed: int, levels: dict[str, str], effects: tupl
         plant = _plant(kind, number, seed, levels, effects)
     except NoLoop as error:
         return {**row, "out": "no loop", "error": str(error)}
-    if check and effects:
+    if check:
         from plants.identifiable import MARGIN, losses
 
         begin = time.process_time()

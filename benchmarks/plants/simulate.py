@@ -76,7 +76,7 @@ class Valve(NamedTuple):
     log_rangeability: float = 0.0
     inertia_s: float = 0.01
     damping: float = 1.2
-    stribeck: float = 0.05
+    stribeck: float = 0.02
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ def _balance(valve: Valve, stem: FloatArray, u: float, step_s: float, seconds: f
 @njit(cache=True)
 def _swing(valve: Valve, stem: FloatArray, u: float, step_s: float, seconds: float) -> None:
     """Stem with mass over one part of a scan, under a command that goes straight from its last value to u."""
-    parts = int(math.ceil(step_s * _STEM_PARTS / valve.inertia_s))
+    parts = math.ceil(step_s * _STEM_PARTS / valve.inertia_s)
     h = step_s / parts
     x, v, last = stem[0], stem[1], stem[3]
     for j in range(parts):
