@@ -11,6 +11,9 @@ from collections import Counter
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
 
 FACTORS: dict[str, tuple[str, ...]] = {
     "process": ("first-order", "second-order", "integrating"),
@@ -33,9 +36,9 @@ _ALIKE = ({"valve-characteristic", "gain-nonlinearity"}, {"extra-lag", "slew-lim
           {"step-disturbance", "ramp-disturbance"}, {"step-disturbance", "random-walk-disturbance"},
           {"ramp-disturbance", "random-walk-disturbance"}, {"travel-limit", "valve-characteristic"},
           {"narrow-band-disturbance", "sinusoidal-disturbance"}, {"re-sticking", "stiction-drift"})
-_CANDIDATES = 150
-# Weight of a level used too often beside that of a pair of levels.
-_LEVEL_WEIGHT = 4.0
+_CANDIDATES = 300
+# Weights of a level, and of a pair of levels (counted in both orders), that were used before.
+_LEVEL_WEIGHT, _PAIR_WEIGHT = 4.0, 0.125
 
 
 def plain(name: str) -> str:
@@ -77,25 +80,42 @@ def design(kind: str, loops: int, seed: int) -> list[tuple[dict[str, str], tuple
     if kind not in KINDS:
         raise ValueError(f"kind '{kind}' is unknown; use one of {', '.join(KINDS)}")
     rng = np.random.default_rng([seed, KINDS.index(kind)])
-    choices = _choices(kind)
-    used: Counter[object] = Counter()
+    choices, sizes = _choices(kind), [len(levels) for levels in FACTORS.values()]
+    chosen, hidden = Counter[tuple[str, ...]](), Counter[str]()
+    # Uses of level a of factor i beside level b of factor j, (i, j, a, b); alone where i = j and a = b.
+    used = np.zeros((len(sizes), len(sizes), max(sizes), max(sizes)))
+    # Uses of a level beside each effect.
+    beside = {name: np.zeros((len(sizes), max(sizes))) for name in EFFECTS}
+    weights = _weights(sizes)
     rows = []
     for _ in range(loops):
         # Of the effects those that were hidden least often, in random order.
-        weight = [used[c] * 10.0 + sum(used[e] for e in c) + rng.random() for c in choices]
-        effects = choices[int(np.argmin(weight))]
-        found = [dict(zip(FACTORS, (str(rng.choice(levels)) for levels in FACTORS.values()), strict=True))
-                 for _ in range(_CANDIDATES)]
-        best = min((row for row in found if possible(row, effects)), key=lambda row: _cost(used, row, effects))
-        used.update([effects, *effects, *best.items(), *combinations(best.items(), 2),
-                     *((e, item) for e in effects for item in best.items())])
-        rows.append((best, effects))
+        scores = [10.0 * chosen[c] + sum(hidden[name] for name in c) + rng.random() for c in choices]
+        effects = choices[int(np.argmin(scores))]
+        drawn = rng.integers(0, sizes, (_CANDIDATES, len(sizes)))
+        drawn = drawn[[possible(_named(row), effects) for row in drawn]]
+        each = np.arange(len(sizes))
+        pairs_used = used[each[:, None], each, drawn[:, :, None], drawn[:, None, :]]
+        cost = (weights * pairs_used).sum(axis=(1, 2))
+        for name in effects:
+            cost += (beside[name][each, drawn] * sizes).sum(axis=1)
+        best = drawn[int(np.argmin(cost))]
+        used[each[:, None], each, best[:, None], best] += 1.0
+        for name in effects:
+            beside[name][each, best] += 1.0
+        chosen[effects] += 1
+        hidden.update(effects)
+        rows.append((_named(best), effects))
     return rows
 
 
-def _cost(used: Counter[object], row: dict[str, str], effects: tuple[str, ...]) -> float:
-    """Use so far of the levels of a row and of their pairs, each relative to the number of levels."""
-    levels = sum(used[item] * len(FACTORS[item[0]]) for item in row.items()) * _LEVEL_WEIGHT
-    both = sum(used[a, b] * len(FACTORS[a[0]]) * len(FACTORS[b[0]]) for a, b in combinations(row.items(), 2))
-    beside = sum(used[e, item] * len(FACTORS[item[0]]) for e in effects for item in row.items())
-    return levels + 0.25 * both + beside
+def _weights(sizes: list[int]) -> FloatArray:
+    """Weight of the uses of each pair of factors (i, j): rarer the more levels they have; level alone where i = j."""
+    count = np.array(sizes, dtype=np.float64)
+    weights = _PAIR_WEIGHT * np.outer(count, count)
+    np.fill_diagonal(weights, _LEVEL_WEIGHT * count)
+    return weights
+
+
+def _named(row: NDArray[np.int64]) -> dict[str, str]:
+    return {factor: levels[i] for (factor, levels), i in zip(FACTORS.items(), row.tolist(), strict=True)}

@@ -96,7 +96,8 @@ def _family(name: str, members: list[Row]) -> str:
     false = sum(bool(r.get("false")) for r in rows)
     true = sum(r.get("true_error", np.inf) <= _AT_NOISE for r in rows)
     return (f"{name:26s} {len(rows):5d} {len(members) - len(rows):4d} {exact + alike:5d} {alike:5d} {share:5.1f} "
-            f"({100 * low:3.0f} to {100 * high:3.0f})  {false:5d} {good[0]:5d} {good[1]:5d} {good[2]:5d} {true:5d}  {times}")
+            f"({100 * low:3.0f} to {100 * high:3.0f})  {false:5d} {good[0]:5d} {good[1]:5d} {good[2]:5d} {true:5d}  "
+            f"{times}")
 
 
 def beside(old: list[Row], new: list[Row], say: Callable[[str], None] = print) -> None:
