@@ -60,8 +60,11 @@ def possible(row: dict[str, str], effects: tuple[str, ...]) -> bool:
         return False  # Without an integral part nothing cycles.
     if "extra-lag" in names and row["process"] == "second-order":
         return False  # The second lag is in the process already.
-    if "re-sticking" in names and row["valve"] != "sliding":
-        return False  # The valve rests already.
+    # A valve that rests can't re-stick, and its longer slip is that of another S and J. Under a held command only the
+    # scans themselves show whether the valve slid.
+    slides = row["valve"] == "sliding" and (row["command"] == "moving" or row["export"] == "1")
+    if names & {"re-sticking", "slip-overshoot"} and not slides:
+        return False
     if "valve-characteristic" in names and row["excitation"] == "steady":
         return False  # Over a short travel no curve shows.
     if "coloured-noise" in names:

@@ -83,10 +83,10 @@ def _process(levels: dict[str, str], rng: np.random.Generator) -> tuple[Process,
     """A process, and the time scale by which everything else in the loop is sized, in seconds."""
     n, gain = int(levels["export"]), _log(rng, 0.5, 3.0)
     if levels["process"] == "integrating":
-        lag = max(n * rng.uniform(0.8, 4.0), 0.8)
-        dead = _rounded(max(n * rng.uniform(0.8, 4.0), 0.8))
-        return Process(gain / (n * rng.uniform(15.0, 50.0)), lag, dead, 0.0, True), lag + dead
-    lag = max(n * _log(rng, 4.0, 15.0), 3.0)
+        lag = max(n * rng.uniform(1.0, 5.0), 1.0)
+        dead = _rounded(max(n * rng.uniform(1.0, 5.0), 1.0))
+        return Process(gain / (n * rng.uniform(20.0, 60.0)), lag, dead, 0.0, True), lag + dead
+    lag = max(n * _log(rng, 5.0, 18.0), 4.0)
     dead = _rounded(lag * rng.uniform(0.15, 0.7))
     second = lag * rng.uniform(0.25, 0.6) if levels["process"] == "second-order" else 0.0
     return Process(gain, lag, dead, second), lag + dead + second
@@ -171,7 +171,8 @@ def _attempt(levels: dict[str, str], effects: tuple[str, ...], rng: np.random.Ge
     noise = _noise(levels["noise"], swing, rng)
     sd = math.hypot(noise.white_sd, noise.ar_sd)
     hidden = {plain(name): _sized(name, bare, clean, scale, swing, sd, noise, rng) for name in effects}
-    rounding = _log(rng, 0.01, 0.1) if levels["rounding"] == "rounded" else 0.0
+    # Steps of twice the noise at the most: beyond that the record shows the steps only.
+    rounding = min(_log(rng, 0.01, 0.1), max(2.0 * sd, 0.01)) if levels["rounding"] == "rounded" else 0.0
     setting = replace(bare, noise=noise, effects=hidden, rounding=rounding)
     record = simulate(setting)
     span, before = float(np.ptp(record.y)), float(np.ptp(clean.y))
@@ -221,13 +222,13 @@ def _sized(name: str, setting: Setting, clean: Record, scale: float, swing: floa
         "stiction-drift": {"stickband_growth": sign * valve.S * u(0.2, 0.4) * 1000.0 / length,
                            "jump_growth": sign * valve.J * u(0.0, 0.2) * 1000.0 / length},
         "re-sticking": {"restick_speed": float(np.quantile(speeds[speeds > 1e-9], u(0.5, 0.9)))},
-        "slip-overshoot": {"overshoot": u(1.3, 1.8)},
+        "slip-overshoot": {"overshoot": u(1.4, 1.8)},
         "travel-limit": {"upper": float(x.max() - u(0.15, 0.35) * np.ptp(x))} if sign > 0.0 else
                         {"lower": float(x.min() + u(0.15, 0.35) * np.ptp(x))},
         "slew-limit": {"rate": valve.J / max(scale * u(0.3, 1.0), 2.0 * n)},
         "valve-characteristic": {"log_rangeability": sign * u(2.5, 4.5)},
-        "gain-nonlinearity": {"curvature": sign * u(0.3, 0.6) / (0.5 * float(np.ptp(clean.y)))},
-        "extra-lag": {"second_time_constant_s": max(scale * u(0.25, 0.6), 1.5 * n)},
+        "gain-nonlinearity": {"curvature": sign * u(0.4, 0.7) / (0.5 * float(np.ptp(clean.y)))},
+        "extra-lag": {"second_time_constant_s": max(scale * u(0.4, 0.9), 2.0 * n)},
         "sinusoidal-disturbance": {"period_s": scale * u(3.0, 11.0), "amplitude": max(swing * u(0.08, 0.2), 3.0 * sd),
                                    "phase": u(-3.0, 3.0)},
         "step-disturbance": {"time_s": length * u(0.25, 0.75), "size": sign * step},

@@ -13,7 +13,7 @@ import numpy as np
 from stictionid.effects import get
 from stictionid.fit.fit import one_run
 from stictionid.fit.moves import descended, first_force
-from stictionid.fit.noise.completion import Refit, quick
+from stictionid.fit.noise.completion import Refit, better, quick
 from stictionid.model.model import Model
 from stictionid.model.segments import bound
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
@@ -39,32 +39,36 @@ _STRIBECKS = 3.0
 
 def losses(plant: Plant) -> tuple[dict[str, float], float]:
     """Loss in BIC of dropping each hidden effect from the true model, and the error of that model over the noise."""
-    loop = loop_of(plant)
+    loop, noise = loop_of(plant), _noise_of(plant)
     effects = _true_effects(plant)
-    model, values = _fitted(loop, plant, effects, search=False)
-    found = {name: _loss(loop, plant, effects, model, values, name) for name in plant.setting.effects}
-    return found, model.evaluate(values).rmse / max(float(plant.record.noise.std()), plant.truth["noise_sd"])
+    whole = _completed(loop, plant, effects, noise)
+    sd = max(float(plant.record.noise.std()), plant.truth["noise_sd"])
+    return {name: _loss(loop, plant, effects, whole, name) for name in plant.setting.effects}, whole.evaluated.rmse / sd
 
 
-def _loss(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], model: Model, values: Any,
-          name: str) -> float:
-    noise = _noise_of(plant)
+def _loss(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], whole: Refit, name: str) -> float:
     if name in NOISES:
         # The noise itself tells best: a true model fitted to slow samples leaves errors that a noise model takes up.
         rows, variance = plant.record.noise.size, plant.truth["innovation_sd"] ** 2
-        return rows * float(np.log(np.var(plant.record.noise) / variance)) - _NUMBERS * float(np.log(rows))
+        whole_variance = float(np.var(plant.record.noise)) + plant.setting.rounding**2 / 12.0
+        return rows * float(np.log(whole_variance / variance)) - _NUMBERS * float(np.log(rows))
     rest = {n: v for n, v in effects.items() if plain(n) != name}
-    whole = quick(model, values, noise=noise)
-    best = -np.inf
-    for search in (False, True):
-        best = max(best, _bic_gain(quick(*_fitted(loop, plant, rest, search=search), noise=noise), whole))
-        if -best < MARGIN:
-            break
-    return -best
+    loss = float(whole.gain_over(_completed(loop, plant, rest, _noise_of(plant))))
+    if loss < MARGIN:
+        return loss
+    return min(loss, float(whole.gain_over(_completed(loop, plant, rest, _noise_of(plant), search=True))))
 
 
-def _bic_gain(other: Refit, whole: Refit) -> float:
-    return float(other.gain_over(whole))
+def _completed(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], noise: str, *,
+               search: bool = False) -> Refit:
+    """A specification fitted and completed with its noise; for an integrator in levels or in differences of y.
+
+    Errors of slips add up in an integrator. Differences, softened by the noise model, leave them behind.
+    """
+    found = quick(*_fitted(loop, plant, effects, search=search), noise=noise)
+    if not plant.setting.process.integrating:
+        return found
+    return better(found, quick(*_fitted(loop, plant, effects, search=search, increments=True), noise=noise))
 
 
 def _noise_of(plant: Plant) -> str:
@@ -93,17 +97,19 @@ def _true_effects(plant: Plant) -> dict[str, dict[str, Any]]:
     return out
 
 
-def _bound(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]]) -> Model:
+def _bound(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], increments: bool) -> Model:
     n, found = plant.setting.export, find_range(loop)
     between, parts = ("corner", 8) if plant.setting.moving else ("decimated", min(n, 10)) if n > 1 else ("hold", 1)
     process = INTEGRATOR if plant.setting.process.integrating else FIRST_ORDER
-    spec = Spec(process=process, effects=tuple(effects), between=between, substeps=parts)
+    spec = Spec(process=process, effects=tuple(effects), between=between, substeps=parts,
+                increments=increments)
     return bound(loop, spec, s_max=max(swing_of(loop, found), plant.truth["S"]), period_s=time_scale_s(loop, found))
 
 
-def _fitted(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], *, search: bool) -> tuple[Model, Any]:
+def _fitted(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], *, search: bool,
+            increments: bool = False) -> tuple[Model, Any]:
     """A specification polished from the true values, or by a search of its own where that is better."""
-    model = _bound(loop, plant, effects)
+    model = _bound(loop, plant, effects, increments)
     S, J = plant.truth["S"], plant.truth["J"]
     values: dict[str, float] = {}
     for name, given in effects.items():
