@@ -227,7 +227,7 @@ def _sized(name: str, setting: Setting, clean: Record, scale: float, swing: floa
                         {"lower": float(x.min() + u(0.15, 0.35) * np.ptp(x))},
         "slew-limit": {"rate": valve.J / max(scale * u(0.3, 1.0), 2.0 * n)},
         "valve-characteristic": {"log_rangeability": sign * u(2.5, 4.5)},
-        "gain-nonlinearity": {"curvature": sign * u(0.4, 0.7) / (0.5 * float(np.ptp(clean.y)))},
+        "gain-nonlinearity": {"curvature": sign * u(0.3, 0.6) / (0.5 * float(np.ptp(clean.y)))},
         "extra-lag": {"second_time_constant_s": max(scale * u(0.4, 0.9), 2.0 * n)},
         "sinusoidal-disturbance": {"period_s": scale * u(3.0, 11.0), "amplitude": max(swing * u(0.08, 0.2), 3.0 * sd),
                                    "phase": u(-3.0, 3.0)},

@@ -24,7 +24,7 @@ from stictionid.record.preconditions import swing_of, time_scale_s
 from .design import plain
 from .draw import Plant
 from .score import NOISES, loop_of
-from .simulate import INERTIAL
+from .simulate import INERTIAL, FloatArray
 
 MARGIN = 50.0
 _FORCES = np.linspace(-0.98, 0.98, 99)
@@ -44,6 +44,18 @@ def losses(plant: Plant) -> tuple[dict[str, float], float]:
     whole = _completed(loop, plant, effects, noise)
     sd = max(float(plant.record.noise.std()), plant.truth["noise_sd"])
     return {name: _loss(loop, plant, effects, whole, name) for name in plant.setting.effects}, whole.evaluated.rmse / sd
+
+
+def error_with_scans(plant: Plant) -> float | None:
+    """Error over the noise of the true model under the true command at every scan; None for a command that moves.
+
+    Beside the error of the true model it tells what the exported samples lack: the command between them.
+    """
+    if plant.setting.moving:
+        return None
+    loop = loop_of(plant)
+    fitted = _fitted(loop, plant, _true_effects(plant), search=False, command=plant.record.command)
+    return fitted[0].evaluate(fitted[1]).rmse / max(float(plant.record.noise.std()), plant.truth["noise_sd"])
 
 
 def _loss(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], whole: Refit, name: str) -> float:
@@ -97,19 +109,24 @@ def _true_effects(plant: Plant) -> dict[str, dict[str, Any]]:
     return out
 
 
-def _bound(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], increments: bool) -> Model:
+def _bound(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], increments: bool,
+           command: FloatArray | None) -> Model:
     n, found = plant.setting.export, find_range(loop)
     between, parts = ("corner", 8) if plant.setting.moving else ("decimated", min(n, 10)) if n > 1 else ("hold", 1)
     process = INTEGRATOR if plant.setting.process.integrating else FIRST_ORDER
-    spec = Spec(process=process, effects=tuple(effects), between=between, substeps=parts,
-                increments=increments)
-    return bound(loop, spec, s_max=max(swing_of(loop, found), plant.truth["S"]), period_s=time_scale_s(loop, found))
+    spec = Spec(process=process, effects=tuple(effects), between=between if command is None else "hold",
+                substeps=parts if command is None else n, increments=increments)
+    return bound(loop, spec, s_max=max(swing_of(loop, found), plant.truth["S"]), period_s=time_scale_s(loop, found),
+                 command=command)
 
 
-def _fitted(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], *, search: bool,
-            increments: bool = False) -> tuple[Model, Any]:
-    """A specification polished from the true values, or by a search of its own where that is better."""
-    model = _bound(loop, plant, effects, increments)
+def _fitted(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], *, search: bool, increments: bool = False,
+            command: FloatArray | None = None) -> tuple[Model, Any]:
+    """A specification polished from the true values, or by a search of its own where that is better.
+
+    `command` (scans,) takes the place of the one that the specification rebuilds between samples.
+    """
+    model = _bound(loop, plant, effects, increments, command)
     S, J = plant.truth["S"], plant.truth["J"]
     values: dict[str, float] = {}
     for name, given in effects.items():

@@ -66,12 +66,13 @@ def scored(rows: Iterable[Row]) -> list[Row]:
 def print_table(rows: list[Row], say: Callable[[str], None] = print) -> None:
     """What was left out, the table by family, and the answers that were wrong.
 
-    The column "true" counts loops whose true model, polished from the true values, comes within 1.2 of the noise.
+    The column "true" counts loops whose true model, polished from the true values, comes within 1.2 of the noise; the
+    column "scans" those held ones whose true model does so under the true command at every scan.
     """
     left = Counter(r["out"] for r in rows if "out" in r)
     say(f"{len(rows)} loops, {len(scored(rows))} scored" + "".join(f", {n} {why}" for why, n in left.items()))
     say(f"{'family':26s} {'loops':>5s} {'out':>4s} {'right':>5s} {'alike':>5s}   % (90 %)          {'false':>5s} "
-        f"{'S 2%':>5s} {'J 10%':>5s} {'error':>5s} {'true':>5s}   CPU s: median, 95 %, longest")
+        f"{'S 2%':>5s} {'J 10%':>5s} {'error':>5s} {'true':>5s} {'scans':>5s}   CPU s: median, 95 %, longest")
     for name, members in families(rows):
         if members:
             say(_family(name, members))
@@ -94,10 +95,11 @@ def _family(name: str, members: list[Row]) -> str:
     times = f"{np.median(seconds):7.1f} {np.quantile(seconds, 0.95):7.1f} {max(seconds):7.1f}" if seconds else ""
     share = 100.0 * (exact + alike) / max(len(rows), 1)
     false = sum(bool(r.get("false")) for r in rows)
-    true = sum(r.get("true_error", np.inf) <= _AT_NOISE for r in rows)
+    # Where the check was left out, or the command moves, there is no such error.
+    true, scans = (sum((r.get(key) or np.inf) <= _AT_NOISE for r in members) for key in ("true_error", "scans_error"))
     return (f"{name:26s} {len(rows):5d} {len(members) - len(rows):4d} {exact + alike:5d} {alike:5d} {share:5.1f} "
-            f"({100 * low:3.0f} to {100 * high:3.0f})  {false:5d} {good[0]:5d} {good[1]:5d} {good[2]:5d} {true:5d}  "
-            f"{times}")
+            f"({100 * low:3.0f} to {100 * high:3.0f})  {false:5d} {good[0]:5d} {good[1]:5d} {good[2]:5d} "
+            f"{true:5d} {scans:5d}  {times}")
 
 
 def beside(old: list[Row], new: list[Row], say: Callable[[str], None] = print) -> None:
