@@ -45,7 +45,7 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     """
     winner = pruned(search, best, keep)
     done = winner.scored.done
-    noise = noise_name(done, search.policy, rng_of(search.seed, key(winner.spec), 1)) if done.white else ""
+    noise = noise_name(done, search.policy) if done.white else ""
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in equivalents(search, winner))
     return Decision(winner, noise, alike, missing_reason(winner))
@@ -163,7 +163,7 @@ def candidates(search: Search, parent: Entry, winner: str, alike: tuple[str, ...
 def _noise_gain(search: Search, parent: Entry) -> tuple[Candidate, ...]:
     """The noise model of a node as a candidate of its own, where it has one."""
     done = parent.scored.done
-    name = noise_name(done, search.policy, rng_of(search.seed, key(parent.spec), 1))
+    name = noise_name(done, search.policy)
     if not name:
         return ()
     numbers = noise_values(name, done.taps, done.increments, done.innovation_sd, done.model.step_s, done.model.pace)

@@ -55,7 +55,7 @@ def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, 
         starts.append(model.vector(known.scored.done.model.named(known.scored.done.values)))
     found = descended(model, model.cube(np.stack(starts, axis=1)))
     values = model.values(found.points[:1])[:, 0]
-    done = glanced(model, values, search.policy)
+    done = glanced(model, values)
     return spec, values, done.bic(done.good)
 
 

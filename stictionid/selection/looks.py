@@ -120,7 +120,7 @@ def _look(ground: Ground, task: Task) -> Packed:
     if not np.isfinite(found.cost):
         return Packed(task.spec, task.added, failed="its refit found no model whose valve moves")
     # The search may run on a coarser model; the score is that of the model itself.
-    done = glanced(found.model, found.values, ground.policy)
+    done = glanced(found.model, found.values)
     return _packed(task, done, points=found.points[:8], cost=found.cost, gain=found.gain)
 
 

@@ -31,7 +31,7 @@ class Policy:
     margin: float = _number(20.0, "BIC", "gain beyond noise that names an effect", _PLANTS)
     structure_margin: float = _number(10.0, "BIC", "gain that changes process, lag, rest or command", _CRITICISM)
     noise_margin: float = _number(20.0, "BIC", "gain that names a noise model", _PLANTS)
-    walk_margin: float = _number(20.0, "BIC", "gain of a random walk over stationary noise", _PLANTS)
+    walk_margin: float = _number(2.0, "BIC", "gain of a random walk over stationary noise", "benchmarks/noise_family.py")
     alike: float = _number(10.0, "BIC", "distance within which models explain alike", _CRITICISM)
     beam: int = _number(3, "nodes", "nodes expanded at each depth", _CRITICISM, least=1)
     depth: int = _number(4, "effects", "most effects of a node, lag and rest not counted", _CRITICISM, least=1)

@@ -25,7 +25,7 @@ from .ladder import fitted, ordered, step_of, with_noise
 from .looks import rng_of
 from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
-from .score import Scored, glanced, noise_name
+from .score import Scored, glanced, noise_words
 from .search import ADD, ROOT, Entry, Search
 from .steps import opened, with_steps
 
@@ -99,7 +99,7 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted) -> None:
                       residual=fit.best.left)
         before = known.get(n.parent) if n.parent is not None else None
         parent = None if before is None else key(spec_of(before.structure, before.effects, fit.model.spec))
-        search.memo[key(spec)] = Entry(spec, Scored(glanced(model, model.vector(n.parameters), search.policy), True),
+        search.memo[key(spec)] = Entry(spec, Scored(glanced(model, model.vector(n.parameters)), True),
                                        parent, n.edge.op, n.edge.what, gates=n.gates,
                                        expanded=whole)
     for step in study.steps[:-1]:
@@ -194,10 +194,9 @@ def tree_of(search: Search, found: Decision, order: Sequence[str]) -> tuple[Tree
                                      and e.spec.process == found.winner.spec.process)
         status = ("failed" if e.failed else "named" if path and e.passed else "equivalent" if ids[name] in alike else
                   "expanded" if e.expanded else "rejected" if e.scored.full else "looked")
-        noise = noise_name(done, search.policy, rng_of(search.seed, name, 1)) if e.scored.full else ""
         parent = ids.get(e.parent or "") if e.op != ROOT else None
         out.append(TreeNode(
-            ids[name], parent, TreeEdge(e.op, e.what), tuple(e.spec.effects), structure(e.spec), noise or "white",
+            ids[name], parent, TreeEdge(e.op, e.what), tuple(e.spec.effects), structure(e.spec), noise_words(done),
             {} if e.failed else done.evaluated.values, None if e.failed else e.scored.rmse,
             None if e.failed else done.innovation_sd, None if e.failed else done.bic(done.good), status, e.gates))
     return tuple(out)

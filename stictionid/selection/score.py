@@ -6,16 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects import parse
 from ..fit.cross_validation import Held
-from ..fit.noise.completion import RESONANT, Refit, better, complete, quick
+from ..fit.noise.completion import Refit, better, complete, quick
+from ..fit.noise.whiteness import remembers
 from ..model.model import Model
 from ..model.segments import bound
 from ..model.spec import FIRST_ORDER, SOFT
+from ..numerics.noise.family import WALK, Noise, resonance_of
+from ..numerics.noise.fit import fit_noise, fits_of
+from ..numerics.noise.whitener import bic_of
 from ..typing import FloatArray
 from .policy import Policy
 
-WALK, COLOURED, NARROW = "random-walk-disturbance", "coloured-noise", "narrow-band-disturbance"
+WALKING, COLOURED, NARROW = "random-walk-disturbance", "coloured-noise", "narrow-band-disturbance"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,27 +40,26 @@ class Scored:
         return not self.done.taps.size and not self.done.increments
 
 
-def glanced(model: Model, values: FloatArray, policy: Policy) -> Refit:
-    """The model as it is, completed with the best noise of the family, not refitted to it."""
+def glanced(model: Model, values: FloatArray) -> Refit:
+    """The model as it is, completed with the better of an autoregression and a walk, not refitted to it."""
     found = quick(model, values)
     walk = _as_walk(model, found)
-    if walk is None:
-        return found
-    softened = quick(*walk)
-    return softened if softened.gain_over(found) > policy.walk_margin else found
+    return found if walk is None else better(found, quick(*walk))
 
 
 def completed(model: Model, values: FloatArray, rng: np.random.Generator, policy: Policy) -> Refit:
     """The model refitted with the best noise of the family: an autoregression in levels, or one of softened differences.
 
-    A walk must lead by its margin, because estimates of it pile up at the edge of the range.
+    The exact likelihood of the residual decides: criteria of levels and of differences differ by a row.
     """
-    found = complete(model, values, None, rng)
+    found = complete(model, values, None, rng, descent=True)
     walk = _as_walk(found.model, found)
-    if walk is None or quick(*walk).gain_over(found) <= policy.walk_margin:
+    if walk is None or not remembers(found.taps):
         return found
+    # So slow a noise moved the valve into another basin, which a population finds in differences.
     softened = complete(*walk, None, rng)
-    return softened if softened.gain_over(found) > policy.walk_margin else found
+    gain = softened.gain_over(found)
+    return softened if gain > policy.alike or (gain > -policy.alike and _noise(softened).walks) else found
 
 
 def _as_walk(model: Model, found: Refit) -> tuple[Model, FloatArray] | None:
@@ -70,32 +72,34 @@ def _as_walk(model: Model, found: Refit) -> tuple[Model, FloatArray] | None:
     return soft, found.values
 
 
-def noise_name(done: Refit, policy: Policy, rng: np.random.Generator) -> str:
-    """The name of the noise model of a completed fit; empty for white noise, or for less than the margin.
+def _noise(done: Refit) -> Noise:
+    """The noise of the family under a free-run residual."""
+    e = done.evaluated
+    return fit_noise(np.nan_to_num(e.residual), e.counted > 0, done.model.loop.starts)
 
-    A resonance of more than one cycle is a narrow band where it does better than the autoregression.
+
+def noise_name(done: Refit, policy: Policy) -> str:
+    """The name of the noise under the free run; empty for white noise, or for less than the margin.
+
+    The errors of an integrator's slips add up to a walk, so a walk is none of its names. A resonance of more than one
+    cycle is a narrow band.
     """
-    if done.increments and done.model.spec.process == FIRST_ORDER:
-        return WALK
-    if not done.taps.size:
+    e, starts = done.evaluated, done.model.loop.starts
+    residual, good = np.nan_to_num(e.residual), e.counted > 0
+    found = fits_of(residual, good, starts)
+    still = min((f for kind, f in found.items() if kind != WALK), key=lambda f: f.bic, default=None)
+    if still is None:
         return ""
-    bare = replace(done.model.spec, taps=SOFT if done.increments else (), increments=done.increments)
-    model = bound(done.model.loop, bare, s_max=done.model.s_max, period_s=done.model.period_s,
-                  residual=done.evaluated.left)
-    if done.gain_over(quick(model, done.values, order=0)) < policy.noise_margin:
+    walks = WALK in found and done.model.spec.process == FIRST_ORDER
+    best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
+    if bic_of(residual, Noise(), good, starts) - best.bic < policy.noise_margin:
         return ""
-    band = quick(model, done.values, noise=RESONANT, rng=rng)
-    return NARROW if band.gain_over(quick(model, done.values)) > 0.0 else COLOURED
+    if best.noise.walks:
+        return WALKING
+    return NARROW if resonance_of(best.noise, done.model.step_s) else COLOURED
 
 
-def best_of(*refits: Refit) -> Refit:
-    """The refit with the best BIC on common samples."""
-    found = refits[0]
-    for other in refits[1:]:
-        found = better(found, other)
-    return found
-
-
-def is_noise(name: str) -> bool:
-    """True for the name of a noise model."""
-    return parse(name)[0].noise is not None
+def noise_words(done: Refit) -> str:
+    """The noise that completes a node, as the tree shows it."""
+    order = f"order {done.taps.size}" if done.taps.size else "white"
+    return f"differences, {order}" if done.increments else order

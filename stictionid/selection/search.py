@@ -147,7 +147,7 @@ class Search:
         if self._settled(entry) or entry.scored.done.white:
             return
         self._search_valves(ground, tasks)
-        far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._on_valve(t)])
+        far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._far(t, entry)])
         self._finish(ground, entry, [a for a in far if self._better(a)])
 
     def deepen(self, entry: Entry) -> None:
@@ -155,14 +155,14 @@ class Search:
         entry.deepened = True
         fit = standing(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
-        tasks = [replace(t, stage=DEEP) for t in self._edges(entry, fit) if t.added and self._on_valve(t)]
+        tasks = [replace(t, stage=DEEP) for t in self._edges(entry, fit) if self._on_valve(t)]
         deep = self._performed(ground, entry, tasks)
         self._finish(ground, entry, [a for a in deep if self._better(a)])
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet."""
         asked = [replace(t, stage=VALVES) for t in tasks
-                 if t.added and self._on_valve(t) and kind_of(t.spec) not in self.valves]
+                 if self._on_valve(t) and kind_of(t.spec) not in self.valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in zip(asked, crew.map(asked), strict=True):
                 self.spent += answer.spent
@@ -179,7 +179,12 @@ class Search:
         return [t for t in tasks if key(t.spec) not in self.memo or not self.memo[key(t.spec)].scored.full]
 
     def _on_valve(self, task: Task) -> bool:
-        return not task.added or on_valve(parse(task.added)[0])
+        return bool(task.added) and on_valve(parse(task.added)[0])
+
+    def _far(self, task: Task, entry: Entry) -> bool:
+        """True for effects on the valve, and once, in a search over the whole catalogue, for the other process."""
+        other = task.spec.process != entry.spec.process and entry.op == ROOT and not entry.spec.effects
+        return self._on_valve(task) or (other and self.only is None)
 
     def _performed(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Answers to tasks; each look is remembered where it is the best of its node."""
@@ -232,7 +237,7 @@ class Search:
             answer = answers[name]
             structural = depth(answer.spec) == 0 and self._better_base(self.memo[name])
             late = count >= self.policy.finalists or gains[name] < max(best - self.policy.within, 0.0)
-            if late and count >= 2 and not structural:
+            if late and count and not structural:
                 continue
             count += not structural
             stage = DEEP if entry.deepened else FAR

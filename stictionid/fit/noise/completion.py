@@ -30,8 +30,8 @@ _COMPLETIONS = 2
 BLOCKS = 5
 # Samples from one PV to the next from which a spectrum is taken of those that are there.
 _SPARSE = 1.5
-# Relative fall of the cost below which a refit in prewhitened form has settled.
-_SETTLED = 1e-4
+# Relative fall of the cost below which a refit in prewhitened form has settled; the same and the turns of a descent.
+_SETTLED, _GLANCED, _TURNS = 1e-4, 1e-3, 8
 # A free run whose error is at most this multiple of the innovations is at the noise.
 _WHITE = 1.1
 
@@ -175,23 +175,26 @@ def better(found: Refit, other: Refit) -> Refit:
 
 
 def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, *,
-             noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER) -> Refit:
+             noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER, descent: bool = False) -> Refit:
     """The model with a noise model for its residual, refitted in prewhitened form where there is one.
+
+    With `descent` the refit is a descent in the model's basin, a fifth of the work of a population.
 
     `noise` is an autoregression, a random walk or a resonance. With a random walk, model and data are fitted in
     differences, and the autoregression is that of the differences. Prewhitening of the process fit is kept and
     extended. The model of an integrator is completed in levels, too, and the better one is kept.
     """
-    found = _completed(model, values, pool, rng, noise, order)
+    found = _completed(model, values, pool, rng, noise, order, descent)
     if not _has_levels(model, noise):
         return found
     level = _in_levels(model, found.evaluated)
     near = descended(level, level.cube(level.vector(found.model.named(found.values))[:, None]))
-    return better(found, _completed(level, level.values(near.points[:1])[:, 0], None, rng, noise, order))
+    return better(found, _completed(level, level.values(near.points[:1])[:, 0], None, rng, noise, order,
+                                    descent))
 
 
 def _completed(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, noise: str,
-               order: int) -> Refit:
+               order: int, descent: bool) -> Refit:
     first = _as_it_is(model, values, noise, order, rng)
     increments, own, ar = first.increments, own_taps(model.spec), first.taps
     if ar.size == 0 and increments == model.spec.increments and not has_noise(model.spec):
@@ -207,11 +210,15 @@ def _completed(model: Model, values: FloatArray, pool: FloatArray | None, rng: n
             starts += [white.vector({**model.named(values), **dict(zip(BASE, base, strict=True))}) for base in pool[1:]]
         coarse = search_model(white)
         cube = with_start(coarse, coarse.cube(np.array(starts).T))
-        found = refine(coarse.costs, cube, rng, spread=spreads(coarse, 0.5), rounds=40, population=14, settle=_SETTLED)
-        if white.spec.held and best is None:
-            near = np.concatenate([found.points[:1], along_ridge(coarse, found.points[:1])])
-            found = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=40, population=14,
+        if descent:
+            found = descended(coarse, cube, turns=_TURNS, settle=_GLANCED)
+        else:
+            found = refine(coarse.costs, cube, rng, spread=spreads(coarse, 0.5), rounds=40, population=14,
                            settle=_SETTLED)
+            if white.spec.held and best is None:
+                near = np.concatenate([found.points[:1], along_ridge(coarse, found.points[:1])])
+                found = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=40, population=14,
+                               settle=_SETTLED)
         point, _ = polish_smooth(white, found.points[0])
         values = white.values(point[None])[:, 0]
         evaluated = white.evaluate(values)

@@ -42,11 +42,16 @@ def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation
     random `walk` has an infinite memory, so only its innovations are tested: a step is an outlier in them, a ramp their
     mean.
     """
-    if not walk and np.abs(np.roots(np.concatenate([[1.0], taps]))).max(initial=0.0) > _SHORT:
+    if not walk and remembers(taps):
         return False
     if walk and abs(_mean(innovation[good])) > NormalDist().inv_cdf(1.0 - 0.5 * _LEVEL):
         return False
     return passes_tests(model, np.concatenate([[1.0], taps]), taps.size, position, innovation, good)
+
+
+def remembers(taps: FloatArray) -> bool:
+    """True for an autoregression (p,) of so long a memory that it may be a disturbance."""
+    return bool(np.abs(np.roots(np.concatenate([[1.0], taps]))).max(initial=0.0) > _SHORT)
 
 
 def passes_tests(model: Model, polynomial: FloatArray, order: int, position: FloatArray, innovation: FloatArray,
