@@ -146,7 +146,8 @@ class Effect:
     or follow from them. `run_means` replaces `run` for a signal of means over the parts of a sample, as under a command
     that moves within them. The effect then finds the instant inside the part. `fine` asks for parts of a sample even
     under a held command; `follows_y` is true where the kernel uses y. `reach` is the factor by which the upper limit of
-    S grows with this effect. `by_itself` says that `identify` may add the effect without a look at its rivals. `natural` are the numbers in which such a valve is searched.
+    S grows with this effect. `by_itself` says that `identify` may add the effect without a look at its rivals.
+    `natural` are the numbers in which such a valve is searched.
     """
 
     name: str

@@ -83,7 +83,6 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     `windows` set, friction that changes with time is searched in windows of the record, too. `valves` (k, d) are values
     of such valves found before; each gets a process that fits it, and they stand for the swarms.
     """
-    before = fit.model
     model, coarse = widened_by(fit, name)
     spec = model.spec
     effect, option = parse(name)

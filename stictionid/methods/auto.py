@@ -18,15 +18,13 @@ from ..fit.add_effect import added
 from ..fit.context import WALK, Run, parameters
 from ..fit.fit import Fitted, reaching
 from ..fit.intervals.assemble import outline, region
-from ..fit.moves import descended, search_model
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout
-from ..model.spec import BASE, Spec
+from ..model.spec import BASE, FIRST_ORDER, Spec
 from ..process.scan import DECIMATED, parts_of, ran_between
 from ..record.loop import Finding
 from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
-from ..record.study import Step
 from ..selection.decide import Decision, decided
 from ..selection.node import LAG, physical
 from ..selection.policy import Policy
@@ -93,7 +91,8 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:
         if slow.evaluated is None:
             raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
                              code="valve-never-moves")
-        return run.fit(slow.spec, before=(slow.point[None], np.array([slow.cost]))), (said_scans(run, slow.spec.substeps),)
+        rebuilt = run.fit(slow.spec, before=(slow.point[None], np.array([slow.cost])))
+        return rebuilt, (said_scans(run, slow.spec.substeps),)
     if o.between == "auto" and surely_moves(run.loop):
         spec = as_moving(spec)
     fit = run.fit(spec)
@@ -129,7 +128,7 @@ def _searched(run: Run, fit: Fitted, policy: Policy, only: frozenset[str] | None
 
 def _nothing_explained(run: Run, found: Decision) -> bool:
     done = found.winner.scored.done
-    if done.increments and not done.model.spec.process == "integrator":
+    if done.increments and done.model.spec.process == FIRST_ORDER:
         return False
     e = done.evaluated
     return e.rmse > _NOTHING * float(np.std(run.used_y())) and not (

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from .restore import rebuild_model
 from ..record.loop import Loop
 from ..record.segments import described
 from ..typing import FloatArray
+from .restore import rebuild_model
 
 # Outputs that are drawn, and the quantile of what they move y by: a slip that nearly did not happen is lost by any
 # small change, and is the record's own where the model has it.

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 
 from .looks import Ground, Packed, Task, performed
 
+Work = Callable[[Ground, Task], Packed]
 _GROUND: Ground | None = None
 
 
@@ -23,9 +24,9 @@ def _enter(ground: Ground) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _call(task: Task) -> Packed:
+def _call(work: Work, task: Task) -> Packed:
     assert _GROUND is not None
-    return performed(_GROUND, task)
+    return work(_GROUND, task)
 
 
 class Crew:
@@ -37,11 +38,11 @@ class Crew:
         if jobs > 1 and "fork" in multiprocessing.get_all_start_methods():
             self._pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("fork"), _enter, (ground,))
 
-    def map(self, tasks: Sequence[Task]) -> Iterator[Packed]:
+    def map(self, tasks: Sequence[Task], work: Work = performed) -> Iterator[Packed]:
         """The answers to tasks, one after the other."""
         if self._pool is None:
-            return (performed(self.ground, task) for task in tasks)
-        return self._pool.map(_call, tasks)
+            return (work(self.ground, task) for task in tasks)
+        return self._pool.map(_call, [work] * len(tasks), tasks)
 
     def __enter__(self) -> Crew:
         return self

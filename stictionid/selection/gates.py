@@ -53,7 +53,8 @@ class Edge:
 
 
 def _gains(edge: Edge) -> str:
-    return "" if edge.gain >= edge.margin else f"it gains {edge.gain:.0f} BIC beyond noise, {edge.margin:g} name an effect"
+    enough = edge.gain >= edge.margin
+    return "" if enough else f"it gains {edge.gain:.0f} BIC beyond noise, {edge.margin:g} name an effect"
 
 
 def _is_there(edge: Edge) -> str:
@@ -156,7 +157,7 @@ def _kick(edge: Edge) -> str:
 
 
 def _beyond_rest(edge: Edge) -> str:
-    """Reject a drift of friction that explains hardly more than a valve that rests, which it is under a held command."""
+    """Reject a drift of friction that explains hardly more than a valve that rests: under a held command it rests."""
     if parse(edge.name)[0].profile is None or not edge.child.done.model.spec.held:
         return ""
     if edge.rest_gain > (1.0 - edge.policy.drift_alone) * edge.gain:

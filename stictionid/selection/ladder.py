@@ -21,7 +21,6 @@ from .node import key, node, physical, with_effect, without
 from .score import Scored, glanced
 from .search import Entry, Search
 
-
 Rung = tuple[Spec, FloatArray]
 
 

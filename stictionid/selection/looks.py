@@ -55,6 +55,8 @@ class Task:
     added: str = ""
     stage: str = NEAR
     look: Packed | None = None
+    # Number of a replicate of the record, for a p-value.
+    draw: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +98,7 @@ def performed(ground: Ground, task: Task) -> Packed:
     before = tally.spent()
     try:
         found = (_full(ground, task) if task.look is not None else
-                 _valves(ground, task) if task.stage == VALVES else _look(ground, task))
+                 _valves(ground, task) if task.stage == VALVES else look_at(ground, task))
     except (ModelError, np.linalg.LinAlgError) as error:
         found = Packed(task.spec, task.added, failed=f"its refit did not converge ({error})")
     return replace(found, spent=(tally.spent() - before) // ground.fit.model.loop.samples)
@@ -112,7 +114,8 @@ def rng_of(seed: int, name: str, stage: int) -> np.random.Generator:
     return np.random.default_rng([seed, stage, zlib.crc32(name.encode())])
 
 
-def _look(ground: Ground, task: Task) -> Packed:
+def look_at(ground: Ground, task: Task) -> Packed:
+    """A first look at one edge: an effect added, another process, or another course of the command."""
     rng = rng_of(ground.seed, key(task.spec), 1)
     found = (_with_effect(ground, task, rng) if task.added else
              _other_process(ground, task, rng) if task.spec.process != ground.fit.model.spec.process else

@@ -16,6 +16,7 @@ from ..errors import DataError, UsageError
 from ..system.files import text_of
 
 _PLANTS, _CRITICISM, _LENGTH = "benchmarks/plants", "CRITICISM.md section 7", "benchmarks/search_race.py"
+_NOISE = "benchmarks/noise_family.py"
 
 
 def _number(default: float, unit: str, meaning: str, benchmark: str, *, least: float = 0) -> Any:
@@ -31,7 +32,7 @@ class Policy:
     margin: float = _number(20.0, "BIC", "gain beyond noise that names an effect", _PLANTS)
     structure_margin: float = _number(10.0, "BIC", "gain that changes process, lag, rest or command", _CRITICISM)
     noise_margin: float = _number(20.0, "BIC", "gain that names a noise model", _PLANTS)
-    walk_margin: float = _number(2.0, "BIC", "gain of a random walk over stationary noise", "benchmarks/noise_family.py")
+    walk_margin: float = _number(2.0, "BIC", "gain of a random walk over stationary noise", _NOISE)
     alike: float = _number(10.0, "BIC", "distance within which models explain alike", _CRITICISM)
     beam: int = _number(3, "nodes", "nodes expanded at each depth", _CRITICISM, least=1)
     depth: int = _number(4, "effects", "most effects of a node, lag and rest not counted", _CRITICISM, least=1)
@@ -47,6 +48,7 @@ class Policy:
     drift_alone: float = _number(0.05, "1", "share of its gain that a drift must have beyond a rest", _PLANTS)
     kick_samples: float = _number(3.0, "samples", "distance of a step from a setpoint move", _PLANTS)
     rounding: float = _number(3.0, "1", "free-run error over noise and rounding that rounding explains", _PLANTS)
+    chance: float = _number(0.01, "1", "bootstrap p above which nothing is named", _CRITICISM)
     long_record: int = _number(6000, "samples", "longest record that is searched whole", _LENGTH, least=1)
 
     def __post_init__(self) -> None:

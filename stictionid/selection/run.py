@@ -17,15 +17,16 @@ from ..model.segments import bound
 from ..model.spec import Spec
 from ..record.loop import Finding, Loop
 from ..record.study import Candidate, Step, Study
-from ..record.tree import TreeNode
 from ..record.tree import Edge as TreeEdge
+from ..record.tree import TreeNode
 from ..typing import FloatArray, Progress
+from .bootstrap import p_of
 from .decide import Decision, candidates, decided, rounded
 from .ladder import fitted, ordered, step_of, with_noise
 from .looks import rng_of
 from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
-from .score import Scored, glanced, noise_words
+from .score import Scored, glanced, is_noise, noise_words
 from .search import ADD, ROOT, Entry, Search
 from .steps import opened, with_steps
 
@@ -34,10 +35,11 @@ Judge = Callable[[Loop, Study, int], Study]
 
 
 def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, apply: bool = False, seed: int = 0,
-           jobs: int = 1, policy: Policy | None = None, progress: Progress | None = None) -> Study:
+           jobs: int = 1, bootstrap: int = 0, policy: Policy | None = None, progress: Progress | None = None) -> Study:
     """The study with its tree, ranked candidates and the effect to add next; with `apply` with all that were found.
 
     `everything` expands the best node even where it leaves only noise. `jobs` processes share the looks and fits.
+    `bootstrap` replicates give the effect to add next a p-value; above the policy's chance nothing is named.
     `judge` gives a study whose last model is another than before its verdict and severity. Raises DataError for an
     abstained study, and for one that can't be rebuilt.
     """
@@ -52,14 +54,18 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     if found.noise and not any(plain(n) == found.noise for n in fit.model.spec.effects):
         new = (*new, found.noise)
     blur = rounded(run.loop, study, found, policy, seed)
-    if blur:
+    p_value = None
+    if bootstrap and new and not is_noise(new[0]):
+        p_value = p_of(search, search.memo[key(node(fit.model.spec))], new[0], bootstrap, tell)
+    chance = p_value is not None and p_value > max(policy.chance, 1.0 / (bootstrap + 1) + policy.neutral / bootstrap)
+    if blur or chance:
         new = ()
     study = replace(study, tree=tree_of(search, found, order), evaluations=search.spent + (study.evaluations or 0),
                     unasked=tuple(search.unasked), equivalents=found.equivalents,
                     missing_reason=found.missing_reason,
-                    candidates=_ranking(search, found, order, new), missing=())
-    if blur:
-        return replace(study, missing_reason=blur)
+                    candidates=_with_p(_ranking(search, found, order, new), p_value), missing=())
+    if blur or chance:
+        return replace(study, missing_reason=blur or study.missing_reason)
     if not apply:
         return replace(study, missing=(parse(new[0])[0].name,) if new else ())
     changed = new or set(before) - set(order) or key(node(fit.model.spec)) != key(found.winner.spec)
@@ -180,6 +186,14 @@ def _ranking(search: Search, found: Decision, order: Sequence[str], new: Sequenc
     alike = tuple(dict.fromkeys(plain(n) for e in found.equivalents for n in e.effects
                                 if n not in order))
     return candidates(search, parent, last, alike)
+
+
+def _with_p(ranking: tuple[Candidate, ...], p_value: float | None) -> tuple[Candidate, ...]:
+    """The ranking with the p-value in the first statement, where there is one."""
+    if p_value is None or not ranking:
+        return ranking
+    first, *rest = ranking
+    return replace(first, statement=f"{first.statement}; bootstrap p = {p_value:.3g}"), *rest
 
 
 def tree_of(search: Search, found: Decision, order: Sequence[str]) -> tuple[TreeNode, ...]:

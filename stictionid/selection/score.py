@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..effects import parse
 from ..fit.cross_validation import Held
 from ..fit.noise.completion import Refit, better, complete, quick
 from ..fit.noise.whiteness import remembers
@@ -48,7 +49,7 @@ def glanced(model: Model, values: FloatArray) -> Refit:
 
 
 def completed(model: Model, values: FloatArray, rng: np.random.Generator, policy: Policy) -> Refit:
-    """The model refitted with the best noise of the family: an autoregression in levels, or one of softened differences.
+    """The model refitted with the best noise of the family: an autoregression in levels, or in softened differences.
 
     The exact likelihood of the residual decides: criteria of levels and of differences differ by a row.
     """
@@ -103,3 +104,8 @@ def noise_words(done: Refit) -> str:
     """The noise that completes a node, as the tree shows it."""
     order = f"order {done.taps.size}" if done.taps.size else "white"
     return f"differences, {order}" if done.increments else order
+
+
+def is_noise(name: str) -> bool:
+    """True for the name of a noise model."""
+    return parse(name)[0].noise is not None

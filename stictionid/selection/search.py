@@ -104,7 +104,7 @@ class Search:
             self.expand(chosen)
 
     def at_end(self, entry: Entry) -> bool:
-        """True where an entry's free run is white noise, or it was expanded and leaves innovations that pass every test.
+        """True where an entry's free run is white noise, or it was expanded and leaves white innovations.
 
         An autoregression that whitens everything is no reason to stop before the node was expanded.
         """
@@ -126,7 +126,7 @@ class Search:
         return [*sorted(bases, key=lambda e: e.scored.rmse), *(e for e in ranked if depth(e.spec) > 0)]
 
     def _better_base(self, entry: Entry) -> bool:
-        """True for a root, and for a node without further effects whose free run is clearly better than its parent's."""
+        """True for a root, and for a node whose free run is clearly better than its parent's."""
         before = self.memo.get(entry.parent or "")
         return before is None or entry.scored.rmse * self.policy.free_run < before.scored.rmse
 
@@ -139,7 +139,8 @@ class Search:
     def expand(self, entry: Entry) -> None:
         """Look at every edge of a node, fit in full what may win, and hand values back."""
         entry.expanded = True
-        self.tell(f"expanding {' + '.join(entry.spec.effects) or 'the base'}", min(self.spent / self.policy.budget, 1.0))
+        share = min(self.spent / self.policy.budget, 1.0)
+        self.tell(f"expanding {' + '.join(entry.spec.effects) or 'the base'}", share)
         fit = standing(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         tasks = self._edges(entry, fit)
@@ -260,7 +261,8 @@ class Search:
         starts = np.stack([fit.model.vector({n: v for n, v in e.scored.done.model.named(e.scored.done.values).items()
                                              if n in known}) for e in children], axis=1)
         found = descended(fit.model, fit.model.cube(starts))
-        gained = fit.best.rows * float(np.log(max(fit.sse, np.finfo(float).tiny) / max(found.costs[0], np.finfo(float).tiny)))
+        least = np.finfo(float).tiny
+        gained = fit.best.rows * float(np.log(max(fit.sse, least) / max(found.costs[0], least)))
         if gained > self.policy.better_base:
             done = completed(fit.model, fit.model.values(found.points[:1])[:, 0],
                              rng_of(self.seed, key(entry.spec), 1), self.policy)

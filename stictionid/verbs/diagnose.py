@@ -26,7 +26,7 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     the defaults. Raises DataError for an abstained study, and for one whose model cannot be built again.
     """
     found = select(loop, study, judged_anew, everything=everything, apply=apply, seed=seed, jobs=jobs,
-                   policy=policy or Policy(), progress=progress)
+                   bootstrap=bootstrap, policy=policy or Policy(), progress=progress)
     return _with_sizes(loop, found)
 
 
