@@ -203,7 +203,7 @@ def _full(ground: Ground, task: Task) -> Packed:
         return Packed(task.spec, task.added, failed="its refit did not converge")
     if task.stage == DEEP:
         values = together_on_valve(model, values, rng)
-    done = completed(model, values, rng, ground.policy)
+    done = completed(model, values, ground.pool, rng, ground.policy)
     return replace(_packed(task, done, cost=cost), held=held_out(done), full=True)
 
 

@@ -46,7 +46,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     policy, tell = policy or Policy(), progress or (lambda text, share: None)
     run, fit = opened(loop, study, seed)
     search = Search(run.loop, policy, seed, jobs, tell, commands=commands_of(run))
-    _replant(search, run, study, fit)
+    _replant(search, run, study, fit, policy)
     found = decided(search, search.run(everything=everything))
     before = physical(node(fit.model.spec))
     order, _ = ordered(search, found.winner)
@@ -84,7 +84,7 @@ def commands_of(run: Run) -> tuple[Spec, ...]:
     return Spec(), as_moving(Spec())
 
 
-def _replant(search: Search, run: Run, study: Study, fit: Fitted) -> None:
+def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy) -> None:
     """Put the models of a study's steps and of its tree in the memo of a search."""
     search.root(fit)
     known = {n.id: n for n in study.tree}
@@ -98,16 +98,19 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted) -> None:
         spec = spec_of(n.structure, n.effects, fit.model.spec)
         # Another search may have asked for fewer effects.
         whole = set(additions(spec, search.loop, search.only)) <= asked.get(n.id, set())
-        if key(spec) in search.memo:
-            search.memo[key(spec)].expanded |= whole
-            continue
         model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
                       residual=fit.best.left)
         before = known.get(n.parent) if n.parent is not None else None
         parent = None if before is None else key(spec_of(before.structure, before.effects, fit.model.spec))
-        search.memo[key(spec)] = Entry(spec, Scored(glanced(model, model.vector(n.parameters)), True),
-                                       parent, n.edge.op, n.edge.what, gates=n.gates,
-                                       expanded=whole)
+        entry = Entry(spec, Scored(glanced(model, model.vector(n.parameters)), True), parent, n.edge.op, n.edge.what,
+                      gates=n.gates, thorough=2 if whole else 0)
+        have = search.memo.get(key(spec))
+        if have is None:
+            search.memo[key(spec)] = entry
+            continue
+        have.thorough = entry.thorough
+        if entry.scored.done.gain_over(have.scored.done) > policy.better_fit:
+            have.scored = entry.scored
     for step in study.steps[:-1]:
         model, values = rebuild_model(run.loop, step.model)
         spec = node(model.spec)
@@ -180,7 +183,7 @@ def _ranking(search: Search, found: Decision, order: Sequence[str], new: Sequenc
     last = next((name for name in reversed(order) if name in new), "")
     if not last:
         return candidates(search, found.winner, "", ())
-    parent = next((e for e in search.memo.values() if e.expanded and set(physical(e.spec)) ==
+    parent = next((e for e in search.memo.values() if e.thorough and set(physical(e.spec)) ==
                    set(order[:order.index(last)])), None)
     parent = parent or search.memo[next(iter(search.memo))]
     alike = tuple(dict.fromkeys(plain(n) for e in found.equivalents for n in e.effects
@@ -204,10 +207,10 @@ def tree_of(search: Search, found: Decision, order: Sequence[str]) -> tuple[Tree
     out = []
     for name, e in search.memo.items():
         done = e.scored.done
-        path = e is found.winner or (e.expanded and set(physical(e.spec)) < winner
+        path = e is found.winner or (e.thorough and set(physical(e.spec)) < winner
                                      and e.spec.process == found.winner.spec.process)
         status = ("failed" if e.failed else "named" if path and e.passed else "equivalent" if ids[name] in alike else
-                  "expanded" if e.expanded else "rejected" if e.scored.full else "looked")
+                  "expanded" if e.thorough else "rejected" if e.scored.full else "looked")
         parent = ids.get(e.parent or "") if e.op != ROOT else None
         out.append(TreeNode(
             ids[name], parent, TreeEdge(e.op, e.what), tuple(e.spec.effects), structure(e.spec), noise_words(done),

@@ -48,17 +48,19 @@ def glanced(model: Model, values: FloatArray) -> Refit:
     return found if walk is None else better(found, quick(*walk))
 
 
-def completed(model: Model, values: FloatArray, rng: np.random.Generator, policy: Policy) -> Refit:
+def completed(model: Model, values: FloatArray, pool: FloatArray, rng: np.random.Generator,
+              policy: Policy) -> Refit:
     """The model refitted with the best noise of the family: an autoregression in levels, or in softened differences.
 
-    The exact likelihood of the residual decides: criteria of levels and of differences differ by a row.
+    The exact likelihood of the residual decides: criteria of levels and of differences differ by a row. `pool` (k, 5)
+    holds starts of the base for the differences.
     """
     found = complete(model, values, None, rng, descent=True)
     walk = _as_walk(found.model, found)
     if walk is None or not remembers(found.taps):
         return found
-    # So slow a noise moved the valve into another basin, which a population finds in differences.
-    softened = complete(*walk, None, rng)
+    # So slow a noise may have moved the valve into another basin.
+    softened = complete(*walk, pool, rng, descent=True)
     gain = softened.gain_over(found)
     return softened if gain > policy.alike or (gain > -policy.alike and _noise(softened).walks) else found
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..effects import parse
 from ..fit.cross_validation import held_out
-from ..fit.fit import Fitted
+from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended
 from ..fit.starts.beside_effect import on_valve
 from ..model.segments import bound
@@ -25,7 +25,7 @@ from .gates import Edge, judged
 from .looks import DEEP, FAR, VALVES, Ground, Packed, Task, kind_of, pool_of, rng_of, standing
 from .node import additions, depth, key, node, other_process, plain, with_effect
 from .policy import Policy
-from .score import Scored, completed
+from .score import Scored, completed, glanced
 
 ROOT, ADD, DROP, SWAP = "root", "add", "drop", "swap"
 
@@ -41,8 +41,8 @@ class Entry:
     what: str = ""
     look: Packed | None = None
     gates: tuple[Gate, ...] = ()
-    expanded: bool = False
-    deepened: bool = False
+    # How far the node was expanded: not at all, by near looks, by far ones, by those for effects that hide others.
+    thorough: int = 0
     failed: str = ""
 
     @property
@@ -73,7 +73,9 @@ class Search:
         spec = node(fit.model.spec)
         model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
                       residual=fit.best.left)
-        done = completed(model, model.vector(fit.best.values), rng, self.policy)
+        values = model.vector(fit.best.values)
+        pool = pool_of(as_it_stands(model, values), self.seed)
+        done = completed(model, values, pool, rng, self.policy)
         entry = Entry(spec, Scored(done, True, held_out(done)))
         self.memo[key(spec)] = entry
         return entry
@@ -84,14 +86,14 @@ class Search:
         With `everything` the best node is expanded first, even where it leaves only noise.
         """
         widths: dict[int, int] = {}
-        if everything and not self.best().expanded:
+        if everything and not self.best().thorough:
             self.expand(self.best())
         while True:
             best = self.best()
             if self.at_end(best):
                 return best
             queue = [e for e in self._queue() if widths.get(depth(e.spec), 0) < self.policy.beam]
-            if not queue and not best.deepened and not best.scored.done.white:
+            if not queue and best.thorough == 2 and not best.scored.done.white:
                 self.deepen(best)
                 continue
             if not queue:
@@ -109,7 +111,9 @@ class Search:
         An autoregression that whitens everything is no reason to stop before the node was expanded.
         """
         scored = entry.scored
-        return (scored.free_run_at_noise and scored.done.white) or (entry.expanded and scored.done.white)
+        if not scored.done.white or (entry.thorough < 1 and not scored.free_run_at_noise):
+            return False
+        return scored.free_run_at_noise or entry.thorough > 1 or self._explained(entry)
 
     def best(self) -> Entry:
         """The entry with the best BIC among those that passed all gates."""
@@ -120,15 +124,17 @@ class Search:
 
         Beside a missing effect an autoregression hides which base is right; the free run does not.
         """
-        ranked = [e for e in self._ranked() if not e.expanded and depth(e.spec) < self.policy.depth]
-        bases = [e for e in self.memo.values() if not e.expanded and not e.failed and e.scored.full
+        ranked = [e for e in self._ranked() if not e.thorough and depth(e.spec) < self.policy.depth]
+        if ranked and ranked[0].scored.done.white:
+            return ranked[:1]
+        bases = [e for e in self.memo.values() if not e.thorough and not e.failed and e.scored.full
                  and depth(e.spec) == 0 and self._better_base(e)]
         return [*sorted(bases, key=lambda e: e.scored.rmse), *(e for e in ranked if depth(e.spec) > 0)]
 
     def _better_base(self, entry: Entry) -> bool:
         """True for a root, and for a node whose free run is clearly better than its parent's."""
         before = self.memo.get(entry.parent or "")
-        return before is None or entry.scored.rmse * self.policy.free_run < before.scored.rmse
+        return before is None or entry.scored.rmse * self.policy.better_base < before.scored.rmse
 
     def _ranked(self) -> list[Entry]:
         entries = [e for e in self.memo.values() if e.passed]
@@ -138,22 +144,23 @@ class Search:
 
     def expand(self, entry: Entry) -> None:
         """Look at every edge of a node, fit in full what may win, and hand values back."""
-        entry.expanded = True
+        entry.thorough = 1
         share = min(self.spent / self.policy.budget, 1.0)
         self.tell(f"expanding {' + '.join(entry.spec.effects) or 'the base'}", share)
         fit = standing(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         tasks = self._edges(entry, fit)
         self._finish(ground, entry, self._performed(ground, entry, tasks))
-        if self._settled(entry) or entry.scored.done.white:
+        if self._settled(entry) or self._explained(entry):
             return
+        entry.thorough = 2
         self._search_valves(ground, tasks)
         far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._far(t, entry)])
         self._finish(ground, entry, [a for a in far if self._better(a)])
 
     def deepen(self, entry: Entry) -> None:
         """Look at a node's edges once more for effects on the valve that hide each other."""
-        entry.deepened = True
+        entry.thorough = 2 + 1
         fit = standing(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         tasks = [replace(t, stage=DEEP) for t in self._edges(entry, fit) if self._on_valve(t)]
@@ -212,14 +219,14 @@ class Search:
         name = key(task.spec)
         known = self.memo.get(name)
         if known is not None and not known.failed and known.op == ROOT:
-            if scored.full and scored.done.gain_over(known.scored.done) > self.policy.better_base:
+            if scored.full and scored.done.gain_over(known.scored.done) > self.policy.better_fit:
                 known.scored = scored
             return
         if known is None or known.failed or (scored.full and not known.scored.full) \
                 or (scored.full == known.scored.full and scored.done.gain_over(known.scored.done) > 0.0):
             self.memo[name] = Entry(task.spec, scored, key(entry.spec), ADD if task.added else SWAP,
                                     task.added or what_of(task.spec, entry.spec), look=answer,
-                                    expanded=known.expanded if known else False)
+                                    thorough=known.thorough if known else 0)
 
     def _better(self, answer: Packed) -> bool:
         known = self.memo[key(answer.spec)]
@@ -238,21 +245,21 @@ class Search:
             answer = answers[name]
             structural = depth(answer.spec) == 0 and self._better_base(self.memo[name])
             late = count >= self.policy.finalists or gains[name] < max(best - self.policy.within, 0.0)
-            if late and count and not structural:
+            if ((late and count) or gains[name] < -self.policy.within) and not structural:
                 continue
             count += not structural
-            stage = DEEP if entry.deepened else FAR
+            stage = DEEP if entry.thorough > 2 else FAR
             done = self._performed(ground, entry, [Task(answer.spec, answer.added, stage, look=answer)])
             if done:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
-                if self.memo[name].scored.free_run_at_noise and self.memo[name].scored.done.white:
+                if self._explained(self.memo[name]):
                     break
-        self._hand_back(entry)
+        self._hand_back(ground, entry)
         self._judge(entry)
 
-    def _hand_back(self, entry: Entry) -> None:
+    def _hand_back(self, ground: Ground, entry: Entry) -> None:
         """Polish the parent from the values of each full child: a wrong basin looks exactly like a missing effect."""
-        fit = standing(entry.scored, entry.spec)
+        fit = ground.fit
         children = [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
                     and e.spec.process == entry.spec.process and e.spec.between == entry.spec.between]
         if not children:
@@ -261,11 +268,9 @@ class Search:
         starts = np.stack([fit.model.vector({n: v for n, v in e.scored.done.model.named(e.scored.done.values).items()
                                              if n in known}) for e in children], axis=1)
         found = descended(fit.model, fit.model.cube(starts))
-        least = np.finfo(float).tiny
-        gained = fit.best.rows * float(np.log(max(fit.sse, least) / max(found.costs[0], least)))
-        if gained > self.policy.better_base:
-            done = completed(fit.model, fit.model.values(found.points[:1])[:, 0],
-                             rng_of(self.seed, key(entry.spec), 1), self.policy)
+        values = fit.model.values(found.points[:1])[:, 0]
+        if glanced(fit.model, values).gain_over(glanced(fit.model, fit.values)) > self.policy.better_fit:
+            done = completed(fit.model, values, ground.pool, rng_of(self.seed, key(entry.spec), 1), self.policy)
             if done.gain_over(entry.scored.done) > 0.0:
                 entry.scored = Scored(done, True, held_out(done))
 
@@ -284,9 +289,14 @@ class Search:
                                 "" if gain >= self.policy.structure_margin else f"it gains {gain:.0f} BIC"),)
 
     def _settled(self, entry: Entry) -> bool:
-        """True where a child that passed the gates leaves nothing but white noise in its free run."""
-        return any(e.parent == key(entry.spec) and e.passed and e.scored.free_run_at_noise and e.scored.done.white
-                   for e in self.memo.values())
+        """True where a child that passed the gates leaves nothing but noise."""
+        return any(e.parent == key(entry.spec) and e.passed and self._explained(e) for e in self.memo.values())
+
+    def _explained(self, entry: Entry) -> bool:
+        """True where an entry leaves white innovations and its noise model carries little of the free run."""
+        scored = entry.scored
+        return scored.done.white and (scored.done.increments or
+                                      scored.rmse <= self.policy.carried * scored.done.innovation_sd)
 
 
 def what_of(spec: Spec, before: Spec) -> str:
