@@ -61,7 +61,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
         raise _explains_nothing(run)
     if noises or o.base_only:
         found = replace(found, noise="")
-    steps, fits, order = ladder_of(run, search, found, fit)
+    steps, fits, order = ladder_of(run, search, found, fit, base=physical(fit.model.spec))
     steps[0] = replace(steps[0], findings=(*notes, *steps[0].findings))
     for name in noises:
         run.tell(f"fitting with {name}", 0.75)

@@ -55,7 +55,7 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
 
 
 def _settle(search: Search, entry: Entry) -> None:
-    """Fit a node once more where a noise model carries a part of its free run: a slip a sample late looks like noise."""
+    """Fit a node once more where noise carries a part of its free run: a slip a sample late looks like noise."""
     done = entry.scored.done
     if entry.scored.free_run_at_noise or not entry.spec.effects:
         return
@@ -80,15 +80,17 @@ def rounded(loop: Loop, study: Study, found: Decision, policy: Policy, seed: int
 
     A right model of a rounded output leaves whole strokes that no effect explains to the noise.
     """
-    done, last = found.winner.scored.done, study.steps[-1]
-    floor = last.error.noise_sd
-    if done.white or floor is None or not step_of(loop.output) > 0.0:
+    scored, last = found.winner.scored, study.steps[-1]
+    floor, error = last.error.noise_sd, last.error.rmse
+    if floor is None or (scored.free_run_at_noise and scored.done.white) or scored.rmse <= error / 2:
         return ""
     moved = moved_by_rounding(loop, last.model, seed)
-    if last.error.rmse > policy.rounding * float(np.hypot(floor, moved)) or not moved > floor:
+    if not moved > 0.0 or error > policy.rounding * float(np.hypot(floor, moved)):
         return ""
-    return (f"the output was recorded in steps of {step_of(loop.output):.3g}: that alone moves y by {moved:.3g}, and "
-            f"the model leaves {last.error.rmse:.3g}; export it with more digits")
+    return (f"the free-run error {error:.4g} may be no more than rounding: the output is recorded in steps of "
+            f"{step_of(loop.output):.3g} {loop.unit('output', '%')}, which moves the model's process value by "
+            f"{moved:.3g} beside the noise, and no effect brings the error to the noise, or halves it; export the "
+            "output with more digits")
 
 
 def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:

@@ -13,7 +13,8 @@ from ..fit.fit import Fitted, finish
 from ..fit.moves import descended
 from ..model.model import Model
 from ..model.segments import bound
-from ..model.spec import Spec
+from ..model.spec import FIRST_ORDER, Spec
+from ..numerics.autoregression import CEILING_LAGS
 from ..record.loop import Finding
 from ..record.study import Step
 from ..typing import FloatArray
@@ -24,16 +25,18 @@ from .search import Entry, Search
 Rung = tuple[Spec, FloatArray]
 
 
-def ordered(search: Search, winner: Entry) -> tuple[tuple[str, ...], list[Rung]]:
+def ordered(search: Search, winner: Entry, base: Sequence[str] = ()) -> tuple[tuple[str, ...], list[Rung]]:
     """The winner's effects in the order of their gain, and specification and values (d,) of every rung, the base first.
+
+    Effects of the `base` are in every rung.
 
     A rung is the node as the search met it, or the winner without the later effects, polished.
     """
-    left, order = list(physical(winner.spec)), []
-    spec = node(without(winner.spec, left), soft=winner.spec.increments)
+    left, order = [name for name in physical(winner.spec) if name not in base], []
+    spec = node(without(winner.spec, left), soft=winner.scored.done.increments)
     rungs = [_rung(search, winner, spec)[:2]]
     while left:
-        tried = {name: _rung(search, winner, node(with_effect(spec, name), soft=winner.spec.increments))
+        tried = {name: _rung(search, winner, node(with_effect(spec, name), soft=winner.scored.done.increments))
                  for name in left}
         name = min(tried, key=lambda n: tried[n][2])
         left.remove(name)
@@ -78,3 +81,21 @@ def with_noise(scored: Scored, name: str, spec: Spec) -> Model:
     full = replace(done.spec, effects=(*physical(spec), name))
     return bound(done.model.loop, full, s_max=done.model.s_max, period_s=done.model.period_s,
                  residual=done.evaluated.left)
+
+
+def said_noise(run: Run, fit: Fitted) -> Finding:
+    """The finding on the noise model of a fit: its kind, its size, and the noise that a free linear model leaves."""
+    spec, e = fit.model.spec, fit.best
+    taps, sd = np.asarray(spec.taps), float(np.sqrt(fit.sse / max(e.rows, 1)))
+    walks = spec.increments and spec.process == FIRST_ORDER
+    how = ("white steps that add up under measurement noise" if walks else
+           f"an autoregression of order {taps.size}" if taps.size else "white")
+    if (pace := fit.model.pace) > 1.0:
+        how += f", from one PV to the next, which is {pace * fit.model.step_s:.3g} s on average,"
+    floor = run.floor(e.position_means, e.values["dead_time_s"])
+    beside = "" if floor is None else (f", the irreducible noise {floor:.4g} by a free linear model of y and valve "
+                                       f"position ({CEILING_LAGS} lags of each)")
+    return Finding("noise-model", "info", f"the noise is not white but {how}: the one-step error with it is {sd:.4g}"
+                   + beside, {"innovation_sd": sd, "noise_sd": floor, "order": int(taps.size),
+                              "kind": "random walk" if walks else "autoregression"}, (),
+                   "METHODS.md section 4, trap 2")

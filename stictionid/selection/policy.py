@@ -40,7 +40,7 @@ class Policy:
     within: float = _number(150.0, "BIC", "distance from the best full fit that a look may have", _PLANTS)
     better_fit: float = _number(2.0, "2 log L", "gain by which a better optimum replaces a fit", _CRITICISM)
     better_base: float = _number(1.1, "1", "fall of the free run by which another base is expanded", _PLANTS)
-    carried: float = _number(1.3, "1", "free run over innovations that noise alone makes", _PLANTS)
+    carried: float = _number(1.05, "1", "free run over innovations that noise alone makes", _PLANTS)
     blocks_better: int = _number(4, "blocks of 5", "blocks in which the error must fall", _CRITICISM)
     block_gain: float = _number(0.005, "1", "least median fall of the one-step error of a block", _CRITICISM)
     free_run: float = _number(1.02, "1", "growth of the free-run error that counts as none", _CRITICISM)

@@ -15,6 +15,7 @@ from ..fit.starts.intersample import as_moving, may_move, surely_moves
 from ..model.restore import rebuild_model
 from ..model.segments import bound
 from ..model.spec import Spec
+from ..process.scan import ran_with_samples
 from ..record.loop import Finding, Loop
 from ..record.study import Candidate, Step, Study
 from ..record.tree import Edge as TreeEdge
@@ -22,7 +23,7 @@ from ..record.tree import TreeNode
 from ..typing import FloatArray, Progress
 from .bootstrap import p_of
 from .decide import Decision, candidates, decided, rounded
-from .ladder import fitted, ordered, step_of, with_noise
+from .ladder import fitted, ordered, said_noise, step_of, with_noise
 from .looks import rng_of
 from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
@@ -49,7 +50,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     _replant(search, run, study, fit, policy)
     found = decided(search, search.run(everything=everything))
     before = physical(node(fit.model.spec))
-    order, _ = ordered(search, found.winner)
+    order, _ = ordered(search, found.winner, _base_of(study))
     new = tuple(name for name in order if name not in before)
     if found.noise and not any(plain(n) == found.noise for n in fit.model.spec.effects):
         new = (*new, found.noise)
@@ -64,22 +65,26 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
                     unasked=tuple(search.unasked), equivalents=found.equivalents,
                     missing_reason=found.missing_reason,
                     candidates=_with_p(_ranking(search, found, order, new), p_value), missing=())
-    if blur or chance:
-        return replace(study, missing_reason=blur or study.missing_reason)
+    if blur:
+        return _left_to_rounding(study, blur)
+    if chance:
+        return study
     if not apply:
         return replace(study, missing=(parse(new[0])[0].name,) if new else ())
     changed = new or set(before) - set(order) or key(node(fit.model.spec)) != key(found.winner.spec)
     if not changed:
         return study
     tell("fitting the ladder", 0.9)
-    steps, fits, order = ladder_of(run, search, found, fit, study)
+    steps, fits, order = ladder_of(run, search, found, fit, study, base=_base_of(study))
     after = with_steps(study, run, tuple(steps), fits[-1])
     return replace(judge(loop, after, seed), missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
 
 
 def commands_of(run: Run) -> tuple[Spec, ...]:
-    """The ways in which the command may have gone between samples."""
-    if run.options.between != "auto" or surely_moves(run.loop) or not may_move(run.loop):
+    """The ways in which the command may have gone between samples; none where the record tells."""
+    loop, o = run.loop, run.options
+    rough = loop.step_s > o.scan_s and not may_move(loop)
+    if o.between != "auto" or surely_moves(loop) or ran_with_samples(loop) or rough:
         return ()
     return Spec(), as_moving(Spec())
 
@@ -121,13 +126,14 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
 
 
 def ladder_of(run: Run, search: Search, found: Decision, first: Fitted,
-              study: Study | None = None) -> tuple[list[Step], list[Fitted], tuple[str, ...]]:
+              study: Study | None = None, *,
+              base: Sequence[str] = ()) -> tuple[list[Step], list[Fitted], tuple[str, ...]]:
     """The steps of a decision from the base up, their fits, and the order of the effects.
 
     Steps of a `study` stay as far as they are rungs; their fits are then left out. A base that is the `first` fit
-    keeps its restarts.
+    keeps its restarts. Effects of the `base` are in every rung.
     """
-    order, rungs = ordered(search, found.winner)
+    order, rungs = ordered(search, found.winner, base)
     steps: list[Step] = []
     fits: list[Fitted] = []
     for i, (name, (spec, values)) in enumerate(zip((None, *order), rungs, strict=True)):
@@ -146,8 +152,13 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted,
         model = with_noise(found.winner.scored, found.noise, found.winner.spec)
         values = model.vector(found.winner.scored.done.model.named(found.winner.scored.done.values))
         fits.append(fitted(model, values, rng_of(search.seed, found.noise, 2), last=True))
-        steps.append(step_of(run, fits[-1], found.noise, _said(found, study)))
+        steps.append(step_of(run, fits[-1], found.noise, (*_said(found, study), said_noise(run, fits[-1]))))
     return steps, fits, order
+
+
+def _base_of(study: Study) -> tuple[str, ...]:
+    """The effects that a study's base has."""
+    return tuple(name for name in study.steps[0].model.get("effects", ()) if not is_noise(name))
 
 
 def _as_good(first: Fitted, run: Run, spec: Spec, values: FloatArray) -> bool:
@@ -189,6 +200,14 @@ def _ranking(search: Search, found: Decision, order: Sequence[str], new: Sequenc
     alike = tuple(dict.fromkeys(plain(n) for e in found.equivalents for n in e.effects
                                 if n not in order))
     return candidates(search, parent, last, alike)
+
+
+def _left_to_rounding(study: Study, words: str) -> Study:
+    """The study with the finding that the rounding of its output explains what its model leaves."""
+    last = study.steps[-1]
+    said = Finding("rounded-output", "warning", words, {"rmse": last.error.rmse}, (), "Widrow and Kollar 2008")
+    last = replace(last, findings=(*(f for f in last.findings if f.code != said.code), said))
+    return replace(study, steps=(*study.steps[:-1], last), adequate_reason=words, missing_reason=words)
 
 
 def _with_p(ranking: tuple[Candidate, ...], p_value: float | None) -> tuple[Candidate, ...]:

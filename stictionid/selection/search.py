@@ -190,9 +190,9 @@ class Search:
         return bool(task.added) and on_valve(parse(task.added)[0])
 
     def _far(self, task: Task, entry: Entry) -> bool:
-        """True for effects on the valve, and once, in a search over the whole catalogue, for the other process."""
+        """True for effects on the valve, and at a root for the other process."""
         other = task.spec.process != entry.spec.process and entry.op == ROOT and not entry.spec.effects
-        return self._on_valve(task) or (other and self.only is None)
+        return self._on_valve(task) or other
 
     def _performed(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Answers to tasks; each look is remembered where it is the best of its node."""
@@ -222,11 +222,16 @@ class Search:
             if scored.full and scored.done.gain_over(known.scored.done) > self.policy.better_fit:
                 known.scored = scored
             return
-        if known is None or known.failed or (scored.full and not known.scored.full) \
-                or (scored.full == known.scored.full and scored.done.gain_over(known.scored.done) > 0.0):
+        if known is None or known.failed or scored.done.gain_over(known.scored.done) > 0.0 \
+                or (scored.full and not known.scored.full) or self._freer(answer, known):
             self.memo[name] = Entry(task.spec, scored, key(entry.spec), ADD if task.added else SWAP,
                                     task.added or what_of(task.spec, entry.spec), look=answer,
                                     thorough=known.thorough if known else 0)
+
+    def _freer(self, answer: Packed, known: Entry) -> bool:
+        """True for a look whose free run is clearly better than what is known of its node: another basin."""
+        before = known.look.cost if known.look is not None else np.inf
+        return not answer.full and answer.cost * self.policy.better_base < before
 
     def _better(self, answer: Packed) -> bool:
         known = self.memo[key(answer.spec)]
@@ -295,8 +300,7 @@ class Search:
     def _explained(self, entry: Entry) -> bool:
         """True where an entry leaves white innovations and its noise model carries little of the free run."""
         scored = entry.scored
-        return scored.done.white and (scored.done.increments or
-                                      scored.rmse <= self.policy.carried * scored.done.innovation_sd)
+        return scored.done.white and scored.rmse <= self.policy.carried * scored.done.innovation_sd
 
 
 def what_of(spec: Spec, before: Spec) -> str:
