@@ -103,7 +103,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     warm = cube[np.append(best, 0)]
     fresh = roam = np.empty((0, model.space.size))
     if valves is not None and len(valves):
-        fresh = with_process(coarse, coarse.cube(valves.T))
+        fresh = np.concatenate([coarse.cube(valves.T), with_process(coarse, coarse.cube(valves.T))])
     if far:
         if valves is None and effect.kind in "FT" and guesses.size:
             fresh = valve_basins(coarse, name, guesses, fit, rng, windows)

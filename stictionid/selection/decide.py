@@ -18,15 +18,15 @@ from ..fit.starts.beside_effect import RESTING, on_valve
 from ..fit.with_effect import Scouted, settled
 from ..model.rounding import moved_by_rounding, step_of
 from ..model.segments import bound
-from ..model.spec import BASE
+from ..model.spec import BASE, FIRST_ORDER, INTEGRATOR
 from ..record.loop import Loop
 from ..record.study import Candidate, Study
 from ..record.tree import Equivalent
-from .looks import rng_of, standing
-from .node import BASE_EFFECTS, key, node, physical, plain, without
+from .looks import Ground, Task, performed, pool_of, rng_of, standing
+from .node import BASE_EFFECTS, key, node, other_process, physical, plain, without
 from .policy import Policy
 from .score import Scored, completed, noise_name
-from .search import ADD, DROP, Entry, Search
+from .search import ADD, DROP, SWAP, Entry, Search
 from .tells import settling
 
 
@@ -46,7 +46,7 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     Effects to `keep` are never pruned.
     """
     _settle(search, best)
-    winner = pruned(search, best, keep)
+    winner = _integrating(search, pruned(search, best, keep))
     done = winner.scored.done
     noise = noise_name(done, search.policy) if done.white else ""
     ids = {name: i for i, name in enumerate(search.memo)}
@@ -73,6 +73,29 @@ def _settle(search: Search, entry: Entry) -> None:
         again = completed(model, values, values[None, :len(BASE)], rng, search.policy)
         if again.gain_over(entry.scored.done) > 0.0:
             entry.scored = Scored(again, True, held_out(again))
+
+
+def _integrating(search: Search, winner: Entry) -> Entry:
+    """The winner with an integrator for a lag of many periods, where that does as well: such a lag has no level."""
+    done = winner.scored.done
+    lag = done.evaluated.values["time_constant_s"]
+    if done.model.spec.process != FIRST_ORDER or winner.spec.fixed \
+            or lag < search.policy.endless_lag * done.model.period_s:
+        return winner
+    fit = standing(winner.scored, winner.spec)
+    ground = Ground(fit, np.concatenate([fit.values[None, :len(BASE)], pool_of(fit, search.seed)]), search.seed,
+                    search.policy)
+    spec = other_process(winner.spec)
+    look = performed(ground, Task(spec))
+    full = look if look.failed else performed(ground, Task(spec, look=look))
+    if full.failed:
+        return winner
+    scored = full.scored(fit)
+    if done.gain_over(scored.done) > search.policy.structure_margin:
+        return winner
+    entry = Entry(spec, scored, key(winner.spec), SWAP, INTEGRATOR)
+    search.memo[key(spec)] = entry
+    return entry
 
 
 def rounded(loop: Loop, study: Study, found: Decision, policy: Policy, seed: int) -> str:

@@ -18,7 +18,7 @@ from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended, search_model, with_start
 from ..fit.noise.completion import Refit, restored
 from ..fit.starts.basins import grown, with_process
-from ..fit.starts.beside_effect import RESTING, on_valve, starting_pool, undisturbed, valve_basins
+from ..fit.starts.beside_effect import RESTING, on_valve, resting_basins, starting_pool, undisturbed, valve_basins
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
 from ..fit.starts.windows import resting_valves
 from ..fit.with_effect import Scouted, beside_others, scout, settled, together_on_valve, widened_by
@@ -144,6 +144,8 @@ def _valves(ground: Ground, task: Task) -> Packed:
         bare = undisturbed(coarse, fit.model, fit.values)
         found = bare.values(resting_valves(bare, (), bare.rows_of(RESTING), rng))
         named += [{**fit.model.named(fit.values), **bare.named(column)} for column in found.T]
+        rests = {f"{task.added}:{p.name}": p.high for p in effect.parameters_for(coarse.context)}
+        named += [{**dict(zip(BASE, base, strict=True)), **rests} for base in resting_basins(bare, rng)]
     return Packed(task.spec, task.added, valves=tuple(named))
 
 

@@ -18,8 +18,8 @@ from ...model.segments import bound
 from ...model.spec import BASE, INTEGRATOR, Spec
 from ...numerics.population import swarm, together
 from ...typing import FloatArray
-from ..fit import Fitted
-from ..moves import longest_piece, with_start
+from ..fit import Fitted, search
+from ..moves import longest_piece, search_model, with_start
 from ..noise.completion import at_noise, own_taps, quick
 from .basins import basins, valve_costs, with_process
 from .continuation import distinct, grown_beside, grown_valves
@@ -43,6 +43,18 @@ _STICKBANDS = 4
 _GROWTHS, _PROMISES, _BEYOND = 3, 0.8, 0.9
 # The effect of a valve that rests between the scans of a held command.
 RESTING = "re-sticking"
+# The law of a valve that rests at every sample.
+_RESTS_ALWAYS = "he"
+
+
+def resting_basins(model: Model, rng: np.random.Generator) -> FloatArray:
+    """Values (k, 5) of the base for a valve that rests at every sample: a search with a law that has no sliding state.
+    """
+    spec = Spec(law=_RESTS_ALWAYS, process=model.spec.process, between=model.spec.between,
+                substeps=model.spec.substeps, increments=model.spec.increments, taps=own_taps(model.spec),
+                fixed=model.spec.fixed)
+    law = search_model(bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s))
+    return law.values(search(law, rng)[0])[:len(BASE)].T
 
 
 def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) -> FloatArray:
