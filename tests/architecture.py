@@ -131,12 +131,10 @@ def _private(taken: list[Import], modules: dict[str, Path]) -> list[str]:
 
 
 def _large(package: Path, modules: dict[str, Path], rules: dict[str, object]) -> list[str]:
-    free = {package / file for file in rules["policy"]}  # type: ignore[attr-defined]
     longest, most = int(rules["longest_module"]), int(rules["most_modules"])  # type: ignore[call-overload]
-    counted = [path for path in modules.values() if path not in free]
-    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in counted}
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in modules.values()}
     found = [f"{path.relative_to(package)} has {n} lines, more than {longest}" for path, n in lines.items()
              if n > longest]
-    crowd = Counter(path.parent for path in counted if path.name != "__init__.py")
+    crowd = Counter(path.parent for path in modules.values() if path.name != "__init__.py")
     return found + [f"{folder.name}/ has {n} modules, more than {most}" for folder, n in crowd.items()
                     if n > most and folder.name not in rules["catalogues"]]  # type: ignore[operator]

@@ -52,8 +52,10 @@ def stepped() -> tuple[Loop, Study, Study]:
 def test_the_same_seed_gives_the_same_study_whatever_the_jobs(stepped: tuple[Loop, Study, Study]) -> None:
     loop, study, after = stepped
     assert after.missing == ("step-disturbance",) and after.candidates[0].variant == "output"
-    # An effect that is not there ends where it vanishes, and is said to.
-    assert any("not identifiable here" in c.statement for c in after.candidates)
+    # Every effect that is not named has its reason, and gains less beyond noise than the one that is.
+    named, *others = [c for c in after.candidates if c.delta_bic is not None]
+    assert named.accepted and len(others) > 10 and all(c.rejected_because for c in others)
+    assert max(c.gain_beyond_noise or 0.0 for c in others) < 0.5 * (named.gain_beyond_noise or 0.0)
     assert to_json(diagnose(loop, study, jobs=2)) == to_json(after)
 
 

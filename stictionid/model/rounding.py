@@ -1,4 +1,4 @@
-"""What a recorded output leaves unknown where it was rounded: how far a model's y moves within the rounding.
+"""Motion of a model's y within the rounding of a recorded output.
 
 Where a stem stops follows from the output at its turn, and when it slips from the output against its stop: both are
 known to half a step only, which moves y for a whole stroke. Outputs that would have been recorded alike are run through
@@ -42,8 +42,9 @@ def step_of(output: FloatArray) -> float:
 
 
 def moved_by_rounding(loop: Loop, description: Mapping[str, Any], seed: int = 0) -> float:
-    """How far the rounding of the output moves y of a described model, in the unit of y: root mean square, and the
-    lower quartile of what several draws do; 0 where the output is not rounded, or finely.
+    """Motion of y of a described model within the rounding of its output, in the unit of y.
+
+    It is a root mean square, and the lower quartile of several draws; 0 where the output is not rounded, or finely.
 
     Equal outputs in a row are shifted alike, so that every rise and fall of the record stays one.
     """

@@ -66,6 +66,11 @@ class TreeNode:
                 object.__setattr__(self, name, None)
 
 
+def drop_percent(before: float, after: float) -> float | None:
+    """Fall from one error to another in %; None where the first is 0."""
+    return 100.0 * (1.0 - after / before) if before else None
+
+
 @dataclass(frozen=True, slots=True)
 class Equivalent:
     """A model that explains the record as well as the answer does: its node, effects, S, J and BIC.

@@ -21,7 +21,7 @@ from ..model.segments import bound
 from ..model.spec import BASE, FIRST_ORDER, INTEGRATOR
 from ..record.loop import Loop
 from ..record.study import Candidate, Study
-from ..record.tree import Equivalent
+from ..record.tree import Equivalent, drop_percent
 from .looks import Ground, Task, performed, pool_of, rng_of, standing
 from .node import BASE_EFFECTS, key, node, other_process, physical, plain, without
 from .policy import Policy
@@ -203,8 +203,8 @@ def candidates(search: Search, parent: Entry, winner: str, alike: tuple[str, ...
         held = e.scored.held
         out.append(Candidate(
             effect.name, e.what == winner, e.scored.rmse, held.rmse if held else None,
-            held.rmse_one_step if held else None, _drop(base.rmse, e.scored.rmse),
-            _drop(base.done.innovation_sd, done.innovation_sd), gain, alike if e.what == winner else (), None,
+            held.rmse_one_step if held else None, drop_percent(base.rmse, e.scored.rmse),
+            drop_percent(base.done.innovation_sd, done.innovation_sd), gain, alike if e.what == winner else (), None,
             rows_for(e.what, values_of(e.what, done.model, done.values, done.evaluated)), said, variant,
             gain_beyond_noise=gain, rejected_because=why))
     return tuple(out) if not noise else (*out[:1 if winner else 0], *noise, *out[1 if winner else 0:])
@@ -224,10 +224,6 @@ def _noise_gain(search: Search, parent: Entry) -> tuple[Candidate, ...]:
 
 def _gain(entry: Entry, parent: Entry) -> float:
     return -np.inf if entry.failed else entry.scored.done.gain_over(parent.scored.done)
-
-
-def _drop(before: float, after: float) -> float | None:
-    return 100.0 * (1.0 - after / before) if before else None
 
 
 def _why(entry: Entry, winner: str) -> str:

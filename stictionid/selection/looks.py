@@ -37,7 +37,7 @@ VALVES, NEAR, FAR, DEEP = "valves", "near", "far", "deep"
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """What all tasks of one expansion share: the parent in its search form, starts (k, 5), seed and policy."""
+    """Parent in its search form, starts (k, 5), seed and policy, which all tasks of one expansion share."""
 
     fit: Fitted
     pool: FloatArray

@@ -74,7 +74,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     changed = new or set(before) - set(order) or key(node(fit.model.spec)) != key(found.winner.spec)
     if not changed:
         return study
-    tell("fitting the ladder", 0.9)
+    tell("fitting the ladder", 1.0)
     steps, fits, order = ladder_of(run, search, found, fit, study, base=_base_of(study))
     after = with_steps(study, run, tuple(steps), fits[-1])
     return replace(judge(loop, after, seed), missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
@@ -142,7 +142,8 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted,
                 and _is_rung(run, study.steps[i], spec):
             steps.append(study.steps[i])
             continue
-        if study is None and key(first.model.spec) == key(spec) and _as_good(first, run, spec, values):
+        if study is None and key(first.model.spec) == key(spec) \
+                and _as_good(first, run, spec, values, search.policy.neutral):
             fits.append(first)
             steps.append(run.step(first, name))
             continue
@@ -161,11 +162,11 @@ def _base_of(study: Study) -> tuple[str, ...]:
     return tuple(name for name in study.steps[0].model.get("effects", ()) if not is_noise(name))
 
 
-def _as_good(first: Fitted, run: Run, spec: Spec, values: FloatArray) -> bool:
+def _as_good(first: Fitted, run: Run, spec: Spec, values: FloatArray, neutral: float) -> bool:
     """True where a fit that was searched with restarts is as good as a rung, or of the same valve."""
     model = run.model(spec)
     return first.model.spec == model.spec and bool(
-        first.sse <= model.costs_of(values[:, None])[0] * (1.0 + 1e-3))
+        first.sse <= model.costs_of(values[:, None])[0] * (1.0 + neutral))
 
 
 def _is_rung(run: Run, step: Step, spec: Spec) -> bool:

@@ -32,7 +32,7 @@ ROOT, ADD, DROP, SWAP = "root", "add", "drop", "swap"
 
 @dataclass(slots=True)
 class Entry:
-    """What the search remembers of a node: specification, best fit, where it came from, and the gates it met."""
+    """Memory of one node: specification, best fit, parent and edge, and the gates it met."""
 
     spec: Spec
     scored: Scored
