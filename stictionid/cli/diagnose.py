@@ -66,10 +66,10 @@ def diagnose(
     console = out_console()
     if after.candidates:
         console.print(_candidates(after))
-        for c in after.candidates:
-            if c.accepted:
-                console.print(safe(c.statement))
     print_tree(after, console)
+    for c in after.candidates:
+        if c.accepted:
+            console.print(safe(c.statement))
     if len(after.steps) > 1:
         console.print(_ladder(after))
     if after.missing:

@@ -101,7 +101,7 @@ def performed(ground: Ground, task: Task) -> Packed:
                  _valves(ground, task) if task.stage == VALVES else look_at(ground, task))
     except (ModelError, np.linalg.LinAlgError) as error:
         found = Packed(task.spec, task.added, failed=f"its refit did not converge ({error})")
-    return replace(found, spent=(tally.spent() - before) // ground.fit.model.loop.samples)
+    return replace(found, spent=(tally.spent() - before) // ground.policy.unit)
 
 
 def pool_of(fit: Fitted, seed: int) -> FloatArray:
