@@ -28,7 +28,7 @@ from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..selection.decide import Decision, decided
 from ..selection.node import LAG, physical
 from ..selection.policy import Policy
-from ..selection.run import commands_of, ladder_of, tree_of
+from ..selection.run import commands_of, floor_of, ladder_of, tree_of
 from ..selection.search import Search
 from ..typing import FloatArray
 from .contract import Method, Outcome
@@ -121,7 +121,8 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:
 
 def _searched(run: Run, fit: Fitted, policy: Policy, only: frozenset[str] | None) -> tuple[Search, Decision]:
     """The search from a base, and its decision; effects that were asked for stay."""
-    search = Search(run.loop, policy, run.options.seed, 1, run.tell, only=only, commands=commands_of(run))
+    search = Search(run.loop, policy, run.options.seed, 1, run.tell, only=only, commands=commands_of(run),
+                    floor=floor_of(run))
     search.root(fit)
     return search, decided(search, search.run(), keep=physical(fit.model.spec))
 

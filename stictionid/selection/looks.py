@@ -15,7 +15,7 @@ from ..effects import parse
 from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.moves import descended, search_model, with_start
+from ..fit.moves import descended, longest_piece, search_model, with_start
 from ..fit.noise.completion import Refit, restored
 from ..fit.starts.basins import grown, with_process
 from ..fit.starts.beside_effect import RESTING, on_valve, resting_basins, starting_pool, undisturbed, valve_basins
@@ -135,7 +135,7 @@ def kind_of(spec: Spec) -> str:
 def _valves(ground: Ground, task: Task) -> Packed:
     """Valves of the child's kind, found with the process open or polished along: once for each kind and record."""
     rng = rng_of(ground.seed, kind_of(task.spec), 1)
-    fit, effect = ground.fit, parse(task.added)[0]
+    fit, effect = _beginning(ground.fit, ground.policy.valve_samples), parse(task.added)[0]
     _, coarse = widened_by(fit, task.added)
     guesses = effect.guess(coarse.context) if effect.guess else np.zeros((1, 0))
     points = valve_basins(coarse, task.added, guesses, fit, rng, False)
@@ -147,6 +147,17 @@ def _valves(ground: Ground, task: Task) -> Packed:
         rests = {f"{task.added}:{p.name}": p.high for p in effect.parameters_for(coarse.context)}
         named += [{**dict(zip(BASE, base, strict=True)), **rests} for base in resting_basins(bare, rng)]
     return Packed(task.spec, task.added, valves=tuple(named))
+
+
+def _beginning(fit: Fitted, samples: int) -> Fitted:
+    """The fit on the first samples of its longest segment, where the record has more: valves need no more to show."""
+    model = fit.model
+    at = longest_piece(model)
+    piece = model.pieces[at].loop
+    if piece.samples <= samples:
+        return fit
+    short = bound(piece.cut(0, samples), model.spec, s_max=model.s_max, period_s=model.period_s)
+    return as_it_stands(short, model.of(at, fit.values))
 
 
 def _with_effect(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:

@@ -52,6 +52,7 @@ class Policy:
     kick_samples: float = _number(3.0, "samples", "distance of a step from a setpoint move", _PLANTS)
     rounding: float = _number(3.0, "1", "free-run error over noise and rounding that rounding explains", _PLANTS)
     chance: float = _number(0.01, "1", "bootstrap p above which nothing is named", _CRITICISM)
+    valve_samples: int = _number(4_000, "samples", "longest record in which valves are searched", _LENGTH, least=1)
     unit: int = _number(2_000, "samples", "samples of one evaluation of the budget", _LENGTH, least=1)
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from ..effects import parse
 from ..fit.context import Run
 from ..fit.fit import Fitted, as_it_stands
+from ..fit.noise.completion import Refit
 from ..fit.starts.intersample import as_moving, may_move, surely_moves
 from ..model.restore import rebuild_model
 from ..model.segments import bound
@@ -46,7 +47,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     """
     policy, tell = policy or Policy(), progress or (lambda text, share: None)
     run, fit = opened(loop, study, seed)
-    search = Search(run.loop, policy, seed, jobs, tell, commands=commands_of(run))
+    search = Search(run.loop, policy, seed, jobs, tell, commands=commands_of(run), floor=floor_of(run))
     _replant(search, run, study, fit, policy)
     found = decided(search, search.run(everything=everything))
     before = physical(node(fit.model.spec))
@@ -78,6 +79,16 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     steps, fits, order = ladder_of(run, search, found, fit, study, base=_base_of(study))
     after = with_steps(study, run, tuple(steps), fits[-1])
     return replace(judge(loop, after, seed), missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
+
+
+def floor_of(run: Run) -> Callable[[Refit], float | None]:
+    """The irreducible noise of a record for a completed model, its known disturbances left out."""
+    def floor(done: Refit) -> float | None:
+        e, model = done.evaluated, done.model
+        known = model.disturbance(done.values, e.own) if any(x.columns for x in model.effects) else None
+        return run.floor(e.position_means, e.values["dead_time_s"], known)
+
+    return floor
 
 
 def commands_of(run: Run) -> tuple[Spec, ...]:

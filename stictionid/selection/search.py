@@ -5,7 +5,7 @@ Source: SELECTION.md section 1; CRITICISM.md section 7.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended
+from ..fit.noise.completion import Refit
 from ..fit.starts.beside_effect import on_valve
 from ..model.segments import bound
 from ..model.spec import Spec
@@ -66,6 +67,8 @@ class Search:
     valves: dict[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
     spent: int = 0
     unasked: list[str] = field(default_factory=list)
+    # Irreducible noise in the unit of y for a completed model; None where the record is too short.
+    floor: Callable[[Refit], float | None] = lambda done: None
 
     def root(self, fit: Fitted) -> Entry:
         """A fit made elsewhere as a root of the search."""
@@ -111,9 +114,9 @@ class Search:
         An autoregression that whitens everything is no reason to stop before the node was expanded.
         """
         scored = entry.scored
-        if not scored.done.white or (entry.thorough < 1 and not scored.free_run_at_noise):
-            return False
-        return scored.free_run_at_noise or entry.thorough > 1 or self._explained(entry)
+        if self._explained(entry) and (entry.thorough or scored.free_run_at_noise):
+            return True
+        return scored.done.white and (scored.free_run_at_noise or entry.thorough > 1)
 
     def best(self) -> Entry:
         """The entry with the best BIC among those that passed all gates."""
@@ -300,7 +303,13 @@ class Search:
     def _explained(self, entry: Entry) -> bool:
         """True where an entry leaves white innovations and its noise model carries little of the free run."""
         scored = entry.scored
-        return scored.done.white and scored.rmse <= self.policy.carried * scored.done.innovation_sd
+        if scored.done.white:
+            return scored.rmse <= self.policy.carried * scored.done.innovation_sd
+        if self.loop.samples <= 2 * self.policy.unit:
+            return False
+        # Tests for whiteness reject every model of a long record.
+        floor = self.floor(scored.done)
+        return floor is not None and scored.rmse <= self.policy.carried * floor
 
 
 def what_of(spec: Spec, before: Spec) -> str:
