@@ -15,9 +15,10 @@ import numpy as np
 from ..effects import catalogue, noises_in
 from ..errors import CannotTell
 from ..fit.add_effect import added
-from ..fit.context import WALK, Run, parameters
+from ..fit.context import CONDITIONAL, WALK, Run, parameters
 from ..fit.fit import Fitted, reaching
 from ..fit.intervals.assemble import outline, region
+from ..fit.moves import longest_first
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout
 from ..model.spec import BASE, FIRST_ORDER, Spec
@@ -68,7 +69,9 @@ def _run(run: Run, policy: Policy) -> Outcome:
         fits.append(added(fits[-1], name, run.rng))
         steps.append(run.step(fits[-1], name))
     last = fits[-1]
-    wide = not o.base_only and not o.fixed and LAG not in last.model.spec.effects
+    # Far from the noise the intervals are conditional on the model, and a further lag imitates what is missing.
+    near = not any(f.code == CONDITIONAL for f in steps[-1].findings)
+    wide = near and not o.base_only and not o.fixed and LAG not in last.model.spec.effects
     fits[-1] = _whatever_the_order(run, last) if wide else reaching(last, run.rng)
     if fits[-1].sse < last.sse:
         # Another step of S does better than the search did.
@@ -179,13 +182,14 @@ def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
     fit = reaching(fit, run.rng, steps_only=True)
     look = scout(fit, LAG, fit.values[None, :len(BASE)], run.rng, far=False)
     model = look.coarse
+    top = longest_first(model, look.points[:1])
     known = None
     if fit.around is not None:
         possible = fit.model.values(outline(fit.model, *fit.around))
-        values = model.values(look.points[:1]).repeat(possible.shape[1], axis=1)
+        values = model.values(top).repeat(possible.shape[1], axis=1)
         values[:len(possible)] = possible
         known = model.cube(values)
-    wide = region(model, look.points[0], run.rng, known)
+    wide = region(model, top[0], run.rng, known)
     names = {name: (min(low, wide[name][0]), max(high, wide[name][1]))
              for name, (low, high) in fit.intervals.items() if name in wide}
     return replace(fit, intervals={**fit.intervals, **names})
