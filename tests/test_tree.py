@@ -15,13 +15,15 @@ from commands import run
 from study_factory import node, searched
 
 from stictionid.errors import DataError
-from stictionid.record.study import Study, study_from_json, to_json
+from stictionid.record.study import Estimate, Study, study_from_json, to_json
+from stictionid.record.tree import Equivalent
 from stictionid.reports.pages.write import write_report
 from stictionid.reports.pictures.axes import log_ticks
 from stictionid.reports.pictures.figures import figure_bytes
 from stictionid.reports.pictures.svg import CHARACTER, SQUARE, WIDE, inline, standalone
 from stictionid.reports.pictures.tree_picture import tree
 from stictionid.reports.tree_text import MOST_NODES, after_tree, equivalents, tree_lines, tree_of
+from stictionid.selection.steps import reaching_to
 
 GOLDEN = Path(__file__).parent / "golden"
 RECORD = Path(__file__).parents[1] / "sample_data" / "foptd.csv"
@@ -247,3 +249,11 @@ def test_the_page_has_the_picture_the_text_and_the_reasons(tmp_path: Path) -> No
     assert '<pre class="aligned" role="region" tabindex="0" aria-labelledby="s1-tree-lines">model ' in page
     assert page.count("the gain of 2 BIC is below the margin</title>") == 2  # wide and narrow
     assert "BIC beyond noise</th>" in page and "rejected because</th>" in page
+
+
+def test_the_intervals_reach_to_the_equivalents() -> None:
+    estimate = Estimate(4.0, 2.0, "%", (3.9, 4.1), None, 0.9, "chen", 1.0, (10.0,), 2.0, False, 0.0)
+    alike = (Equivalent(3, ("re-sticking",), 4.6, 2.4, 100.0, "the measured valve position"),)
+    wide = reaching_to(estimate, alike)
+    assert wide.S_interval == (3.9, 4.6) and wide.J_interval is None
+    assert reaching_to(estimate, ()) == estimate

@@ -30,7 +30,7 @@ from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
 from .score import Scored, glanced, is_noise, noise_words
 from .search import ADD, ROOT, Entry, Search
-from .steps import opened, with_steps
+from .steps import opened, reaching_to, with_steps
 
 # Gives a study with another last model its verdict and severity.
 Judge = Callable[[Loop, Study, int], Study]
@@ -78,6 +78,8 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     tell("fitting the ladder", 1.0)
     steps, fits, order = ladder_of(run, search, found, fit, study, base=_base_of(study))
     after = with_steps(study, run, tuple(steps), fits[-1])
+    if after.estimate is not None:
+        after = replace(after, estimate=reaching_to(after.estimate, found.equivalents))
     return replace(judge(loop, after, seed), missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
 
 

@@ -5,7 +5,7 @@ Source: SELECTION.md section 1; CRITICISM.md section 7.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -175,8 +175,7 @@ class Search:
         asked = [replace(t, stage=VALVES) for t in tasks
                  if self._on_valve(t) and kind_of(t.spec) not in self.valves]
         with Crew(ground, self.jobs) as crew:
-            for task, answer in zip(asked, crew.map(asked), strict=True):
-                self.spent += answer.spent
+            for task, answer in self._within_budget(crew, asked):
                 self.valves[kind_of(task.spec)] = answer.valves
 
     def _edges(self, entry: Entry, fit: Fitted) -> list[Task]:
@@ -201,8 +200,7 @@ class Search:
         """Answers to tasks; each look is remembered where it is the best of its node."""
         answers = []
         with Crew(ground, self.jobs) as crew:
-            for task, answer in zip(tasks, crew.map(tasks), strict=True):
-                self.spent += answer.spent
+            for task, answer in self._within_budget(crew, tasks):
                 if answer.failed:
                     if key(task.spec) not in self.memo:
                         self.memo[key(task.spec)] = self._failed(entry, task, answer)
@@ -211,6 +209,17 @@ class Search:
                 self._keep(entry, task, answer, scored)
                 answers.append(answer)
         return answers
+
+    def _within_budget(self, crew: Crew, tasks: Sequence[Task]) -> Iterator[tuple[Task, Packed]]:
+        """Tasks with their answers as long as the budget lasts; the others are listed as not asked."""
+        answers = iter(crew.map(tasks))
+        for i, task in enumerate(tasks):
+            if self.spent >= self.policy.budget:
+                self.unasked += [key(left.spec) for left in tasks[i:]]
+                return
+            answer = next(answers)
+            self.spent += answer.spent
+            yield task, answer
 
     def _failed(self, entry: Entry, task: Task, answer: Packed) -> Entry:
         return Entry(task.spec, entry.scored, key(entry.spec), ADD if task.added else SWAP,

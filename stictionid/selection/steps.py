@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..record.loop import Loop
 from ..record.oscillation import find_range
 from ..record.segments import described
 from ..record.study import Estimate, Step, Study, intervals_withheld, without_intervals
+from ..record.tree import Equivalent
 
 
 def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
@@ -57,3 +59,15 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
     spans = fit.intervals
     return replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),
                    initial_residual_force=v["initial_residual_force"], **process_numbers(fit))
+
+
+def reaching_to(found: Estimate, equivalents: Sequence[Equivalent]) -> Estimate:
+    """The estimate with intervals of S and J that reach to the models that explain the record alike."""
+    if not equivalents:
+        return found
+    S, J = [e.S for e in equivalents], [e.J for e in equivalents]
+    return replace(found, S_interval=_union(found.S_interval, S), J_interval=_union(found.J_interval, J))
+
+
+def _union(span: tuple[float, float] | None, values: Sequence[float]) -> tuple[float, float] | None:
+    return None if span is None else (min(span[0], *values), max(span[1], *values))

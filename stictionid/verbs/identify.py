@@ -41,6 +41,7 @@ from ..record.study import (
     without_intervals,
 )
 from ..selection.policy import Policy
+from ..selection.steps import reaching_to
 from ..typing import Progress
 from ..verdict import law_ranking
 from ..verdict.from_position import from_position
@@ -95,7 +96,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     verdict = judge(run, near_fit, loop, position)
     if verdict.stiction == "undecided" and verdict.evidence.get("code") == UNANSWERED:
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
-    estimate = _estimate(last, unit, outcome, position)
+    estimate = reaching_to(_estimate(last, unit, outcome, position), outcome.equivalents)
     meaning = severity_of(piece, estimate, last)
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,

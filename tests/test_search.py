@@ -1,0 +1,86 @@
+"""The search over models: what it finds, what it leaves alone, and that asking again changes nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from loops_with_effects import NOISE, small
+
+from stictionid.effects import parse
+from stictionid.model.spec import SOFT, Spec
+from stictionid.record.loop import Loop
+from stictionid.record.study import Study, study_from_json, to_json
+from stictionid.selection.node import key, node, spec_of, structure, with_effect
+from stictionid.selection.policy import Policy
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import identify
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Loop, Study, Study]:
+    """A loop with a hidden sine, its study, and the study with what the search found."""
+    _, loop = small("sinusoidal-disturbance")
+    before = identify(loop)
+    return loop, before, diagnose(loop, before, apply=True)
+
+
+def test_a_node_is_the_same_whatever_its_noise_and_the_order_of_its_effects() -> None:
+    spec = Spec(effects=("extra-lag", "travel-limit"))
+    assert key(spec) == key(node(replace(spec, effects=("travel-limit", "extra-lag", "coloured-noise"))))
+    assert key(spec) != key(with_effect(spec, "re-sticking"))
+    assert node(Spec(process="integrator")).taps == SOFT and not node(Spec(taps=(0.5,))).taps
+    moving = replace(spec, between="corner", substeps=8)
+    assert spec_of(structure(moving), moving.effects, Spec()) == node(moving)
+
+
+def test_the_tree_tells_the_answer_and_why_every_other_effect_is_not_named(found: tuple[Loop, Study, Study]) -> None:
+    _, before, after = found
+    assert after.missing == ("sinusoidal-disturbance",) and after.steps[-1].error.rmse < 1.1 * NOISE
+    named = {name for n in after.tree if n.status == "named" for name in n.effects}
+    assert named == {"sinusoidal-disturbance"}
+    assert all(c.rejected_because for c in after.candidates if not c.accepted)
+    assert len({parse(n.edge.what)[0].name for n in after.tree if n.edge.op == "add"}) > 10
+    assert after.evaluations is not None and before.evaluations is not None
+    assert after.evaluations > before.evaluations and after.unasked == ()
+    rejected = [n for n in after.tree if n.status == "rejected"]
+    assert all(any(not g.passed and g.reason for g in n.gates) or n.edge.op == "drop" for n in rejected)
+
+
+def test_asking_again_changes_nothing(found: tuple[Loop, Study, Study]) -> None:
+    loop, _, after = found
+    again = diagnose(loop, study_from_json(to_json(after)), apply=True)
+    assert again.steps == after.steps and again.estimate == after.estimate and again.missing == ()
+
+
+def test_a_small_budget_ends_the_search_and_lists_what_was_not_asked(found: tuple[Loop, Study, Study]) -> None:
+    loop, before, _ = found
+    after = diagnose(loop, before, apply=True, policy=Policy(budget=1))
+    assert after.missing == () and len(after.unasked) > 10 and after.steps == before.steps
+    assert after.evaluations is not None and before.evaluations is not None
+    assert after.evaluations < before.evaluations + 50_000
+
+
+def test_a_study_without_a_tree_is_searched_all_the_same(found: tuple[Loop, Study, Study]) -> None:
+    loop, before, after = found
+    older = replace(before, tree=(), evaluations=None)
+    again = diagnose(loop, older, apply=True)
+    assert again.missing == after.missing
+    assert again.estimate is not None and after.estimate is not None
+    assert pytest.approx(after.estimate.S, rel=0.01) == again.estimate.S
+
+
+def test_a_clean_loop_is_left_alone_within_a_few_evaluations() -> None:
+    _, loop = small()
+    study = identify(loop)
+    after = diagnose(loop, study, apply=True)
+    assert after.missing == () and [s.added for s in after.steps] == [None] and after.adequate
+    assert after.evaluations == study.evaluations
+    assert np.isfinite(after.steps[-1].error.rmse)
+
+
+def test_a_tree_names_each_node_once(found: tuple[Loop, Study, Study]) -> None:
+    _, _, after = found
+    ids = [n.id for n in after.tree]
+    assert len(set(ids)) == len(ids) and all(n.parent is None or n.parent in ids for n in after.tree)
