@@ -22,11 +22,9 @@ from ..record.study import ErrorSummary, ParameterValue, Range, Restarts, Step
 from ..typing import FloatArray, Progress
 from .fit import Fitted, finish, search
 from .intervals.assemble import innovation_rows
-from .moves import longest_piece
 from .options import USUAL_ORDER, Options
 from .public_values import public_parameters
 from .starts.basins import basins
-from .starts.continuation import grown_valves
 
 # Free-run error within this factor of the irreducible noise is adequate (CRITICISM.md section 7, step 1).
 ADEQUATE = 1.05
@@ -55,11 +53,8 @@ class Run:
         self.loop, self.found, self.options, self.rng, self.tell = loop, found, options, rng, tell
         self.law, self.order = law, order
         self.period_s, self.s_max = time_scale_s(loop, found), swing_of(loop, found)
-        # Results that several stages ask for. First fits of an effect are kept by structure, basins by valve, noise by
-        # position.
-        self.looks: dict[str, Any] = {}
+        # Results that several stages ask for. Basins are kept by valve, noise by position.
         self._basins: dict[tuple[Any, ...], FloatArray] = {}
-        self._valves: dict[tuple[Any, ...], FloatArray] = {}
         self._floors: dict[tuple[bytes, int], float | None] = {}
         self._models: dict[str, Model] = {}
 
@@ -82,14 +77,6 @@ class Run:
         if key not in self._basins:
             self._basins[key] = basins(self.model(replace(spec, between="hold", substeps=1)), self.rng)
         return self._basins[key]
-
-    def open_valves(self, spec: Spec) -> FloatArray:
-        """Points (k, d) of the spec's valve under a held command, found with no assumption on the process."""
-        key = (spec.law, spec.effects)
-        if key not in self._valves:
-            model = self.model(spec)
-            self._valves[key] = grown_valves(model, [0, 1, model.forces[longest_piece(model)]], self.rng)
-        return self._valves[key]
 
     def used_y(self) -> FloatArray:
         """The process values in use (m,). With several segments the mean of each is removed."""

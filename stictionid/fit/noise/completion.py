@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...effects import noises_in, parse
+from ...effects import noises_in
 from ...model.model import Model
 from ...model.segments import bound
 from ...model.spec import BASE, Evaluated, Spec
@@ -84,12 +84,6 @@ class Refit:
             self.model, self.taps, self.evaluated.position, self.innovation, self.good)
 
     @property
-    def walk_alone(self) -> bool:
-        """True where model and random walk leave only noise in the differences of y, softened or not."""
-        return self.increments and noise_alone(
-            self.model, self._polynomial()[1:], self.evaluated.position, self.innovation, self.good, walk=True)
-
-    @property
     def white(self) -> bool:
         """True where the innovations pass every test for whiteness, whatever noise model left them.
 
@@ -122,11 +116,6 @@ def own_taps(spec: Spec) -> tuple[float, ...]:
 def has_noise(spec: Spec) -> bool:
     """True where the model has a noise effect already; its coefficients are estimated anew with every refit."""
     return bool(noises_in(spec.effects))
-
-
-def has_walk(spec: Spec) -> bool:
-    """True where the model has a random walk: y then has no level, and the free-run error no bound."""
-    return any(parse(name)[0].noise == RANDOM_WALK for name in spec.effects)
 
 
 def at_noise(refit: Refit) -> bool:
