@@ -2,14 +2,16 @@
 
 Run: python benchmarks/known_loops.py
 
-Targets: tank S within 4 % and J within 14 % of 1.678 and 1.159 with noise of 1 % of the PV swing. For hidden_01 and
-hidden_02 (nothing hidden): S within 1 %, J within 5 %, free-run error and the tool's own noise within 5 % of the truth.
+Targets: tank S within 4 % and J within 14 % of 1.678 and 1.159 with noise of 1 % of the PV swing. Each hidden effect is
+named alone, and none where nothing is hidden, in under 5 CPU s. S is within 1 %, J within 5 %, and the one-step error
+within 5 % of the noise.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,9 +19,11 @@ import numpy as np
 
 from stictionid.historian import read_loop
 from stictionid.model.closed_loop import preset, simulate
+from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "hidden_effects"
+HIDDEN_S = 5.0
 TANK_S, TANK_J, TANK_LIMITS = 1.678, 1.159, (4.0, 14.0)
 
 
@@ -45,23 +49,29 @@ def tank(seeds: int = 10) -> list[str]:
 
 
 def hidden() -> list[str]:
-    """Print the shared loops' table (only the two with nothing hidden have targets here)."""
+    """Print the shared loops' table: identify, then `diagnose --apply` on one core."""
     if not SHARED.is_dir():
         print(f"\n{SHARED} is not here: skipped")
         return []
     truths, missed = json.loads((SHARED / "truth.json").read_text()), []
-    print("\nloop      hidden effect           |      S  true |      J  true |   rmse  true | noise_sd | steps added")
+    print("\nloop      hidden effect           |      S  true |      J  true | one step  true | CPU s | named")
     for name, truth in truths.items():
-        study, p = identify(read_loop(SHARED / f"{name}.csv")), truth["plant"]
+        loop, p = read_loop(SHARED / f"{name}.csv"), truth["plant"]
+        before = identify(loop)
+        begin = time.process_time()
+        study = diagnose(loop, before, apply=True)
+        seconds = time.process_time() - begin
         e, error = study.estimate, study.steps[-1].error
+        named = [step.added for step in study.steps if step.added]
         print(f"{name} {truth['hidden_effect']:23s} | {e.S:6.3f} {p['S_pct']:5.2f} | {e.J:6.3f} {p['J_pct']:5.2f} | "
-              f"{error.rmse:6.4f} {p['noise_sd']:5.3f} | {error.noise_sd:8.4f} | "
-              + (", ".join(s.added for s in study.steps if s.added) or "-"), flush=True)
-        if truth["hidden_effect"] == "none":
-            checks = ((e.S, p["S_pct"], 0.01, "S"), (e.J, p["J_pct"], 0.05, "J"),
-                      (error.rmse, p["noise_sd"], 0.05, "rmse"), (error.noise_sd, p["noise_sd"], 0.05, "noise_sd"))
-            missed += [f"{name} {what} {value:.4f}" for value, true, limit, what in checks
-                       if abs(value / true - 1) > limit]
+              f"{error.rmse_one_step:8.4f} {p['innovation_sd']:5.3f} | {seconds:5.1f} | "
+              + (", ".join(named) or "-"), flush=True)
+        wanted = [] if truth["hidden_effect"] == "none" else [truth["hidden_effect"]]
+        missed += [f"{name} named {', '.join(named) or 'nothing'}"] if named != wanted else []
+        missed += [f"{name} {seconds:.1f} s"] if seconds > HIDDEN_S else []
+        missed += [f"{name} {what} {value:.4f}" for value, true, limit, what in
+                   ((e.S, p["S_pct"], 0.01, "S"), (e.J, p["J_pct"], 0.05, "J"),
+                    (error.rmse_one_step, p["innovation_sd"], 0.05, "one step")) if abs(value / true - 1) > limit]
     return missed
 
 

@@ -12,10 +12,9 @@ import numpy as np
 
 from ..effects import parse
 from ..fit.cross_validation import held_out
-from ..fit.moves import descended, search_model, with_start
+from ..fit.moves import descended, with_start
 from ..fit.public_values import noise_values, rows_for, values_of
-from ..fit.starts.beside_effect import RESTING, on_valve
-from ..fit.with_effect import Scouted, settled
+from ..fit.starts.beside_effect import RESTING
 from ..model.rounding import moved_by_rounding, step_of
 from ..model.segments import bound
 from ..model.spec import BASE, FIRST_ORDER, INTEGRATOR
@@ -45,34 +44,13 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
 
     Effects to `keep` are never pruned.
     """
-    _settle(search, best)
+    search.settle(best)
     winner = _integrating(search, pruned(search, best, keep))
     done = winner.scored.done
     noise = noise_name(done, search.policy) if done.white else ""
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in equivalents(search, winner))
     return Decision(winner, noise, alike, missing_reason(winner))
-
-
-def _settle(search: Search, entry: Entry) -> None:
-    """Fit a node once more where noise carries a part of its free run: a slip a sample late looks like noise."""
-    done = entry.scored.done
-    if entry.scored.free_run_at_noise or not entry.spec.effects:
-        return
-    rng = rng_of(search.seed, key(entry.spec), 2)
-    for soft in dict.fromkeys((False, done.increments)):
-        model = bound(done.model.loop, node(entry.spec, soft=soft), s_max=done.model.s_max,
-                      period_s=done.model.period_s, residual=done.evaluated.left)
-        coarse = search_model(model)
-        values = model.vector(done.model.named(done.values))
-        start = coarse.cube(values[:, None])
-        name = next((n for n in reversed(entry.spec.effects) if on_valve(parse(n)[0])), "")
-        model, values, cost = settled(Scouted(coarse, model, start, np.inf, np.inf, name), rng)
-        if not np.isfinite(cost):
-            continue
-        again = completed(model, values, values[None, :len(BASE)], rng, search.policy)
-        if again.gain_over(entry.scored.done) > 0.0:
-            entry.scored = Scored(again, True, held_out(again))
 
 
 def _integrating(search: Search, winner: Entry) -> Entry:

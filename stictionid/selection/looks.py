@@ -220,6 +220,27 @@ def _full(ground: Ground, task: Task) -> Packed:
     return replace(_packed(task, done, cost=cost), held=held_out(done), full=True)
 
 
+def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:
+    """A node fitted once more from its own point, in levels and in the form that it has; the best of them.
+
+    A slip a sample late looks like noise, and a further polish often puts it right.
+    """
+    done, rng = scored.done, rng_of(seed, key(spec), 2)
+    for soft in dict.fromkeys((False, done.increments)):
+        model = bound(done.model.loop, node(spec, soft=soft), s_max=done.model.s_max, period_s=done.model.period_s,
+                      residual=done.evaluated.left)
+        values = model.vector(done.model.named(done.values))
+        coarse = search_model(model)
+        name = next((n for n in reversed(spec.effects) if on_valve(parse(n)[0])), "")
+        model, values, cost = settled(Scouted(coarse, model, coarse.cube(values[:, None]), np.inf, np.inf, name), rng)
+        if not np.isfinite(cost):
+            continue
+        again = completed(model, values, values[None, :len(BASE)], rng, policy)
+        if again.gain_over(scored.done) > 0.0:
+            scored = Scored(again, True, held_out(again))
+    return scored
+
+
 def _packed(task: Task, done: Refit, *, points: FloatArray | None = None, cost: float = np.inf,
             gain: float = 0.0) -> Packed:
     if not np.isfinite(done.innovation_sd):

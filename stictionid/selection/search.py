@@ -23,7 +23,7 @@ from ..record.tree import Gate
 from ..typing import Progress
 from .crew import Crew
 from .gates import Edge, judged
-from .looks import DEEP, FAR, VALVES, Ground, Packed, Task, kind_of, pool_of, rng_of, standing
+from .looks import DEEP, FAR, VALVES, Ground, Packed, Task, kind_of, pool_of, rng_of, settled_again, standing
 from .node import additions, depth, key, node, other_process, plain, with_effect
 from .policy import Policy
 from .score import Scored, completed, glanced
@@ -44,6 +44,7 @@ class Entry:
     gates: tuple[Gate, ...] = ()
     # How far the node was expanded: not at all, by near looks, by far ones, by those for effects that hide others.
     thorough: int = 0
+    settled: bool = False
     failed: str = ""
 
     @property
@@ -271,8 +272,22 @@ class Search:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
                 if self._explained(self.memo[name]):
                     break
+        for child in self._nearly(entry):
+            self.settle(child)
         self._hand_back(ground, entry)
         self._judge(entry)
+
+    def _nearly(self, entry: Entry) -> list[Entry]:
+        """Full children whose innovations are white, and whose noise model carries a little of the free run."""
+        return [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
+                and not e.settled and not self._explained(e) and e.scored.done.white
+                and e.scored.rmse <= self.policy.nearly * e.scored.done.innovation_sd]
+
+    def settle(self, entry: Entry) -> None:
+        """Fit a node once more, where a noise model carries a part of its free run."""
+        if not entry.settled and entry.spec.effects and not entry.scored.free_run_at_noise:
+            entry.scored = settled_again(entry.scored, entry.spec, self.seed, self.policy)
+        entry.settled = True
 
     def _hand_back(self, ground: Ground, entry: Entry) -> None:
         """Polish the parent from the values of each full child: a wrong basin looks exactly like a missing effect."""
