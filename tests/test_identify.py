@@ -23,7 +23,6 @@ from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import SAMPLES_PER_PERIOD
 from stictionid.record.study import study_from_json, to_json
-from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 
 ROOT = Path(__file__).parent.parent
@@ -200,27 +199,6 @@ def test_noise_that_was_asked_for_stays_though_the_base_needs_none() -> None:
     asked = identify(loop, options=Options(effects=("coloured-noise",)))
     assert [step.added for step in asked.steps] == [None, "coloured-noise"]
     assert asked.steps[0].error.rmse < 1.05 * asked.steps[0].error.noise_sd
-
-
-def test_a_load_that_steps_under_an_integrator_is_found_where_the_base_explains_nothing() -> None:
-    """The output answers the load, so that no level holds and no valve is seen: identify says so."""
-    setting = Setting(Plant(1.0, 0.3, 1.0, integrating=True), Controller(0.1, 5.0, scan_s=1.0), S=5.0, J=3.5,
-                      duration_s=700.0, setpoint_moves=((0.0, 3.0), (150.0, -4.0), (500.0, 4.0)), noise_sd=0.7,
-                      effects=(("step-disturbance", {"time_s": 350.0, "size": 14.0, "at": "load"}),))
-    loop = simulate(setting, seed=3).loop
-    before = identify(loop)
-    assert not before.adequate and before.missing_reason
-    study = diagnose(loop, before, apply=True)
-    last = study.steps[-1]
-    assert (last.added, last.variant) == ("step-disturbance", "load")
-    assert study.steps[0].error.rmse > 20.0 * last.error.rmse and last.error.rmse < 1.05 * setting.noise_sd
-    assert study.estimate is not None and study.estimate.integrating
-    numbers = {p.name: p.value for p in last.parameters if p.effect == "step-disturbance"}
-    assert numbers["time_s"] == pytest.approx(350.0, abs=1.0) and numbers["size"] == pytest.approx(14.0, rel=0.02)
-    assert study.estimate is not None
-    assert pytest.approx(5.0, rel=0.01) == study.estimate.S
-    assert pytest.approx(3.5, rel=0.05) == study.estimate.J
-    assert "friction" in study.verdict.reason and study.adequate
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
+from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 
 
@@ -36,3 +37,24 @@ def test_a_level_that_strays_too_far_to_be_explained_shows_its_valve_in_changes(
     assert pytest.approx(3.2, rel=0.01) == study.estimate.S and pytest.approx(0.6, rel=0.1) == study.estimate.J
     # One step ahead there is the walk and the noise (their stationary Kalman filter), as for a model that knows all.
     assert study.steps[-1].error.rmse_one_step == pytest.approx(0.1083, rel=0.06)
+
+
+def test_a_load_that_steps_under_an_integrator_is_found_where_the_base_explains_nothing() -> None:
+    """The output answers the load, so that no level holds and no valve is seen: identify says so."""
+    setting = Setting(Plant(1.0, 0.3, 1.0, integrating=True), Controller(0.1, 5.0, scan_s=1.0), S=5.0, J=3.5,
+                      duration_s=700.0, setpoint_moves=((0.0, 3.0), (150.0, -4.0), (500.0, 4.0)), noise_sd=0.7,
+                      effects=(("step-disturbance", {"time_s": 350.0, "size": 14.0, "at": "load"}),))
+    loop = simulate(setting, seed=3).loop
+    before = identify(loop)
+    assert not before.adequate and before.missing_reason
+    study = diagnose(loop, before, apply=True)
+    last = study.steps[-1]
+    assert (last.added, last.variant) == ("step-disturbance", "load")
+    assert study.steps[0].error.rmse > 20.0 * last.error.rmse and last.error.rmse < 1.05 * setting.noise_sd
+    assert study.estimate is not None and study.estimate.integrating
+    numbers = {p.name: p.value for p in last.parameters if p.effect == "step-disturbance"}
+    assert numbers["time_s"] == pytest.approx(350.0, abs=1.0) and numbers["size"] == pytest.approx(14.0, rel=0.02)
+    assert study.estimate is not None
+    assert pytest.approx(5.0, rel=0.01) == study.estimate.S
+    assert pytest.approx(3.5, rel=0.05) == study.estimate.J
+    assert "friction" in study.verdict.reason and study.adequate
