@@ -64,7 +64,7 @@ def scored(rows: Iterable[Row]) -> list[Row]:
 
 
 def print_table(rows: list[Row], say: Callable[[str], None] = print) -> None:
-    """What was left out, the table by family, and the answers that were wrong.
+    """Print the loops left out, the table by family, and the wrong answers.
 
     The column "true" counts loops whose true model, polished from the true values, comes within 1.2 of the noise; the
     column "scans" those held ones whose true model does so under the true command at every scan.

@@ -27,6 +27,7 @@ from ..record.loop import Finding
 from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..selection.decide import Decision, decided
+from ..selection.ladder import ordered
 from ..selection.node import LAG, physical
 from ..selection.policy import Policy
 from ..selection.run import commands_of, floor_of, ladder_of, tree_of
@@ -62,7 +63,8 @@ def _run(run: Run, policy: Policy) -> Outcome:
         raise _explains_nothing(run)
     if noises or o.base_only:
         found = replace(found, noise="")
-    steps, fits, order = ladder_of(run, search, found, fit, base=physical(fit.model.spec))
+    order, rungs = ordered(search, found.winner, physical(fit.model.spec))
+    steps, fits = ladder_of(run, search, found, fit, (order, rungs))
     steps[0] = replace(steps[0], findings=(*notes, *steps[0].findings))
     for name in noises:
         run.tell(f"fitting with {name}", 0.75)
@@ -94,8 +96,7 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:
         if slow.evaluated is None:
             raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
                              code="valve-never-moves")
-        rebuilt = run.fit(slow.spec, before=(slow.point[None], np.array([slow.cost])))
-        return rebuilt, (said_scans(run, slow.spec.substeps),)
+        return slow.finished(run), (said_scans(run, slow.spec.substeps),)
     if o.between == "auto" and surely_moves(run.loop):
         spec = as_moving(spec)
     fit = run.fit(spec)
@@ -118,8 +119,7 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:
     errors = held_out(run, slow.fit(run)), held_out(run, fit)
     if not errors[0] < errors[1]:
         return fit, ()
-    rebuilt = run.fit(slow.spec, before=(slow.point[None], np.array([slow.cost])))
-    return rebuilt, (said_scans(run, scans, errors),)
+    return slow.finished(run), (said_scans(run, scans, errors),)
 
 
 def _searched(run: Run, fit: Fitted, policy: Policy, only: frozenset[str] | None) -> tuple[Search, Decision]:

@@ -45,6 +45,10 @@ class Rebuilt:
         model = run.model(self.spec)
         return as_it_stands(model, model.vector(self.evaluated.values))
 
+    def finished(self, run: Run) -> Fitted:
+        """The fit with restarts that agree, beginning with this search."""
+        return run.fit(self.spec, before=(self.point[None], np.array([self.cost])))
+
 
 def scans_of(run: Run) -> int:
     """The number of scans that `--between decimated` rebuilds in a sample; UsageError where there are none between."""

@@ -21,8 +21,9 @@ from ..model.spec import BASE, FIRST_ORDER, INTEGRATOR
 from ..record.loop import Loop
 from ..record.study import Candidate, Study
 from ..record.tree import Equivalent, drop_percent
+from .gates import margin_of
 from .looks import Ground, Task, performed, pool_of, rng_of, standing
-from .node import BASE_EFFECTS, key, node, other_process, physical, plain, without
+from .node import key, node, other_process, physical, without
 from .policy import Policy
 from .score import Scored, completed, noise_name
 from .search import ADD, DROP, SWAP, Entry, Search
@@ -83,7 +84,7 @@ def rounded(loop: Loop, study: Study, found: Decision, policy: Policy, seed: int
     """
     scored, last = found.winner.scored, study.steps[-1]
     floor, error = last.error.noise_sd, last.error.rmse
-    if floor is None or (scored.free_run_at_noise and scored.done.white) or scored.rmse <= error / 2:
+    if floor is None or (scored.free_run_at_noise and scored.white) or scored.rmse <= error / 2:
         return ""
     moved = moved_by_rounding(loop, last.model, seed)
     if not moved > 0.0 or error > policy.rounding * float(np.hypot(floor, moved)):
@@ -99,15 +100,11 @@ def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
     while True:
         losses = {name: _dropped(search, winner, name) for name in physical(winner.spec) if name not in keep}
         cheap = {name: e for name, e in losses.items()
-                 if winner.scored.done.gain_over(e.scored.done) < _margin(name, search.policy)}
+                 if winner.scored.done.gain_over(e.scored.done) < margin_of(name, search.policy)}
         if not cheap:
             return winner
         name = min(cheap, key=lambda n: winner.scored.done.gain_over(cheap[n].scored.done))
         winner = cheap[name]
-
-
-def _margin(name: str, policy: Policy) -> float:
-    return policy.structure_margin if plain(name) in BASE_EFFECTS else policy.margin
 
 
 def _dropped(search: Search, entry: Entry, name: str) -> Entry:

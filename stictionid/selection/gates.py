@@ -24,6 +24,11 @@ from .policy import Policy
 from .score import Scored
 
 
+def margin_of(name: str, policy: Policy) -> float:
+    """BIC that an effect must gain to be named, and cost to stay."""
+    return policy.structure_margin if plain(name) in BASE_EFFECTS else policy.margin
+
+
 @dataclass(frozen=True, slots=True)
 class Edge:
     """A child with one effect more than its parent, and what else was tried beside that parent."""
@@ -43,7 +48,7 @@ class Edge:
     @property
     def margin(self) -> float:
         """BIC that this effect must gain."""
-        return self.policy.structure_margin if plain(self.name) in BASE_EFFECTS else self.policy.margin
+        return margin_of(self.name, self.policy)
 
     @property
     def local(self) -> bool:
@@ -102,7 +107,7 @@ def holds(after: Held | None, before: Held | None, policy: Policy, *, local: boo
 def _free_run(edge: Edge) -> str:
     """Reject an effect that makes the free run worse, unless the noise of the child alone implies that error."""
     child, parent = edge.child, edge.parent
-    if child.done.increments or child.rmse <= edge.policy.free_run * parent.rmse or child.done.white:
+    if child.done.increments or child.rmse <= edge.policy.free_run * parent.rmse or child.white:
         return ""
     return f"its free run is worse than without it ({child.rmse:.4g} for {parent.rmse:.4g})"
 

@@ -28,17 +28,14 @@ Rung = tuple[Spec, FloatArray]
 def ordered(search: Search, winner: Entry, base: Sequence[str] = ()) -> tuple[tuple[str, ...], list[Rung]]:
     """The winner's effects in the order of their gain, and specification and values (d,) of every rung, the base first.
 
-    Effects of the `base` are in every rung.
-
-    A rung is the node as the search met it, or the winner without the later effects, polished. A first order has
-    levels in every rung: only the step that names a walk is fitted in differences.
+    Effects of the `base` are in every rung. A rung is the node as the search met it, or the winner without the later
+    effects, polished. A first order has levels in every rung: only the step that names a walk is fitted in differences.
     """
     left, order = [name for name in physical(winner.spec) if name not in base], []
     spec = node(without(winner.spec, left))
     rungs = [_rung(search, winner, spec)[:2]]
     while left:
-        tried = {name: _rung(search, winner, node(with_effect(spec, name)))
-                 for name in left}
+        tried = {name: _rung(search, winner, node(with_effect(spec, name))) for name in left}
         name = min(tried, key=lambda n: tried[n][2])
         left.remove(name)
         order.append(name)

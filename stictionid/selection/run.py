@@ -24,12 +24,12 @@ from ..record.tree import TreeNode
 from ..typing import FloatArray, Progress
 from .bootstrap import p_of
 from .decide import Decision, candidates, decided, rounded
-from .ladder import fitted, ordered, said_noise, step_of, with_noise
+from .ladder import Rung, fitted, ordered, said_noise, step_of, with_noise
 from .looks import rng_of
 from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
 from .score import Scored, glanced, is_noise, noise_words
-from .search import ADD, ROOT, Entry, Search
+from .search import ADD, ROOT, Asked, Entry, Search
 from .steps import opened, reaching_to, with_steps
 
 # Gives a study with another last model its verdict and severity.
@@ -51,7 +51,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     _replant(search, run, study, fit, policy)
     found = decided(search, search.run(everything=everything))
     before = physical(node(fit.model.spec))
-    order, _ = ordered(search, found.winner, _base_of(study))
+    order, rungs = ordered(search, found.winner, _base_of(study))
     new = tuple(name for name in order if name not in before)
     if found.noise and not any(plain(n) == found.noise for n in fit.model.spec.effects):
         new = (*new, found.noise)
@@ -59,7 +59,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     p_value = None
     if bootstrap and new and not is_noise(new[0]):
         p_value = p_of(search, search.memo[key(node(fit.model.spec))], new[0], bootstrap, tell)
-    chance = p_value is not None and p_value > max(policy.chance, 1.0 / (bootstrap + 1) + policy.neutral / bootstrap)
+    chance = p_value is not None and p_value > max(policy.chance, 1.0 / (bootstrap + 1))
     if blur or chance:
         new = ()
     study = replace(study, tree=tree_of(search, found, order), evaluations=search.spent + (study.evaluations or 0),
@@ -76,7 +76,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     if not changed:
         return study
     tell("fitting the ladder", 1.0)
-    steps, fits, order = ladder_of(run, search, found, fit, study, base=_base_of(study))
+    steps, fits = ladder_of(run, search, found, fit, (order, rungs), study)
     after = with_steps(study, run, tuple(steps), fits[-1])
     if after.estimate is not None:
         after = replace(after, estimate=reaching_to(after.estimate, found.equivalents))
@@ -106,27 +106,27 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
     """Put the models of a study's steps and of its tree in the memo of a search."""
     search.root(fit)
     known = {n.id: n for n in study.tree}
-    asked: dict[int, set[str]] = {}
+    children: dict[int, set[str]] = {}
     for n in study.tree:
         if n.parent is not None and n.edge.op == ADD:
-            asked.setdefault(n.parent, set()).add(n.edge.what)
+            children.setdefault(n.parent, set()).add(n.edge.what)
     for n in study.tree:
         if n.status in ("looked", "failed") or not n.parameters:
             continue
         spec = spec_of(n.structure, n.effects, fit.model.spec)
         # Another search may have asked for fewer effects.
-        whole = set(additions(spec, search.loop, search.only)) <= asked.get(n.id, set())
+        whole = set(additions(spec, search.loop, search.only)) <= children.get(n.id, set())
         model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
                       residual=fit.best.left)
         before = known.get(n.parent) if n.parent is not None else None
         parent = None if before is None else key(spec_of(before.structure, before.effects, fit.model.spec))
         entry = Entry(spec, Scored(glanced(model, model.vector(n.parameters)), True), parent, n.edge.op, n.edge.what,
-                      gates=n.gates, thorough=2 if whole else 0)
+                      gates=n.gates, asked=Asked.BY_FAR if whole else Asked.NOTHING)
         have = search.memo.get(key(spec))
         if have is None:
             search.memo[key(spec)] = entry
             continue
-        have.thorough = entry.thorough
+        have.asked = entry.asked
         if entry.scored.done.gain_over(have.scored.done) > policy.better_fit:
             have.scored = entry.scored
     for step in study.steps[:-1]:
@@ -138,15 +138,14 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
             search.root(as_it_stands(there, there.vector(model.named(values))))
 
 
-def ladder_of(run: Run, search: Search, found: Decision, first: Fitted,
-              study: Study | None = None, *,
-              base: Sequence[str] = ()) -> tuple[list[Step], list[Fitted], tuple[str, ...]]:
-    """The steps of a decision from the base up, their fits, and the order of the effects.
+def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: tuple[tuple[str, ...], list[Rung]],
+              study: Study | None = None) -> tuple[list[Step], list[Fitted]]:
+    """The steps of a decision from the base up and their fits; `ladder` holds the effects in their order and the rungs.
 
     Steps of a `study` stay as far as they are rungs; their fits are then left out. A base that is the `first` fit
-    keeps its restarts. Effects of the `base` are in every rung.
+    keeps its restarts.
     """
-    order, rungs = ordered(search, found.winner, base)
+    order, rungs = ladder
     steps: list[Step] = []
     fits: list[Fitted] = []
     for i, (name, (spec, values)) in enumerate(zip((None, *order), rungs, strict=True)):
@@ -167,7 +166,7 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted,
         values = model.vector(found.winner.scored.done.model.named(found.winner.scored.done.values))
         fits.append(fitted(model, values, rng_of(search.seed, found.noise, 2), last=True))
         steps.append(step_of(run, fits[-1], found.noise, (*_said(found, study), said_noise(run, fits[-1]))))
-    return steps, fits, order
+    return steps, fits
 
 
 def _base_of(study: Study) -> tuple[str, ...]:
@@ -208,7 +207,7 @@ def _ranking(search: Search, found: Decision, order: Sequence[str], new: Sequenc
     last = next((name for name in reversed(order) if name in new), "")
     if not last:
         return candidates(search, found.winner, "", ())
-    parent = next((e for e in search.memo.values() if e.thorough and set(physical(e.spec)) ==
+    parent = next((e for e in search.memo.values() if e.asked and set(physical(e.spec)) ==
                    set(order[:order.index(last)])), None)
     parent = parent or search.memo[next(iter(search.memo))]
     alike = tuple(dict.fromkeys(plain(n) for e in found.equivalents for n in e.effects
@@ -240,10 +239,10 @@ def tree_of(search: Search, found: Decision, order: Sequence[str]) -> tuple[Tree
     out = []
     for name, e in search.memo.items():
         done = e.scored.done
-        path = e is found.winner or (e.thorough and set(physical(e.spec)) < winner
+        path = e is found.winner or (e.asked and set(physical(e.spec)) < winner
                                      and e.spec.process == found.winner.spec.process)
         status = ("failed" if e.failed else "named" if path and e.passed else "equivalent" if ids[name] in alike else
-                  "expanded" if e.thorough else "rejected" if e.scored.full else "looked")
+                  "expanded" if e.asked else "rejected" if e.scored.full else "looked")
         parent = ids.get(e.parent or "") if e.op != ROOT else None
         out.append(TreeNode(
             ids[name], parent, TreeEdge(e.op, e.what), tuple(e.spec.effects), structure(e.spec), noise_words(done),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from .policy import Policy
 WALKING, COLOURED, NARROW = "random-walk-disturbance", "coloured-noise", "narrow-band-disturbance"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Scored:
     """A node's best point: the model completed with its noise, held-out errors, and whether it was fitted in full."""
 
@@ -34,6 +35,11 @@ class Scored:
     def rmse(self) -> float:
         """Free-run error in the unit of y."""
         return self.done.evaluated.rmse
+
+    @cached_property
+    def white(self) -> bool:
+        """True where the innovations pass every test for whiteness."""
+        return self.done.white
 
     @property
     def free_run_at_noise(self) -> bool:

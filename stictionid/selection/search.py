@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended
 from ..fit.noise.completion import Refit
-from ..fit.starts.beside_effect import on_valve
+from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.segments import bound
 from ..model.spec import Spec
 from ..record.loop import Loop
@@ -29,6 +30,8 @@ from .policy import Policy
 from .score import Scored, completed, glanced
 
 ROOT, ADD, DROP, SWAP = "root", "add", "drop", "swap"
+# Looks taken from a node so far: none, near ones, far ones, those for effects that hide others.
+Asked = IntEnum("Asked", ("NOTHING", "BY_NEAR", "BY_FAR", "BY_DEEP"), start=0)
 
 
 @dataclass(slots=True)
@@ -42,8 +45,7 @@ class Entry:
     what: str = ""
     look: Packed | None = None
     gates: tuple[Gate, ...] = ()
-    # How far the node was expanded: not at all, by near looks, by far ones, by those for effects that hide others.
-    thorough: int = 0
+    asked: Asked = Asked.NOTHING
     settled: bool = False
     failed: str = ""
 
@@ -90,14 +92,14 @@ class Search:
         With `everything` the best node is expanded first, even where it leaves only noise.
         """
         widths: dict[int, int] = {}
-        if everything and not self.best().thorough:
+        if everything and not self.best().asked:
             self.expand(self.best())
         while True:
             best = self.best()
             if self.at_end(best):
                 return best
             queue = [e for e in self._queue() if widths.get(depth(e.spec), 0) < self.policy.beam]
-            if not queue and best.thorough == 2 and not best.scored.done.white:
+            if not queue and best.asked == Asked.BY_FAR and not best.scored.white:
                 self.deepen(best)
                 continue
             if not queue:
@@ -115,9 +117,9 @@ class Search:
         An autoregression that whitens everything is no reason to stop before the node was expanded.
         """
         scored = entry.scored
-        if self._explained(entry) and (entry.thorough or scored.free_run_at_noise):
+        if self._explained(entry) and (entry.asked or scored.free_run_at_noise):
             return True
-        return scored.done.white and (scored.free_run_at_noise or entry.thorough > 1)
+        return scored.white and (scored.free_run_at_noise or entry.asked >= Asked.BY_FAR)
 
     def best(self) -> Entry:
         """The entry with the best BIC among those that passed all gates."""
@@ -128,10 +130,10 @@ class Search:
 
         Beside a missing effect an autoregression hides which base is right; the free run does not.
         """
-        ranked = [e for e in self._ranked() if not e.thorough and depth(e.spec) < self.policy.depth]
-        if ranked and ranked[0].scored.done.white:
+        ranked = [e for e in self._ranked() if not e.asked and depth(e.spec) < self.policy.depth]
+        if ranked and ranked[0].scored.white:
             return ranked[:1]
-        bases = [e for e in self.memo.values() if not e.thorough and not e.failed and e.scored.full
+        bases = [e for e in self.memo.values() if not e.asked and not e.failed and e.scored.full
                  and depth(e.spec) == 0 and self._better_base(e)]
         return [*sorted(bases, key=lambda e: e.scored.rmse), *(e for e in ranked if depth(e.spec) > 0)]
 
@@ -148,7 +150,7 @@ class Search:
 
     def expand(self, entry: Entry) -> None:
         """Look at every edge of a node, fit in full what may win, and hand values back."""
-        entry.thorough = 1
+        entry.asked = Asked.BY_NEAR
         share = min(self.spent / self.policy.budget, 1.0)
         self.tell(f"expanding {' + '.join(entry.spec.effects) or 'the base'}", share)
         fit = standing(entry.scored, entry.spec)
@@ -157,14 +159,14 @@ class Search:
         self._finish(ground, entry, self._performed(ground, entry, tasks))
         if self._settled(entry) or self._explained(entry):
             return
-        entry.thorough = 2
+        entry.asked = Asked.BY_FAR
         self._search_valves(ground, tasks)
         far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._far(t, entry)])
         self._finish(ground, entry, [a for a in far if self._better(a)])
 
     def deepen(self, entry: Entry) -> None:
         """Look at a node's edges once more for effects on the valve that hide each other."""
-        entry.thorough = 2 + 1
+        entry.asked = Asked.BY_DEEP
         fit = standing(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         tasks = [replace(t, stage=DEEP) for t in self._edges(entry, fit) if self._on_valve(t)]
@@ -239,7 +241,7 @@ class Search:
                 or (scored.full and not known.scored.full) or self._freer(answer, known):
             self.memo[name] = Entry(task.spec, scored, key(entry.spec), ADD if task.added else SWAP,
                                     task.added or what_of(task.spec, entry.spec), look=answer,
-                                    thorough=known.thorough if known else 0)
+                                    asked=known.asked if known else Asked.NOTHING)
 
     def _freer(self, answer: Packed, known: Entry) -> bool:
         """True for a look whose free run is clearly better than what is known of its node: another basin."""
@@ -266,7 +268,7 @@ class Search:
             if ((late and count) or gains[name] < -self.policy.within) and not structural:
                 continue
             count += not structural
-            stage = DEEP if entry.thorough > 2 else FAR
+            stage = DEEP if entry.asked == Asked.BY_DEEP else FAR
             done = self._performed(ground, entry, [Task(answer.spec, answer.added, stage, look=answer)])
             if done:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
@@ -280,7 +282,7 @@ class Search:
     def _nearly(self, entry: Entry) -> list[Entry]:
         """Full children whose innovations are white, and whose noise model carries a little of the free run."""
         return [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
-                and not e.settled and not self._explained(e) and e.scored.done.white
+                and not e.settled and not self._explained(e) and e.scored.white
                 and e.scored.rmse <= self.policy.nearly * e.scored.done.innovation_sd]
 
     def settle(self, entry: Entry) -> None:
@@ -308,7 +310,7 @@ class Search:
 
     def _judge(self, entry: Entry) -> None:
         rest = max((e.scored.done.gain_over(entry.scored.done) for e in self.memo.values()
-                    if e.parent == key(entry.spec) and e.op == ADD and plain(e.what) == "re-sticking" and not e.failed),
+                    if e.parent == key(entry.spec) and e.op == ADD and plain(e.what) == RESTING and not e.failed),
                    default=0.0)
         for e in self.memo.values():
             if e.parent != key(entry.spec) or e.failed or not e.scored.full:
@@ -327,7 +329,7 @@ class Search:
     def _explained(self, entry: Entry) -> bool:
         """True where an entry leaves white innovations and its noise model carries little of the free run."""
         scored = entry.scored
-        if scored.done.white:
+        if scored.white:
             return scored.rmse <= self.policy.carried * scored.done.innovation_sd
         if self.loop.samples <= 2 * self.policy.unit:
             return False
