@@ -38,7 +38,7 @@ class Known:
     noise_share: float = 0.0
 
 
-def _process(rng: np.random.Generator) -> tuple[Plant, tuple[tuple[str, dict[str, float | str]], ...], float]:
+def process(rng: np.random.Generator) -> tuple[Plant, tuple[tuple[str, dict[str, float | str]], ...], float]:
     """A random process, the effect that makes it third order, and the sum of its lags."""
     order = int(rng.integers(1, 4))
     T = float(np.exp(rng.uniform(np.log(4.0), np.log(25.0))))
@@ -50,7 +50,7 @@ def _process(rng: np.random.Generator) -> tuple[Plant, tuple[tuple[str, dict[str
     return plant, (), sum(lags)
 
 
-def _tuned(plant: Plant, rng: np.random.Generator, scan_s: float) -> Controller:
+def tuned(plant: Plant, rng: np.random.Generator, scan_s: float) -> Controller:
     """SIMC (Skogestad 2003) with a random speed; the second lag goes half to the lag and half to the dead time."""
     T = plant.time_constant_s + 0.5 * plant.second_time_constant_s
     L = plant.dead_time_s + 0.5 * plant.second_time_constant_s
@@ -69,7 +69,7 @@ def ultimate_gain(plant: Plant, integral_time_s: float) -> float:
     return float(1.0 / abs(g[k]))
 
 
-def _noisy(setting: Setting, disturbance: FloatArray | None, share: float, colour: float, seed: int) -> Known | None:
+def noisy(setting: Setting, disturbance: FloatArray | None, share: float, colour: float, seed: int) -> Known | None:
     """The loop with measurement noise of a share of its swing, white or AR(1) with root `colour`."""
     quiet = simulate(setting, seed=seed, disturbance=disturbance).loop
     late = quiet.process_value[quiet.samples // 10:]
@@ -96,15 +96,15 @@ def sticky(seed: int, *, colour: float = 0.0, samples: int = 1200) -> Known:
     """A loop whose valve sticks; noise 0.5 to 5 % of the swing of y."""
     rng = np.random.default_rng([seed, 17])
     for attempt in range(_TRIES):
-        plant, effects, _ = _process(rng)
+        plant, effects, _ = process(rng)
         S = float(np.exp(rng.uniform(np.log(0.5), np.log(8.0))))
         J = S * float(rng.uniform(0.1, 1.2))
         # Noise with a memory has a meaning between scans only where the controller scans.
-        c = _tuned(plant, rng, 1.0 if colour else float(rng.integers(0, 2)))
+        c = tuned(plant, rng, 1.0 if colour else float(rng.integers(0, 2)))
         setting = Setting(plant, c, S, J, duration_s=float(samples), setpoint_moves=((0.0, float(rng.uniform(-5, 5))),),
                           effects=effects)
         share = float(np.exp(rng.uniform(np.log(0.005), np.log(0.05))))
-        known = _noisy(setting, None, share, colour, seed * _TRIES + attempt)
+        known = noisy(setting, None, share, colour, seed * _TRIES + attempt)
         if known is not None:
             return replace(known, cause="stiction")
     raise RuntimeError(f"seed {seed} gives no loop with {FEWEST} cycles")
@@ -114,8 +114,8 @@ def clean(seed: int, cause: str, *, samples: int = 1200) -> Known:
     """A loop whose valve does not stick and that moves for another reason."""
     rng = np.random.default_rng([seed, 23, CAUSES.index(cause)])
     for attempt in range(_TRIES):
-        plant, effects, scale = _process(rng)
-        c = _tuned(plant, rng, float(rng.integers(0, 2)))
+        plant, effects, scale = process(rng)
+        c = tuned(plant, rng, float(rng.integers(0, 2)))
         setting = Setting(plant, c, 0.0, 0.0, duration_s=float(samples), setpoint_moves=((0.0, 0.0),), effects=effects)
         share = float(np.exp(rng.uniform(np.log(0.005), np.log(0.05))))
         colour, disturbance = 0.0, None
@@ -142,7 +142,7 @@ def clean(seed: int, cause: str, *, samples: int = 1200) -> Known:
             level = np.cumsum(rng.uniform(-5, 5, times.size))
             moves = np.diff(np.clip(level, -10, 10), prepend=0.0)
             setting = replace(setting, setpoint_moves=tuple(zip(times.tolist(), moves.tolist(), strict=True)))
-        known = _noisy(setting, disturbance, share, colour, seed * _TRIES + attempt)
+        known = noisy(setting, disturbance, share, colour, seed * _TRIES + attempt)
         if known is not None:
             return replace(known, cause=cause)
     raise RuntimeError(f"seed {seed} gives no {cause} loop with {FEWEST} cycles")

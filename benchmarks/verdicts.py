@@ -1,18 +1,19 @@
 """Verdicts and intervals on simulated loops whose truth is known (benchmarks/loops.py), by cause of the movement.
 
-Run: python benchmarks/verdicts.py [--loops 100] [--first 10000] [--jobs 2]
+Run: python benchmarks/verdicts.py [--loops 100] [--first 10000] [--jobs 2] [--out rows.jsonl]
 
 Half of the loops stick: --loops 600 gives intervals of 300. Target of the verdict: right or undecided in 98 %,
 undecided in at most 15 % of either half. Target of the intervals: 90 % intervals of S, J, gain, time constants and dead
 time hold the truth in 85 to 95 % of the sticking loops. Target of the time: identify takes at most 3 times the point
 estimate alone (`identify --base-only`; CPU time of one process, sticking loops). The time beyond its bare searches is
 printed, too. Thresholds were set on seeds below 1000. Every second sticking loop with a scanning controller has AR(1)
-noise of root 0.8, the others white noise.
+noise of root 0.8, the others white noise. --out writes a row for each loop for reliability.py.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import time
@@ -26,6 +27,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
+import reliability
 from loops import CAUSES, Known, clean, sticky
 
 from stictionid.fit import context as runs
@@ -56,6 +58,7 @@ class Outcome:
     cpu_s: float
     base_s: float
     searching_s: float
+    confidence: float
     groups: tuple[str, ...] = ()
     holds: dict[str, tuple[bool, ...]] = field(default_factory=dict)
     error_S: float = 0.0
@@ -113,7 +116,8 @@ def one(task: tuple[int, bool]) -> Outcome:
     with searches() as spent:
         if sticks:
             identify(known.loop, options=Options(base_only=True))
-    said = (known.cause, study.verdict.stiction, study.verdict.reason, cpu_s, time.process_time() - start, sum(spent))
+    said = (known.cause, study.verdict.stiction, study.verdict.reason, cpu_s, time.process_time() - start, sum(spent),
+            study.verdict.confidence)
     e = study.estimate
     if e is None or not sticks or e.S_interval is None or e.J_interval is None:
         return Outcome(*said)
@@ -189,6 +193,7 @@ def main() -> int:
     parser.add_argument("--loops", type=int, default=100, help="half of them stick")
     parser.add_argument("--first", type=int, default=10_000, help="first seed")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", default="", help="file for rows, one JSON line a loop")
     given = parser.parse_args()
     tasks = [(given.first + i, sticks) for i in range(given.loops // 2) for sticks in (True, False)]
     with ProcessPoolExecutor(given.jobs) as pool:
@@ -197,7 +202,11 @@ def main() -> int:
         right = "stiction" if o.cause == "stiction" else "no stiction"
         if o.verdict != right:
             print(f"seed {seed} {o.cause}: {o.verdict}: {o.reason[:150]}")
-    missed = verdict_table(outcomes) + coverage_table(outcomes) + time_table(outcomes)
+    rows = [{"key": f"{seed} {o.cause}", "truth": "stiction" if o.cause == "stiction" else "no stiction",
+             "verdict": o.verdict, "confidence": o.confidence} for (seed, _), o in zip(tasks, outcomes, strict=True)]
+    if given.out:
+        Path(given.out).write_text("".join(json.dumps(row) + "\n" for row in rows))
+    missed = (verdict_table(outcomes) + coverage_table(outcomes) + time_table(outcomes) + reliability.table(rows))
     print("\ntargets missed: " + ("none" if not missed else "; ".join(missed)))
     return 1 if missed else 0
 

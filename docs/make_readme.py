@@ -34,7 +34,7 @@ def run(commands: list[str], folder: Path) -> str:
     for command in commands:
         words = command.replace("stictionid ", f"{sys.executable} -m stictionid ", 1)
         done = subprocess.run(words, shell=True, cwd=folder, capture_output=True, text=True, timeout=300,
-                              env={**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1"})
+                              env={**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", "COLUMNS": "80"})
         if done.returncode:
             raise SystemExit(f"{command}\n{done.stderr}")
         lines += [f"$ {command}", *(line.rstrip() for line in done.stdout.splitlines())]

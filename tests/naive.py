@@ -342,3 +342,57 @@ def noise_likelihood(residual, good, starts, taps, rho, theta):
         sse += e @ e - (e @ g) ** 2 / (g @ g)
         logdet += 2.0 * np.log(np.diag(L)).sum() + np.log(g @ g)
     return sse, logdet
+
+
+def series(position, T1, L, T2, numerator, denominator, integrating, step_s, substeps, fine=400):
+    """Response (n,) at the samples of lags, numerator(s) / denominator(s) and an integral, by Runge-Kutta steps.
+
+    Coefficients are in falling powers of s. The position is held over each part; the response starts from rest and is
+    that just before the move at the sample.
+    """
+    top, bottom = np.array([1.0]), np.array([1.0])
+    for lag in (T1, T2):
+        if lag > 0:
+            bottom = np.polymul(bottom, [lag, 1.0])
+    top, bottom = np.polymul(top, numerator), np.polymul(bottom, denominator)
+    if integrating:
+        bottom = np.polymul(bottom, [1.0, 0.0])
+    top = np.concatenate([np.zeros(bottom.size - top.size), top]) / bottom[0]
+    bottom = bottom / bottom[0]
+    m = bottom.size - 1
+    direct = top[0]
+    part = step_s / substeps
+    h = part / fine
+
+    def change(x, u):
+        # Observer form: x_i' = -a_i x_0 + x_(i+1) + (b_i - a_i b_0) u.
+        return [-bottom[i + 1] * x[0] + (x[i + 1] if i + 1 < m else 0.0) + (top[i + 1] - bottom[i + 1] * direct) * u
+                for i in range(m)]
+
+    def moved(x, k, share):
+        return [a + share * h * b for a, b in zip(x, k, strict=True)]
+
+    x, out = [0.0] * m, [0.0]
+    for k in range((position.size // substeps - 1) * substeps * fine):
+        age = (k + 0.5) * h - L
+        u = position[int(age / part)] - position[0] if age >= 0.0 else 0.0
+        k1 = change(x, u)
+        k2 = change(moved(x, k1, 0.5), u)
+        k3 = change(moved(x, k2, 0.5), u)
+        k4 = change(moved(x, k3, 1.0), u)
+        x = [a + h / 6.0 * (p + 2.0 * q + 2.0 * r + s) for a, p, q, r, s in zip(x, k1, k2, k3, k4, strict=True)]
+        if (k + 1) % (substeps * fine) == 0:
+            out.append(x[0] + direct * u)
+    return np.array(out)
+
+
+def directional(position, T, L, ratio, step_s, fine=4000):
+    """T x' = u(t - L) - x, with ratio T where x falls, in small Euler steps; values (n,) at the samples."""
+    h, x, out = step_s / fine, 0.0, [0.0]
+    for k in range((position.size - 1) * fine):
+        age = (k + 0.5) * h - L
+        u = position[int(age / step_s)] - position[0] if age >= 0.0 else 0.0
+        x += h * (u - x) / (T if u > x else ratio * T)
+        if (k + 1) % fine == 0:
+            out.append(x)
+    return np.array(out)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -164,8 +166,45 @@ def test_failed_loops_are_exit_4_with_strict_only(site, tmp_path, monkeypatch, c
     arguments = (tmp_path / "in", "-o", tmp_path / "out", *WHAT, "--jobs", 1)
     assert here(monkeypatch, *arguments) == 0
     shown = capsys.readouterr()
-    assert "1 failed" in shown.out and "1 file skipped" in shown.err and "FIC2" in shown.err
+    assert "1 failed; 1 file skipped" in shown.out and "1 file skipped" in shown.err and "FIC2" in shown.err
     assert here(monkeypatch, *arguments, "--strict", "--resume") == 4
+
+
+def test_skipped_files_are_rows_and_the_period_is_that_of_the_report(site, tmp_path, monkeypatch, capsys) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "FIC1.csv").write_bytes((site / "FIC100.csv").read_bytes())
+    (tmp_path / "in" / "=x.doc").write_text("x")
+    (tmp_path / "in" / "prices.csv").write_text("item,price\n1,2\n3,4\n")
+    arguments = (tmp_path / "in", "-o", tmp_path / "out", *WHAT, "--jobs", 1)
+    assert here(monkeypatch, *arguments, "--strict", "--pages") == 4
+    shown = capsys.readouterr().out
+    assert "1 loop: 1 studied, 0 abstained, 0 failed; 2 files skipped" in shown
+    rows = list(csv.DictReader((tmp_path / "out" / "summary.csv").open()))
+    assert [(r["loop"], r["status"]) for r in rows] == [("FIC1", "ok"), ("'=x.doc", "skipped"),
+                                                        ("prices.csv", "skipped")]
+    assert "neither text, Parquet" in rows[1]["message"] and "export it as CSV" in rows[1]["message"]
+    assert "no column for" in rows[2]["message"] and "--pv" in rows[2]["message"]
+    page = (tmp_path / "out" / "summary.html").read_text()
+    assert "prices.csv" in page and 'href=""' not in page
+    study = json.loads((tmp_path / "out" / "studies" / "FIC1.json").read_text())
+    assert float(rows[0]["period_median_s"]) == study["range"]["period_median_s"]
+    # The period shown is the number of the report.
+    report = (tmp_path / "out" / "pages" / "FIC1.html").read_text()
+    period = re.search(r"Oscillation period</dt><dd class=\"value\">([\d.]+) s", report)
+    assert period and re.search(rf"\|\s*{re.escape(period[1])} \|", shown), shown
+    assert f"| {period[1]} |" in (tmp_path / "out" / "summary.md").read_text()
+    # The file that can be read now is skipped no more, and the other stays.
+    (tmp_path / "in" / "prices.csv").write_bytes((site / "FIC100.csv").read_bytes())
+    assert here(monkeypatch, *arguments, "--resume", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["loops"], told["ok"], [Path(s["file"]).name for s in told["skipped"]]) == (2, 2, ["=x.doc"])
+
+
+def test_the_level_study_makes_the_page_of_every_loop(site, tmp_path, monkeypatch) -> None:
+    short = tmp_path / "FIC1.csv"
+    short.write_text("".join((site / "FIC100.csv").read_text().splitlines(keepends=True)[:60]))
+    assert here(monkeypatch, short, "-o", tmp_path / "out", "--level", "study", "--jobs", 1, "-q") == 0
+    assert "Can&#x27;t tell" in (tmp_path / "out" / "pages" / "FIC1.html").read_text()
 
 
 def test_what_can_not_be_begun_is_refused_before_anything_is_touched(site, tmp_path, monkeypatch, capsys) -> None:

@@ -136,8 +136,8 @@ def test_foreign_files_are_skipped_with_their_reason_and_damaged_ones_fail(tmp_p
     (tmp_path / "FIC200.csv").write_text("")
     (tmp_path / "FIC201.parquet").write_bytes(b"PAR1 cut off")
     todo = plan([str(tmp_path)], SCREEN)
-    assert {Path(p).name for p, _ in todo.skipped} == {"manual.pdf", "README.txt", "prices.csv"}
-    assert all(why for _, why in todo.skipped)
+    assert {Path(s.file).name for s in todo.skipped} == {"manual.pdf", "README.txt", "prices.csv"}
+    assert all(s.reason and s.hint for s in todo.skipped)
     bad = {t.loop: t for t in todo.tasks if t.problem}
     assert set(bad) == {"FIC200", "FIC201"}
     assert attempt(bad["FIC200"], SCREEN).status == FAILED

@@ -208,7 +208,8 @@ def test_strict_makes_doubt_an_exit_code(tmp_path: Path) -> None:
     assert done.returncode == 4 and not json.loads(done.stdout)["adequate"]
 
 
-@pytest.mark.parametrize("command", ["simulate", "range", "identify", "read", "report", "laws", "agree"])
+@pytest.mark.parametrize("command", ["simulate", "range", "identify", "read", "report", "laws", "agree",
+                                     "effects", "study"])
 def test_every_help_has_an_example_that_runs(command: str, tmp_path: Path) -> None:
     text = run(command, "--help", env={"COLUMNS": "200"}).stdout
     examples = [line.split("Example:", 1)[1].strip() for line in text.splitlines() if "Example:" in line]

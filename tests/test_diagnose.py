@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import stictionid.effects as effect_room
-from stictionid.effects import catalogue
 from stictionid.effects import get as get_effect
 from stictionid.effects.contract import Context
 from stictionid.errors import DataError, UsageError
@@ -69,13 +68,9 @@ def test_an_effect_whose_fit_breaks_down_is_reported_and_the_others_go_on(
         "    raise np.linalg.LinAlgError('SVD did not converge')\n"
         "EFFECT = replace(ramp, name='broken', columns=_columns, confused_with=())\n")
     monkeypatch.setattr(effect_room, "__path__", [*effect_room.__path__, str(tmp_path)])
-    catalogue.cache_clear()
-    try:
-        loop = simulate(setting(duration_s=600.0, effects=(("step-disturbance", {"time_s": 350.0, "size": 1.2}),)),
-                        seed=21).loop
-        after = diagnose(loop, identify(loop, options=HELD))
-    finally:
-        catalogue.cache_clear()
+    loop = simulate(setting(duration_s=600.0, effects=(("step-disturbance", {"time_s": 350.0, "size": 1.2}),)),
+                    seed=21).loop
+    after = diagnose(loop, identify(loop, options=HELD))
     assert after.missing == ("step-disturbance",)
     broken = [c for c in after.candidates if c.effect == "broken"]
     assert broken and all(c.delta_bic is None and "did not converge" in c.statement for c in broken)

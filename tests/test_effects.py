@@ -79,7 +79,8 @@ def test_a_transform_runs_in_pieces_as_it_runs_whole(effect) -> None:
     whole = effect.transformed(signal, theta, c)
     assert np.isfinite(whole).all() and (signal == kept).all() and not np.allclose(whole, signal)
     state = effect.start(signal, theta) if effect.start else np.zeros((max(effect.states, 1), 2))
-    y = (c.process_value - c.centre)[:, None].repeat(2, axis=1)
+    follows = c.time_s if effect.timed else c.process_value - c.centre
+    y = follows[:, None].repeat(2, axis=1)
     pieces = []
     for a, b in ((0, 100), (100, 101), (101, 300)):
         out = np.empty((b - a, 2))

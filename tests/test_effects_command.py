@@ -32,12 +32,13 @@ TAKEN_IN = ("asymmetric-stiction", "coloured-noise", "measured-disturbance", "st
 def hidden(name: str, folder: Path) -> tuple[Path, dict]:
     """The export of a small loop with an effect that `simulate` has hidden, and its truth."""
     spelt = f"{name}:" + ",".join(f"{parameter}={value}" for parameter, value in SMALL[name][2].items())
+    kind = ["--integrating"] if "integrator" in get(name).needs else []
     moves = [word for time, size in (SMALL[name][1] or MOVES) for word in ("--setpoint", f"{time}:{size}")]
     export = folder / "loop.csv"
     code, _, refusal = command(
         "simulate", "--gain", PLANT.gain, "--time-constant", PLANT.time_constant_s, "--dead-time", PLANT.dead_time_s,
         "--kc", CONTROLLER.gain, "--ti", CONTROLLER.integral_time_s, "--scan", 1, "--S", 4, "--J", 2.5, "--duration",
-        SAMPLES, "--noise", 0.0 if name == "coloured-noise" else NOISE, "--seed", 21, *moves, "--effect", spelt,
+        SAMPLES, "--noise", 0.0 if name == "coloured-noise" else NOISE, "--seed", 21, *kind, *moves, "--effect", spelt,
         "-o", export, "-q")
     assert (code, refusal) == (0, None)
     truth = json.loads((folder / "loop.truth.json").read_text())

@@ -57,7 +57,7 @@ CASES = {
     "nul inside": (b"time,PV,OP\n1,\x002,3\n" * 40, {}, DataError, ["NUL"]),
     "endless line": (b"1," * (1 << 20), {}, DataError, ["line longer"]),
     "xlsx called csv": (_xlsx(), {}, DataError, ["workbook", "CSV"]),
-    "old xls": (b"\xd0\xcf\x11\xe0" + b"\0" * 600, {}, DataError, ["old Excel workbook"]),
+    "old xls": (b"\xd0\xcf\x11\xe0" + b"\0" * 600, {}, DataError, ["workbook", "CSV"]),
     "pdf": (b"%PDF-1.7 ...", {}, DataError, ["PDF"]),
     "damaged gzip": (gzip.compress(wide(R).encode())[:200], {}, DataError, ["damaged gzip"]),
     "gzip bomb": (gzip.compress(b"0" * (80 << 20)), {}, DataError, ["unpacks to more"]),

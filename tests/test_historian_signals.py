@@ -369,3 +369,23 @@ def test_paired_columns_of_different_length_are_booked_by_their_pv(tmp_path):
     assert reading.loop.step_s == 5.0
     assert reading.rows == {"in": 400, "used": 80, "resampled": 320}
     np.testing.assert_array_equal(reading.loop.output, R.numbers("op")[::5])
+
+
+@pytest.mark.parametrize("empty", [True, False])
+def test_output_exported_less_often_than_pv_is_said(tmp_path, empty):
+    rng = np.random.default_rng(1)
+    pv, op = rng.standard_normal(600), np.cumsum(rng.standard_normal(600))
+
+    def write(every_pv, every_op):
+        rows = ["time_s,PV,OP"]
+        for i in range(600):
+            pairs = ((pv, every_pv), (op, every_op))
+            cells = [f"{x[i - i % k]:.4f}" if not (empty and i % k) else "" for x, k in pairs]
+            rows.append(f"{i},{cells[0]},{cells[1]}")
+        (tmp_path / "a.csv").write_text("\n".join(rows) + "\n")
+        return read(tmp_path / "a.csv")
+
+    sparse = [f for f in write(1, 10).findings if f.code == "output-sparse"]
+    assert len(sparse) == 1 and sparse[0].evidence["every"] == 10 and "OP as often as PV" in sparse[0].statement
+    assert not [f for f in write(10, 1).findings if f.code == "output-sparse"]
+    assert not [f for f in write(1, 1).findings if f.code == "output-sparse"]

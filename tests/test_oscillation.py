@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from stictionid.model.closed_loop import preset, simulate, with_stiction
+from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.record.loop import Loop
-from stictionid.record.oscillation import count_reversals, find_range
+from stictionid.record.oscillation import BY_TURNS, FEWEST_TURNS, count_reversals, find_range
+from stictionid.verbs.identify import identify
 
 # Five of the sixteen rows of Tables 2 and 3: S, J, the paper's S_max. All rows: benchmarks/paper_tables.py.
 ROWS = [("foptd", 3.5, 3.5, 4.118), ("foptd", 5.0, 3.0, 5.591), ("foptd", 5.0, 1.5, 5.235),
@@ -59,3 +62,42 @@ def test_reversals_are_counted_with_a_threshold() -> None:
     assert count_reversals(zigzag, 0.5) == 4
     assert count_reversals(zigzag, 1.5) == 4
     assert count_reversals(np.zeros(5), 0.1) == 0
+
+
+def _wandering(seed: int, S: float) -> Loop:
+    """A loop whose setpoint wanders beyond its cycle and is not exported; without friction a sine moves it."""
+    rng, n = np.random.default_rng(seed), 1200
+    slow = np.cumsum(np.cumsum(rng.standard_normal(n)))
+    slow = 15.0 * (slow - slow.mean()) / np.ptp(slow)
+    setting = Setting(Plant(2.0, 10.0, 6.0), Controller(0.4, 12.0, scan_s=1.0), S, 0.5 * S, duration_s=float(n),
+                      noise_sd=0.05, setpoint_moves=tuple(enumerate(np.diff(slow, prepend=0.0).tolist())))
+    other = None if S else 2.0 * np.sin(2 * np.pi * np.arange(n) / 55.0)
+    return replace(simulate(setting, seed=seed, disturbance=other).loop, setpoint=None, position=None)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 6, 9])
+def test_cycles_around_a_wandering_mean_are_told_by_the_turns_of_the_output(seed: int) -> None:
+    found = find_range(_wandering(seed, 3.0))
+    assert found.reference == BY_TURNS and found.oscillating and found.reversals >= FEWEST_TURNS
+    assert 60.0 < found.period_median_s < 220.0
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+def test_the_period_by_turns_is_that_of_a_sine_on_a_wandering_mean(seed: int) -> None:
+    found = find_range(_wandering(seed, 0.0))
+    assert found.reference == BY_TURNS
+    assert found.period_median_s == pytest.approx(55.0, rel=0.03)
+
+
+def test_a_wandering_mean_gives_an_answer_that_is_not_sure() -> None:
+    study = identify(_wandering(5, 3.0))
+    assert study.verdict.stiction == "stiction" and study.verdict.confidence <= 0.6
+    assert "turning points" in study.verdict.reason
+    assert abs(study.estimate.S - 3.0) <= 0.1
+
+
+def test_turns_at_uneven_distances_are_no_cycles():
+    rng = np.random.default_rng(2)
+    walk = np.cumsum(rng.standard_normal(900)) + np.linspace(0.0, 60.0, 900)
+    found = find_range(Loop(output=50.0 + walk, process_value=2.0 * walk, setpoint=None, step_s=1.0))
+    assert not found.oscillating and found.reference == "mean of y"

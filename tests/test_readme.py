@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from stictionid import DataError, ReadOptions, read_loop
+from stictionid.errors import DataError
+from stictionid.historian import ReadOptions, read_loop
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]

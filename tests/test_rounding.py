@@ -8,6 +8,7 @@ import numpy as np
 
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.record.loop import Loop
+from stictionid.selection.policy import Policy
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
 
@@ -27,7 +28,7 @@ def test_what_rounding_makes_of_a_clean_loop_is_not_named() -> None:
     last = study.steps[-1]
     # The right model leaves nearly four times the noise, which is what the rounding moves y by.
     assert last.error.rmse > 3.0 * SETTING.noise_sd and not study.adequate
-    after = diagnose(loop, study, apply=True)
+    after = diagnose(loop, study, apply=True, policy=Policy(budget=80_000))
     assert [step.added for step in after.steps] == [None] and after.missing == ()
     assert "recorded in steps of 0.1 %" in after.adequate_reason
     assert [f.code for f in after.steps[-1].findings].count("rounded-output") == 1

@@ -8,7 +8,7 @@ import pytest
 from stictionid.fit.fit import Fitted, as_it_stands
 from stictionid.fit.moves import descended, with_start
 from stictionid.fit.starts.niches import beyond_rest, herded
-from stictionid.fit.with_effect import beside_others, together_on_valve
+from stictionid.fit.with_effect import together_on_valve
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -43,14 +43,6 @@ def first_of(model: Model) -> Fitted:
     near = descended(model, with_start(model, model.cube(start[:, None])))
     values = model.values(near.points[:1])[:, 0]
     return as_it_stands(model, values)
-
-
-@pytest.mark.parametrize(("have", "name", "between"), [
-    ((), PAIR[1], "hold"), (PAIR[:1], "extra-lag", "hold"), (("extra-lag",), PAIR[1], "hold"),
-    (("re-sticking",), PAIR[1], "hold"), (PAIR[:1], PAIR[1], "corner")])
-def test_one_effect_on_a_valve_needs_no_search_of_two(have: tuple[str, ...], name: str, between: str) -> None:
-    fit = first_of(a_model(a_loop(0.0 if between == "corner" else 1.0), have, between))
-    assert beside_others(fit, name, np.empty((0, 0)), np.random.default_rng(0)) is None
 
 
 def test_a_herd_crosses_slips_that_a_descent_stops_at() -> None:

@@ -12,12 +12,14 @@ from loops_with_effects import NOISE, PHYSICAL, SMALL, small
 from test_effects import needs_hidden
 from test_hidden import AT_THE_NOISE, HELD, NAMED, comes_back
 
+from stictionid.effects import get
 from stictionid.model.closed_loop import Controller, Plant
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
 
 
-@pytest.mark.parametrize("name", sorted(set(SMALL) - set(NAMED)))
+@pytest.mark.parametrize("name", sorted(n for n in set(SMALL) - set(NAMED)
+                                        if get(n).asked == "diagnose" and not get(n).counted))
 def test_the_hidden_effect_is_named_and_the_loop_comes_back(name: str) -> None:
     setting, loop = small(name)
     after = diagnose(loop, identify(loop, options=HELD), apply=True)
@@ -66,6 +68,7 @@ def test_a_step_is_found_in_a_record_made_by_others() -> None:
     test_effects.test_a_hidden_effect_is_found_and_the_error_falls_to_the_noise("hidden_08", "step-disturbance")
 
 
-@pytest.mark.parametrize("name", sorted(set(SMALL) - set(test_effects_command.TAKEN_IN)))
+@pytest.mark.parametrize("name", sorted(n for n in set(SMALL) - set(test_effects_command.TAKEN_IN)
+                                        if get(n).asked == "diagnose" and not get(n).counted))
 def test_an_effect_is_hidden_added_and_not_added_twice(name: str, tmp_path: Path) -> None:
     test_effects_command.test_an_effect_is_hidden_added_and_not_added_twice(name, tmp_path)

@@ -61,3 +61,9 @@ def test_a_missing_effect_is_no_random_walk() -> None:
     drift = ("stiction-drift", {"stickband_growth": 1.5, "jump_growth": 0.0})
     study = identify(simulate(scanned(5.0, 3.0, effects=(drift,)), seed=3).loop)
     assert not any("random-walk-disturbance" in s.effects for s in study.steps)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+def test_a_model_far_from_its_noise_claims_nothing() -> None:
+    verdict = identify(read_loop(SHARED / "loop_D.csv")).verdict
+    assert verdict.stiction == "undecided" and "times its noise" in verdict.reason

@@ -8,17 +8,27 @@ from ..fit.options import Options
 from ..historian.bytes.options import ReadOptions
 from ..selection.policy import Policy
 
-LEVELS = ("screen", "identify", "diagnose")
-OK, ABSTAINED, FAILED = "ok", "abstained", "failed"
+LEVELS = ("screen", "identify", "diagnose", "study")
+OK, ABSTAINED, FAILED, SKIPPED = "ok", "abstained", "failed", "skipped"
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """One file that holds no loop: its path, the reason, and what to do about it."""
+
+    file: str
+    reason: str
+    hint: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
     """One loop to do: the place of its record, the options to read it, and the name of its study.
 
-    `kind` is "file" (one file holds it), "wide" or "dataset" (it is the columns or rows `select` of `path`), or "tags"
-    (its `files` hold one tag each). `problem` is a fault known before work began. `have` is the fingerprint of the data
-    behind an existing study that would be made the same way, `had` its status.
+    `kind` is "file" (one file holds it), "part" (it is a sheet or struct of a file), "wide" or "dataset" (it is the
+    columns or rows `select` of `path`), or "tags" (its `files` hold one tag each). `problem` is a fault known before
+    work began. `have` is the fingerprint of the data behind an existing study that would be made the same way, `had`
+    its status.
     """
 
     loop: str

@@ -11,6 +11,7 @@ import typer
 
 from ..historian.bytes.options import ReadOptions
 from .app import app
+from .common.outcomes import outcome
 from .common.output import (
     ForceOption,
     JsonOption,
@@ -27,11 +28,12 @@ from .common.output import (
 from .common.reading import read_file, reads_file
 
 
-@app.command()
+@app.command(epilog=outcome("the report with -o, and its picture beside markdown", json="the agreement",
+                            abstains=True, strict="when the records do not agree"))
 @reads_file
 def agree(
     files: Annotated[list[str], typer.Argument(metavar="FILE...", show_default=False,
-                                               help="Records of one loop: CSV, TSV, text or Parquet.")],
+                                               help="Records of one loop: text, Parquet, workbook or MATLAB file.")],
     reading: ReadOptions,
     count: Annotated[int, typer.Option("--windows", metavar="N", help="Cut every file into N records of equal "
                                        "length.")] = 1,

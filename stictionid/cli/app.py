@@ -10,10 +10,11 @@ import typer
 from .._version import __version__
 from ..errors import StictionidError
 from ..system import interrupts
+from .common.completion import INSTALL, PROGRAM, SHELLS, SHOW, install_for, ready, script_for, with_shell
 from .common.output import safe
 
 app = typer.Typer(
-    name="stictionid", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+    name="stictionid", add_completion=False, invoke_without_command=True, pretty_exceptions_enable=False,
     rich_markup_mode=None, context_settings={"help_option_names": ["-h", "--help"]},
     help="Find out from setpoint, controller output and process value whether a control valve sticks, how much, "
          "and what else is wrong with the model of the loop.\n\n"
@@ -30,10 +31,31 @@ def _version(show: bool) -> None:
         raise typer.Exit()
 
 
+def _show(shell: str | None) -> None:
+    if shell is not None:
+        print(script_for(shell))
+        raise typer.Exit()
+
+
+def _install(shell: str | None) -> None:
+    if shell is not None:
+        print(f"wrote {install_for(shell)}; completion works in the next terminal", file=sys.stderr)
+        raise typer.Exit()
+
+
+_SHELL = f"[{'|'.join(SHELLS)}]"
+
+
 @app.callback()
-def _root(version: bool = typer.Option(False, "--version", callback=_version, is_eager=True,
-                                       help="Print the version and leave.")) -> None:
-    pass
+def _root(context: typer.Context,
+          version: bool = typer.Option(False, "--version", callback=_version, is_eager=True,
+                                       help="Print the version and leave."),
+          install: str | None = typer.Option(None, INSTALL, metavar=_SHELL, callback=_install, is_eager=True,
+                                             help="Install completion for a shell, or for this terminal's."),
+          show: str | None = typer.Option(None, SHOW, metavar=_SHELL, callback=_show, is_eager=True,
+                                          help="Print the script that completes commands in a shell.")) -> None:
+    if context.invoked_subcommand is None:
+        print(context.get_help())
 
 
 def main() -> None:
@@ -42,7 +64,8 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     code = 0
     try:
-        result = app(standalone_mode=False)
+        ready()
+        result = app(with_shell(sys.argv[1:]), prog_name=PROGRAM, standalone_mode=False)
         code = result if isinstance(result, int) else 0
         sys.stdout.flush()
     except StictionidError as error:

@@ -12,8 +12,11 @@ from typing import Annotated, Any
 import typer
 
 from ..historian.bytes.options import ReadOptions
+from ..system.plurals import counted
 from .app import app
 from .common.batch_progress import Watch
+from .common.effect_files import EffectsOption
+from .common.outcomes import outcome
 from .common.output import (
     MOST_JOBS,
     JsonOption,
@@ -34,7 +37,9 @@ from .common.reading import reads_file
 _SHOWN, _SKIPPED_SHOWN = 12, 5
 
 
-@app.command()
+@app.command(epilog=outcome("in DIR one study a loop (studies/), one page a loop with --pages (pages/), summary.csv, "
+                            "summary.parquet, summary.md, summary.html, timing.csv, and failures/ with reasons",
+                            json="schema stictionid.batch/1", strict="when loops failed or files were skipped"))
 @reads_file
 def batch(
     paths: Annotated[list[str], typer.Argument(metavar="PATH...", show_default=False, help="Files, folders, patterns, "
@@ -44,7 +49,8 @@ def batch(
                                          help="Folder for the studies and the summary.")],
     loops: Annotated[Path | None, typer.Option("--loops", metavar="LIST.csv", help="Loop list: loop, sp, pv, op, "
                                                "position, span_op, span_pv.")] = None,
-    level: Annotated[str, typer.Option(help="screen (range and quick verdict), identify, or diagnose (all of it).")]
+    level: Annotated[str, typer.Option(help="screen (range and quick verdict), identify, diagnose (all of it), or "
+                                           "study (all of it, and a page for every loop).")]
     = "identify",
     jobs: Annotated[int | None, typer.Option(min=1, max=MOST_JOBS, help="Worker processes.", show_default="cores")]
     = None,
@@ -61,9 +67,10 @@ def batch(
     policy: PolicyOption = None, budget: BudgetOption = None,
     seed: SeedOption = 0,
     pages: Annotated[bool, typer.Option("--pages", help="One HTML report per loop, linked from summary.html.")] = False,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when loops failed.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when loops failed or files were skipped.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Write to a folder that is not empty, or of another version.")]
     = False,
+    effects: EffectsOption = None,
     as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Study many loops and rank them, worst first; one study per loop, and a summary of all.
@@ -86,7 +93,7 @@ def batch(
     options = Options(method, law, tuple(with_effect or ()), base_only, between, seed=seed)
     steered = policy_of(policy, budget)
     check_options(options, steered)
-    work = Work(level, options, pages, steered, str(policy.absolute()) if policy else "")
+    work = Work(level, options, pages or level == "study", steered, str(policy.absolute()) if policy else "")
     _refuse_ignored(work)
     store = Store(output)
     store.check(force=force)
@@ -96,12 +103,13 @@ def batch(
         _tell_plan(todo, quiet)
         warn_when_cold(quiet)
         store.begin()
+        store.skip(todo.skipped, todo.tasks)
         rows = _work_through(todo, work, crew, store, resume, Watch(len(todo.tasks), as_json=as_json, quiet=quiet))
     finally:
         crew.shutdown(wait=False, cancel_futures=True)
         store.close()
     _show(rows, todo, output, as_json, quiet)
-    if strict and any(row["status"] == "failed" for row in rows):
+    if strict and any(row["status"] in ("failed", "skipped") for row in rows):
         raise typer.Exit(4)
 
 
@@ -115,23 +123,23 @@ def _refuse_ignored(work: Any) -> None:
                         ("--policy or --budget", work.policy is not None)):
         if work.level == "screen" and given:
             raise UsageError(f"{flag} has no meaning with --level screen", "leave it out, or use --level identify")
-        if work.level == "diagnose" and given and flag == "--method":
-            raise UsageError("--level diagnose needs --method auto", "leave --method out, or use --level identify")
+        if work.level in ("diagnose", "study") and given and flag == "--method":
+            raise UsageError(f"--level {work.level} needs --method auto", "leave --method out, or use --level identify")
 
 
 def _tell_plan(todo: Any, quiet: bool) -> None:
     some = len(todo.skipped)
-    say(f"{len(todo.tasks)} loop{'s' * (len(todo.tasks) != 1)}"
-        + (f", {some} file{'s' * (some != 1)} skipped" if some else ""), quiet=quiet)
-    for path, why in todo.skipped[:_SKIPPED_SHOWN]:
-        say(f"skipped {path}: {why}", quiet=quiet)
+    say(counted(len(todo.tasks), "loop") + (f", {counted(some, 'file')} skipped" if some else ""), quiet=quiet)
+    for left in todo.skipped[:_SKIPPED_SHOWN]:
+        say(f"skipped {left.file}: {left.reason}; {left.hint}", quiet=quiet)
     if some > _SKIPPED_SHOWN:
-        say(f"skipped {some - _SKIPPED_SHOWN} more; --json lists all", quiet=quiet)
+        say(f"skipped {some - _SKIPPED_SHOWN} more; the summary lists all", quiet=quiet)
 
 
 def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, watch: Watch) -> Any:
     """Drive to the end and summarise; interrupted, or out of room, summarise the results so far and say how to go on.
     """
+    from ..batch.summary.rows import counts_said
     from ..batch.summary.write import write_summary
     from ..batch.work.drive import drive
     from ..errors import StictionidError
@@ -144,7 +152,7 @@ def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, wat
         with _deaf():
             crew.shutdown(wait=False, cancel_futures=True)
             rows = write_summary(store)
-            say(f"stictionid: interrupted; {len(rows)} loops are in {store.folder}")
+            say(f"stictionid: interrupted; {store.folder} has {counts_said(rows)}")
             say(f"  go on with: {_again()}")
         raise typer.Exit(130) from None
     except StictionidError as error:
@@ -196,27 +204,26 @@ def _deaf() -> Any:
 
 
 def _show(rows: Any, todo: Any, output: Path, as_json: bool, quiet: bool) -> None:
-    from ..batch.summary.rows import counts_of
+    from ..batch.summary.rows import counts_of, counts_said, shown
     from ..batch.work.store import SCHEMA
 
     counts = counts_of(rows)
     if as_json:
-        print_json({"schema": SCHEMA, "output": str(output), "loops": len(rows), **counts,
-                    "skipped": [{"file": path, "reason": why} for path, why in todo.skipped], "rows": rows})
+        print_json({"schema": SCHEMA, "output": str(output), "loops": len(rows) - counts["skipped"], **counts,
+                    "skipped": todo.skipped, "rows": rows})
         return
     console = out_console()
     table = plain_table("loop", "status", "verdict", "S", "J", "period s", "missing", title="worst first")
     for row in rows[:_SHOWN]:
         table.add_row(safe(row["loop"]), row["status"], row["verdict"] or "-", number(row["S"]), number(row["J"]),
-                      number(row["period_s"]), safe(row["missing"] or "-"))
+                      shown(row, "period_median_s") or "-", safe(row["missing"] or "-"))
     console.print(table)
     if len(rows) > _SHOWN:
         console.print(f"{len(rows) - _SHOWN} more in {safe(output / 'summary.csv')}")
-    console.print(f"{len(rows)} loops: {counts['ok']} studied, {counts['abstained']} abstained, "
-                  f"{counts['failed']} failed")
+    console.print(counts_said(rows))
     for row in [r for r in rows if r["status"] == "failed"][:_SKIPPED_SHOWN]:
         say(f"failed: {row['loop']}: {row['message']}", quiet=quiet)
-    others = len(rows) - len({t.loop for t in todo.tasks})
+    others = len(rows) - counts["skipped"] - len({t.loop for t in todo.tasks})
     if others > 0:
-        say(f"note: {others} of the loops in the summary are from earlier runs into {output}", quiet=quiet)
+        say(f"note: {counted(others, 'loop')} of the summary came from earlier runs into {output}", quiet=quiet)
     say(f"wrote {output}; next: open {output / 'summary.html'}", quiet=quiet)

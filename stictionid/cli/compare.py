@@ -8,17 +8,21 @@ from typing import Annotated, Any
 import typer
 
 from .app import app
+from .common.effect_files import EffectsOption
+from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, safe, say
 from .common.study_files import StudyArgument, open_data, open_other, open_study
 
 
-@app.command()
+@app.command(epilog=outcome("the page with -o, and pictures beside markdown",
+                            json="error, findings, adequate, series"))
 def compare(
     study: StudyArgument,
     file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Another record to validate on, or the study's "
                                                 "own data file when it has moved.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Page with the pictures; .md or .html.")] = None,
     series: Annotated[bool, typer.Option("--series", help="With --json: time, y, model, residual, position.")] = False,
+    effects: EffectsOption = None,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Hold the model against the measurement and say where it fails; a second FILE validates on other data.
@@ -29,6 +33,7 @@ def compare(
     """
     from ..comparison import compare as run
     from ..reports.pages.comparison import check_place, write_comparison
+    from ..system.plurals import counted
 
     if output is not None:
         check_place(output, force=force)
@@ -38,7 +43,7 @@ def compare(
     if output is not None:
         title = f"{before.data.name}: model against " + ("another record" if other is not None else "measurement")
         written = write_comparison(found, title, output, force=force)
-        beside = f" and {len(written) - 1} pictures beside it" if len(written) > 1 else ""
+        beside = f" and {counted(len(written) - 1, 'picture')} beside it" if len(written) > 1 else ""
         say(f"wrote {output}{beside}", quiet=quiet)
     if as_json:
         print_json(_plain(found, series))

@@ -1,24 +1,40 @@
-"""`stictionid effects`: the catalogue of physical effects."""
+"""`stictionid effects`: the catalogue of physical effects, and template and contract test of user-written ones."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from .app import app
-from .common.output import JsonOption, out_console, plain_table, print_json
+from .common.effect_files import EffectsOption
+from .common.outcomes import outcome
+from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, safe, say
 
 
-@app.command()
+@app.command(epilog=outcome("nothing", json="a list of effects"))
 def effects(
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Show one effect in full.")] = None,
-    as_json: JsonOption = False,
+    new: Annotated[str | None, typer.Option("--new", metavar="NAME", help="Write a template of a user-written effect "
+                                            "to -o FILE.py.")] = None,
+    check: Annotated[list[Path] | None, typer.Option("--check", metavar="FILE", show_default=False, help="Run the "
+                                                     "contract test of a user-written effect; repeatable.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE.py", help="File of --new.")] = None,
+    written: EffectsOption = None, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """List the physical effects with equation, parameters, units, source, and what they can't be told from.
 
     Example: stictionid effects extra-lag
+
+    An effect of your own: stictionid effects --new worn-trim -o my_effect.py
     """
+    if new is not None:
+        _write_template(new, output, force, quiet)
+        return
+    if check:
+        _check(check, as_json)
+        return
     from ..effects import catalogue, get
 
     chosen = [get(name)] if name else list(catalogue().values())
@@ -39,7 +55,41 @@ def effects(
                 console.print(f"  {p['name']} [{p['unit']}]: {p['meaning']}; {p['low']:g} to {p['high']:g}, "
                               f"neutral {p['neutral']:g}")
         else:
-            console.print(f"{key.replace('_', ' ')}: {', '.join(value) if isinstance(value, list) else value}")
+            console.print(f"{key.replace('_', ' ')}: {'; '.join(value) if isinstance(value, list) else value}")
+
+
+def _write_template(name: str, output: Path | None, force: bool, quiet: bool) -> None:
+    """Write the template of an effect and say what to do with it."""
+    from ..effects import catalogue
+    from ..effects.written.load import is_name
+    from ..effects.written.template import template
+    from ..errors import UsageError
+    from ..system.files import write_whole
+
+    if not is_name(name):
+        raise UsageError(f"'{name}' is no name for an effect", "use small letters, digits and hyphens: worn-trim")
+    if name in catalogue():
+        raise UsageError(f"there is an effect {name} already", "choose another name")
+    if output is None or output.suffix != ".py":
+        raise UsageError("--new writes a Python file", f"add -o {name.replace('-', '_')}.py")
+    write_whole(output, template(name), force=force)
+    say(f"wrote {output}; next: stictionid effects --check {output}", quiet=quiet)
+
+
+def _check(files: list[Path], as_json: bool) -> None:
+    """Run the contract test of files and print every point that they pass."""
+    from ..effects import use
+
+    console, passed = out_console(), []
+    for file in files:
+        points: list[str] = []
+        for effect in use([file], points.append if as_json else lambda words: console.print(f"ok: {safe(words)}")):
+            passed.append({"file": str(file), "name": effect.name, "passed": points})
+            if not as_json:
+                console.print(f"{safe(str(file))} keeps the contract; next: stictionid diagnose STUDY --apply "
+                              f"--effects {safe(str(file))}")
+    if as_json:
+        print_json(passed)
 
 
 def _plain(e: Any) -> dict[str, Any]:
@@ -47,5 +97,8 @@ def _plain(e: Any) -> dict[str, Any]:
         "name": e.name, "kind": e.kind, "place": e.place.name.lower(), "summary": e.summary, "equation": e.equation,
         "parameters": [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "neutral": p.neutral,
                         "meaning": p.meaning} for p in e.parameters],
-        "variants": list(e.variants), "cannot_be_told_from": list(e.confused_with), "source": e.source,
+        "variants": list(e.variants), "cannot_be_told_from": list(e.confused_with),
+        "settled_by": e.settled_by, "told_apart": [f"{rival}: {words}" for rival, words in e.told_apart.items()],
+        "source": e.source,
+        "asked": e.asked, **({"file": e.file, "sha256": e.sha256} if e.file else {}),
     }

@@ -10,6 +10,7 @@ import typer
 
 from .app import app
 from .common.law_option import forces, from_forces, parse_law
+from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, out_console, print_json, say
 
 if TYPE_CHECKING:
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 _KINDS = (".png", ".svg")
 
 
-@app.command(help="List the stiction laws, show one in full, or put one on the valve test bench.\n\n"
+@app.command(epilog=outcome("the picture of the bench with -o", json="a law, a list of laws, or the bench's outcome"),
+             help="List the stiction laws, show one in full, or put one on the valve test bench.\n\n"
                   "Example: stictionid laws --test choudhury -o bench.png\n\n"
                   "Example: stictionid laws he --test ramp --S 4 --J 2\n\n"
                   "Example: stictionid laws --test karnopp:mass=2,F_s=220,F_c=60")
@@ -30,7 +32,7 @@ def laws(
                                              "forces F_s and F_c in N in place of S and J.")] = None,
     S: Annotated[float, typer.Option("--S", help="Stickband plus deadband on the bench, %.")] = 5.0,
     J: Annotated[float, typer.Option("--J", help="Slip jump on the bench, %.")] = 3.0,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Picture of the bench to write; .png or "
+    out: Annotated[Path | None, typer.Option("--output", "-o", help="Picture of the bench to write; .png or "
                                              ".svg.")] = None,
     series: Annotated[bool, typer.Option("--series", help="With --json: also the signals of every test.")] = False,
     as_json: JsonOption = False,

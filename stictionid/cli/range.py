@@ -6,13 +6,14 @@ from typing import Any
 
 from ..historian.bytes.options import ReadOptions
 from .app import app
+from .common.outcomes import outcome
 from .common.output import JsonOption, QuietOption, number, out_console, plain_table, print_json, say
 from .common.reading import FileArgument, read_file, reads_file
 
 _SHOWN = 12
 
 
-@app.command("range")
+@app.command("range", epilog=outcome("nothing", json="oscillating, period_s, s_max, cycles, reason"))
 @reads_file
 def range_(file: FileArgument, reading: ReadOptions, as_json: JsonOption = False, quiet: QuietOption = False) -> None:
     """Does the loop oscillate, how fast, and how far does the controller output swing.

@@ -5,7 +5,9 @@ from typing import Annotated, Any
 import typer
 
 from ..historian.bytes.options import ReadOptions
+from ..system.plurals import counted
 from .app import app
+from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, out_console, print_json, safe, say
 from .common.reading import FileArgument, read_file, reads_file
 
@@ -13,7 +15,7 @@ _BARS = "▁▂▃▄▅▆▇█"
 _PLAIN_BARS = "_.-~=+*#"
 
 
-@app.command()
+@app.command(epilog=outcome("the cleaned loop with -o, the profile with --save-profile", json="what was understood"))
 @reads_file
 def read(
     file: FileArgument,
@@ -144,7 +146,7 @@ def _shape_text(result: Any) -> str:
         f"separated by {separator}" if separator else "",
         f"decimal {'comma' if result.decimal == ',' else 'point'}" if separator else "",
         result.encoding,
-        f"{result.header_lines} header line{'s' * (result.header_lines != 1)}" if separator else "",
+        counted(result.header_lines, "header line") if separator else "",
     ]
     return ", ".join(p for p in parts if p)
 

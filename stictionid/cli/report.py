@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import app
+from .common.effect_files import EffectsOption
+from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, Progress, QuietOption, out_console, print_json_text, say
 from .common.study_files import open_study
 
@@ -15,14 +17,16 @@ if TYPE_CHECKING:
     from ..reports.pictures.curves import Case
 
 
-@app.command(help="Write a report of one or more studies: markdown with pictures, one HTML page, or JSON.\n\n"
+@app.command(epilog=outcome("the report with -o, and pictures beside markdown", json="schema stictionid.report/1"),
+             help="Write a report of one or more studies: markdown with pictures, one HTML page, or JSON.\n\n"
                   "Without -o it prints the result as a table.\n\n"
                   "Example: stictionid report study.json -o report.html")
 def report(
     studies: Annotated[list[Path], typer.Argument(metavar="STUDY...", help="Studies written by identify -o.")],
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Report to write; .md, .html or .json.")] = None,
+    out: Annotated[Path | None, typer.Option("--output", "-o", help="Report to write; .md, .html or .json.")] = None,
     figures: Annotated[str, typer.Option("--figures", help="Pictures beside markdown: svg or png.")] = "svg",
     data: Annotated[Path | None, typer.Option("--data", help="Data file, when it has moved (one study only).")] = None,
+    effects: EffectsOption = None,
     as_json: JsonOption = False,
     force: ForceOption = False,
     quiet: QuietOption = False,
@@ -31,6 +35,7 @@ def report(
     from ..errors import UsageError
     from ..reports.pages.write import check_target, write_report
     from ..system.files import keep_apart
+    from ..system.plurals import counted
 
     if data is not None and len(studies) > 1:
         raise UsageError(f"--data names one file, but there are {len(studies)} studies", "report them one by one")
@@ -54,7 +59,8 @@ def report(
     if as_json:
         _print_json(cases)
     if out is not None:
-        say(f"wrote {out}" + (f" and {len(written) - 1} pictures beside it" if len(written) > 1 else ""), quiet=quiet)
+        beside = f" and {counted(len(written) - 1, 'picture')} beside it" if len(written) > 1 else ""
+        say(f"wrote {out}{beside}", quiet=quiet)
     elif not as_json:
         from ..reports.pages.terminal import print_case
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from .app import app
+from .common.outcomes import outcome
 from .common.output import (
     JobsOption,
     JsonOption,
@@ -21,7 +22,7 @@ from .common.output import (
 )
 
 
-@app.command()
+@app.command(epilog=outcome("nothing", json="rates, loops, passed", fails=True))
 def selftest(
     quick: Annotated[bool, typer.Option("--quick", help="A handful of loops: a smoke test.")] = False,
     loops: Annotated[int | None, typer.Option("--loops", min=1, max=100_000, help="How many loops; 40 when left "
@@ -33,6 +34,7 @@ def selftest(
 
     Example: stictionid selftest --quick
     """
+    from ..system.plurals import counted
     from ..verbs.selftest import LOOPS, QUICK_LOOPS
     from ..verbs.selftest import selftest as run
 
@@ -43,7 +45,8 @@ def selftest(
         print_json(found)
     else:
         console = out_console()
-        table = plain_table("rate", "loops", "must be", "holds", title=f"selftest on {len(found.loops)} loops")
+        table = plain_table("rate", "loops", "must be", "holds",
+                            title=f"selftest on {counted(len(found.loops), 'loop')}")
         for r in found.rates:
             table.add_row(r.name, f"{r.hits} of {r.of}", r.limit, "yes" if r.holds else "no")
         console.print(table)

@@ -8,11 +8,14 @@ from typing import Annotated, Any
 import typer
 
 from .app import app
+from .common.effect_files import EffectsOption
 from .common.law_option import from_forces, parse_law
+from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, SeedOption, print_json, say
 
 
-@app.command()
+@app.command(epilog=outcome("the data file, and its name with .truth.json unless --no-truth",
+                            json="file, truth_file, rows, truth"))
 def simulate(
     output: Annotated[Path, typer.Option("--output", "-o", help="Data file: .csv, .tsv, .txt or .parquet.")],
     preset: Annotated[str, typer.Option(help="Loop to start from: foptd, itptd (the paper's Table 1) or tank.")]
@@ -21,7 +24,9 @@ def simulate(
                                      "laws; numbers of its own after a colon, karnopp:mass=2.")] = "chen",
     S: Annotated[float | None, typer.Option("--S", help="Stickband plus deadband, % of travel.")] = None,
     J: Annotated[float | None, typer.Option("--J", help="Slip jump, % of travel.")] = None,
-    effect: Annotated[list[str] | None, typer.Option(help="NAME:par=value,… hides a physical effect; repeatable.")]
+    effect: Annotated[list[str] | None, typer.Option(
+        help="NAME:par=value,… hides a physical effect; repeatable. NAME alone takes numbers that show, and prints "
+             "them.")]
     = None,
     setpoint: Annotated[list[str] | None, typer.Option(
         help="TIME:SIZE, a setpoint step in seconds and units of r; repeatable; replaces the preset's.")] = None,
@@ -43,7 +48,7 @@ def simulate(
     td: Annotated[float | None, typer.Option("--td", help="Controller derivative time in seconds.")] = None,
     seed: SeedOption = 0,
     truth: Annotated[bool, typer.Option("--truth/--no-truth", help="Write NAME.truth.json beside the data.")] = True,
-    force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
+    effects: EffectsOption = None, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Simulate a control loop with a sticky valve, and write the record with its truth.
 
@@ -59,6 +64,7 @@ def simulate(
     from ..record.study import to_json
     from ..record.write import check_kind, write_loop
     from ..system.files import ensure_writable, write_whole
+    from ..system.plurals import counted
 
     suffix = check_kind(output)
     truth_file = output.with_suffix(".truth.json")
@@ -70,13 +76,14 @@ def simulate(
     sizes, values = from_forces(get_law(name), values)
     S, J = sizes or (S, J)
     setting = replace(
-        base, law=name, law_values=tuple(values.items()), effects=tuple(_effect(text) for text in effect or ()),
+        base, law=name, law_values=tuple(values.items()),
         setpoint_moves=tuple(_move(text) for text in setpoint) if setpoint else base.setpoint_moves,
         plant=replace(base.plant, **_given(gain=gain, time_constant_s=time_constant, dead_time_s=dead_time,
                                            second_time_constant_s=second_time_constant, integrating=integrating)),
         controller=replace(base.controller, **_given(gain=kc, integral_time_s=ti, derivative_time_s=td, scan_s=scan)),
         **_given(S=S, J=J, noise_sd=noise, duration_s=duration, step_s=step, quantise=quantise),
     )
+    setting = replace(setting, effects=tuple(_sized(*_effect(text), setting, seed, quiet) for text in effect or ()))
     result = run(setting, seed=seed)
     write_loop(result.loop, output, force=force)
     if truth:
@@ -85,9 +92,23 @@ def simulate(
         print_json({"file": str(output), "truth_file": str(truth_file) if truth else None,
                     "rows": result.loop.samples, "truth": result.truth})
     else:
-        say(f"wrote {output}: {result.loop.samples} samples of {result.loop.step_s:g} s"
+        say(f"wrote {output}: {counted(result.loop.samples, 'sample')} of {result.loop.step_s:g} s"
             + (f"; truth in {truth_file}" if truth else ""), quiet=quiet)
         say(f"next: stictionid identify {output}", quiet=quiet)
+
+
+def _sized(name: str, values: dict[str, float | str], setting: Any, seed: int,
+           quiet: bool) -> tuple[str, dict[str, float | str]]:
+    """An effect with its numbers; one without any takes numbers that show in this loop, which are printed."""
+    if any(key != "at" for key in values):
+        return name, values
+    from ..model.visible import visible
+
+    chosen: dict[str, float | str] = {**visible(name, setting, seed=seed), **values}
+    said = ",".join(f"{key}={value:g}" if isinstance(value, float) else f"{key}={value}"
+                    for key, value in chosen.items())
+    say(f"effect with numbers that show: --effect {name}:{said}", quiet=quiet)
+    return name, chosen
 
 
 def _given(**values: Any) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..effects import leaving
 from ..record.loop import Finding
 from .cells import FEWEST, Cell, quantile_masks, split, worst
 from .model_run import Ground
@@ -72,8 +73,7 @@ def by_time(ground: Ground) -> Answer:
 
     def suggests(cell: Cell) -> tuple[str, ...]:
         shifted = abs(cell.z_mean) > cell.z_energy
-        level = ("step-disturbance", "ramp-disturbance", "random-walk-disturbance")
-        return level if shifted else ("stiction-drift", *level)
+        return leaving("level" if shifted else "stretch")
 
     return _answer(ground, "time", cells, lambda c: f"from {c.label}", suggests, {"stretches": stretches})
 
@@ -81,32 +81,29 @@ def by_time(ground: Ground) -> Answer:
 def by_phase(ground: Ground) -> Answer:
     """Stick, slip (just after break-away) and slide, delayed to where y shows them."""
     cells = split(ground, {name: delayed(ground, mask) for name, mask in valve_phases(ground).items()})
-    points = {"stick": ("extra-lag", "step-disturbance", "sinusoidal-disturbance"),
-              "slip": ("extra-lag", "slew-limit", "slip-overshoot", "asymmetric-stiction"),
-              "slide": ("re-sticking", "valve-characteristic", "stiction-drift")}
     words = {"stick": "while the valve sticks", "slip": "just after the valve slipped", "slide": "while it slides"}
-    return _answer(ground, "phase", cells, lambda c: words[c.label], lambda c: points[c.label])
+    return _answer(ground, "phase", cells, lambda c: words[c.label], lambda c: leaving(c.label))
 
 
 def by_direction(ground: Ground) -> Answer:
     """Samples after opening moves against those after closing ones."""
     cells = split(ground, {name: delayed(ground, mask) for name, mask in directions(ground).items()})
     return _answer(ground, "direction", cells, lambda c: f"after the {c.label} strokes",
-                   ("asymmetric-stiction", "travel-limit", "valve-characteristic"))
+                   leaving("direction"))
 
 
 def by_output(ground: Ground) -> Answer:
     """Deciles of the controller output."""
     cells = split(ground, quantile_masks(ground.loop.output, ground.good, DECILES, "OP"))
     return _answer(ground, "output", cells, lambda c: f"at {c.label} %",
-                   ("travel-limit", "valve-characteristic", "gain-nonlinearity"))
+                   leaving("output"))
 
 
 def by_value(ground: Ground) -> Answer:
     """Deciles of the model's process value: measured values would let the noise sort itself into the outer deciles."""
     cells = split(ground, quantile_masks(ground.evaluated.model, ground.good, DECILES, "PV"))
     return _answer(ground, "value", cells, lambda c: f"at {c.label}",
-                   ("gain-nonlinearity", "valve-characteristic", "travel-limit"))
+                   leaving("value"))
 
 
 def by_cycle(ground: Ground) -> Answer:
@@ -120,7 +117,7 @@ def by_cycle(ground: Ground) -> Answer:
              (phase >= i / CYCLE_PARTS) & (phase < (i + 1) / CYCLE_PARTS) for i in range(CYCLE_PARTS)}
     cells = split(ground, masks) if len(ground.found.cycles) >= 3 else ()
     return _answer(ground, "cycle", cells, lambda c: f"at {c.label}",
-                   ("extra-lag", "slip-overshoot", "slew-limit", "asymmetric-stiction"))
+                   leaving("cycle"))
 
 
 def around_setpoint(ground: Ground) -> Answer:
@@ -136,7 +133,7 @@ def around_setpoint(ground: Ground) -> Answer:
             inside[k:k + width] = True
     cells = split(ground, {"after a setpoint move": inside, "between setpoint moves": ~inside}) if inside.any() else ()
     return _answer(ground, "setpoint", cells, lambda c: c.label,
-                   ("gain-nonlinearity", "travel-limit", "extra-lag", "valve-characteristic"))
+                   leaving("setpoint"))
 
 
 QUESTIONS: tuple[Callable[[Ground], Answer], ...] = (by_time, by_phase, by_direction, by_output, by_value, by_cycle,

@@ -12,6 +12,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from ..effects import leaving
 from ..numerics.autoregression import autocovariance, chi_square_z, ljung_box
 from ..record.loop import Finding
 from ..typing import FloatArray
@@ -64,8 +65,7 @@ def whiteness(ground: Ground) -> tuple[FloatArray, Finding | None]:
     evidence = {"ljung_box": q, "lags": lags, "z": z, "outside_99": outside, "largest": float(rho[worst]),
                 "at_s": float((worst + 1) * lag_s), "effective_rows": ground.effective_rows,
                 "one_step_drop": gain}
-    suggests = ("coloured-noise", "random-walk-disturbance", "extra-lag", "sinusoidal-disturbance",
-                "narrow-band-disturbance")
+    suggests = leaving("colour")
     return rho, Finding("residual-coloured", "serious" if gain > 0.2 else "warning", statement, evidence, suggests,
                         "Ljung and Box's joint test")
 
@@ -121,7 +121,7 @@ def follows_valve(ground: Ground) -> tuple[FloatArray, Finding | None]:
     evidence = {"explained": explained, "z": z, "lags": lags.tolist(), "largest": float(cross[at]),
                 "at_s": float(at * ground.step_s)}
     return cross, Finding("residual-follows-valve", "serious" if explained > 0.2 else "warning", statement, evidence,
-                          ("extra-lag", "slew-limit", "gain-nonlinearity", "valve-characteristic", "slip-overshoot"),
+                          leaving("valve"),
                           "joint test of lagged positions, CRITICISM.md section 4")
 
 
@@ -170,10 +170,10 @@ def frequencies(ground: Ground) -> tuple[tuple[tuple[float, float, float, float]
     if near:
         harmonic = f" harmonic {near[0]}" if near[0] > 1 else ""
         statement += f", the oscillation's own{harmonic}: the cycle's shape, or a disturbance of its period"
-        suggests: tuple[str, ...] = ("sinusoidal-disturbance", "asymmetric-stiction", "extra-lag", "gain-nonlinearity")
+        suggests = leaving("own line")
     else:
         statement += f", which is not the oscillation's ({ground.period_s:.4g} s)"
-        suggests = ("sinusoidal-disturbance", "narrow-band-disturbance")
+        suggests = leaving("line")
     return bands, Finding("residual-line", "serious" if held > 0.3 else "warning", statement,
                           {"period_s": period, "share": held, "chance": float(chance)}, suggests,
                           "largest of many exponential lines over their local median")

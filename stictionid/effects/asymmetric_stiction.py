@@ -58,4 +58,10 @@ EFFECT = Effect(
     equation="f_s = (S + J_dir)/2, f_d = (S - J_dir)/2, J_dir = jump_up or jump_down",
     source="paper Eq. 1 per direction; METHODS.md section 5", parameters=(_UP, _DOWN), limits=_limits,
     friction=_friction, guess=_guess, report=_report, setting=_setting,
+    leaves={"slip": 4, "direction": 1, "cycle": 4, "own line": 2},
+    settled_by="the measured valve position, or a slow ramp in manual both ways",
+    told_apart={
+        "re-sticking": "the measured valve position, or a slow ramp in manual both ways",
+        "stiction-drift": "a second record some hours later: asymmetry stays, a drift goes on",
+    },
 )

@@ -32,4 +32,9 @@ EFFECT = Effect(
     equation="(1 + c1 q^-1 + … + cp q^-p) error(k) = white(k)",
     source="paper Eq. 4; METHODS.md section 5", parameters=(_ROOT, _SD), searched=(),
     confused_with=("random-walk-disturbance",), disturb=_disturb,
+    leaves={"colour": 1},
+    settled_by="a record with the loop in manual",
+    told_apart={
+        "random-walk-disturbance": "a longer record with the loop in manual: noise has a level, a walk has none",
+    },
 )

@@ -5,9 +5,10 @@ An effect is one file in this folder with a constant `EFFECT`. It fills the hook
 * F (friction): `friction(table, theta, command_step_s, held)` returns the friction table (ROWS, P) with other
   numbers; a change with time follows `profile(time_s)`. It transforms no signal, so every law gets it.
 * T (transform): `run(signal, y, theta, part_s, state, out)`, a kernel over (rows, P), or `dynamics(dynamics, theta)`,
-  which returns other process dynamics. The kernel updates `state` (states, P), so that the closed-loop simulator can
-  call it one row at a time. `y` is the process value as its distance from its centre, at the time when a move of the
-  signal arrives. It is (rows, P), or (rows, 1) for effects that don't follow y.
+  which returns other process dynamics: other lags, or one more linear element of unit gain (process/state_space.py).
+  The kernel updates `state` (states, P), so that the closed-loop simulator can call it one row at a time. `y` is the
+  process value as its distance from its centre, at the time when a move of the signal arrives. It is (rows, P), or
+  (rows, 1) for effects that don't follow y. For `timed` effects it is the time in seconds when the move arrives.
 * L (linear): `columns(theta, context)` returns columns (n, P) for the least squares; their sizes are linear. In the
   variant "load" they enter through the process.
 * N (noise): `noise` names the noise model; it cannot lower a free-run error.
@@ -15,7 +16,15 @@ An effect is one file in this folder with a constant `EFFECT`. It fills the hook
 `theta` is (k, P): one row for each searched parameter, in order. At every parameter's neutral value the effect
 vanishes, so models are nested. `guess(context)` returns starting points (g, k) for the search, `report` the public
 parameters of a fit. `disturb(values, time_s, rng)` is the disturbance that the effect adds in a simulation. `setting`
-maps public values, S and J to searched parameters (k, 1), S and J, where the two differ.
+maps public values, S and J to searched parameters (k, 1), S and J, where the two differ. `plant(values, dynamics)` does
+the same for the process of a simulation.
+
+`counted(y)` are the samples (n,) of a record that count beside an effect of the measurement, and `measured(y, values)`
+is what a simulation records for y. An effect that leaves every sample counted is not asked for.
+
+An effect that is `asked` BY_HAND is left to `add` and `identify --with`: u and y can't tell it from its equivalents.
+`known(option)` is the effect with the number that stands behind a colon in its name, "backlash:1.5".
+Effects that users write in plain numpy (effects/written/) are subclasses, which replace `transformed` and `mover`.
 """
 
 from __future__ import annotations
@@ -26,10 +35,11 @@ from enum import Enum
 
 import numpy as np
 
+from ..errors import UsageError
 from ..numerics.jit import kernel
 from ..numerics.parameters import Parameter
 from ..process.linear import Dynamics
-from ..typing import FloatArray
+from ..typing import BoolArray, FloatArray
 
 
 class Place(Enum):
@@ -121,6 +131,29 @@ Friction = Callable[[FloatArray, FloatArray, float, bool], FloatArray]
 Values = Mapping[str, float]
 # Disturbance of an effect in a simulation: at the output (n,), at the load (n,), and tags that the record then holds.
 Disturbance = tuple[FloatArray, FloatArray, dict[str, FloatArray]]
+# Position of a simulation after an effect, from position, distance of y from its centre, time and length of a part.
+Mover = Callable[[float, float, float, float], float]
+
+
+# Traces in a residual, and the questions that find them (comparison/): error by time with a shifted level or not, by
+# what the valve does, by direction, output, process value, part of the cycle, after setpoint moves; coloured errors,
+# errors that follow the valve, and a line at the oscillation's own period or another one.
+TRACES = ("level", "stretch", "stick", "slip", "slide", "direction", "output", "value", "cycle", "setpoint", "colour",
+          "valve", "own line", "line")
+# Whether `diagnose` tries an effect, or a user has to name it.
+DIAGNOSE, BY_HAND = "diagnose", "by hand"
+
+
+def known_value(name: str, option: str, parameter: Parameter) -> float:
+    """The number behind the colon of an effect's name; UsageError where it is none or out of range."""
+    try:
+        value = float(option)
+    except ValueError:
+        value = np.nan
+    if not parameter.low <= value <= parameter.high:
+        raise UsageError(f"{name}:{option} is no {parameter.meaning.partition(',')[0]} from {parameter.low:g} to "
+                         f"{parameter.high:g} {parameter.unit}", f"write for example {name}:1.5")
+    return value
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +180,10 @@ class Effect:
     that moves within them. The effect then finds the instant inside the part. `fine` asks for parts of a sample even
     under a held command; `follows_y` is true where the kernel uses y. `reach` is the factor by which the upper limit of
     S grows with this effect. `by_itself` says that `identify` may add the effect without a look at its rivals.
-    `natural` are the numbers in which such a valve is searched.
+    `natural` are the numbers in which such a valve is searched. `leaves` names the traces of the effect in a residual
+    (see TRACES), with its rank among those that leave the same one. `settled_by` is a test that shows the effect, and
+    `told_apart` one for each effect that looks alike. `sudden` is true for a disturbance that comes at once. `file` and
+    `sha256` are those of a user-written effect.
     """
 
     name: str
@@ -163,6 +199,8 @@ class Effect:
     variants: tuple[str, ...] = ()
     fine: bool = False
     follows_y: bool = False
+    timed: bool = False
+    asked: str = DIAGNOSE
     reach: float = 1.0
     by_itself: bool = False
     natural: Natural | None = None
@@ -174,12 +212,31 @@ class Effect:
     run_means: Callable[..., None] | None = None
     start: Callable[[FloatArray, FloatArray], FloatArray] | None = None
     dynamics: Callable[[Dynamics, FloatArray], Dynamics] | None = None
+    plant: Callable[[Values, Dynamics], Dynamics] | None = None
+    counted: Callable[[FloatArray], BoolArray] | None = None
+    measured: Callable[..., float] | None = None
+    known: Callable[[str], Effect] | None = None
     columns: Callable[[FloatArray, Context], tuple[FloatArray, ...]] | None = None
     noise: str | None = None
     guess: Callable[[Context], FloatArray] | None = None
     report: Callable[[Values, FloatArray, Values], dict[str, float]] | None = None
     disturb: Callable[[Values, FloatArray, np.random.Generator], Disturbance] | None = None
     setting: Callable[[Values, float, float], tuple[FloatArray, float, float]] | None = None
+    leaves: Mapping[str, int] = field(default_factory=dict)
+    settled_by: str = ""
+    told_apart: Mapping[str, str] = field(default_factory=dict)
+    sudden: bool = False
+    file: str = ""
+    sha256: str = ""
+
+    @property
+    def moves(self) -> bool:
+        """True where the effect transforms the valve position."""
+        return self.run is not None
+
+    def asked_for(self, process_value: FloatArray) -> bool:
+        """True where a search tries the effect on a record with this y (n,)."""
+        return self.asked == DIAGNOSE and (self.counted is None or not self.counted(process_value).all())
 
     def parameters_for(self, context: Context) -> tuple[Parameter, ...]:
         """The searched parameters with limits for this record."""
@@ -191,6 +248,10 @@ class Effect:
         """Process value (rows, P or 1) at the time when each row of the signal arrives."""
         guide = (context.process_value if context.guide is None else context.guide) - context.centre
         repeat = signal.shape[0] // guide.size
+        if self.timed:
+            late = 0.0 if dead_time_s is None else np.asarray(dead_time_s, dtype=np.float64)
+            at = context.start_s + np.arange(signal.shape[0], dtype=np.float64) * (context.step_s / repeat)
+            return np.asarray(at[:, None] + np.broadcast_to(late, signal.shape[1]), dtype=np.float64)
         if not self.follows_y:
             return np.zeros((signal.shape[0], 1))
         if dead_time_s is None:
@@ -212,3 +273,19 @@ class Effect:
         run = self.run if context.held or self.run_means is None else self.run_means
         run(np.ascontiguousarray(signal), y, theta, part_s, state, out)
         return out
+
+    def mover(self, start: float, theta: FloatArray, step_s: float) -> Mover:
+        """This effect's kernel for a simulation that advances a position part by part, from rest at `start`.
+
+        `step_s` is the sampling time of the record that the simulation makes.
+        """
+        assert self.run is not None
+        kernel, first = self.run, np.full((1, 1), start)
+        state = self.start(first, theta) if self.start else np.zeros((max(self.states, 1), 1))
+
+        def move(position: float, y: float, time_s: float, part_s: float) -> float:
+            out = np.empty((1, 1))
+            kernel(np.full((1, 1), position), np.array([[time_s if self.timed else y]]), theta, part_s, state, out)
+            return float(out[0, 0])
+
+        return move

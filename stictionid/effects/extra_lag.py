@@ -38,4 +38,12 @@ EFFECT = Effect(
     equation="G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1))",
     source="METHODS.md section 5", parameters=(_PARAMETER,), limits=_limits, dynamics=_dynamics, guess=_guess,
     by_itself=True,
+    leaves={"stick": 1, "slip": 1, "cycle": 1, "setpoint": 3, "colour": 3, "valve": 1, "own line": 3},
+    settled_by="the measured valve position: it tells a lag before the valve from one behind it",
+    told_apart={
+        "slew-limit":
+            "two steps in manual of different size: a lag takes the same time for both, a slew limit longer for the "
+            "larger",
+        "slip-overshoot": "the measured valve position, sampled faster than the slip",
+    },
 )

@@ -83,4 +83,11 @@ EFFECT = Effect(
     source="METHODS.md section 5", parameters=(_CURVATURE,), confused_with=("valve-characteristic",), follows_y=True,
     states=2,
     limits=_limits, run=_run, start=_start, guess=_guess,
+    leaves={"output": 3, "value": 1, "setpoint": 1, "valve": 3, "own line": 4},
+    settled_by="setpoint moves to both ends of the range",
+    told_apart={
+        "valve-characteristic":
+            "setpoint moves that carry OP over more than 15 %: then the error follows the valve or the PV, not both",
+        "travel-limit": "a step in manual beyond the suspected limit: a limited valve moves no further",
+    },
 )

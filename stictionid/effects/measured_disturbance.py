@@ -62,4 +62,5 @@ EFFECT = Effect(
     equation="gain e^{-dead_time_s s}/(lag_s s + 1) applied to the tag", source="METHODS.md section 5",
     parameters=(_LAG, _DEAD, _GAIN), searched=("lag_s", "dead_time_s"), needs=("extra",), limits=_limits,
     columns=_columns, guess=_guess, report=_report, disturb=_disturb,
+    settled_by="a deliberate move of that tag",
 )

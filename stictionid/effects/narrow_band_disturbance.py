@@ -40,4 +40,9 @@ EFFECT = Effect(
     equation="resonant AR(2) with period_s and coherence_cycles", source="METHODS.md section 5",
     parameters=(_PERIOD, _COHERENCE, _AMPLITUDE), searched=(), confused_with=("sinusoidal-disturbance",),
     disturb=_disturb,
+    leaves={"colour": 5, "line": 2},
+    settled_by="the loop in manual: an oscillation from elsewhere goes on",
+    told_apart={
+        "sinusoidal-disturbance": "a longer record, or other loops of the same time that show the oscillation",
+    },
 )

@@ -48,4 +48,10 @@ EFFECT = Effect(
     source="METHODS.md section 5", parameters=(_START, _RATE), searched=("start_s",), variants=("output", "load"),
     confused_with=("step-disturbance", "random-walk-disturbance"), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,
+    leaves={"level": 2, "stretch": 3},
+    settled_by="a tag of the suspected load, or a check of the sensor's zero",
+    told_apart={
+        "step-disturbance": "a longer record after the change",
+        "random-walk-disturbance": "a longer record, or the loop in manual for a while",
+    },
 )

@@ -29,4 +29,9 @@ EFFECT = Effect(
     summary="a load that wanders without a level",
     equation="d(k) = d(k-1) + white(k)", source="Karra and Karim; METHODS.md section 5", parameters=(_SD,),
     searched=(), confused_with=("coloured-noise",), disturb=_disturb,
+    leaves={"level": 3, "stretch": 4, "colour": 2},
+    settled_by="a tag of the suspected load, read with --extra",
+    told_apart={
+        "step-disturbance": "a longer record, or the loop in manual for a while",
+    },
 )

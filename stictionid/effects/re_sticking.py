@@ -50,4 +50,10 @@ EFFECT = Effect(
     equation="while sliding: |du/dt| < restick_speed -> stuck",
     source="METHODS.md section 5", parameters=(_SPEED,), limits=_limits, friction=_friction, guess=_guess,
     by_itself=True,
+    leaves={"slide": 1},
+    settled_by="the measured valve position, sampled faster than the scan",
+    told_apart={
+        "slip-overshoot": "the measured valve position, sampled faster than the scan",
+        "stiction-drift": "the measured valve position, or a second record some hours later",
+    },
 )

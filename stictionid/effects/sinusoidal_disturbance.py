@@ -81,4 +81,6 @@ EFFECT = Effect(
     equation="d(t) = amplitude sin(2 pi t / period_s + phase)", source="METHODS.md section 5",
     parameters=(_PERIOD, _AMPLITUDE, _PHASE), searched=("period_s",), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,
+    leaves={"stick": 3, "colour": 4, "own line": 1, "line": 1},
+    settled_by="the loop in manual: an oscillation from elsewhere goes on",
 )

@@ -60,4 +60,7 @@ EFFECT = Effect(
     parameters=(_TIME, _SIZE), searched=("time_s",), variants=("output", "load"),
     confused_with=("ramp-disturbance", "random-walk-disturbance"), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,
+    leaves={"level": 1, "stretch": 2, "stick": 2},
+    settled_by="a tag of the suspected load, read with --extra",
+    sudden=True,
 )

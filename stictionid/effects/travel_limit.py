@@ -52,4 +52,9 @@ EFFECT = Effect(
     equation="lower <= u_v <= upper; at a limit the stem is stuck there",
     source="METHODS.md section 5", parameters=(_LOWER, _UPPER), confused_with=("valve-characteristic",),
     limits=_limits, friction=_friction, guess=_guess,
+    leaves={"direction": 2, "output": 1, "value": 3, "setpoint": 2},
+    settled_by="a step in manual beyond the suspected limit",
+    told_apart={
+        "valve-characteristic": "a step in manual beyond the suspected limit: a limited valve moves no further",
+    },
 )

@@ -46,4 +46,6 @@ EFFECT = Effect(
     equation="100 (R^{x/100} - 1)/(R - 1), ln R = log_rangeability",
     source="METHODS.md section 5", parameters=(_CURVE,), confused_with=("gain-nonlinearity",), run=_run,
     guess=_guess,
+    leaves={"slide": 2, "direction": 3, "output": 2, "value": 2, "setpoint": 4, "valve": 4},
+    settled_by="steps in manual at both ends of the range",
 )

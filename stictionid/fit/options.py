@@ -57,8 +57,11 @@ class Options:
 
 
 def check_tag(effect: str, loop: Loop) -> None:
-    """UsageError for an effect of a further tag that the record does not have, or that is constant."""
+    """UsageError for an effect of a tag that the record does not have, or that is constant, or of a number not given.
+    """
     found, tag = parse(effect)
+    if "value" in found.needs and not tag:
+        raise UsageError(f"{found.name} is held at a number that is known", f"write {found.name}:1.5, for example")
     if "extra" not in found.needs:
         return
     if tag and tag not in loop.extras:

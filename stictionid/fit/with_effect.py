@@ -20,11 +20,10 @@ from .fit import Fitted, polish_smooth
 from .moves import descended, search_model, spreads, with_start
 from .noise.completion import has_noise, quick
 from .starts.basins import along_ridge, with_other_start, with_process
-from .starts.beside_effect import RESTING, across, as_in, on_valve, stickbands, undisturbed, valve_basins
+from .starts.beside_effect import RESTING, across, on_valve, stickbands, valve_basins
 from .starts.continuation import distinct
 from .starts.niches import ALONE, PATIENCE, beyond_rest, herded
 from .starts.reparametrised import followed, ridge_of
-from .starts.windows import windowed_valves
 
 _ROAM, _SCOUTS = 2, 500
 _SETTLED = 1e-4
@@ -75,13 +74,12 @@ class Scouted:
 
 
 def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *, far: bool = True,
-          windows: bool = False, valves: FloatArray | None = None) -> Scouted:
+          valves: FloatArray | None = None) -> Scouted:
     """The model with effect `name` added, searched far enough to decide on a full refit.
 
     Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. Unless `far`
-    is False they include swarms over valve and effect on the one-step error, and a swarm over everything. With
-    `windows` set, friction that changes with time is searched in windows of the record, too. `valves` (k, d) are values
-    of such valves found before; each gets a process that fits it, and they stand for the swarms.
+    is False they include swarms over valve and effect on the one-step error, and a swarm over everything. `valves`
+    (k, d) are values of such valves found before; each gets a process that fits it, and they stand for the swarms.
     """
     model, coarse = widened_by(fit, name)
     spec = model.spec
@@ -106,7 +104,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
         fresh = np.concatenate([coarse.cube(valves.T), with_process(coarse, coarse.cube(valves.T))])
     if far:
         if valves is None and effect.kind in "FT" and guesses.size:
-            fresh = valve_basins(coarse, name, guesses, fit, rng, windows)
+            fresh = valve_basins(coarse, name, guesses, fit, rng)
         roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM,
                      scouts=_SCOUTS).points[:_ROAM]
     near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam])), turns=_GLANCE, settle=_GLANCED)
@@ -137,40 +135,6 @@ def widened_by(fit: Fitted, name: str) -> tuple[Model, Model]:
     spec = replace(before.spec, effects=(*before.spec.effects, name))
     model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
     return model, search_model(model)
-
-
-def beside_others(fit: Fitted, name: str, look: FloatArray, rng: np.random.Generator) -> Scouted | None:
-    """A look at effect `name`, searched together with S, J and the effects on the valve that the model has already.
-
-    Points (k, d) of a first `look` take part. None without such effects, or under a command that moves between samples.
-    With one of two effects on a valve missing, the size of the other is far from the right one, and so are S and J. No
-    search that holds the first effect meets the second.
-    """
-    before = fit.model
-    model = bound(before.loop, replace(before.spec, effects=(*before.spec.effects, name)), s_max=before.s_max,
-                  period_s=before.period_s, residual=fit.best.left)
-    plain = undisturbed(model, before, fit.values)
-    others = [n for n, effect in zip(plain.names, plain.effects, strict=True) if n != name and on_valve(effect)]
-    effect, option = parse(name)
-    still: slice | None = None
-    if RESTING in others and before.cube(fit.values[:, None])[0, before.rows_of(RESTING)][0] > _RESTS:
-        others.remove(RESTING)
-        still = plain.rows_of(RESTING)
-    if not others or not plain.spec.held or not on_valve(effect):
-        return None
-    rows = [0, 1, *(i for n in (*others, name) for i in range(plain.rows_of(n).start, plain.rows_of(n).stop))]
-    far = with_process(model, as_in(model, plain, windowed_valves(
-        plain, rows, still, rng, known=(plain.vector(fit.best.values), plain.rows_of(name))), fit))
-    guesses = effect.guess(model.context_of(option)) if effect.guess else np.zeros((1, 0))
-    near = model.vector(fit.best.values)[:, None].repeat(len(guesses), axis=1)
-    near[model.rows_of(name)] = guesses.T
-    starts = np.concatenate([far, look, with_start(model, model.cube(near))])
-    found = _herded_along(model, descended(model, starts, turns=_GLANCE).points, rng)
-    herd = found.points
-    ends = sorted((at_thresholds(model, point, rng) for point in herd[:_HERDED]), key=lambda end: end[1])
-    points = np.concatenate([np.stack([point for point, _ in ends]), herd[_HERDED:]])
-    neutral = float(model.costs(model.cube(model.vector(fit.best.values)[:, None]))[0])
-    return Scouted(model, model, points, ends[0][1], neutral, name)
 
 
 def together_on_valve(model: Model, values: FloatArray, rng: np.random.Generator) -> FloatArray:

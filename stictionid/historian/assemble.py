@@ -33,7 +33,10 @@ ON_CHANGE_SHARE = 0.3
 
 @dataclass
 class Assembled:
-    """The parts of a Loop by their names, with times, segments, sample counts by mask, guesses and findings."""
+    """The parts of a Loop by their names, with times, segments, sample counts by mask, guesses and findings.
+
+    `rows` holds for every source the row of the table behind each sample (samples,), -1 for none.
+    """
 
     parts: dict[str, Any]
     start: str | None
@@ -41,6 +44,7 @@ class Assembled:
     time_text: str
     segments: tuple[dict[str, Any], ...]
     samples: dict[str, int]
+    rows: tuple[IntArray, ...]
     guesses: list[str] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
 
@@ -263,6 +267,8 @@ def _finish(
     units = {k: v for k, v in shaped.units.items() if v and not k.startswith("extra:")}
     units.setdefault("output", OTHER)
     findings += notes.short_segments(short)
+    if len(starts) == 1:
+        findings += notes.sparse_output(arrays["output"], arrays["process_value"], step_s)
     signals = _measured(Signals(arrays["output"], arrays["process_value"], setpoint, step_s, tuple(starts)))
     hints = [*shaped.columns.values(), *shaped.described.values()]
     modes = shaped.modes
@@ -297,4 +303,5 @@ def _finish(
     }
     findings += notes.mask_findings(samples)
     time_text = notes.time_text(shaped, options)
-    return Assembled(parts, texts[0], texts[1], time_text, segments, samples, guesses, findings)
+    return Assembled(parts, texts[0], texts[1], time_text, segments, samples, tuple(part(r) for r in frame.rows),
+                     guesses, findings)

@@ -10,6 +10,8 @@ import numpy as np
 
 from ..errors import DataError
 from ..record.loop import Finding, Loop, Origin
+from ..system.plurals import counted
+from ..typing import IntArray
 from .assemble import Assembled, assemble
 from .bytes.limits import limits_from
 from .bytes.options import ReadOptions
@@ -20,9 +22,10 @@ from .series.shaped import Shaped
 from .series.shapes import shape_table
 from .settled import settled
 from .table.arrow import booleans
-from .table.formats import read_table
+from .table.formats import loops_of, read_table
 from .table.rows import RowBook
 from .table.table import Table
+from .time.stamps import Times
 from .words.cells import shown
 
 EXCEL_ROWS = (1_048_576, 65_536)
@@ -34,7 +37,8 @@ class Reading:
     """Result of reading a file: the loop, and every choice made on the way.
 
     `rows` holds rows in, used, and by reason (they add up). `segments` (first, last sample) pairs with start times.
-    `assumptions` are the guesses, each with the option that settles it.
+    `assumptions` are the guesses, each with the option that settles it. `behind` holds for every source the row of the
+    table behind each sample (samples,), -1 for none; `stamps` are the times of the table's rows.
     """
 
     loop: Loop
@@ -60,6 +64,8 @@ class Reading:
     assumptions: tuple[str, ...]
     findings: tuple[Finding, ...]
     descriptions: dict[str, str] = field(default_factory=dict)
+    behind: tuple[IntArray, ...] = field(default=(), repr=False)
+    stamps: Times | None = field(default=None, repr=False)
 
 
 def read_loop(file: Any, *, options: ReadOptions | None = None) -> Loop:
@@ -110,14 +116,16 @@ def reading_of(source: Source, table: Table, options: ReadOptions) -> Reading:
         )
     _book_headers(table, book)
     _book_blank(table, book)
-    shaped = shape_table(table, options, book)
+    # `--loop` has chosen the part; only a loop inside it is left to be found.
+    within = replace(options, loop=table.attributes.get("inner")) if table.part else options
+    shaped = shape_table(table, within, book)
     aligned: Aligned = align(shaped.series)
     _book_unaligned(shaped, aligned, book)
     made: Assembled = assemble(shaped, aligned, options, book, table)
     guesses = (*table.assumptions, *shaped.guesses, *made.guesses)
     if options.no_guess and guesses:
         raise DataError(
-            f"{table.file}: {len(guesses)} assumption{'s' * (len(guesses) > 1)} would be needed, the first: "
+            f"{table.file}: {counted(len(guesses), 'assumption')} would be needed, the first: "
             f"{guesses[0]}",
             "say it with the option named there, or leave --no-guess out",
         )
@@ -222,6 +230,8 @@ def _reading(
         assumptions=guesses,
         findings=findings,
         descriptions={k: v for k, v in shaped.described.items() if v},
+        behind=made.rows,
+        stamps=None if shaped.shape == "paired" else shaped.times,
     )
 
 
@@ -257,7 +267,8 @@ def _row_findings(table: Table, counts: dict[str, int]) -> list[Finding]:
             Finding(
                 "damaged-rows",
                 "warning",
-                f"{counts['damaged']:,} rows have a wrong number of cells, the first in line {line:,}: {shown(text)}",
+                f"{counted(counts['damaged'], 'row')} {'has' if counts['damaged'] == 1 else 'have'} a wrong number of "
+                f"cells, the first in line {line:,}: {shown(text)}",
                 {"rows": counts["damaged"], "line": line},
             )
         )
@@ -275,7 +286,5 @@ def _row_findings(table: Table, counts: dict[str, int]) -> list[Finding]:
 
 def loops_in(file: Any, *, options: ReadOptions | None = None) -> tuple[str, ...]:
     """Names of the loops in a file, in order; empty where it holds one loop without a name."""
-    from .listing import names_of
-
     options = settled(options)
-    return names_of(read_table(open_source(file, limits_from(options.limit)), options, loops=True))
+    return loops_of(open_source(file, limits_from(options.limit)), options)

@@ -22,7 +22,7 @@ from ..fit.moves import longest_first
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout
 from ..model.spec import BASE, FIRST_ORDER, Spec
-from ..process.scan import DECIMATED, parts_of, ran_between
+from ..process.scan import DECIMATED, blurred, p_law, parts_of, ran_between
 from ..record.loop import Finding
 from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
@@ -34,7 +34,7 @@ from ..selection.run import commands_of, floor_of, ladder_of, tree_of
 from ..selection.search import Search
 from ..typing import FloatArray
 from .contract import Method, Outcome
-from .decimated import CHATTER, chatter, check_scans, held_out, said_chatter, said_scans, scanned, scans_of
+from .decimated import CHATTER, chatter, check_scans, held_out, said_chatter, said_scans, said_unseen, scanned, scans_of
 
 # A free-run error beyond this share of the scatter of y explains nothing. An integrator is excepted if it leaves less
 # than the other share of the variance of the differences: 3 to 17 % with a hidden effect.
@@ -65,6 +65,8 @@ def _run(run: Run, policy: Policy) -> Outcome:
         found = replace(found, noise="")
     order, rungs = ordered(search, found.winner, physical(fit.model.spec))
     steps, fits = ladder_of(run, search, found, fit, (order, rungs))
+    if found.unseen and not notes:
+        notes = (said_unseen(run, found.missing_reason),)
     steps[0] = replace(steps[0], findings=(*notes, *steps[0].findings))
     for name in noises:
         run.tell(f"fitting with {name}", 0.75)
@@ -89,6 +91,9 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:
     """The fit of the base, with the effects that were asked for, and the findings on scans between the samples."""
     o = run.options
     asked = tuple(name for name in o.effects if name not in noises_in(o.effects))
+    # Samples that don't count would bend every fit; a record that has none asks for no such effect.
+    asked += tuple(e.name for e in catalogue().values() if e.counted and e.name not in asked
+                   and e.asked_for(run.loop.process_value))
     spec = Spec(law=run.law, effects=asked, fixed=dict(o.fixed), between="hold" if o.between == "auto" else o.between,
                 substeps=SUBSTEPS if o.between == "corner" else 1)
     if o.between == DECIMATED:
@@ -107,7 +112,7 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:
             one = added(one, name, run.rng)
         fit = one if one.best.rmse < fit.best.rmse else fit
     scans = parts_of(run.loop.step_s, o.scan_s)
-    if o.between != "auto" or scans < 2 or not ran_between(run.loop, scans):
+    if o.between != "auto" or scans < 2 or not (ran_between(run.loop, scans) or p_law(run.loop)):
         return fit, ()
     run.tell("rebuilding the scans between samples", 0.4)
     slow = scanned(run, replace(spec, between=DECIMATED, substeps=scans))
@@ -125,7 +130,7 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:
 def _searched(run: Run, fit: Fitted, policy: Policy, only: frozenset[str] | None) -> tuple[Search, Decision]:
     """The search from a base, and its decision; effects that were asked for stay."""
     search = Search(run.loop, policy, run.options.seed, 1, run.tell, only=only, commands=commands_of(run),
-                    floor=floor_of(run))
+                    blurred=blurred(run.loop, run.options.scan_s), floor=floor_of(run))
     search.root(fit)
     return search, decided(search, search.run(), keep=physical(fit.model.spec))
 

@@ -160,6 +160,13 @@ def said_chatter(run: Run, scans: int, share: float) -> Finding:
                    "benchmarks/decimation.py")
 
 
+def said_unseen(run: Run, words: str) -> Finding:
+    """The finding on an output that moved between the samples, in `words`; intervals would not hold."""
+    return Finding("scans-unseen", "warning", f"{words}; intervals would only say how well the samples fit, so none "
+                   "are given", {"step_s": run.loop.step_s, "scan_s": run.options.scan_s, "no_intervals": True}, (),
+                   "benchmarks/plants")
+
+
 def check_scans(run: Run, fit: Fitted) -> None:
     """CannotTell where the valve of a rebuilt command moves so often between samples that they can't show how."""
     model = fit.model

@@ -18,6 +18,8 @@ import numpy as np
 from ..effects.contract import Place
 from ..errors import UsageError
 from ..laws import get as get_law
+from ..process.linear import Dynamics
+from ..process.state_space import Element, Stepped
 from ..record.loop import Loop, Origin
 from ..typing import FloatArray
 from .hidden_effects import hide
@@ -161,12 +163,14 @@ def _fine_step(setting: Setting) -> tuple[float, int]:
 class _Process:
     """Exact step response of the plant to an input held over a fine step; deviations from the operating point."""
 
-    def __init__(self, plant: Plant, step_s: float) -> None:
+    def __init__(self, plant: Plant, step_s: float, elements: tuple[Element, ...] = (), closing: float = 1.0) -> None:
         self.gain, self.integrating, self.step = plant.gain, plant.integrating, step_s
         lags = [t for t in (plant.time_constant_s, plant.second_time_constant_s) if t > 0]
         self.decay = [math.exp(-step_s / t) for t in lags]
+        self.falling = [math.exp(-step_s / (closing * t if i == 0 else t)) for i, t in enumerate(lags)]
         self.lag = [0.0] * len(lags)
         self.level = 0.0
+        self.elements, self.ends = [Stepped(e, step_s) for e in elements], [0.0] * (len(elements) + 1)
         delay = plant.dead_time_s / step_s
         self.whole = int(delay + 1e-9)
         self.fraction = max(delay - self.whole, 0.0)
@@ -187,13 +191,18 @@ class _Process:
         before = x
         for i, decay in enumerate(self.decay):
             start = self.lag[i]
-            self.lag[i] = x + (start - x) * decay
+            self.lag[i] = x + (start - x) * (decay if x >= start else self.falling[i])
             # The next lag sees the mean of this one over the step (exact to second order in the step).
             before, x = 0.5 * (start + self.lag[i]), (0.5 * (start + self.lag[i]) if i + 1 < len(self.decay)
                                                      else self.lag[i])
         if self.integrating:
             self.level += self.step * before if self.decay else self.step * x
-            return self.gain * self.level
+            x = self.level
+        for i, element in enumerate(self.elements):
+            # An element whose input is held (no lag before it) sees no change within the step.
+            mean = x if not (self.decay or self.integrating) and not i else 0.5 * (self.ends[i] + x)
+            self.ends[i] = x
+            x = element.advance(mean, x)
         return self.gain * x
 
 
@@ -219,9 +228,13 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     rng = np.random.default_rng(seed)
     plant = setting.plant
     time = np.arange(round(setting.duration_s / setting.step_s), dtype=np.float64) * setting.step_s
-    hidden = hide(setting.effects, S=setting.S, J=setting.J, lags=(plant.time_constant_s, plant.second_time_constant_s),
-                  time_s=time, start=OPERATING_POINT, rng=np.random.default_rng([seed, 1]))
-    setting = replace(setting, plant=replace(plant, second_time_constant_s=hidden.lags[1]))
+    linear = Dynamics(np.array([plant.time_constant_s]), np.array([plant.dead_time_s]),
+                      np.array([plant.second_time_constant_s]), plant.integrating)
+    hidden = hide(setting.effects, S=setting.S, J=setting.J, plant=linear, time_s=time,
+                  start=OPERATING_POINT, rng=np.random.default_rng([seed, 1]))
+    found = hidden.plant
+    setting = replace(setting, plant=replace(plant, time_constant_s=float(found.time_constant_s[0]),
+                                             second_time_constant_s=float(found.second_time_constant_s[0])))
     _check_fineness(setting)
     fine, per_sample = _fine_step(setting)
     samples = time.size
@@ -233,7 +246,8 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     friction = law.friction(hidden.S, hidden.J, values=dict(setting.law_values), step_s=fine, held=bool(scan))
     friction = hidden.friction(friction, c.scan_s or fine, bool(scan))
     state = law.start(OPERATING_POINT, friction, np.zeros(1))
-    process = _Process(setting.plant, fine)
+    process = _Process(setting.plant, fine, found.elements,
+                       1.0 if found.closing is None else float(found.closing[0]))
     command, place, profile = np.full(1, OPERATING_POINT), np.empty((1, 1)), np.zeros(1)
     r_fine = _setpoint(setting, np.arange(samples * per_sample, dtype=np.float64) * fine).tolist()
     r, u_rec, y_rec, v_rec = _setpoint(setting, time), np.empty(samples), np.empty(samples), np.empty(samples)
@@ -245,8 +259,8 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     output, rise = _with_rise(hidden.output if disturbance is None else hidden.output + disturbance, per_sample, scan)
     load, load_rise = _with_rise(hidden.load, per_sample, scan)
     # The process rests at the operating point, whatever the effects make of the position.
-    base = hidden.move(OPERATING_POINT, 0.0, 1e9)
-    gains = any(effect.place is Place.PROCESS for effect, _, _ in hidden.movers)
+    base = hidden.move(OPERATING_POINT, 0.0, 0.0, 1e9)
+    gains = any(effect.place is Place.PROCESS for effect, _ in hidden.movers)
     y, u, total, e_last = 0.0, OPERATING_POINT, 0.0, 0.0
     run_law, due = law.run, False
     run_law(command, friction, profile, state, place)
@@ -255,6 +269,8 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
         upset = output[sample] + part * rise[sample]
         true = OPERATING_POINT + y + upset
         seen = true + noise[k // hold]
+        for measured in hidden.measured:
+            seen, true = measured(seen), measured(true)
         if setting.quantise:
             seen = round(seen / setting.quantise) * setting.quantise
         e = r_fine[k] - (seen if scan else true)
@@ -276,10 +292,10 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
             due = False
         if part == 0:
             y_rec[sample], u_rec[sample], v_rec[sample] = seen, u, place[0, 0]
-        moved = hidden.move(place[0, 0], y + upset, fine)
+        moved = hidden.move(place[0, 0], y + upset, k * fine, fine)
         x = process.arrive(moved - base + load[sample] + part * load_rise[sample])
         if gains:
-            x = hidden.move(OPERATING_POINT + x, y + upset, fine, arrived=True) - OPERATING_POINT
+            x = hidden.move(OPERATING_POINT + x, y + upset, k * fine, fine, arrived=True) - OPERATING_POINT
         y = process.advance(x)
     loop = Loop(output=u_rec, process_value=y_rec, setpoint=r, position=v_rec, step_s=setting.step_s, name="simulated",
                 extras=hidden.extras,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ..effects import get
-from ..effects.contract import Effect, Place
+from ..effects.contract import Effect, Mover, Place
 from ..errors import UsageError
 from ..process.linear import Dynamics
 from ..typing import FloatArray
@@ -22,9 +23,10 @@ class Hidden:
 
     S: float
     J: float
-    lags: tuple[float, float]
+    plant: Dynamics
     valve: list[tuple[Effect, FloatArray]]
-    movers: list[tuple[Effect, FloatArray, FloatArray]]
+    movers: list[tuple[Effect, Mover]]
+    measured: list[Callable[[float], float]]
     drifting: Effect | None
     output: FloatArray
     load: FloatArray
@@ -43,31 +45,25 @@ class Hidden:
             return 0.0
         return float(self.drifting.profile(np.array([time_s]))[0])
 
-    def move(self, position: float, y: float, part_s: float, *, arrived: bool = False) -> float:
+    def move(self, position: float, y: float, time_s: float, part_s: float, *, arrived: bool = False) -> float:
         """Position after stem and trim effects or, where it has `arrived` at the process, after gain effects.
 
         `y` is the distance of the process value from its centre at that time.
         """
-        movers = [m for m in self.movers if (m[0].place is Place.PROCESS) == arrived]
-        if not movers:
-            return position
-        signal, here = np.full((1, 1), position), np.array([[y]])
-        for effect, theta, state in movers:
-            out = np.empty((1, 1))
-            assert effect.run is not None
-            effect.run(signal, here, theta, part_s, state, out)
-            signal = out
-        return float(signal[0, 0])
+        for effect, mover in self.movers:
+            if (effect.place is Place.PROCESS) == arrived:
+                position = mover(position, y, time_s, part_s)
+        return position
 
 
-def hide(given: Given, *, S: float, J: float, lags: tuple[float, float], time_s: FloatArray, start: float,
+def hide(given: Given, *, S: float, J: float, plant: Dynamics, time_s: FloatArray, start: float,
          rng: np.random.Generator) -> Hidden:
-    """Check the effects and prepare them for one simulation; `lags` are T1 and T2 in seconds, `start` the position.
+    """Check the effects and prepare them for one simulation; `plant` is one candidate, `start` the position.
 
     Raises UsageError for an unknown effect or parameter, a value out of range, or the same effect twice.
     """
     zero = np.zeros(time_s.size)
-    hidden = Hidden(S, J, lags, [], [], None, zero, zero.copy(), {})
+    hidden = Hidden(S, J, plant, [], [], [], None, zero, zero.copy(), {})
     seen: set[str] = set()
     for name, values in given:
         effect = get(name)
@@ -109,15 +105,17 @@ def _place(hidden: Hidden, effect: Effect, values: dict[str, float], time_s: Flo
         hidden.valve.append((effect, theta))
         if effect.profile:
             hidden.drifting = effect
-    if effect.run:
-        first = np.full((1, 1), start)
-        hidden.movers.append((effect, theta, effect.start(first, theta) if effect.start
-                              else np.zeros((max(effect.states, 1), 1))))
+    if effect.moves:
+        step_s = float(time_s[1] - time_s[0]) if time_s.size > 1 else 1.0
+        hidden.movers.append((effect, effect.mover(start, theta, step_s)))
         hidden.movers.sort(key=lambda m: m[0].place.value)
     if effect.dynamics:
-        T1, T2 = hidden.lags
-        changed = effect.dynamics(Dynamics(np.array([T1]), np.zeros(1), np.array([T2]), False), theta)
-        hidden.lags = (T1, float(changed.second_time_constant_s[0]))
+        plant = hidden.plant
+        hidden.plant = effect.plant(values, plant) if effect.plant else effect.dynamics(plant, theta)
+    if effect.measured:
+        hidden.measured.append(partial(effect.measured, values=values))
+    if "integrator" in effect.needs and theta.any() and not hidden.plant.integrating:
+        raise UsageError(f"effect {effect.name} needs an integrating process", "add --integrating, or --preset itptd")
     if effect.disturb:
         output, load, extras = effect.disturb(values, time_s, rng)
         hidden.output = hidden.output + output

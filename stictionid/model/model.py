@@ -150,7 +150,7 @@ class Model(Response):
     def costs_of(self, values: FloatArray, position: FloatArray | None = None) -> FloatArray:
         """Costs as in `costs` for physical values (d, P), which may all share one known valve path (rows, 1)."""
         out = np.empty(values.shape[1])
-        tally.add(values.shape[1], self.loop.samples)
+        tally.add(values.shape[1], self.loop.samples, self.parts)
         for rows, part in self.blocks(values):
             base, offsets = self.responses(part, position, lent=True)
             costs = (self._fixed_gain_costs(base, offsets) if "gain" in self.spec.fixed
@@ -165,7 +165,7 @@ class Model(Response):
         call (see `scratch` in numerics/jit.py).
         """
         values = self.values(cube)
-        tally.add(values.shape[1], self.loop.samples)
+        tally.add(values.shape[1], self.loop.samples, self.parts)
         out: FloatArray | None = None
         for rows, part in self.blocks(values):
             base, offsets = self.responses(part, lent=True)
@@ -250,7 +250,7 @@ class Model(Response):
         free = design[:, 1:] if fixed_gain is not None else design
         filtered, goal = self.filtered(free), self.filtered(target[:, None])[:, 0]
         k = own.shape[1]
-        lags = (1 + int(bool(self._dynamics(column).second_time_constant_s.any()))) * len(self.pieces)
+        lags = self.starts_of(values) * len(self.pieces)
         # A transient that decayed before the first counted sample can't be fitted: it would be noise extrapolated back.
         dead = [i for i in range(k - lags, k) if np.abs(own[w, i]).max(initial=0.0) < _DEAD]
         filtered[:, [i - (fixed_gain is not None) for i in dead]] = 0.0

@@ -24,6 +24,7 @@ from ..numerics.parameters import Parameter, Space
 from ..numerics.varpro import whiten, whiten_stack
 from ..process.intersample import interval_means
 from ..process.linear import Dynamics, free_run, transient
+from ..process.state_space import modes
 from ..record.loop import Loop
 from ..typing import BoolArray, FloatArray
 from .spec import BASE, FIRST_ORDER, INTEGRATOR, Spec
@@ -55,11 +56,15 @@ class Response:
         self.law = law_room.get(spec.law)
         ordered = effect_room.in_order(spec.effects)
         self.names = tuple(name for name, _, _ in ordered)
+        wrong = [e.name for _, e, _ in ordered if "integrator" in e.needs and spec.process != INTEGRATOR]
+        if wrong:
+            raise ModelError(f"{wrong[0]} belongs to an integrating process, and this one regulates itself",
+                             "leave it out; its lag is the time constant of the process")
         self.effects: tuple[Effect, ...] = tuple(effect for _, effect, _ in ordered)
         self.options = tuple(option for _, _, option in ordered)
         # A valve without friction follows the command exactly, unless an effect acts on friction or position.
         self._follows = (spec.friction_free and self.law.supply is None
-                         and not any(e.run or e.friction for e in self.effects))
+                         and not any(e.moves or e.friction for e in self.effects))
         self.step_s = loop.step_s
         fine = any(effect.fine for effect in self.effects)
         # Each command lasts a whole number of parts; a sample of a thinned record holds several commands.
@@ -143,7 +148,12 @@ class Response:
 
     def good(self) -> BoolArray:
         """Samples (n,) that may count: used, and with a finite process value."""
-        return self.loop.used & np.isfinite(self.loop.process_value)
+        y = self.loop.process_value
+        counted = self.loop.used & np.isfinite(y)
+        for effect in self.effects:
+            if effect.counted:
+                counted = counted & effect.counted(y)
+        return counted
 
     def shared_columns(self) -> FloatArray:
         """Columns that all candidates share (n, q): the level, and the drift of an integrator out of balance."""
@@ -195,7 +205,7 @@ class Response:
         if repeat > 1:
             position = np.repeat(position, repeat, axis=0)
         for effect, rows in zip(self.effects, self.effect_rows, strict=True):
-            if effect.run:
+            if effect.moves:
                 position = effect.transformed(position, values[rows], self.context, values[4])
         return position
 
@@ -231,17 +241,28 @@ class Response:
                     if option == "load":
                         column = respond(np.repeat(column, self.parts, axis=0))
                     columns.append(column)
-        # An unknown start decays with every lag.
+        # An unknown start decays with every lag and every state of an element.
         lags = [lag for lag in (dynamics.time_constant_s, dynamics.second_time_constant_s) if np.count_nonzero(lag)]
-        count = 1 + len(columns) + len(lags)
+        count = 1 + len(columns) + len(lags) + sum(e.order for e in dynamics.elements)
         base = respond(position, room=(count - 1) * n, lent=lent)
         for i, column in enumerate(columns, 1):
             base[i * n:(i + 1) * n] = column
-        for i, lag in enumerate(lags, 1 + len(columns)):
+        at = 1 + len(columns)
+        for i, lag in enumerate(lags, at):
             transient(lag, base[i * n:(i + 1) * n], step_s=self.step_s)
+        at += len(lags)
+        for element in dynamics.elements:
+            modes(element, base[at * n:(at + element.order) * n], step_s=self.step_s)
+            at += element.order
         if filtered and self.taps.size:
             whiten_stack(base, n, self.taps, None if self.links is None else self.links.before)
         return base, tuple(i * n for i in range(count))
+
+    def starts_of(self, values: FloatArray) -> int:
+        """Number of start-up columns of values (d,) in one segment: one for every lag and every state of an element."""
+        dynamics = self._dynamics(values.reshape(-1, 1))
+        lags = (dynamics.time_constant_s, dynamics.second_time_constant_s)
+        return sum(bool(lag.any()) for lag in lags) + sum(e.order for e in dynamics.elements)
 
     def disturbance(self, values: FloatArray, own: FloatArray, *, loads: bool = True) -> FloatArray:
         """Contribution of the linear effects to y (n,), for values (d,) and the coefficients of all own columns.
@@ -303,7 +324,8 @@ class Response:
     def describe(self, values: FloatArray) -> dict[str, Any]:
         """Description by which this model runs again without a search (see `rerun` in model/restore.py)."""
         s = self.spec
+        written = {e.name: {"file": e.file, "sha256": e.sha256} for e in self.effects if e.file}
         return {"law": s.law, "process": s.process, "effects": list(s.effects), "between": s.between,
                 "substeps": s.substeps, "increments": s.increments, "taps": list(s.taps), "fixed": dict(s.fixed),
                 "friction_free": s.friction_free, "guides": list(s.guides), "s_max": self.s_max,
-                "period_s": self.period_s, "values": self.named(values)}
+                "period_s": self.period_s, "values": self.named(values), **({"written": written} if written else {})}

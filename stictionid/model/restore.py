@@ -6,6 +6,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from ..effects import catalogue
 from ..errors import DataError, UsageError
 from ..record.loop import Loop
 from ..record.segments import described
@@ -45,9 +46,25 @@ def _check(loop: Loop, description: dict[str, Any]) -> None:
         within("a tap or a fixed value", value, -_LARGEST, _LARGEST)
 
 
+def unknown_effects(description: dict[str, Any]) -> str:
+    """Words on the user-written effects of a model that are not loaded, or have changed since; empty where all are as
+    they were."""
+    known = description.get("written", {})
+    for name, of in known.items() if isinstance(known, dict) else ():
+        file, sha256 = (str(of.get(key, "")) for key in ("file", "sha256"))
+        effect = catalogue().get(name)
+        if effect is None:
+            return f"the study holds the effect {name} of {file}, which is not loaded"
+        if effect.sha256 != sha256:
+            return f"{effect.file or name} has changed since the study was made (the sha256 of effect {name} differs)"
+    return ""
+
+
 def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, FloatArray]:
     """Model and values (d,) from the output of `describe`; DataError where an entry is missing or impossible."""
     try:
+        if words := unknown_effects(description):
+            raise DataError(words, "give the file as it was after --effects, or run stictionid identify again")
         _check(loop, description)
         spec = Spec(description["law"], description["process"], tuple(description["effects"]),
                     description["between"], int(description["substeps"]), bool(description["increments"]),

@@ -1,13 +1,17 @@
-"""Count of the samples that candidates were evaluated on in this process, by which searches are limited."""
+"""Count of the samples that candidates were evaluated on in this process, by which searches are limited.
+
+A sample of a command with parts between the samples counts for as many as half of its parts, and a half: the valve sees
+every part, the least squares every sample.
+"""
 
 from __future__ import annotations
 
 _count = [0]
 
 
-def add(candidates: int, samples: int) -> None:
-    """Count so many candidates, each on so many samples."""
-    _count[0] += candidates * samples
+def add(candidates: int, samples: int, parts: int = 1) -> None:
+    """Count so many candidates, each on so many samples of so many parts."""
+    _count[0] += candidates * samples * (1 + parts) // 2
 
 
 def spent() -> int:

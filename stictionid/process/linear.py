@@ -1,7 +1,8 @@
 """Linear process dynamics: exact response to a held valve position, at the samples, for many candidates at once.
 
 G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1)), or the same over s when integrating; T2 = 0 is the base process. The gain
-K stays outside (it is linear), so responses are per unit of gain and start from rest at the first position.
+K stays outside (it is linear), so responses are per unit of gain and start from rest at the first position. Further
+linear elements in series with it run in process/state_space.py.
 
 The position is held over each of `substeps` equal parts of a sampling interval. Between parts nothing is approximated,
 and the dead time L may be any fraction of a part. Wrong when the position moves inside a part.
@@ -10,12 +11,14 @@ Source: exact discretisation of cascaded lags (zero-order hold), METHODS.md sect
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..numerics.jit import LANES, LINE, kernel, output, scratch
 from ..typing import FloatArray, IntArray
+from .directional import directional
+from .state_space import Element, series_run
 
 # Rows of the coefficient table. First the decays over a part of either lag and of an integral, the weights of their
 # sums in the response, and that of the position there. For one lag the weights of the position in the part and before
@@ -37,12 +40,18 @@ _SPREAD = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """Time constants and dead time of P candidates, each (P,), in seconds; `integrating` holds for all."""
+    """Time constants and dead time of P candidates, each (P,), in seconds; `integrating` holds for all.
+
+    `elements` of unit gain stand in series with the lags. `closing` (P,) is the first lag's time constant while it
+    falls, as a multiple of that while it rises; None is 1.
+    """
 
     time_constant_s: FloatArray
     dead_time_s: FloatArray
     second_time_constant_s: FloatArray
     integrating: bool
+    elements: tuple[Element, ...] = ()
+    closing: FloatArray | None = None
 
 
 # The kernels below repeat the lines that end a sample. In a kernel of their own, called from here, these lines doubled
@@ -358,10 +367,22 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
     until the next call (see `scratch` in numerics/jit.py).
     """
     lanes = max(position.shape[1], dynamics.time_constant_s.size)
-    table = np.empty((_COEFFICIENTS, lanes))
-    whole, fine = np.empty(lanes, np.int64), np.empty(lanes, np.int64)
     T1, L = _for_each(dynamics.time_constant_s, lanes), _for_each(dynamics.dead_time_s, lanes)
     T2 = _for_each(dynamics.second_time_constant_s, lanes)
+    if dynamics.closing is not None:
+        part, n = step_s / substeps, position.shape[0] // substeps
+        ends, means = directional(position, T1, L - part if ahead else L, _for_each(dynamics.closing, lanes), part)
+        if dynamics.elements or dynamics.integrating or T2.any():
+            rest = replace(dynamics, time_constant_s=np.zeros(lanes), dead_time_s=np.zeros(lanes), closing=None)
+            return free_run(means, rest, step_s=step_s, substeps=substeps, room=room, lent=lent)
+        response = output("response", n + room, lanes, lent)
+        response[0], response[1:n] = 0.0, ends[substeps - 1:-1:substeps]
+        return response
+    if dynamics.elements:
+        return series_run(position, T1, L, T2, dynamics.elements, dynamics.integrating, step_s=step_s,
+                          substeps=substeps, ahead=ahead, room=room, lent=lent)
+    table = np.empty((_COEFFICIENTS, lanes))
+    whole, fine = np.empty(lanes, np.int64), np.empty(lanes, np.int64)
     lagged, late = _coefficients(T1, L, T2, step_s / substeps, substeps, ahead, dynamics.integrating, table, whole,
                                  fine)
     samples = position.shape[0] // substeps

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..record.loop import Loop, bridged
+from ..record.oscillation import noise_of
 from ..typing import BoolArray, FloatArray
 from .intersample import MOVES_ALWAYS, rebuild
 
@@ -37,6 +38,10 @@ _PI_LEAVES = 0.1
 # the samples: ratio 0.9 to 1.5. Unit: 1.
 _EXACT = 0.25
 _FEWEST_CHANGES = 20
+# Largest share of the variance of the output's changes that a proportional law may leave, for rounding. Unit: 1.
+_P_LEAVES = 0.02
+# F value of the integral part, with one degree of freedom, from which a law has one: chance reaches it in 1 of 1e4.
+_INTEGRAL = 15.0
 # What a PI law that ran with the samples leaves of the changes of u at the most, as a share of their variance.
 _NOTHING = 1e-8
 
@@ -61,26 +66,57 @@ def scanned(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatAr
     `course` (n*parts,) is y at the scans as far as it is known, up to a smooth remainder.
     """
     u = bridged(loop.output)
-    law = pi_law(loop, parts, course)
+    law = pi_law(loop, parts, course) or p_law(loop)
     if parts == 1 or law is None:
         return rebuild(u, parts, "corner", loop.setpoint)
     e, between, moved = _errors(loop, parts, course)
-    missing = (np.diff(u) - law.gain * np.diff(e)) / law.per_scan - between.sum(axis=1)
+    changes = np.diff(u) - law.gain * np.diff(e) - law.per_scan * between.sum(axis=1)
+    missing = changes / law.per_scan if law.per_scan else np.zeros(changes.size)
     # A setpoint that moved between two samples is moved at the first scan from which it makes the mean right.
     for k in np.flatnonzero(moved).tolist():
         early = int(np.clip(round(missing[k] / moved[k]), 0, parts - 1))
         between[k, parts - 1 - early:parts - 1] += moved[k]
         missing[k] -= early * moved[k]
+    missing *= _trusted(missing, parts * noise_of(bridged(loop.process_value)))
     s = np.arange(1, parts + 1) / parts
     bubble = s * (1.0 - s)
     between += (missing / bubble.sum())[:, None] * bubble
     integral = u[:-1, None] - law.gain * e[:-1, None] + law.per_scan * np.cumsum(between, axis=1)
     rebuilt = integral + law.gain * between
+    rebuilt += (u[1:] - rebuilt[:, -1])[:, None] * s
     out = np.empty((u.size, parts))
     out[:, 0] = u
     out[:-1, 1:] = rebuilt[:, :-1]
     out[-1, 1:] = u[-1]
     return out.ravel()
+
+
+def _trusted(missing: FloatArray, likely: float) -> float:
+    """Share in which sums of the control error between samples are taken from the integral part of a law.
+
+    The noise of y in that many scans, `likely`, bounds what can be true of them. The rest is rounding of u, or a law
+    that is not quite the controller's, over a small integral part.
+    """
+    found = float(np.mean(missing**2))
+    return min(likely * likely / found, 1.0) if found > 0.0 else 1.0
+
+
+def p_law(loop: Loop) -> PiLaw | None:
+    """Proportional law at the samples, exact up to rounding; None where r is unknown or u needs more than that.
+
+    It holds at any scan, so that it does not tell the scan of the controller.
+    """
+    if loop.setpoint is None:
+        return None
+    good = _measured(loop, 1)
+    error = np.diff(bridged(loop.setpoint) - bridged(loop.process_value))[good]
+    change = np.diff(bridged(loop.output))[good]
+    energy = float(change @ change)
+    if change.size < _FEWEST_CHANGES or not energy > 0.0 or not float(error @ error) > 0.0:
+        return None
+    gain = float(error @ change / (error @ error))
+    fit = 1.0 - float(np.sum((change - gain * error) ** 2)) / energy
+    return PiLaw(gain, 0.0, fit) if fit >= 1.0 - _P_LEAVES else None
 
 
 def pi_law(loop: Loop, parts: int, course: FloatArray | None = None) -> PiLaw | None:
@@ -97,9 +133,17 @@ def pi_law(loop: Loop, parts: int, course: FloatArray | None = None) -> PiLaw | 
     sizes, *_ = np.linalg.lstsq(design, change, rcond=None)
     rest = change - design @ sizes
     fit = 1.0 - float(rest @ rest) / energy
-    if fit < 1.0 - _PI_LEAVES or sizes[0] * sizes[1] <= 0.0:
+    if fit < 1.0 - _PI_LEAVES or sizes[0] * sizes[1] <= 0.0 or not _integrates(design, sizes, rest, change):
         return None
     return PiLaw(float(sizes[0]), float(sizes[1]), fit)
+
+
+def _integrates(design: FloatArray, sizes: FloatArray, rest: FloatArray, change: FloatArray) -> bool:
+    """True where the integral part of a law explains more than rounding errors of the numbers would."""
+    gain = float(design[:, 0] @ change / (design[:, 0] @ design[:, 0]))
+    without = change - gain * design[:, 0]
+    return float(without @ without) > max((1.0 + _INTEGRAL / change.size) * float(rest @ rest),
+                                          np.finfo(float).eps * float(change @ change))
 
 
 def _measured(loop: Loop, parts: int) -> BoolArray:
@@ -141,6 +185,11 @@ def ran_between(loop: Loop, parts: int) -> bool:
     """True where u follows a PI law that ran `parts` times a sample, and not one that ran with the samples exactly."""
     between, with_them = pi_law(loop, parts), pi_law(loop, 1)
     return between is not None and not (with_them is not None and _exact(with_them, between))
+
+
+def blurred(loop: Loop, scan_s: float) -> bool:
+    """True where a controller that scans every `scan_s` seconds moved the output between samples, unseen by them."""
+    return parts_of(loop.step_s, scan_s) > 1 and not ran_with_samples(loop)
 
 
 def _exact(with_samples: PiLaw, between: PiLaw | None) -> bool:

@@ -3,7 +3,8 @@
 Cycles are counted on up-crossings of the deviation e = r - y through its mean, with hysteresis against noise. Only
 whole cycles count. The first one is left out when enough remain, because it still holds the start. M in Eq. 20
 counts cycles; two equations of the paper are numbered 21, this one and the tank's transfer function.
-Without a setpoint the mean of y is the reference, and the result says so.
+Without a setpoint the mean of y is the reference, and the result says so. Where the mean wanders, fewer than three
+cycles cross it. Then cycles are counted from turning point to turning point of the output, and the result says so.
 """
 
 from __future__ import annotations
@@ -30,6 +31,13 @@ _TRIM = 0.05
 FEWEST_CYCLES = 3
 # Largest coefficient of variation of the cycle lengths of one oscillation.
 _REGULAR = 0.6
+# Without cycles around the reference, this many turns of the output make an oscillation. They are turns by the largest
+# of these shares of its span at which there are so many, and by this many standard deviations of its noise.
+FEWEST_TURNS = 8
+_TURN_SHARES, _TURN_NOISE = (0.1, 0.05, 0.025), 6.0
+BY_TURNS = "turning points of the output"
+# At least this share of the cycles from turn to turn has a length within this factor of their median.
+_EVEN_SHARE, _EVEN = 0.6, 1.75
 # A swing of y or u below this share of its magnitude is no variation. Unit: 1.
 FLAT = 1e-9
 
@@ -73,18 +81,23 @@ def crossings(signal: FloatArray, band: float) -> FloatArray:
 
 def reversals(command: FloatArray, threshold: float) -> list[int]:
     """Samples at which the command has come back by more than `threshold` from its last extreme."""
-    turns: list[int] = []
-    direction, extreme = 0, float(command[0]) if command.size else 0.0
+    return [seen for _, seen in turning_points(command, threshold)]
+
+
+def turning_points(command: FloatArray, threshold: float) -> list[tuple[int, int]]:
+    """Samples of the extremes from which the command comes back by more than `threshold`, and those that show it."""
+    turns: list[tuple[int, int]] = []
+    direction, extreme, at = 0, float(command[0]) if command.size else 0.0, 0
     for k, value in enumerate(command.tolist()):
         if (direction >= 0 and value > extreme) or (direction <= 0 and value < extreme):
             if direction == 0 and abs(value - extreme) > threshold:
                 direction = 1 if value > extreme else -1
-                extreme = value
+                extreme, at = value, k
             elif direction != 0:
-                extreme = value
+                extreme, at = value, k
         elif direction != 0 and abs(value - extreme) > threshold:
-            direction, extreme = -direction, value
-            turns.append(k)
+            turns.append((at, k))
+            direction, extreme, at = -direction, value, k
     return turns
 
 
@@ -120,6 +133,12 @@ def find_range(loop: Loop) -> Range:
     cycles = tuple(cycle for swings in found for cycle in swings.cycles)
     turns = sum(swings.reversals for swings in found)
     reference = "mean of y" if loop.setpoint is None else "setpoint"
+    if len(cycles) < FEWEST_CYCLES:
+        by_turns = [_by_turns(part, start * loop.step_s) for part, start in zip(parts, loop.starts, strict=False)]
+        of_turns = _even(tuple(cycle for swings in by_turns for cycle in swings.cycles))
+        if sum(swings.reversals for swings in by_turns) >= FEWEST_TURNS and len(of_turns) >= FEWEST_CYCLES:
+            found, cycles, reference = by_turns, of_turns, BY_TURNS
+            turns = max(turns, sum(swings.reversals for swings in found))
     if not cycles:
         return _none(longest.reason or "the deviation never completes a cycle", unit, reference, turns)
     counted = cycles[1:] if len(cycles) > FEWEST_CYCLES else cycles
@@ -135,9 +154,20 @@ def find_range(loop: Loop) -> Range:
         reason = (f"{len(counted)} whole cycles"
                   + (f" in {sum(bool(s.cycles) for s in found)} segments" if len(parts) > 1 else "")
                   + f", lengths within {100 * scatter:.0f} % of the mean"
-                  + ("" if reference == "setpoint" else "; no setpoint, so deviations are from the mean of y"))
+                  + {"setpoint": "", "mean of y": "; no setpoint, so deviations are from the mean of y",
+                     BY_TURNS: "; counted by the turning points of the output, because its mean wanders"}[reference])
     return Range(enough and regular, float(periods.max()), float(np.median(periods)),
                  float(max(c.u_swing for c in counted)), cycles, reason, unit, reference, turns)
+
+
+def _even(cycles: tuple[Cycle, ...]) -> tuple[Cycle, ...]:
+    """The cycles whose length is near the median; none where too few are, for turns at any distance are no cycle.
+
+    A mean that wanders faster than the cycle moves hides single turns, and two cycles then look like one.
+    """
+    middle = float(np.median([c.period_s for c in cycles])) if cycles else 0.0
+    near = tuple(c for c in cycles if middle / _EVEN <= c.period_s <= middle * _EVEN)
+    return near if len(near) >= _EVEN_SHARE * len(cycles) else ()
 
 
 def _swings(loop: Loop, start_s: float) -> _Swings:
@@ -168,6 +198,25 @@ def _swings(loop: Loop, start_s: float) -> _Swings:
         for a, b in pairwise(crossings(e, band).tolist()) if b - a >= 2
     )
     return _Swings(cycles, turns)
+
+
+def _by_turns(loop: Loop, start_s: float) -> _Swings:
+    """The cycles of one segment from turn to turn of the output; none where PV or OP does not vary."""
+    at = np.flatnonzero(loop.driven)
+    u, y = loop.output[at], loop.process_value[loop.used]
+    if at.size < 8 or y.size < 8 or np.ptp(y) <= FLAT * max(float(np.abs(y).max()), 1e-30):
+        return _Swings()
+    span, noise = float(np.ptp(u)), _TURN_NOISE * noise_of(u)
+    if span <= FLAT * max(float(np.abs(u).max()), 1e-30):
+        return _Swings()
+    for share in _TURN_SHARES:
+        turns = [int(at[k]) for k, _ in turning_points(u, max(share * span, noise))]
+        if len(turns) >= FEWEST_TURNS:
+            break
+    cycles = tuple(
+        Cycle(float(start_s + a * loop.step_s), float((b - a) * loop.step_s), float(np.ptp(loop.output[a:b + 1])))
+        for a, b in zip(turns[:-2:2], turns[2::2], strict=True))
+    return _Swings(cycles, len(turns))
 
 
 def _none(reason: str, unit: str, reference: str, reversals: int = 0) -> Range:

@@ -36,7 +36,8 @@ class Cycle:
 class Range:
     """Oscillation of a record: period (Eq. 20, the longest cycle), S_max (Eq. 21), and the cycles behind them.
 
-    `reference` says what the deviation was taken from ("setpoint" or "mean of y"); `reason` is one sentence.
+    `reference` says what the deviation was taken from ("setpoint" or "mean of y"), or that the cycles were counted by
+    the "turning points of the output"; `reason` is one sentence.
     """
 
     oscillating: bool

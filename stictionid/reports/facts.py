@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..record.study import Estimate, Study
+from ..system.plurals import counted
 from . import sections, wording
 from .document import Facts, KeyNumber, PageTable, Section
 
@@ -181,8 +182,8 @@ def _ladder_sentence(study: Study, unit: str) -> str:
     moved = f"The free-run error is {wording.with_unit(last.rmse, unit)}"
     if len(study.steps) > 1:
         moved = (f"The free-run error went from {wording.with_unit(first.rmse, unit)} to "
-                 f"{wording.with_unit(last.rmse, unit)} with {len(study.steps) - 1} added effect"
-                 f"{'s' if len(study.steps) > 2 else ''}")
+                 f"{wording.with_unit(last.rmse, unit)} with "
+                 f"{counted(len(study.steps) - 1, 'added effect')}")
     if not last.noise_sd:
         return moved + "."
     ratio = last.rmse / last.noise_sd

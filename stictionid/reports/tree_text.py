@@ -81,7 +81,7 @@ def tree_lines(study: Study, *, plain: bool = False, width: int = _WIDTH) -> tup
     if found.more:
         rows.append((guides[1], "   ", f"{found.more} more", "", "", found.rest))
     unit = wording.clean(study.data.units.get("process_value") or "", 8)
-    room = min(max(len(head + label) for head, _, label, *_ in rows), _LABEL)
+    room = min(max(len(head + label) for head, _, label, *_ in rows), _LABEL, width - _ERROR - _TIMES - 2 - _WORDS)
     head = f"{'model':<{room}}{'error':>{_ERROR}}{'x noise':>{_TIMES}}  {f'error in {unit}' if unit else ''}"
     lines = [head.rstrip()]
     for first, next_head, label, error, times, words in rows:

@@ -11,33 +11,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import parse
-from ..fit.cross_validation import held_out
-from ..fit.moves import descended, with_start
 from ..fit.public_values import noise_values, rows_for, values_of
 from ..fit.starts.beside_effect import RESTING
 from ..model.rounding import moved_by_rounding, step_of
-from ..model.segments import bound
 from ..model.spec import BASE, FIRST_ORDER, INTEGRATOR
+from ..process.scan import DECIMATED
 from ..record.loop import Loop
 from ..record.study import Candidate, Study
 from ..record.tree import Equivalent, drop_percent
 from .gates import margin_of
-from .looks import Ground, Task, performed, pool_of, rng_of, standing
-from .node import key, node, other_process, physical, without
+from .looks import Ground, Task, performed, pool_of, standing
+from .node import key, other_process, physical
 from .policy import Policy
-from .score import Scored, completed, noise_name
+from .score import noise_name
 from .search import ADD, DROP, SWAP, Entry, Search
 from .tells import settling
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The answer of a search: the winner, the name of its noise, its equivalents, and what is missing in words."""
+    """The answer of a search: the winner, the name of its noise, its equivalents, and what is missing in words.
+
+    `unseen` is True where the course of the output between samples is unknown and the winner leaves more than noise.
+    """
 
     winner: Entry
     noise: str
     equivalents: tuple[Equivalent, ...]
     missing_reason: str
+    unseen: bool = False
 
 
 def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
@@ -48,10 +50,12 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     search.settle(best)
     winner = _integrating(search, pruned(search, best, keep))
     done = winner.scored.done
-    noise = noise_name(done, search.policy) if done.white else ""
+    unseen = (search.blurred and winner.spec.between != DECIMATED
+              and not winner.scored.only_noise(search.policy))
+    noise = "" if unseen or not done.white else noise_name(done, search.policy)
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in equivalents(search, winner))
-    return Decision(winner, noise, alike, missing_reason(winner))
+    return Decision(winner, noise, alike, missing_reason(winner, unseen), unseen)
 
 
 def _integrating(search: Search, winner: Entry) -> Entry:
@@ -98,33 +102,13 @@ def rounded(loop: Loop, study: Study, found: Decision, policy: Policy, seed: int
 def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
     """The winner without each effect whose loss costs less than its margin, one after the other."""
     while True:
-        losses = {name: _dropped(search, winner, name) for name in physical(winner.spec) if name not in keep}
+        losses = {name: search.dropped(winner, name) for name in physical(winner.spec) if name not in keep}
         cheap = {name: e for name, e in losses.items()
                  if winner.scored.done.gain_over(e.scored.done) < margin_of(name, search.policy)}
         if not cheap:
             return winner
         name = min(cheap, key=lambda n: winner.scored.done.gain_over(cheap[n].scored.done))
         winner = cheap[name]
-
-
-def _dropped(search: Search, entry: Entry, name: str) -> Entry:
-    """The node without one effect: as the search met it, or polished from the winner's values, whichever is better."""
-    spec = node(without(entry.spec, (name,)), soft=entry.scored.done.increments)
-    known = search.memo.get(key(spec))
-    fit = standing(entry.scored, entry.spec)
-    model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
-    start = model.cube(model.vector(fit.model.named(fit.values))[:, None])
-    found = descended(model, np.concatenate([start, with_start(model, start)]))
-    done = completed(model, model.values(found.points[:1])[:, 0], fit.values[None, :len(BASE)],
-                     rng_of(search.seed, key(spec), 2), search.policy)
-    if known is not None and not known.failed and known.scored.done.gain_over(done) > 0.0:
-        return known
-    scored = Scored(done, True, held_out(done))
-    if known is None:
-        known = search.memo[key(spec)] = Entry(spec, scored, key(entry.spec), DROP, name)
-    else:
-        known.scored = scored
-    return known
 
 
 def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
@@ -211,9 +195,16 @@ def _why(entry: Entry, winner: str) -> str:
     return f"it helps less than {winner}" if winner else "it was not needed"
 
 
-def missing_reason(winner: Entry) -> str:
-    """The words for a winner that leaves more than noise; empty where nothing is missing."""
+def missing_reason(winner: Entry, unseen: bool = False) -> str:
+    """The words for a winner that leaves more than noise; empty where nothing is missing.
+
+    `unseen` is True where the output moved between the samples, so that no effect can be told from its course there.
+    """
     done = winner.scored.done
+    if unseen:
+        return (f"the controller scanned between the samples of {done.model.step_s:g} s, and the course of its output "
+                f"there is unknown: the free-run error {winner.scored.rmse:.4g} may be no more than that; export at "
+                "the controller's scan")
     if done.white:
         return ""
     return (f"something is missing that the catalogue does not hold: the innovations {done.innovation_sd:.4g} of the "

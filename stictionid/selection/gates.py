@@ -19,7 +19,7 @@ from ..fit.starts.beside_effect import RESTING
 from ..model.spec import INTEGRATOR
 from ..process.intersample import kicks
 from ..record.tree import Gate
-from .node import BASE_EFFECTS, plain
+from .node import BASE_EFFECTS, local, plain
 from .policy import Policy
 from .score import Scored
 
@@ -39,6 +39,8 @@ class Edge:
     policy: Policy
     # BIC that a valve which rests gains over the same parent; 0 where it does not help.
     rest_gain: float = 0.0
+    # True where the output was computed between the samples, too.
+    blurred: bool = False
 
     @property
     def gain(self) -> float:
@@ -53,8 +55,7 @@ class Edge:
     @property
     def local(self) -> bool:
         """True for an effect that acts at a place of the record: a disturbance, or friction that changes with time."""
-        effect = parse(self.name)[0]
-        return effect.kind == "L" or effect.profile is not None
+        return local(parse(self.name)[0])
 
 
 def _gains(edge: Edge) -> str:
@@ -105,9 +106,15 @@ def holds(after: Held | None, before: Held | None, policy: Policy, *, local: boo
 
 
 def _free_run(edge: Edge) -> str:
-    """Reject an effect that makes the free run worse, unless the noise of the child alone implies that error."""
+    """Reject an effect that makes the free run worse, unless the noise of the child alone implies that error.
+
+    A walk implies any error. It excuses none where the parent needs no walk, or where the error grows by much.
+    """
     child, parent = edge.child, edge.parent
-    if child.done.increments or child.rmse <= edge.policy.free_run * parent.rmse or child.white:
+    excused = child.white
+    if child.done.increments:
+        excused = parent.done.increments and child.rmse <= edge.policy.nearly * parent.rmse
+    if child.rmse <= edge.policy.free_run * parent.rmse or excused:
         return ""
     return f"its free run is worse than without it ({child.rmse:.4g} for {parent.rmse:.4g})"
 
@@ -147,7 +154,7 @@ def _kick(edge: Edge) -> str:
     """
     done = edge.child.done
     model = done.model
-    if model.spec.held or plain(edge.name) != "step-disturbance":
+    if model.spec.held or not parse(edge.name)[0].sudden:
         return ""
     numbers = values_of(edge.name, model, done.values, done.evaluated)
     size = abs(numbers["size"])
@@ -170,9 +177,20 @@ def _beyond_rest(edge: Edge) -> str:
     return ""
 
 
+def _beyond_scans(edge: Edge) -> str:
+    """Reject an effect that helps little under an unknown course of the output, and leaves more than noise."""
+    child, parent = edge.child, edge.parent
+    if not edge.blurred or plain(edge.name) in BASE_EFFECTS or child.only_noise(edge.policy):
+        return ""
+    if child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd:
+        return ""
+    return "the unknown course of the output between the samples may explain as much: export faster"
+
+
 GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
     ("gain", _gains), ("there", _is_there), ("blocks", _blocks), ("held-out", _held_out), ("free-run", _free_run),
-    ("range", _in_range), ("slip", _slip), ("kick", _kick), ("rest", _beyond_rest))
+    ("range", _in_range), ("slip", _slip), ("kick", _kick), ("rest", _beyond_rest),
+    ("scans", _beyond_scans))
 
 
 def judged(edge: Edge) -> tuple[Gate, ...]:

@@ -18,21 +18,22 @@ from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended, longest_piece, search_model, with_start
 from ..fit.noise.completion import Refit, restored
 from ..fit.starts.basins import grown, with_process
-from ..fit.starts.beside_effect import RESTING, on_valve, resting_basins, starting_pool, undisturbed, valve_basins
+from ..fit.starts.beside_effect import RESTING, changes, on_valve, starting_pool, undisturbed, valves_of
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
-from ..fit.starts.windows import resting_valves
-from ..fit.with_effect import Scouted, beside_others, scout, settled, together_on_valve, widened_by
+from ..fit.with_effect import Scouted, scout, settled, widened_by
 from ..model.model import Model
 from ..model.segments import bound
 from ..model.spec import BASE, INTEGRATOR, Spec
 from ..numerics import tally
 from ..typing import FloatArray
-from .node import key, node
+from .node import BASE_EFFECTS, key, local, node, plain
 from .policy import Policy
 from .score import Scored, completed, glanced
 
-# Stages of a task: a search for valves, a look from what is known, one with swarms, one for effects that hide others.
-VALVES, NEAR, FAR, DEEP = "valves", "near", "far", "deep"
+# Points of a look on a part of the record that are polished on all of it.
+_CARRIED = 2
+# Stages of a task: a search for valves, a look from what is known, one with swarms.
+VALVES, NEAR, FAR = "valves", "near", "far"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,49 +129,70 @@ def look_at(ground: Ground, task: Task) -> Packed:
 
 
 def kind_of(spec: Spec) -> str:
-    """The effects on the valve of a node, and its command between samples: nodes of one kind have the same valves."""
-    return " + ".join(sorted(n for n in spec.effects if on_valve(parse(n)[0]))) + f" {spec.between}"
+    """The effects on the valve of a node, and its command between samples: nodes of one kind have the same valves.
+
+    A valve that only rests is found together with its process, so that the process belongs to its kind.
+    """
+    valve = sorted(n for n in spec.effects if on_valve(parse(n)[0]))
+    process = [spec.process, *(n for n in spec.effects if plain(n) in BASE_EFFECTS)] if valve == [RESTING] else []
+    return f"{' + '.join(valve)} {spec.between} {' + '.join(process)}".rstrip()
 
 
 def _valves(ground: Ground, task: Task) -> Packed:
-    """Valves of the child's kind, found with the process open or polished along: once for each kind and record."""
-    rng = rng_of(ground.seed, kind_of(task.spec), 1)
-    fit, effect = _beginning(ground.fit, ground.policy.valve_samples), parse(task.added)[0]
+    """Valves of the child's kind, found on growing parts of the record: once for each kind and record."""
+    model, policy = ground.fit.model, ground.policy
+    samples = max(int(policy.periods * model.period_s / model.step_s), policy.valve_samples)
+    fit = ground.fit if any(changes(name) for name in task.spec.effects) else _beginning(ground.fit, samples)
     _, coarse = widened_by(fit, task.added)
-    guesses = effect.guess(coarse.context) if effect.guess else np.zeros((1, 0))
-    points = valve_basins(coarse, task.added, guesses, fit, rng, False)
-    named = [coarse.named(column) for column in coarse.values(points).T]
-    if effect.name == RESTING and coarse.spec.held:
-        bare = undisturbed(coarse, fit.model, fit.values)
-        found = bare.values(resting_valves(bare, (), bare.rows_of(RESTING), rng))
-        named += [{**fit.model.named(fit.values), **bare.named(column)} for column in found.T]
-        rests = {f"{task.added}:{p.name}": p.high for p in effect.parameters_for(coarse.context)}
-        named += [{**dict(zip(BASE, base, strict=True)), **rests} for base in resting_basins(bare, rng)]
-    return Packed(task.spec, task.added, valves=tuple(named))
+    return Packed(task.spec, task.added, valves=tuple(valves_of(undisturbed(coarse, fit.model, fit.values),
+                                                                rng_of(ground.seed, kind_of(task.spec), 1))))
 
 
 def _beginning(fit: Fitted, samples: int) -> Fitted:
-    """The fit on the first samples of its longest segment, where the record has more: valves need no more to show."""
+    """The fit on the first samples of its longest segment, where the record has twice as many or more."""
     model = fit.model
     at = longest_piece(model)
     piece = model.pieces[at].loop
-    if piece.samples <= samples:
+    if piece.samples < 2 * samples:
         return fit
     short = bound(piece.cut(0, samples), model.spec, s_max=model.s_max, period_s=model.period_s)
     return as_it_stands(short, model.of(at, fit.values))
 
 
+def _searched(fit: Fitted, spec: Spec, policy: Policy) -> Fitted:
+    """The fit on the part of a long record that a search needs: all of it where an effect acts at a place of it."""
+    return fit if any(local(parse(name)[0]) for name in spec.effects) else _beginning(fit, policy.fit_samples)
+
+
+def _on_all(found: Scouted, fit: Fitted, name: str) -> Scouted:
+    """A look that was taken on the beginning of a long record, polished on all of it."""
+    model, coarse = widened_by(fit, name)
+    here = fit.model.named(fit.values)
+    vectors = [coarse.vector({**here, **found.coarse.named(column)})
+               for column in found.coarse.values(found.points[:_CARRIED]).T]
+    cube = coarse.cube(np.array([coarse.vector(here), *vectors]).T)
+    neutral = float(coarse.costs(cube[:1])[0])
+    near = descended(coarse, with_start(coarse, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    return Scouted(coarse, model, near.points, float(near.costs[0]), neutral, found.name)
+
+
 def _with_effect(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
+    """A look at one effect more, on the beginning of a long record unless the effect acts at a place of it."""
+    short = _searched(ground.fit, task.spec, ground.policy)
+    if short is ground.fit:
+        return _look(ground, task, rng)
+    return _on_all(_look(replace(ground, fit=short), task, rng), ground.fit, task.added)
+
+
+def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     _, coarse = widened_by(ground.fit, task.added)
     known = ground.valves.get(kind_of(task.spec), ()) if on_valve(parse(task.added)[0]) else ()
     here = ground.fit.model.named(ground.fit.values)
     mine = {n for n in coarse.names if on_valve(parse(n)[0])}
     valves = [coarse.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
               for named in known]
-    found = scout(ground.fit, task.added, ground.pool, rng, far=task.stage != NEAR, windows=task.stage == DEEP,
+    found = scout(ground.fit, task.added, ground.pool, rng, far=task.stage != NEAR,
                   valves=np.array(valves).reshape(-1, coarse.space.size))
-    if task.stage == DEEP and (more := beside_others(ground.fit, task.added, found.points, rng)) is not None:
-        found = more if more.cost < found.cost else found
     return found
 
 
@@ -210,12 +232,20 @@ def _full(ground: Ground, task: Task) -> Packed:
     rng = rng_of(ground.seed, key(task.spec), 2)
     model = _bound(ground.fit, task.spec)
     name = task.added if task.added and on_valve(parse(task.added)[0]) else ""
-    model, values, cost = settled(Scouted(search_model(model), model, task.look.points, task.look.cost, np.inf, name),
-                                  rng)
+    look = Scouted(search_model(model), model, task.look.points, task.look.cost, np.inf, name)
+    short = _searched(as_it_stands(model, look.values), task.spec, ground.policy)
+    if short.model is model:
+        model, values, cost = settled(look, rng)
+    else:
+        piece = short.model
+        start = search_model(piece)
+        piece, values, _ = settled(Scouted(start, piece, start.cube(short.values[:, None]), np.inf, np.inf, name), rng)
+        known = {**model.named(look.values), **piece.named(values)}
+        cube = np.concatenate([look.points[:1], look.coarse.cube(look.coarse.vector(known)[:, None])])
+        near = descended(look.coarse, with_start(look.coarse, cube))
+        values, cost = look.coarse.values(near.points[:1])[:, 0], float(near.costs[0])
     if not np.isfinite(cost):
         return Packed(task.spec, task.added, failed="its refit did not converge")
-    if task.stage == DEEP:
-        values = together_on_valve(model, values, rng)
     done = completed(model, values, ground.pool, rng, ground.policy)
     return replace(_packed(task, done, cost=cost), held=held_out(done), full=True)
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from ..effects import catalogue, in_order, parse
+from ..effects.contract import Effect
 from ..fit.options import check_tag
 from ..fit.starts.beside_effect import RESTING
 from ..model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec
@@ -19,6 +20,11 @@ BASE_EFFECTS = frozenset({LAG, RESTING})
 def plain(name: str) -> str:
     """The effect's name without variant and tag."""
     return parse(name)[0].name
+
+
+def local(effect: Effect) -> bool:
+    """True for an effect that acts at a place of the record: a disturbance, or friction that changes with time."""
+    return effect.kind == "L" or effect.profile is not None
 
 
 def physical(spec: Spec) -> tuple[str, ...]:
@@ -93,5 +99,6 @@ def additions(spec: Spec, loop: Loop, only: Iterable[str] | None = None) -> tupl
     asked = None if only is None else set(only)
     return tuple(name for effect in catalogue().values()
                  if effect.name not in have and effect.noise is None and (asked is None or effect.name in asked)
+                 and effect.asked_for(loop.process_value)
                  and not ("extra" in effect.needs and not loop.moving_extras)
                  for name in variants(effect.name, loop))

@@ -50,10 +50,13 @@ class Policy:
     drift_alone: float = _number(0.05, "1", "share of its gain that a drift must have beyond a rest", _PLANTS)
     endless_lag: float = _number(3.0, "periods", "time constant from which an integrator is asked for", _PLANTS)
     nearly: float = _number(1.3, "1", "free run over innovations up to which one more fit may do", _PLANTS)
+    beyond_scans: float = _number(0.1, "1", "fall of the one-step error beyond unknown scans between samples", _PLANTS)
     kick_samples: float = _number(3.0, "samples", "distance of a step from a setpoint move", _PLANTS)
     rounding: float = _number(3.0, "1", "free-run error over noise and rounding that rounding explains", _PLANTS)
     chance: float = _number(0.01, "1", "bootstrap p above which nothing is named", _CRITICISM)
-    valve_samples: int = _number(4_000, "samples", "longest record in which valves are searched", _LENGTH, least=1)
+    periods: float = _number(12.0, "periods", "length of the record in which valves are searched", _PLANTS, least=1)
+    valve_samples: int = _number(1_000, "samples", "least length of that record", _PLANTS, least=1)
+    fit_samples: int = _number(4_000, "samples", "longest record on which looks and fits search", _LENGTH, least=1)
     unit: int = _number(2_000, "samples", "samples of one evaluation of the budget", _LENGTH, least=1)
 
     def __post_init__(self) -> None:

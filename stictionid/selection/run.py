@@ -16,7 +16,7 @@ from ..fit.starts.intersample import as_moving, may_move, surely_moves
 from ..model.restore import rebuild_model
 from ..model.segments import bound
 from ..model.spec import Spec
-from ..process.scan import ran_with_samples
+from ..process.scan import blurred, ran_with_samples
 from ..record.loop import Finding, Loop
 from ..record.study import Candidate, Step, Study
 from ..record.tree import Edge as TreeEdge
@@ -47,7 +47,8 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     """
     policy, tell = policy or Policy(), progress or (lambda text, share: None)
     run, fit = opened(loop, study, seed)
-    search = Search(run.loop, policy, seed, jobs, tell, commands=commands_of(run), floor=floor_of(run))
+    search = Search(run.loop, policy, seed, jobs, tell, commands=commands_of(run),
+                    blurred=blurred(run.loop, run.options.scan_s), floor=floor_of(run))
     _replant(search, run, study, fit, policy)
     found = decided(search, search.run(everything=everything))
     before = physical(node(fit.model.spec))

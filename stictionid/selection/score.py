@@ -41,6 +41,19 @@ class Scored:
         """True where the innovations pass every test for whiteness."""
         return self.done.white
 
+    @cached_property
+    def noise_alone(self) -> bool:
+        """True where the innovations are white, and the noise model remembers too shortly to be a disturbance."""
+        return self.done.noise_alone
+
+    def explained(self, policy: Policy) -> bool:
+        """True where white innovations are left that are nearly all of the free run."""
+        return self.white and self.rmse <= policy.carried * self.done.innovation_sd
+
+    def only_noise(self, policy: Policy) -> bool:
+        """True where noise of short memory is left, or white innovations that are nearly all of the free run."""
+        return self.noise_alone or self.explained(policy)
+
     @property
     def free_run_at_noise(self) -> bool:
         """True where the noise model carries next to nothing."""

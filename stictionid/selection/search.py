@@ -14,24 +14,24 @@ import numpy as np
 from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.moves import descended
+from ..fit.moves import descended, with_start
 from ..fit.noise.completion import Refit
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.segments import bound
-from ..model.spec import Spec
+from ..model.spec import BASE, Spec
 from ..record.loop import Loop
 from ..record.tree import Gate
 from ..typing import Progress
 from .crew import Crew
 from .gates import Edge, judged
-from .looks import DEEP, FAR, VALVES, Ground, Packed, Task, kind_of, pool_of, rng_of, settled_again, standing
-from .node import additions, depth, key, node, other_process, plain, with_effect
+from .looks import FAR, VALVES, Ground, Packed, Task, kind_of, pool_of, rng_of, settled_again, standing
+from .node import BASE_EFFECTS, additions, depth, key, node, other_process, plain, with_effect, without
 from .policy import Policy
 from .score import Scored, completed, glanced
 
 ROOT, ADD, DROP, SWAP = "root", "add", "drop", "swap"
-# Looks taken from a node so far: none, near ones, far ones, those for effects that hide others.
-Asked = IntEnum("Asked", ("NOTHING", "BY_NEAR", "BY_FAR", "BY_DEEP"), start=0)
+# Looks taken from a node so far: none, near ones, far ones.
+Asked = IntEnum("Asked", ("NOTHING", "BY_NEAR", "BY_FAR"), start=0)
 
 
 @dataclass(slots=True)
@@ -70,6 +70,8 @@ class Search:
     valves: dict[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
     spent: int = 0
     unasked: list[str] = field(default_factory=list)
+    # True where the output was computed between the samples, too, in a way that they do not show.
+    blurred: bool = False
     # Irreducible noise in the unit of y for a completed model; None where the record is too short.
     floor: Callable[[Refit], float | None] = lambda done: None
 
@@ -98,10 +100,8 @@ class Search:
             best = self.best()
             if self.at_end(best):
                 return best
-            queue = [e for e in self._queue() if widths.get(depth(e.spec), 0) < self.policy.beam]
-            if not queue and best.asked == Asked.BY_FAR and not best.scored.white:
-                self.deepen(best)
-                continue
+            queue = self._queue() or ([] if self.only or best.scored.white else self._other_bases())
+            queue = [e for e in queue if widths.get(depth(e.spec), 0) < self.policy.beam]
             if not queue:
                 return best
             if self.spent >= self.policy.budget:
@@ -114,12 +114,13 @@ class Search:
     def at_end(self, entry: Entry) -> bool:
         """True where an entry's free run is white noise, or it was expanded and leaves white innovations.
 
-        An autoregression that whitens everything is no reason to stop before the node was expanded.
+        An autoregression that whitens everything is no reason to stop before the node was expanded. One of long memory
+        is none before far looks, either: it may stand for a disturbance.
         """
         scored = entry.scored
-        if self._explained(entry) and (entry.asked or scored.free_run_at_noise):
+        if scored.white and (scored.free_run_at_noise or entry.asked == Asked.BY_FAR):
             return True
-        return scored.white and (scored.free_run_at_noise or entry.asked >= Asked.BY_FAR)
+        return bool(entry.asked) and self._only_noise(entry)
 
     def best(self) -> Entry:
         """The entry with the best BIC among those that passed all gates."""
@@ -136,6 +137,11 @@ class Search:
         bases = [e for e in self.memo.values() if not e.asked and not e.failed and e.scored.full
                  and depth(e.spec) == 0 and self._better_base(e)]
         return [*sorted(bases, key=lambda e: e.scored.rmse), *(e for e in ranked if depth(e.spec) > 0)]
+
+    def _other_bases(self) -> list[Entry]:
+        """Bases that do not help alone, best first: beside one of them another effect may."""
+        bases = [e for e in self.memo.values() if not e.asked and not e.failed and depth(e.spec) == 0]
+        return sorted(bases, key=lambda e: e.scored.done.bic(e.scored.done.good))
 
     def _better_base(self, entry: Entry) -> bool:
         """True for a root, and for a node whose free run is clearly better than its parent's."""
@@ -156,22 +162,47 @@ class Search:
         fit = standing(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         tasks = self._edges(entry, fit)
+        if not any(on_valve(effect) for effect in fit.model.effects):
+            # A valve that rests under a held command is as common as one that slides, and its basin is far from there.
+            self._search_valves(ground, [t for t in tasks if t.added == RESTING and t.spec.held])
         self._finish(ground, entry, self._performed(ground, entry, tasks))
-        if self._settled(entry) or self._explained(entry):
+        self._lighten()
+        if self._only_noise(self.best()):
             return
         entry.asked = Asked.BY_FAR
         self._search_valves(ground, tasks)
         far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._far(t, entry)])
         self._finish(ground, entry, [a for a in far if self._better(a)])
 
-    def deepen(self, entry: Entry) -> None:
-        """Look at a node's edges once more for effects on the valve that hide each other."""
-        entry.asked = Asked.BY_DEEP
+    def _lighten(self) -> None:
+        """Drop what the best node has from its base and no longer needs: a rest found while an effect was missing."""
+        best = self.best()
+        for name in BASE_EFFECTS.intersection(best.spec.effects):
+            if depth(best.spec) and not self._only_noise(best):
+                without = self.dropped(best, name)
+                if best.scored.done.gain_over(without.scored.done) < self.policy.structure_margin:
+                    self.settle(without)
+
+    def dropped(self, entry: Entry, name: str) -> Entry:
+        """The node without one effect: as it was met, or polished from an entry's values, whichever is better."""
+        spec = node(without(entry.spec, (name,)), soft=entry.scored.done.increments)
+        known = self.memo.get(key(spec))
+        if known is not None and known.scored.full and entry.op == ADD and entry.parent == key(spec):
+            return known  # it was polished from this entry's values when they were handed back
         fit = standing(entry.scored, entry.spec)
-        ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
-        tasks = [replace(t, stage=DEEP) for t in self._edges(entry, fit) if self._on_valve(t)]
-        deep = self._performed(ground, entry, tasks)
-        self._finish(ground, entry, [a for a in deep if self._better(a)])
+        model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
+        start = model.cube(model.vector(fit.model.named(fit.values))[:, None])
+        found = descended(model, np.concatenate([start, with_start(model, start)]))
+        done = completed(model, model.values(found.points[:1])[:, 0], fit.values[None, :len(BASE)],
+                         rng_of(self.seed, key(spec), 2), self.policy)
+        if known is not None and not known.failed and known.scored.done.gain_over(done) > 0.0:
+            return known
+        scored = Scored(done, True, held_out(done))
+        if known is None:
+            known = self.memo[key(spec)] = Entry(spec, scored, key(entry.spec), DROP, name)
+        else:
+            known.scored = scored
+        return known
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet."""
@@ -265,11 +296,12 @@ class Search:
             answer = answers[name]
             structural = depth(answer.spec) == 0 and self._better_base(self.memo[name])
             late = count >= self.policy.finalists or gains[name] < max(best - self.policy.within, 0.0)
-            if ((late and count) or gains[name] < -self.policy.within) and not structural:
+            # Beside noise alone a look that gains nothing is no lead.
+            least = 0.0 if entry.scored.noise_alone else -self.policy.within
+            if ((late and count) or gains[name] < least) and not structural:
                 continue
             count += not structural
-            stage = DEEP if entry.asked == Asked.BY_DEEP else FAR
-            done = self._performed(ground, entry, [Task(answer.spec, answer.added, stage, look=answer)])
+            done = self._performed(ground, entry, [Task(answer.spec, answer.added, look=answer)])
             if done:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
                 if self._explained(self.memo[name]):
@@ -280,9 +312,11 @@ class Search:
         self._judge(entry)
 
     def _nearly(self, entry: Entry) -> list[Entry]:
-        """Full children whose innovations are white, and whose noise model carries a little of the free run."""
+        """Full children that gain, whose innovations are white, and whose noise model carries a little of the free run.
+        """
         return [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
                 and not e.settled and not self._explained(e) and e.scored.white
+                and e.scored.done.gain_over(entry.scored.done) >= self.policy.structure_margin
                 and e.scored.rmse <= self.policy.nearly * e.scored.done.innovation_sd]
 
     def settle(self, entry: Entry) -> None:
@@ -316,21 +350,21 @@ class Search:
             if e.parent != key(entry.spec) or e.failed or not e.scored.full:
                 continue
             if e.op == ADD:
-                e.gates = judged(Edge(e.what, e.scored, entry.scored, self.policy, rest))
+                e.gates = judged(Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred))
             else:
                 gain = e.scored.done.gain_over(entry.scored.done)
                 e.gates = (Gate("gain", gain >= self.policy.structure_margin,
                                 "" if gain >= self.policy.structure_margin else f"it gains {gain:.0f} BIC"),)
 
-    def _settled(self, entry: Entry) -> bool:
-        """True where a child that passed the gates leaves nothing but noise."""
-        return any(e.parent == key(entry.spec) and e.passed and self._explained(e) for e in self.memo.values())
+    def _only_noise(self, entry: Entry) -> bool:
+        """True where an entry leaves noise of short memory, or is explained."""
+        return entry.scored.noise_alone or self._explained(entry)
 
     def _explained(self, entry: Entry) -> bool:
         """True where an entry leaves white innovations and its noise model carries little of the free run."""
         scored = entry.scored
         if scored.white:
-            return scored.rmse <= self.policy.carried * scored.done.innovation_sd
+            return scored.explained(self.policy)
         if self.loop.samples <= 2 * self.policy.unit:
             return False
         # Tests for whiteness reject every model of a long record.

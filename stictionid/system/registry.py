@@ -10,8 +10,7 @@ import importlib
 import pkgutil
 import sys
 from collections.abc import Callable
-from functools import cache
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from ..errors import UsageError
 
@@ -27,36 +26,67 @@ class Named(Protocol):
 Entry = TypeVar("Entry", bound=Named)
 
 
-def room(package: str, constant: str, kind: type[Entry], word: str,
-         order: Callable[[Entry], Any]) -> tuple[Callable[[], dict[str, Entry]], Callable[[str], Entry]]:
-    """Two functions over the modules of `package` that hold a `constant` of type `kind`: all by name, and one by name.
+class Room(Generic[Entry]):
+    """A catalogue: the modules of a package that hold a constant of one type, and entries added from elsewhere.
 
-    The first returns all entries sorted by `order`. The second imports only the file that bears the name, where there
-    is one. It raises UsageError with the nearest name for an unknown one; `word` is the kind of entry in that message.
+    Entries are sorted by `order`, `word` is the kind of entry in messages. `late` is called before other entries than
+    those of the folder are asked for; it adds them.
     """
-    @cache
-    def catalogue() -> dict[str, Entry]:
-        """All entries by name, in their order."""
-        found = []
-        for module in pkgutil.iter_modules(sys.modules[package].__path__):
-            entry = getattr(importlib.import_module(f"{package}.{module.name}"), constant, None)
-            if entry is not None:
-                found.append(entry)
-        return {entry.name: entry for entry in sorted(found, key=order)}
 
-    def get(name: str) -> Entry:
+    def __init__(self, package: str, constant: str, kind: type[Entry], word: str, order: Callable[[Entry], Any],
+                 late: Callable[[], None] | None = None) -> None:
+        self._package, self._constant, self._kind, self._word = package, constant, kind, word
+        self._order, self._late = order, late
+        self._own: dict[str, Entry] = {}
+        self._places: list[str] = []
+        self._others: dict[str, Entry] = {}
+
+    def _of_folder(self) -> dict[str, Entry]:
+        """The entries of the folder by name, read once; again where the package has got another folder."""
+        places = list(sys.modules[self._package].__path__)
+        if places != self._places:
+            self._own, self._places = {}, places
+            for module in pkgutil.iter_modules(places):
+                entry = getattr(importlib.import_module(f"{self._package}.{module.name}"), self._constant, None)
+                if entry is not None:
+                    self._own[entry.name] = entry
+        return self._own
+
+    def catalogue(self) -> dict[str, Entry]:
+        """All entries by name, in their order."""
+        if self._late is not None:
+            self._late()
+        entries = sorted((*self._of_folder().values(), *self._others.values()), key=self._order)
+        return {entry.name: entry for entry in entries}
+
+    def get(self, name: str) -> Entry:
         """The entry called `name`; UsageError naming the nearest one where there is none."""
         try:  # the usual case loads one file only
-            entry = getattr(importlib.import_module(f"{package}.{name.replace('-', '_')}"), constant, None)
-            if isinstance(entry, kind) and entry.name == name:
+            entry = getattr(importlib.import_module(f"{self._package}.{name.replace('-', '_')}"), self._constant, None)
+            if isinstance(entry, self._kind) and entry.name == name:
                 return entry
         except (ImportError, ValueError):
             pass
-        entries = catalogue()
+        entries = self._others if name in self._others else self.catalogue()
         if name in entries:
             return entries[name]
         near = difflib.get_close_matches(name, entries, 1)
-        raise UsageError(f"unknown {word} '{name}'", (f"did you mean '{near[0]}'? " if near else "")
-                         + f"{word}s: " + ", ".join(entries))
+        raise UsageError(f"unknown {self._word} '{name}'", (f"did you mean '{near[0]}'? " if near else "")
+                         + f"{self._word}s: " + ", ".join(entries))
 
-    return catalogue, get
+    def register(self, entry: Entry) -> None:
+        """Add an entry, or put it in the place of an added one; UsageError where the folder has its name."""
+        if entry.name in self._of_folder():
+            raise UsageError(f"the name {entry.name} is that of a built-in {self._word}", "choose another name")
+        self._others[entry.name] = entry
+
+    def forget(self, name: str) -> None:
+        """Take an added entry out again; nothing happens where there is none."""
+        self._others.pop(name, None)
+
+
+def room(package: str, constant: str, kind: type[Entry], word: str, order: Callable[[Entry], Any],
+         ) -> tuple[Callable[[], dict[str, Entry]], Callable[[str], Entry]]:
+    """The functions `catalogue` and `get` of a room to which nothing is added."""
+    found = Room(package, constant, kind, word, order)
+    return found.catalogue, found.get

@@ -25,6 +25,7 @@ from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..fit.options import Options
 from ..record.loop import Loop
 from ..record.study import CreatedBy, Study
+from ..system.plurals import counted as plural
 from ..typing import FloatArray, Progress
 from .identify import identify as run_identify
 from .identify import made_by
@@ -201,7 +202,7 @@ def cannot(found: Agreement) -> CannotTell | None:
 def _said(records: Sequence[RecordResult], counted: Sequence[RecordResult], spreads: Sequence[Spread],
           drifts: Sequence[Drift]) -> str:
     tally = {word: sum(r.verdict == word for r in records) for word in ("stiction", "no stiction", "undecided")}
-    said = (f"{len(records)} records: " + ", ".join(f"{n} {word}" for word, n in tally.items() if n)
+    said = (f"{plural(len(records), 'record')}: " + ", ".join(f"{n} {word}" for word, n in tally.items() if n)
             + f"; {len(counted)} of them give S and J")
     known = [s for s in spreads if s.agree is not None]
     if not known:
@@ -257,7 +258,7 @@ def _spread(name: str, unit: str, records: Sequence[RecordResult]) -> Spread:
     low, high = float(everything.min()), float(everything.max())
     sd = float(np.std(everything, ddof=1)) if everything.size > 1 else 0.0
     have, values, sides = _known(name, records)
-    said = f"{name} lies between {low:.4g} and {high:.4g} {unit} in {everything.size} records"
+    said = f"{name} lies between {low:.4g} and {high:.4g} {unit} in {plural(everything.size, 'record')}"
     if len(have) < 2:
         return Spread(name, unit, everything.size, low, high, sd, None, None, None, None, None, None,
                       said + "; fewer than two have an interval, so nothing can be said about agreement")

@@ -66,7 +66,7 @@ def _size(name: str, best: Refit) -> str | None:
     good = model.weight > 0
     variance = best.innovation_sd**2
     goal = need(float(good.sum()), len(effect.parameters)) * variance
-    if effect.columns:
+    if effect.columns and not effect.moves:
         return _linear_size(effect, name, wide, values, directions, good, goal)
     return _searched_size(effect, name, wide, values, directions, good, goal, best)
 

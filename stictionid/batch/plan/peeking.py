@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...errors import DataError, StictionidError, UsageError
@@ -11,10 +11,10 @@ from ...historian.bytes.source import Source, open_source
 from ...historian.dataset import SIGNALS, Opened, groups_of, open_dataset, words_in
 from ...historian.folder import tag_of
 from ...historian.listing import names_of
-from ...historian.table.formats import read_table
+from ...historian.table.formats import IN_PARTS, loops_of, read_table
 from ...historian.table.table import Table
 from ...historian.words.roles import take_apart
-from .sources import PARQUET
+from .sources import PARQUET, PARTS
 
 _HEAD_BYTES = 64 << 10
 # Columns of a file with one tag: date, clock, value, quality.
@@ -26,7 +26,7 @@ class Peeked:
     """Loops of one file: `loops` by name with their selection; one entry without a name for a loop named by its file.
 
     `names` are its tags or columns, for a loop list; `tag` is the tag of a file with a single one. `foreign` says why
-    the file holds no loop, `damaged` what is wrong with it.
+    the file holds no loop, `damaged` what is wrong with it; `hint` says what to do about either.
     """
 
     path: Path
@@ -36,6 +36,7 @@ class Peeked:
     tag: str = ""
     foreign: str = ""
     damaged: str = ""
+    hint: str = ""
 
 
 def peek(path: Path, options: ReadOptions) -> Peeked:
@@ -43,9 +44,9 @@ def peek(path: Path, options: ReadOptions) -> Peeked:
     try:
         if path.suffix.lower() in PARQUET:
             return from_dataset(open_dataset(path), options)
-        return _text(path, options)
+        return _in_parts(path, options) or _text(path, options)
     except StictionidError as error:
-        return Peeked(path, {}, damaged=error.message)
+        return Peeked(path, {}, damaged=error.message, hint=error.hint)
 
 
 def from_dataset(opened: Opened, options: ReadOptions) -> Peeked:
@@ -82,6 +83,19 @@ def _one_tag(path: Path, names: tuple[str, ...]) -> str:
     tag = tag_of(path)
     known = take_apart(tag)
     return tag if 2 <= len(names) <= _MOST_OF_A_TAG and known.role in SIGNALS and known.loop else ""
+
+
+def _in_parts(path: Path, options: ReadOptions) -> Peeked | None:
+    """The loops of a workbook or a MATLAB file; None for any other file."""
+    if path.suffix.lower() not in PARTS:
+        return None
+    source = open_source(path)
+    if source.kind not in IN_PARTS:
+        return None
+    names = loops_of(source, replace(options, loop=None))
+    if names:
+        return Peeked(path, {name: () for name in names}, "part", names)
+    return replace(_columns(path, read_table(source, options).names, options), kind="part")
 
 
 def _text(path: Path, options: ReadOptions) -> Peeked:

@@ -13,6 +13,10 @@ from ...historian.dataset import RESULTS_MARK
 
 TEXT = (".csv", ".tsv", ".txt", ".gz", ".zip")
 PARQUET = (".parquet", ".pq")
+PARTS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".mat")
+DATA = (*TEXT, *PARQUET, *PARTS)
+"""Endings of files that may hold a loop."""
+FOREIGN = "neither text, Parquet, workbook nor MATLAB file by its name"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +44,10 @@ def look(paths: Iterable[str], *, leave: Iterable[Path] = ()) -> FoundFiles:
                 continue
             files = []
             for file in _walk(place, left):
-                if file.suffix.lower() in (*TEXT, *PARQUET):
+                if file.suffix.lower() in DATA:
                     files.append(file)
                 else:
-                    skipped[file] = "neither text nor Parquet by its name"
+                    skipped[file] = FOREIGN
             inside[place] = tuple(files)
     return FoundFiles(tuple(named), inside, tuple(skipped.items()))
 
@@ -65,7 +69,7 @@ def _real(place: Path) -> Path:
 
 
 def _walk(folder: Path, left: set[Path]) -> list[Path]:
-    """Files of a folder and its subfolders in order, without hidden ones, marks of writers (_SUCCESS) and results.
+    """Files of a folder and its subfolders in order, without hidden ones, marks (_SUCCESS), locks (~$) and results.
 
     A link to a folder that contains it is not followed.
     """
@@ -73,7 +77,7 @@ def _walk(folder: Path, left: set[Path]) -> list[Path]:
     if (folder / RESULTS_MARK).is_file():
         return found
     for entry in sorted(folder.iterdir(), key=lambda p: p.name):
-        if entry.name.startswith((".", "_")) or _real(entry) in left:
+        if entry.name.startswith((".", "_", "~$")) or _real(entry) in left:
             continue
         if entry.is_dir():
             found += _walk(entry, left | {_real(folder)})

@@ -14,15 +14,18 @@ from ...historian.dataset import groups_of, open_dataset
 from ...historian.series.assign import key_of
 from ...historian.settled import settled
 from ...historian.words.roles import listing
+from ...system.plurals import counted
 from ..command import command_for
-from ..task import Task, Work
+from ..task import Skipped, Task, Work
 from .file_names import key_for
 from .loop_lists import Listed, read_list
 from .peeking import Peeked, from_dataset, peek
-from .sources import PARQUET, TEXT, FoundFiles, look
+from .sources import DATA, FOREIGN, PARQUET, PARTS, FoundFiles, look
 
 # Endings of files meant as data: a damaged one is a failed loop, not a foreign file.
-_MEANT = (".csv", ".tsv", *PARQUET)
+_MEANT = (".csv", ".tsv", *PARQUET, *PARTS)
+_NAME = "name the columns with --sp --pv --op, or give a loop list with --loops"
+_EXPORT = "export it as CSV, Parquet, a workbook or a MATLAB file, or leave it out"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +33,7 @@ class Plan:
     """The tasks in the order of the sources, and the files left out with their reason."""
 
     tasks: tuple[Task, ...]
-    skipped: tuple[tuple[str, str], ...]
+    skipped: tuple[Skipped, ...]
 
 
 def plan(paths: Iterable[str], work: Work, *, reading: ReadOptions | None = None, loops: Path | None = None) -> Plan:
@@ -49,24 +52,32 @@ def plan(paths: Iterable[str], work: Work, *, reading: ReadOptions | None = None
             raise UsageError(f"no loop {reading.loop!r}", f"loops found: {listing([t.loop for t in tasks])}")
         tasks = wanted
     used = {t.path for t in tasks} | {file for t in tasks for file in t.files}
-    skipped += [(str(p.path), p.damaged or p.foreign or "holds no loop of the list") for p in peeked
-                if _absolute(p.path) not in used]
+    left = {s.file: s for s in (*skipped, *(_without_loop(p) for p in peeked if _absolute(p.path) not in used))}
     if not tasks:
-        raise DataError("no loop was found" + (f" of {len(skipped)} files: {skipped[0][0]}: {skipped[0][1]}"
-                                               if skipped else " (no file)"),
-                        "name the columns with --sp --pv --op, or give a loop list with --loops")
+        first = next(iter(left.values()), None)
+        raise DataError("no loop was found" + (f" of {counted(len(left), 'file')}: {first.file}: {first.reason}"
+                                               if first else " (no file)"), _NAME)
     _refuse_twins(tasks)
-    return Plan(tuple(tasks), tuple(sorted(set(skipped))))
+    return Plan(tuple(tasks), tuple(left[name] for name in sorted(left)))
+
+
+def _without_loop(peeked: Peeked) -> Skipped:
+    """A file without a loop, with the reason and what to do."""
+    if peeked.damaged:
+        return Skipped(str(peeked.path), peeked.damaged, peeked.hint or "export it again")
+    if peeked.foreign:
+        return Skipped(str(peeked.path), peeked.foreign, _NAME)
+    return Skipped(str(peeked.path), "holds no loop of the list", "add its tags to the list, or leave the file out")
 
 
 def _absolute(path: Path) -> str:
     return os.path.abspath(path)
 
 
-def _peek_all(found: FoundFiles, reading: ReadOptions) -> tuple[list[Peeked], list[tuple[str, str]]]:
+def _peek_all(found: FoundFiles, reading: ReadOptions) -> tuple[list[Peeked], list[Skipped]]:
     """Content of every file or dataset, and the files that cannot hold a loop."""
     peeked: list[Peeked] = []
-    skipped = [(str(p), why) for p, why in found.skipped]
+    skipped = [Skipped(str(p), why, _EXPORT) for p, why in found.skipped]
     for folder, files in found.inside.items():
         parquet = [f for f in files if f.suffix.lower() in PARQUET]
         if parquet:
@@ -76,10 +87,10 @@ def _peek_all(found: FoundFiles, reading: ReadOptions) -> tuple[list[Peeked], li
                 files = tuple(f for f in files if f not in set(parquet))
         peeked += [peek(f, reading) for f in files]
     for file in found.named:
-        if file.suffix.lower() in (*TEXT, *PARQUET):
+        if file.suffix.lower() in DATA:
             peeked.append(peek(file, reading))
         else:
-            skipped.append((str(file), "neither text nor Parquet by its name"))
+            skipped.append(Skipped(str(file), FOREIGN, _EXPORT))
     return peeked, skipped
 
 
@@ -105,7 +116,7 @@ def _found(peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[T
             single.setdefault(p.path.parent, {})[p.tag] = path
         for name, select in p.loops.items():
             # Tags given by hand name their loop already.
-            many = (len(p.loops) > 1 or p.kind == "dataset") and not (reading.pv and reading.op)
+            many = (len(p.loops) > 1 or p.kind == "dataset") and (p.kind == "part" or not (reading.pv and reading.op))
             yield _task(name or p.path.name.split(".")[0], p.kind, path, work,
                         replace(reading, loop=name) if many else replace(reading, loop=None), select=select)
     for folder, tags in single.items():

@@ -12,24 +12,25 @@ from urllib.parse import quote
 from ... import _version
 from ...reports.document import PageTable
 from ...reports.pages import html as report
-from ..task import ABSTAINED, FAILED, OK
-from .rows import COLUMNS, counts_of, shown
+from ...system.plurals import counted
+from ..task import SKIPPED
+from .rows import COLUMNS, counts_said, shown
 
 _HEADS = {"loop": "loop", "rank": "rank", "status": "status", "verdict": "verdict", "S": "S", "S_low": "S from",
-          "S_high": "S to", "J": "J", "unit": "unit", "period_s": "period, s", "missing": "missing effects",
+          "S_high": "S to", "J": "J", "unit": "unit", "period_median_s": "period, s", "missing": "missing effects",
           "rmse_before": "error before", "rmse_after": "error after", "message": "message", "file": "file"}
 
 
 def page_of(rows: list[dict[str, Any]], folder: Path | None = None) -> str:
     """The page for summary rows; loops link to `pages/NAME.html` in `folder` where that exists, else to the study."""
-    counts = counts_of(rows)
     sticks = sum(row["verdict"] == "stiction" for row in rows)
-    title = f"Valve stiction: {len(rows)} loops, {sticks} stick"
+    loops = sum(row["status"] != SKIPPED for row in rows)
+    title = f"Valve stiction: {counted(loops, 'loop')}, {counted(sticks, 'sticks', 'stick')}"
     table = PageTable("All loops, worst first", tuple(_HEADS.values()),
                   tuple(tuple(shown(row, name) for name in _HEADS) for row in rows),
                   tuple(i for i, name in enumerate(_HEADS) if COLUMNS[name]))
     body = (f"<h1>{report.escaped(title)}</h1>"
-            f"<p>{counts[OK]} studied, {counts[ABSTAINED]} abstained, {counts[FAILED]} failed.</p>"
+            f"<p>{counts_said(rows)}.</p>"
             f'<section aria-label="All loops"><p class="filter" hidden><label>Show loops with '
             f'<input type="search" id="{report.FILTER}" autocomplete="off"></label> <output></output></p>'
             f"{report.table_html(table, report.COMPARED, links=[_link(row, folder) for row in rows])}</section>")
@@ -37,6 +38,8 @@ def page_of(rows: list[dict[str, Any]], folder: Path | None = None) -> str:
 
 
 def _link(row: dict[str, Any], folder: Path | None) -> str:
+    if row["study"] is None:
+        return ""
     study = str(row["study"])
     own = f"pages/{Path(study).stem}.html"
     return quote(own if folder is not None and (folder / own).is_file() else study)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 from typing import Any
 
+from ...reports import wording
 from ...system.csv_safety import harmless
-from ..task import ABSTAINED, FAILED, OK
+from ...system.plurals import counted
+from ..task import ABSTAINED, FAILED, OK, SKIPPED, Skipped
 from ..work.store import Store, status_of
 from .rank import rank_key
 
@@ -16,10 +19,12 @@ from .rank import rank_key
 COLUMNS = {
     "rank": True, "loop": False, "file": False, "status": False, "message": False, "verdict": False,
     "confidence": True, "S": True, "S_low": True, "S_high": True, "J": True, "J_low": True, "J_high": True,
-    "unit": False, "period_s": True, "s_max": True, "oscillating": False, "missing": False, "rmse_before": True,
-    "rmse_after": True, "noise_sd": True, "adequate": False, "friction_share": True, "study": False,
+    "unit": False, "period_s": True, "period_median_s": True, "s_max": True, "oscillating": False,
+    "missing": False, "rmse_before": True, "rmse_after": True, "noise_sd": True, "adequate": False,
+    "friction_share": True, "study": False,
 }
-_SHOWN = ("rank", "loop", "status", "verdict", "S", "J", "period_s", "missing", "rmse_before", "rmse_after", "message")
+_SHOWN = ("rank", "loop", "status", "verdict", "S", "J", "period_median_s", "missing", "rmse_before", "rmse_after",
+          "message")
 _DIGITS = 4
 _LONGEST_MESSAGE = 160
 
@@ -27,15 +32,29 @@ Row = dict[str, Any]
 
 
 def rows_of(store: Store) -> list[Row]:
-    """All rows, worst loop first; the same rows for the same files."""
+    """All rows, worst loop first, skipped files last; the same rows for the same files."""
     rows = [_failed(key, content) if failure else _done(key, content) for key, content, failure in store.records()]
+    rows += [_skipped(file) for file in store.skipped()]
     rows.sort(key=rank_key)
     return [{**row, "rank": i} for i, row in enumerate(rows, 1)]
 
 
 def counts_of(rows: list[Row]) -> dict[str, int]:
-    """Number of loops with each status."""
-    return {status: sum(row["status"] == status for row in rows) for status in (OK, ABSTAINED, FAILED)}
+    """Number of rows with each status."""
+    return {status: sum(row["status"] == status for row in rows) for status in (OK, ABSTAINED, FAILED, SKIPPED)}
+
+
+def counts_said(rows: list[Row]) -> str:
+    """The counts in words: `8 loops: 5 studied, 2 abstained, 1 failed; 3 files skipped`."""
+    counts = counts_of(rows)
+    skipped = counts[SKIPPED]
+    return (f"{counted(len(rows) - skipped, 'loop')}: {counts[OK]} studied, {counts[ABSTAINED]} abstained, "
+            f"{counts[FAILED]} failed" + (f"; {counted(skipped, 'file')} skipped" if skipped else ""))
+
+
+def _skipped(file: Skipped) -> Row:
+    return _row(loop=os.path.basename(file.file) or file.file, file=file.file, status=SKIPPED,
+                message=file.reason + (f"; {file.hint}" if file.hint else ""))
 
 
 def _row(**values: Any) -> Row:
@@ -59,7 +78,8 @@ def _done(key: str, study: dict[str, Any]) -> Row:
         loop=str(data.get("name") or key), file=data.get("file"), status=status,
         message=str(verdict.get("reason") or "") if status == ABSTAINED else "", verdict=verdict.get("stiction"),
         confidence=verdict.get("confidence"), S=estimate.get("S"), S_low=S[0], S_high=S[1], J=estimate.get("J"),
-        J_low=J[0], J_high=J[1], unit=estimate.get("unit"), period_s=found.get("period_s"), s_max=found.get("s_max"),
+        J_low=J[0], J_high=J[1], unit=estimate.get("unit"), period_s=found.get("period_s"),
+        period_median_s=found.get("period_median_s"), s_max=found.get("s_max"),
         oscillating=_yes(found.get("oscillating")), missing="; ".join(study.get("missing") or ()),
         rmse_before=errors[0].get("rmse"), rmse_after=errors[-1].get("rmse"), noise_sd=errors[-1].get("noise_sd"),
         adequate=_yes(study.get("adequate")), friction_share=_share(study, evidence),
@@ -107,11 +127,10 @@ def as_markdown(rows: list[Row]) -> str:
     """Counts and a table, worst first."""
     from ...reports.pages.markdown import escape
 
-    counts = counts_of(rows)
     sticks = sum(row["verdict"] == "stiction" for row in rows)
     lines = ["# Batch summary", "",
-             f"{len(rows)} loops: {counts[OK]} studied, {counts[ABSTAINED]} abstained, {counts[FAILED]} failed; "
-             f"{sticks} stick. Worst first; `summary.csv` and `summary.parquet` hold all columns.", "",
+             f"{counts_said(rows)}; {counted(sticks, 'sticks', 'stick')}. Worst first; `summary.csv` and "
+             "`summary.parquet` hold all columns.", "",
              "| " + " | ".join(_SHOWN) + " |",
              "|" + "|".join("---:" if COLUMNS[n] else "---" for n in _SHOWN) + "|"]
     lines += ["| " + " | ".join(_cell(row, n, escape) for n in _SHOWN) + " |" for row in rows]
@@ -119,10 +138,12 @@ def as_markdown(rows: list[Row]) -> str:
 
 
 def shown(row: Row, name: str) -> str:
-    """A value for display: numbers at four digits, a long message cut."""
+    """A value for display: numbers at four digits, the period as in a report, a long message cut."""
     value = row[name]
     if value is None:
         return ""
+    if name == "period_median_s":
+        return wording.number(value)
     if COLUMNS[name]:
         return f"{value:.{_DIGITS}g}" if name != "rank" else str(value)
     text = " ".join(str(value).split())
@@ -138,7 +159,7 @@ def _utf8(text: str) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-__all__ = ["COLUMNS", "Row", "as_csv", "as_markdown", "as_parquet", "counts_of", "rows_of", "shown"]
+__all__ = ["COLUMNS", "Row", "as_csv", "as_markdown", "as_parquet", "counts_of", "counts_said", "rows_of", "shown"]
 
 
 def _share(study: dict[str, Any], evidence: dict[str, Any]) -> float | None:

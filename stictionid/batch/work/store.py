@@ -3,6 +3,7 @@
     batch.json            origin of the folder: schema and version
     studies/NAME.json     one study per loop
     failures/NAME.json    why a loop has none (its older study, if any, stays but does not count)
+    skipped.json          the files without a loop, each with reason and hint
     timing.csv            seconds per loop, one line added as each is done
     summary.*             made from the above, removed while a batch runs
 
@@ -15,7 +16,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterator
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +27,12 @@ from ...errors import DataError, UsageError
 from ...historian.dataset import RESULTS_MARK
 from ...system.csv_safety import harmless
 from ...system.files import unwritable, write_whole
-from ..task import ABSTAINED, FAILED, OK, Task, TaskOutcome
+from ..task import ABSTAINED, FAILED, OK, Skipped, Task, TaskOutcome
 
 SCHEMA = "stictionid.batch/1"
 FAILURE_SCHEMA = "stictionid.failure/1"
+SKIPPED_SCHEMA = "stictionid.skipped/1"
+_SKIPPED = "skipped.json"
 SUMMARIES = ("summary.csv", "summary.parquet", "summary.md", "summary.html")
 _TIMES = ("read", "screen", "identify", "diagnose", "page", "total")
 
@@ -168,6 +173,26 @@ class Store:
                 file.write(text.getvalue())
         except OSError as error:
             raise unwritable(path, error) from None
+
+    def skip(self, found: Iterable[Skipped], tasks: Iterable[Task]) -> None:
+        """Write the files without a loop; those of earlier runs stay unless a task reads them now.
+
+        UsageError where there is no room or no permission.
+        """
+        read = {path for t in tasks for path in (t.path, *t.files)}
+        known = {s.file: s for s in (*self.skipped(), *found) if os.path.abspath(s.file) not in read}
+        content = {"schema": SKIPPED_SCHEMA, "version": __version__, "files": [asdict(known[f]) for f in sorted(known)]}
+        # A path may hold bytes that are no UTF-8.
+        text = json.dumps(content, indent=1, ensure_ascii=True) + "\n"
+        write_whole(self.folder / _SKIPPED, text, force=True)
+
+    def skipped(self) -> list[Skipped]:
+        """The files without a loop, by name."""
+        content = self._load(self.folder / _SKIPPED) or {}
+        if content.get("version") != __version__:
+            return []
+        return [Skipped(str(e.get("file")), str(e.get("reason")), str(e.get("hint") or ""))
+                for e in content.get("files") or () if isinstance(e, dict)]
 
     def records(self) -> Iterator[tuple[str, dict[str, Any], bool]]:
         """Key, content and failure flag of every loop that this version has an answer for, by key."""

@@ -125,7 +125,7 @@ def _done(loop: Loop, work: Work, times: dict[str, float]) -> Study:
 
         study = identify(loop, options=work.options, policy=work.policy)
         times["identify"] = clock() - start
-        if work.level == "diagnose" and study.steps:
+        if work.level in ("diagnose", "study") and study.steps:
             from ...verbs.diagnose import diagnose
 
             start = clock()
@@ -163,7 +163,7 @@ def read_task(task: Task, sha256: str | None) -> Any:
         return None if source.sha256 == task.have else reading_of(source, table, task.reading)
     if task.kind == "dataset" or (task.kind == "wide" and path.suffix.lower() in (".parquet", ".pq")):
         return _of_dataset(task, path, sha256)
-    if task.kind == "file" and task.reading.loop is None:
+    if task.kind == "part" or (task.kind == "file" and task.reading.loop is None):
         return read(path, options=task.reading)
     return _of_table(task, path)
 

@@ -7,6 +7,7 @@ import sys
 import time
 from typing import Any
 
+from ...system.plurals import counted
 from .output import err_console, say
 
 # Seconds between two lines where stderr is no terminal.
@@ -45,7 +46,7 @@ class Watch:
             self._bar.update(self._task, completed=tally.done, description=_words(tally))
         elif not self._quiet and not self._json and time.monotonic() - self._said > _EVERY_S:
             self._said = time.monotonic()
-            say(f"{tally.done} of {tally.total} loops, {_words(tally)}")
+            say(f"{tally.done} of {counted(tally.total, 'loop')}, {_words(tally)}")
 
     @staticmethod
     def _line(tally: Any, task: Any, out: Any) -> None:

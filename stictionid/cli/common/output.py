@@ -5,6 +5,8 @@ Only data go to stdout; progress, findings, hints and errors go to stderr.
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -38,8 +40,24 @@ JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=MOST_JOBS,
                                                 help="Processes; as many as there are cores.")]
 
 
+# Narrowest and widest table, and the width of a table that no terminal shows. Unit: columns.
+_NARROWEST, _WIDEST, _PIPED = 60, 200, 80
+
+
+def width_of(*, terminal: bool) -> int:
+    """Columns of a table: those of the environment variable COLUMNS, else of the terminal, else 80; from 60 to 200."""
+    asked = os.environ.get("COLUMNS", "")
+    if asked.isdigit() and int(asked) > 0:
+        found = int(asked)
+    elif terminal:
+        found = shutil.get_terminal_size((_PIPED, 24)).columns
+    else:
+        found = _PIPED
+    return min(max(found, _NARROWEST), _WIDEST)
+
+
 def out_console(width: int | None = None) -> Console:
-    """Console on stdout: plain and 80 columns wide when it is not a terminal."""
+    """Console on stdout: as wide as the terminal or COLUMNS, plain and 80 columns wide elsewhere."""
     from rich.console import Console
 
     class Pipe(Console):
@@ -48,9 +66,8 @@ def out_console(width: int | None = None) -> Console:
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError
 
-    terminal = sys.stdout.isatty()
     return Pipe(file=sys.stdout, highlight=False, soft_wrap=False, emoji=False, markup=False,
-                   width=width or (None if terminal else 80))
+                width=width or width_of(terminal=sys.stdout.isatty()))
 
 
 def err_console() -> Console:
@@ -113,19 +130,30 @@ def interval(span: tuple[float, float] | None, digits: int = 4) -> str:
     return "-" if span is None else f"{span[0]:.{digits}g} to {span[1]:.{digits}g}"
 
 
+# Seconds between two lines of progress where stderr is no terminal.
+_EVERY_S = 5.0
+
+
 class Progress:
-    """Progress on stderr: a bar on a terminal, nothing elsewhere or when quiet; shown only after a second."""
+    """Progress on stderr: a bar on a terminal after a second, elsewhere a line every few seconds, nothing when quiet.
+    """
 
     def __init__(self, quiet: bool) -> None:
         import time
 
         self._start, self._clock = time.monotonic(), time.monotonic
-        self._quiet = quiet or not sys.stderr.isatty()
+        self._quiet, self._terminal = quiet, sys.stderr.isatty()
+        self._said = self._start
         self._bar: Any = None
         self._task: Any = None
 
     def __call__(self, text: str, share: float) -> None:
         if self._quiet or (self._bar is None and self._clock() - self._start < 1.0):
+            return
+        if not self._terminal:
+            if self._clock() - self._said > _EVERY_S and share < 1.0:
+                self._said = self._clock()
+                say(f"{text}, {100.0 * share:.0f} % after {self._said - self._start:.0f} s")
             return
         if self._bar is None:
             from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn

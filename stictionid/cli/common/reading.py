@@ -18,7 +18,8 @@ from .output import say
 _PANEL = "Reading"
 
 FileArgument = Annotated[
-    str, typer.Argument(metavar="FILE", show_default=False, help="CSV, TSV, text or Parquet; - for standard input.")
+    str, typer.Argument(metavar="FILE", show_default=False,
+                        help="Text, Parquet, workbook or MATLAB file; - for standard input.")
 ]
 
 
@@ -36,7 +37,9 @@ Quality = Annotated[str | None, _option("Column of the quality of all values.", 
 Extra = Annotated[
     list[str] | None, _option("Further column kept as a measured disturbance; repeatable.", "--extra", metavar="TAG")
 ]
-LoopName = Annotated[str | None, _option("Which loop of a file that holds several.", "--loop", metavar="NAME")]
+LoopName = Annotated[
+    str | None, _option("Which loop, sheet or struct of a file that holds several.", "--loop", metavar="NAME")
+]
 Step = Annotated[float | None, _option("Sampling time where there is no time column.", "--step", metavar="SECONDS")]
 SpanPv = Annotated[str | None, _option("Range of PV and SP, to scale them to % of span.", "--span-pv", metavar="LO,HI")]
 SpanOp = Annotated[str | None, _option("Range of OP (4,20 or 0,1), to scale it to %.", "--span-op", metavar="LO,HI")]

@@ -16,7 +16,7 @@ def print_tree(study: Any, console: Any) -> None:
     from ...reports.tree_text import after_tree, tree_lines
 
     draws = _draws(console.encoding)
-    lines = tree_lines(study, plain=not (sys.stdout.isatty() and draws))
+    lines = tree_lines(study, plain=not (sys.stdout.isatty() and draws), width=console.width)
     if lines:
         console.print("models tried", style="bold")
     for line in lines:

@@ -21,7 +21,7 @@ from ...typing import FloatArray
 from ..fit import Fitted, search
 from ..moves import longest_piece, search_model, with_start
 from ..noise.completion import at_noise, own_taps, quick
-from .basins import basins, valve_costs, with_process
+from .basins import basins, grown, valve_costs, with_process
 from .continuation import distinct, grown_beside, grown_valves
 from .reparametrised import followed, ridge_of
 from .windows import resting_valves, windowed_valves
@@ -47,14 +47,26 @@ RESTING = "re-sticking"
 _RESTS_ALWAYS = "he"
 
 
-def resting_basins(model: Model, rng: np.random.Generator) -> FloatArray:
-    """Values (k, 5) of the base for a valve that rests at every sample: a search with a law that has no sliding state.
+def valves_of(model: Model, rng: np.random.Generator) -> list[dict[str, float]]:
+    """Named values for the valve of a model with its effects and further lags, whatever valve it has now.
+
+    The search begins on a tenth of the record, where the basins of a valve are wide, and goes on to longer parts. A
+    valve that rests under a held command is searched with a law that has no sliding state. Where nothing else acts on
+    it a second search begins on the whole record.
     """
-    spec = Spec(law=_RESTS_ALWAYS, process=model.spec.process, between=model.spec.between,
-                substeps=model.spec.substeps, increments=model.spec.increments, taps=own_taps(model.spec),
-                fixed=model.spec.fixed)
-    law = search_model(bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s))
-    return law.values(search(law, rng)[0])[:len(BASE)].T
+    spec = model.spec
+    resting = RESTING in spec.effects and spec.held
+    own = tuple(name for name, effect in zip(model.names, model.effects, strict=True)
+                if effect.place is Place.PROCESS or (on_valve(effect) and not (resting and name == RESTING)))
+    law = search_model(bound(model.loop, Spec(law=_RESTS_ALWAYS if resting else spec.law, process=spec.process,
+                                              effects=own, between=spec.between, substeps=spec.substeps,
+                                              increments=spec.increments, taps=own_taps(spec), fixed=spec.fixed,
+                                              guides=spec.guides), s_max=model.s_max, period_s=model.period_s))
+    found = grown(law, rng)
+    if resting and not any(on_valve(effect) for effect in law.effects):
+        found = np.concatenate([search(law, rng)[0], found])
+    rests = {f"{RESTING}:{p.name}": p.high for p in parse(RESTING)[0].parameters_for(model.context)} if resting else {}
+    return [{**law.named(column), **rests} for column in law.values(found).T]
 
 
 def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -108,8 +120,7 @@ def on_valve(effect: Effect) -> bool:
     return effect.place.value <= Place.TRIM.value
 
 
-def valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng: np.random.Generator,
-                  windows: bool) -> FloatArray:
+def valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng: np.random.Generator) -> FloatArray:
     """Starts (k, d) whose valve fits the effect, each with its process.
 
     Effects on friction get a search on growing parts of the record, because their basins are narrow and far from the
@@ -121,7 +132,7 @@ def valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng:
     effect = parse(name)[0]
     if effect.friction is not None or (effect.place is Place.STEM
                                           and (RESTING in model.spec.effects or not model.spec.held)):
-        found = _grown_with(model, name, fit, rng, windows)
+        found = _grown_with(model, name, fit, rng)
         return found if ridge_of(model) is None or not model.spec.held else _ridges(model, name, fit, found, rng)
     costs = valve_costs(model.pieces[at])
     valve = [0, 1, model.forces[at]]
@@ -147,18 +158,17 @@ def valve_basins(model: Model, name: str, guesses: FloatArray, fit: Fitted, rng:
     return with_process(model, np.array([f[1] for f in starts[:3]]))
 
 
-def _grown_with(model: Model, name: str, fit: Fitted, rng: np.random.Generator, windows: bool = False) -> FloatArray:
+def _grown_with(model: Model, name: str, fit: Fitted, rng: np.random.Generator) -> FloatArray:
     """Starts (k, d) for an effect on friction or the stem, from growing parts of the record, each with its process.
 
     Beside a valve that rests, searches for such a valve are added. Friction that changes with time gets windows in an
-    integrator, and everywhere if `windows` is set. Parts that grow from the beginning found it in none of 5 scanned
-    loops, windows in 3 of 3.
+    integrator. Parts that grow from the beginning found it in none of 5 scanned loops, windows in 3 of 3.
     """
     plain = undisturbed(model, fit.model, fit.values)
     cube = grown_valves(plain, _valve_of(plain, (name,)), rng)
     if RESTING in plain.spec.effects and name != RESTING and plain.spec.held and ridge_of(model) is None:
         cube = np.concatenate([resting_valves(plain, (name,), plain.rows_of(RESTING), rng), cube])
-    elif changes(name) and plain.spec.held and (windows or plain.spec.process == INTEGRATOR):
+    elif changes(name) and plain.spec.held and plain.spec.process == INTEGRATOR:
         rows = plain.rows_of(name)
         cube = np.concatenate([windowed_valves(plain, [0, 1, *range(rows.start, rows.stop)], None, rng), cube])
     found = with_process(model, as_in(model, plain, cube, fit))

@@ -75,7 +75,7 @@ def open_bank(model: Model, direction: float = 0.0) -> LagBank:
 def open_costs(model: Model, part: LagBank, values: FloatArray) -> FloatArray:
     """Sum of squared errors (P,) of values (d, P)."""
     out = np.empty(values.shape[1])
-    tally.add(out.size, model.loop.samples)
+    tally.add(out.size, model.loop.samples, model.parts)
     lanes = max(_BLOCK // (model.loop.samples * model.parts) // LANES, 1) * LANES
     for a in range(0, out.size, lanes):
         out[a:a + lanes] = part.costs(model.positions(values[:, a:a + lanes], lent=True))

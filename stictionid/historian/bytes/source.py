@@ -1,6 +1,6 @@
 """Content of an export: opened, unpacked within limits, its kind recognised, with its SHA-256.
 
-Content that is neither text nor Parquet is refused here, by its first bytes and not by its extension.
+Content of no known kind is refused here, by its first bytes and not by its extension.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import gzip
 import hashlib
 import io
 import os
+import struct
 import sys
 import zipfile
 import zlib
@@ -35,7 +36,9 @@ _KINDS = (
     (b"PAR1", "parquet"),
     (b"\x1f\x8b", "gzip"),
     (b"PK\x03\x04", "zip"),
-    (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)"),
+    (b"\xd0\xcf\x11\xe0", "workbook"),
+    (b"MATLAB 5.0 MAT", "matlab"),
+    (b"MATLAB 7.3 MAT", "matlab"),
     (b"%PDF", "a PDF"),
     (b"\x89PNG", "a picture"),
     (b"\xff\xd8\xff", "a picture"),
@@ -50,9 +53,13 @@ _KINDS = (
 )
 
 
+READ = ("text", "parquet", "workbook", "matlab")
+"""Kinds that are read."""
+
+
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One file's content: `kind` is "text" or "parquet"; Parquet keeps only its path or bytes."""
+    """One file's content: `kind` is one of `READ`; Parquet keeps only its path or bytes."""
 
     name: str
     kind: str
@@ -66,7 +73,7 @@ def open_source(file: Any, limits: Limits | None = None) -> Source:
     """The content of a path, of '-' (standard input) or of an object with read().
 
     A large text file is not loaded (`data` empty, `kind` "text"): `pieces` reads it. UsageError where the file
-    is absent or not readable; DataError where the content is neither text nor Parquet, or above a limit.
+    is absent or not readable; DataError where the content is of no kind that is read, or above a limit.
     """
     limits = limits or Limits()
     if hasattr(file, "read"):
@@ -119,7 +126,31 @@ def in_short(error: Exception) -> str:
 
 
 def _kind(start: bytes) -> str:
+    if _is_matlab_4(start):
+        return "matlab"
     return next((kind for magic, kind in _KINDS if start.startswith(magic)), "text")
+
+
+def _is_matlab_4(start: bytes) -> bool:
+    """True for the header of a MATLAB file of version 4: a type of at most 4 digits, sizes, and a name."""
+    for order in ("<", ">"):
+        if len(start) < 21:
+            return False
+        kind, rows, columns, imaginary, length = struct.unpack(f"{order}5i", start[:20])
+        if (0 <= kind <= 4052 and kind // 100 % 10 == 0 and kind // 10 % 10 <= 5 and kind % 10 <= 2 and rows > 0
+                and columns > 0 and imaginary in (0, 1) and 1 < length <= 64 and start[20:21].isalpha()
+                and start[19 + length:20 + length] == b"\0"):
+            return True
+    return False
+
+
+def _is_workbook(data: bytes) -> bool:
+    """True for a zip archive that is an .xlsx or .ods workbook."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            return not {"[Content_Types].xml", "mimetype"}.isdisjoint(archive.namelist())
+    except (zipfile.BadZipFile, OSError, ValueError, LookupError, NotImplementedError):
+        return False
 
 
 def _from_bytes(data: bytes, name: str, limits: Limits, path: Path | None = None) -> Source:
@@ -127,17 +158,18 @@ def _from_bytes(data: bytes, name: str, limits: Limits, path: Path | None = None
     notes: tuple[str, ...] = ()
     kind = _kind(data)
     if kind == "gzip":
-        data, notes, kind = _gunzip(data, name, limits), ("gzip",), ""
-    elif kind == "zip":
+        data, notes = _gunzip(data, name, limits), ("gzip",)
+        kind = _kind(data)
+    elif kind == "zip" and not _is_workbook(data):
         data, inner = _unzip(data, name, limits)
-        notes, kind = (f"zip, holding {inner}",), ""
-    kind = kind or _kind(data)
+        notes, kind = (f"zip, holding {inner}",), _kind(data)
+    if kind == "zip" and _is_workbook(data):
+        kind = "workbook"
     if not data[:_BLOCK].strip(_BLANK) and not data.strip(_BLANK):
         raise DataError(f"{name} is empty", "export it again, with a header line and one row per time")
-    if kind not in ("text", "parquet"):
-        raise DataError(
-            f"{name} is {kind}, not CSV, TSV, text or Parquet", "save or export it as CSV (Excel: Save as, CSV UTF-8)"
-        )
+    if kind not in READ:
+        raise DataError(f"{name} is {kind}, not text, Parquet, a workbook or a MATLAB file",
+                        "save or export it as CSV (Excel: Save as, CSV UTF-8)")
     if kind == "text":
         _check_lines(data, name, limits)
     return Source(name, kind, data, digest, path, notes)
@@ -174,12 +206,6 @@ def _unzip(data: bytes, name: str, limits: Limits) -> tuple[bytes, str]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = [m for m in archive.infolist() if not m.is_dir() and not m.filename.startswith("__MACOSX/")]
-            names = {m.filename for m in members}
-            if "[Content_Types].xml" in names or "mimetype" in names:
-                raise DataError(
-                    f"{name} is a workbook (.xlsx or .ods), whatever its name says, not CSV",
-                    "save it from Excel as CSV UTF-8 and read that",
-                )
             if len(members) != 1:
                 raise DataError(
                     f"{name} is a zip of {len(members)} files; one is needed", "unpack it and give the file you mean"

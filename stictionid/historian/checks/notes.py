@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...record.loop import Finding
+from ...system.plurals import counted
+from ...typing import FloatArray
 from ..bytes.options import ReadOptions
 from ..grid.align import Aligned
 from ..grid.grid import Frame, GridStep
@@ -20,6 +22,9 @@ MAX_MASK = 0.5
 """Share of frozen, filled or saturated samples above which no verdict is sure."""
 MAX_OFFSET_S = 1e-6
 """Offsets between tags below a microsecond are rounding."""
+
+FEWEST_MOVES, MIN_REGULAR = 20, 0.5
+"""Least number of changes of OP, and least share of regular places (of samples, for PV) at which a signal changes."""
 
 
 def order_findings(shaped: Shaped) -> list[Finding]:
@@ -170,7 +175,7 @@ def gaps(frame: Frame, step: GridStep, naive: bool) -> Finding:
     return Finding(
         "gaps",
         "warning",
-        f"{count} gap{'s' * (count > 1)} of more than two samples, longest {max(lengths):g} s: the record was split, "
+        f"{counted(count, 'gap')} of more than two samples, longest {max(lengths):g} s: the record was split, "
         "never joined"
         + ("; one of them is an hour: perhaps the clock was put forward (--zone NAME tells)" if hour else ""),
         {"gaps": count, "longest_s": max(lengths), "step_s": step.ns / 1e9},
@@ -208,7 +213,7 @@ def mode_findings(unclear: dict[str, int], shaped: Shaped, guesses: list[str]) -
     if not unclear:
         return []
     column = shaped.columns.get("mode", "mode")
-    listed = ", ".join(f"{w} ({c:,} samples)" for w, c in unclear.items())
+    listed = ", ".join(f"{w} ({counted(c, 'sample')})" for w, c in unclear.items())
     word = next(iter(unclear))
     guesses.append(
         f"mode {listed} in {shown(column)} has no known meaning: "
@@ -271,7 +276,8 @@ def mask_findings(samples: dict[str, int]) -> list[Finding]:
                 Finding(
                     codes[reason],
                     "warning" if share > MAX_INNOCENT_MASK else "info",
-                    f"{count:,} samples ({100 * share:.1f} %) do not count: {words[reason]}",
+                    f"{counted(count, 'sample')} ({100 * share:.1f} %) {'does' if count == 1 else 'do'} not count: "
+                    f"{words[reason]}",
                     {"samples": count, "share": share, "caps_verdict": share > MAX_MASK and reason in _CAPPING},
                 )
             )
@@ -291,7 +297,25 @@ def bad_findings(rows: dict[str, int]) -> list[Finding]:
         Finding(
             "bad-values",
             "warning" if share > MAX_INNOCENT_MASK else "info",
-            f"{bad:,} rows ({100 * share:.1f} %) have no usable PV or OP; longer runs without OP split the record",
+            f"{counted(bad, 'row')} ({100 * share:.1f} %) {'has' if bad == 1 else 'have'} no usable PV or OP; longer "
+            "runs without OP split the record",
             {"rows": bad, "share": share},
         )
     ]
+
+
+def sparse_output(output: FloatArray, process_value: FloatArray, step_s: float) -> list[Finding]:
+    """Finding where OP changes only at every k-th sample and PV in between: OP was exported less often than PV."""
+    moves = np.flatnonzero(np.abs(np.diff(output)) > 0.0) + 1
+    if moves.size < FEWEST_MOVES:
+        return []
+    every = int(np.gcd.reduce(moves - moves[0]))
+    between = np.abs(np.diff(process_value)) > 0.0
+    if every < 2 or moves.size * every < MIN_REGULAR * output.size or between.mean() < MIN_REGULAR:
+        return []
+    slow = f"{every * step_s:g} s"
+    return [Finding(
+        "output-sparse", "warning",
+        f"OP changes only every {slow}, PV every {step_s:g} s: unless the controller scans every {slow}, OP was "
+        "exported too seldom and the valve's moves in between are missing; export OP as often as PV",
+        {"every": every, "step_s": every * step_s})]

@@ -67,7 +67,11 @@ def find_layout(
     separator = separator or _separator(lines, name)
     cells = [split_line(line, separator) for line in lines]
     width = _width(cells)
-    start = header if header is not None else _damaged_first(cells, _data_start(cells, width, name), width)
+    if header is None:
+        first = _below_names(cells, _data_start(cells, width, name), width, name)
+        start = _damaged_first(cells, first, width)
+    else:
+        start = header
     if start >= len(cells):
         raise DataError(
             f"{name} has only {len(cells)} lines, none after the {start} header lines",
@@ -168,6 +172,19 @@ def _data_start(cells: list[list[str]], width: int, name: str) -> int:
         f"{name} has no rows of numbers (line 1 is {_short(' '.join(cells[0]))!r})",
         "check that it is a table of time and values; --header and --separator say how it is built",
     )
+
+
+def _below_names(cells: list[list[str]], start: int, width: int, name: str) -> int:
+    """First data line below the names, where lines of settings ("Start", a time) above them look like data."""
+    def names(row: list[str]) -> bool:
+        return len(row) == width and _filled(row) >= 0.6 * width and _named(row) >= 2 and not any(map(_value, row))
+
+    if any(names(row) for row in cells[:start]):
+        return start
+    at = next((i for i, row in enumerate(cells[start:], start) if names(row)), None)
+    if at is None or not any(_is_data(row, width) for row in cells[at + 1:]):
+        return start
+    return at + 1 + _data_start(cells[at + 1:], width, name)
 
 
 def _damaged_first(cells: list[list[str]], start: int, width: int) -> int:

@@ -28,7 +28,8 @@ _FOOTER = re.compile(
 class Table:
     """Columns of an export. `columns` are pyarrow arrays (rows,); `lines` maps a row to its line in the file.
 
-    `dropped` lists lines that are no rows: (line, reason, text) with reason "damaged" or "footer".
+    `dropped` lists lines that are no rows: (line, reason, text) with reason "damaged" or "footer". `part` is True for
+    one of several tables of a file: `--loop` has named it, and the attribute "inner" the loop to be found in it.
     """
 
     file: str
@@ -47,6 +48,7 @@ class Table:
     assumptions: tuple[str, ...] = ()
     attributes: dict[str, str] = field(default_factory=dict)
     sha256: str = ""
+    part: bool = False
 
     @property
     def rows(self) -> int:

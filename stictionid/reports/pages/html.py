@@ -149,13 +149,13 @@ def _wide(picture: Picture, prefix: str) -> str:
 
 
 def table_html(table: PageTable, name: str, *, links: Sequence[str] = ()) -> str:
-    """A table that scrolls sideways by itself; `links` are targets of the first cell of each row."""
+    """A table that scrolls sideways by itself; `links` are targets of the first cell of each row, "" for none."""
     right = [' class="right"' if i in table.numeric else "" for i in range(len(table.columns))]
     head = "".join(f'<th scope="col"{r}>{escaped(c)}</th>' for c, r in zip(table.columns, right, strict=True))
     rows = []
     for k, row in enumerate(table.rows):
         cells = [_cell(c) for c in row]
-        if links:
+        if links and links[k]:
             cells[0] = f'<a href="{links[k]}">{cells[0]}</a>'
         rows.append(f'<tr><th scope="row"{right[0]}>{cells[0]}</th>'
                     + "".join(f"<td{r}>{c}</td>" for c, r in zip(cells[1:], right[1:], strict=True)) + "</tr>")

@@ -69,11 +69,16 @@ def load(study: Study, path: Path) -> Loop:
     # A file is known by its bytes before it is read, a folder (a dataset) by the rows read from it.
     loop = read_loop(path, options=options_from(study.data.options)) if path.is_dir() else None
     found = sha256_of(path) if loop is None else loop.origin.sha256
-    if study.data.sha256 and found != study.data.sha256:
-        raise DataError(
-            f"{path} has changed since the study was made: SHA-256 {(found or '')[:12]}…, the study has "
-            f"{wording.name(study.data.sha256[:12])}…", "run stictionid identify again, or bring back the old file")
+    refuse_changed(study, path, found)
     return read_loop(path, options=options_from(study.data.options)) if loop is None else loop
+
+
+def refuse_changed(study: Study, path: Path, sha256: str | None) -> None:
+    """DataError where the data at `path` have another SHA-256 than those that the study was made from."""
+    if study.data.sha256 and sha256 != study.data.sha256:
+        raise DataError(
+            f"{path} has changed since the study was made: SHA-256 {(sha256 or '')[:12]}…, the study has "
+            f"{wording.name(study.data.sha256[:12])}…", "run stictionid identify again, or bring back the old file")
 
 
 def gather(study: Study, *, data: Path | None = None, near: Sequence[Path] = ()) -> Case:
@@ -81,6 +86,8 @@ def gather(study: Study, *, data: Path | None = None, near: Sequence[Path] = ())
 
     `data` names the file when it has moved (DataError when absent or changed); `near` are folders to look in.
     """
+    if absent := _without_effects(study):
+        return Case(study, missing=f"{absent}, so this report has tables only; give the file with --effects")
     path = data or find_data(study, near=near)
     if path is None:
         where = wording.name(study.data.file) if study.data.file else "a file the study does not name"
@@ -90,3 +97,12 @@ def gather(study: Study, *, data: Path | None = None, near: Sequence[Path] = ())
         raise DataError(f"there is no file {path}", "give the data file of the study after --data")
     loop = load(study, path)
     return Case(study, loop, tuple(curves(study, loop)))
+
+
+def _without_effects(study: Study) -> str:
+    """Words on user-written effects of a study that are not loaded; empty where its models can be run."""
+    if not any("written" in step.model for step in study.steps if step.model):
+        return ""
+    from ...model.restore import unknown_effects
+
+    return next((words for step in study.steps if step.model and (words := unknown_effects(step.model))), "")

@@ -44,18 +44,24 @@ def figure_bytes(picture: Picture, kind: str) -> bytes:
 
 def _png(picture: Picture) -> bytes:
     from matplotlib import rc_context
+
+    with rc_context({"font.family": "DejaVu Sans", "font.size": svg.TEXT, "hatch.linewidth": 1.5}):
+        axes_of = new_axes(picture)
+        draw(picture, axes_of)
+        out = io.BytesIO()
+        cast("Figure", axes_of.figure).savefig(out, format="png", metadata={"Software": None})
+    return out.getvalue()
+
+
+def new_axes(picture: Picture) -> Axes:
+    """Empty axes in a figure of the picture's size, which pyplot does not know."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     width = svg.WIDE if picture.wide else svg.SQUARE
     height = sum(svg.heights(picture, width)) + _ROOM * len(picture.panels)
-    with rc_context({"font.family": "DejaVu Sans", "font.size": svg.TEXT, "hatch.linewidth": 1.5}):
-        figure = Figure(figsize=(width / _POINTS, height / _POINTS), dpi=_POINTS * _SCALE,
-                        facecolor=palette.GROUND.light, layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.1))
-        draw(picture, figure.subplots())
-        out = io.BytesIO()
-        figure.savefig(out, format="png", metadata={"Software": None})
-    return out.getvalue()
+    return Figure(figsize=(width / _POINTS, height / _POINTS), dpi=_POINTS * _SCALE, facecolor=palette.GROUND.light,
+                  layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.1)).subplots()
 
 
 def draw(picture: Picture, ax: Axes) -> Axes:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...record.loop import Loop
 from ...record.study import Study
+from ...system.plurals import counted
 from ...typing import FloatArray
 from .. import wording
 from ..sections import added_later, mapped_step
@@ -303,8 +304,8 @@ def ladder(study: Study) -> Picture | None:
     unit = wording.name(study.data.units.get("process_value") or "units of PV")
     return Picture("ladder", "Error after each added effect",
                    f"The free-run error goes from {wording.number(study.steps[0].error.rmse)} to "
-                   f"{wording.number(study.steps[-1].error.rmse)} {unit} with {len(names) - 1} added "
-                   f"effect{'s' if len(names) > 2 else ''}.",
+                   f"{wording.number(study.steps[-1].error.rmse)} {unit} with "
+                   f"{counted(len(names) - 1, 'added effect')}.",
                    "Bars: free-run error; dots: the same on data held out; dashed: measurement noise.",
                    (Panel(f"error, {unit}", "", tuple(lines), rules=rules, names=names),))
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from ...record.study import Study
 from ...record.tree import TreeNode
+from ...system.plurals import counted
 from .. import wording
 from ..tree_text import Shown, tree_of
 from .picture import Branch, Panel, Picture, Rule
@@ -62,7 +63,7 @@ def _error(node: TreeNode) -> float | None:
 
 def _alt(study: Study, shown: tuple[Shown, ...], unit: str) -> str:
     """The path of the answer and what stopped the rest, in words."""
-    some = "1 model" if len(study.tree) == 1 else f"{wording.count(len(study.tree))} models"
+    some = counted(len(study.tree), "model")
     named = [s for s in shown if s.node.status == "named"]
     steps = [f"{s.label} with an error of {wording.with_unit(s.node.rmse, unit)}" for s in named]
     path = f" The answer: {', then '.join(steps)}." if steps else " None of them is the answer."

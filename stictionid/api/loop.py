@@ -1,0 +1,187 @@
+"""One control loop for Python: the frozen record, and the rows of the DataFrame or the file that it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import UsageError
+from ..record.loop import Finding
+from ..record.loop import Loop as Record
+from ..system.plurals import counted
+from ..typing import BoolArray, FloatArray
+from .messages import as_html, in_python, speaking_python
+from .rows import InputRows, rows_behind
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..historian.bytes.options import ReadOptions
+
+# Findings shown in a short text; the loop holds all.
+_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
+class Loop:
+    """Setpoint, controller output and process value of one loop, on an even time grid.
+
+    `record` is the frozen record that the verbs work on. `rows` tells which input row became which sample.
+    """
+
+    record: Record
+    rows: InputRows | None = None
+
+    @classmethod
+    @speaking_python
+    def from_dataframe(cls, frame: pd.DataFrame, *, setpoint: str | None = None, process_value: str | None = None,
+                       output: str | None = None, time: str | None = None, position: str | None = None,
+                       extra: Sequence[str] = (), step_s: float | None = None, name: str | None = None,
+                       units: Mapping[str, str] | None = None, options: Mapping[str, Any] | None = None) -> Loop:
+        """The loop in a DataFrame, with the same checks as a file; columns that are not named are guessed.
+
+        `time` names the column of time; without it the index counts where it holds dates, else a column of time, else
+        `step_s` gives the seconds between two rows. `extra` are columns of measured disturbances. `units` maps roles
+        ("process_value") to units. `options` are further options of reading by their names in `ReadOptions`
+        ({"dayfirst": True}). Raises UsageError for columns that are not there, DataError for content without a loop.
+        """
+        from ..historian.reading import read_frame
+
+        frame = frame.rename(columns=str)
+        dated = _has_dates(frame) and time is None
+        if dated and frame.index.name is None:
+            frame = frame.rename_axis("time" if "time" not in frame.columns else "time of the index")
+        if dated:
+            time = str(frame.index.name)
+        roles = {"setpoint": setpoint, "process_value": process_value, "output": output, "position": position}
+        for role, column in {**roles, "time": None if dated else time}.items():
+            if column is not None and str(column) not in frame.columns and str(column) not in frame.index.names:
+                raise UsageError(f"the DataFrame has no column {column!r} for {role}",
+                                 "its columns: " + ", ".join(map(str, frame.columns[:20])))
+        reading = read_frame(frame, options=_options(roles, time, extra, step_s, options), name=name or "loop")
+        read = reading.loop
+        known = {**read.units, **(units or {})}
+        record = replace(read, name=name or read.name, units=known,
+                         origin=replace(read.origin, file=None, units={**read.origin.units, **(units or {})}))
+        own = frame.index if dated or time in frame.index.names else frame[str(time)] if time is not None else None
+        return cls(record, rows_behind(reading, len(frame), own))
+
+    @property
+    def name(self) -> str:
+        """Name of the loop: its tag where it has one."""
+        return self.record.name
+
+    @property
+    def samples(self) -> int:
+        """Number of samples on the even grid."""
+        return self.record.samples
+
+    @property
+    def step_s(self) -> float:
+        """Seconds between two samples."""
+        return self.record.step_s
+
+    @property
+    def setpoint(self) -> FloatArray | None:
+        """Setpoint (samples,), None where there is none."""
+        return self.record.setpoint
+
+    @property
+    def output(self) -> FloatArray:
+        """Controller output (samples,)."""
+        return self.record.output
+
+    @property
+    def process_value(self) -> FloatArray:
+        """Process value (samples,)."""
+        return self.record.process_value
+
+    @property
+    def used(self) -> BoolArray:
+        """True (samples,) where a sample counts."""
+        return self.record.used
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the roles."""
+        return self.record.units
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Everything noticed while the data were read."""
+        return self.record.origin.findings
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Signals of the even grid as a DataFrame with one row for each sample, indexed by seconds."""
+        from .tables import signals
+
+        return signals(self.record)
+
+    def __repr__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _repr_html_(self) -> str:
+        return as_html(self._lines())
+
+    def _lines(self) -> list[str]:
+        r, at = self.record, self.record.origin
+        lines = [f"Loop {r.name}: {counted(r.samples, 'sample')} of {r.step_s:g} s, {int(r.used.sum()):,} of them used",
+                 f"from {at.start or 'its start'} to {at.end or 'its end'}, "
+                 f"{counted(len(r.starts), 'segment')}"]
+        for role in ("setpoint", "process_value", "output", "position"):
+            values = getattr(r, role)
+            if values is not None and np.isfinite(values).any():
+                lines.append(f"{role.replace('_', ' ')}: {np.nanmin(values):.5g} to {np.nanmax(values):.5g} "
+                             f"{r.unit(role)}".rstrip())
+        told = [f for f in at.findings if f.severity != "info"]
+        lines += [f"{f.severity}: {in_python(f.statement)}"[:200] for f in told[:_SHOWN]]
+        return lines + ([f"{len(told) - _SHOWN} more findings"] if len(told) > _SHOWN else [])
+
+
+@speaking_python
+def read_loop(path: Any, *, setpoint: str | None = None, process_value: str | None = None, output: str | None = None,
+              time: str | None = None, position: str | None = None, extra: Sequence[str] = (),
+              step_s: float | None = None, loop: str | None = None, start: str | None = None, end: str | None = None,
+              options: Mapping[str, Any] | None = None) -> Loop:
+    """The loop in a file or a folder: CSV, TSV, text or Parquet; columns that are not named are guessed.
+
+    `loop` chooses one of several, `start` and `end` a stretch (stamps, or seconds since the first row). `options` are
+    further options of reading by their names in `ReadOptions`. Raises UsageError for absent files and unknown names,
+    DataError for content that can't be used.
+    """
+    from ..historian.reading import read
+
+    roles = {"setpoint": setpoint, "process_value": process_value, "output": output, "position": position}
+    more = {"loop": loop, "start": start, "end": end}
+    said = {**(options or {}), **{k: v for k, v in more.items() if v is not None}}
+    reading = read(path, options=_options(roles, time, extra, step_s, said))
+    rows = None
+    if reading.behind:
+        highest = max(int(rows.max(initial=-1)) for rows in reading.behind) + 1
+        rows = rows_behind(reading, max(highest, 0 if reading.stamps is None else reading.stamps.ns.size), None)
+    return Loop(reading.loop, rows)
+
+
+_ROLES = {"setpoint": "sp", "process_value": "pv", "output": "op", "position": "position"}
+
+
+def _options(roles: Mapping[str, Any], time: Any, extra: Sequence[str], step_s: float | None,
+             more: Mapping[str, Any] | None) -> ReadOptions:
+    """Options of the reader from the keywords, which come before those of the mapping `more`."""
+    from ..historian.bytes.options import options_from
+
+    if isinstance(extra, str):
+        extra = (extra,)
+    said = {**(more or {}), **{_ROLES[role]: str(column) for role, column in roles.items() if column is not None}}
+    for key, value in (("time", None if time is None else str(time)), ("extra", tuple(map(str, extra)) or None),
+                       ("step_s", step_s)):
+        if value is not None:
+            said[key] = value
+    return options_from(said)
+
+
+def _has_dates(frame: pd.DataFrame) -> bool:
+    return frame.index.dtype.kind == "M" or "datetime" in str(frame.index.dtype)

@@ -1,0 +1,170 @@
+"""The verbs as plain functions: data in, a new study out, with one thread of BLAS and messages for Python."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import UsageError
+from ..typing import Progress
+from .loop import Loop
+from .messages import as_html, in_python, speaking_python
+from .plots import is_own, loop_for
+from .progress import teller
+from .source import loop_in_file, loop_of
+from .study import Study
+from .threads import one_thread
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..comparison import Comparison as Compared
+    from ..selection.policy import Policy
+
+# Names of a known plant.
+_PLANT = ("gain", "time_constant_s", "dead_time_s")
+# Findings shown in a short text.
+_SHOWN = 5
+
+
+@speaking_python
+@one_thread
+def identify(loop: Any, *, law: str | None = None, effects: Sequence[str] = (), method: str = "auto",
+             base_only: bool = False, between: str = "auto", scan_s: float | None = None,
+             plant: Mapping[str, float] | None = None, seed: int = 0, budget: int | None = None,
+             progress: Progress | None = None) -> Study:
+    """S, J, process, errors and verdict of a loop: a Loop, a DataFrame, or the path of a file.
+
+    `law` names a stiction law or "all", `effects` are put into the model from the start, `base_only` stops at the base
+    model. `plant` holds what is known of the process: gain, time_constant_s, dead_time_s. `between` says what the
+    output did between samples, `scan_s` the scan of the controller. `budget` limits the cost evaluations. The same seed
+    gives the same study. A record that can't tell gives a study with the verdict "undecided" and its reason.
+    """
+    from ..fit.options import USUAL_SCAN_S, Options
+    from ..verbs.identify import identify as run
+
+    found = loop_of(loop)
+    unknown = sorted(set(plant or {}) - set(_PLANT))
+    if unknown:
+        raise UsageError(f"the plant has no {unknown[0]!r}", "give " + ", ".join(_PLANT))
+    named = (effects,) if isinstance(effects, str) else tuple(effects)
+    options = Options(method, law, named, base_only, between, {k: float(v) for k, v in (plant or {}).items()}, seed,
+                      command="stictionid.identify", scan_s=USUAL_SCAN_S if scan_s is None else scan_s)
+    return Study(run(found.record, options=options, policy=_policy(budget), progress=teller(progress)), found)
+
+
+@speaking_python
+@one_thread
+def diagnose(study: Study, loop: Any = None, *, apply: bool = False, everything: bool = False, bootstrap: int = 0,
+             seed: int = 0, jobs: int = 1, budget: int | None = None, progress: Progress | None = None) -> Study:
+    """The study with ranked candidates and the effect to add next; `apply` adds all that the search finds.
+
+    `everything` asks for the whole catalogue even where the model is adequate. `bootstrap` replicates give the named
+    effect a p-value. `jobs` processes share the fits. Raises DataError for an abstained study.
+    """
+    from ..verbs.diagnose import diagnose as run
+
+    found = loop_for(study.record, loop, study.loop)
+    return Study(run(found.record, study.record, everything=everything, apply=apply, seed=seed, jobs=jobs,
+                     bootstrap=bootstrap, policy=_policy(budget), progress=teller(progress)), found)
+
+
+@speaking_python
+@one_thread
+def add(study: Study, effect: str, loop: Any = None, *, prune: bool = False, seed: int = 0,
+        progress: Progress | None = None) -> Study:
+    """The study with one more step: the model refitted with an effect ("step-disturbance@load" names a variant).
+
+    `prune` leaves out earlier effects that it makes superfluous. Raises UsageError for an unknown effect or one that
+    the model has already, DataError for an abstained study.
+    """
+    from ..verbs.add import add as run
+
+    found = loop_for(study.record, loop, study.loop)
+    return Study(run(found.record, study.record, effect, seed=seed, prune=prune, progress=teller(progress)), found)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Comparison:
+    """A model held against a record: its errors, and findings that say where it fails. `record` holds all arrays."""
+
+    record: Compared = field(repr=False)
+
+    @property
+    def adequate(self) -> bool:
+        """True where the model holds on this record."""
+        return self.record.adequate
+
+    @property
+    def findings(self) -> pd.DataFrame:
+        """Findings, the most serious first."""
+        from .tables import findings
+
+        return findings(self.record.findings)
+
+    def __repr__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _repr_html_(self) -> str:
+        return as_html(self._lines())
+
+    def _lines(self) -> list[str]:
+        r = self.record
+        what = "another record" if r.validates else "its own record"
+        some = [f"{f.severity}: {in_python(f.statement)}"[:200] for f in r.findings[:_SHOWN]]
+        more = len(r.findings) - len(some)
+        return [f"Comparison with {what}: the model is {'' if r.adequate else 'not '}adequate",
+                in_python(r.adequate_reason),
+                f"free-run error {r.error.rmse:.4g}, one step {r.error.rmse_one_step:.4g}, of y(k) = y(k-1) "
+                f"{r.error.persistence:.4g}", *some, *([f"{more} more findings"] if more else [])]
+
+
+@speaking_python
+@one_thread
+def compare(study: Study, loop: Any = None) -> Comparison:
+    """The study's last model against its own record; another loop validates it there.
+
+    On another record the valve and the process are held, start state and bias are refitted.
+    """
+    from ..comparison import compare as run
+
+    found = study.loop if loop is None else loop_of(loop)
+    if found is None:
+        found = loop_in_file(study.record)
+    if is_own(study.record, found, study.loop):
+        return Comparison(run(found.record, study.record))
+    return Comparison(run(None if study.loop is None else study.loop.record, study.record, found.record))
+
+
+@speaking_python
+@one_thread
+def report(study: Study | Sequence[Study], path: str | os.PathLike[str], loop: Any = None, *, figures: str = "svg",
+           force: bool = False, progress: Progress | None = None) -> Path:
+    """Write a report of one study, or of several, and return its place; .html, .md with its pictures, or .json.
+
+    The data are those that the study still has, `loop`, or the study's file; without them the report has tables only.
+    """
+    from ..reports.pages.write import write_report
+    from ..reports.pictures.curves import Case, curves, gather
+
+    studies = [study] if isinstance(study, Study) else list(study)
+    if loop is not None and len(studies) > 1:
+        raise UsageError(f"one loop and {len(studies)} studies do not go together", "report them one by one")
+    cases = []
+    for each in studies:
+        own: Loop | None = each.loop if loop is None else loop_for(each.record, loop, each.loop)
+        cases.append(gather(each.record) if own is None else
+                     Case(each.record, own.record, tuple(curves(each.record, own.record))))
+    write_report(cases, Path(path), figures=figures, force=force, progress=teller(progress))
+    return Path(path)
+
+
+def _policy(budget: int | None) -> Policy | None:
+    if budget is None:
+        return None
+    from ..selection.policy import Policy, with_budget
+
+    return with_budget(Policy(), budget)

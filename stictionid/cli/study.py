@@ -1,0 +1,139 @@
+"""`stictionid study`: the whole story of one loop in one command, from the export to the page."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..historian.bytes.options import ReadOptions
+from ..system.plurals import counted
+from .app import app
+from .common.outcomes import outcome
+from .common.output import (
+    ForceOption,
+    JobsOption,
+    JsonOption,
+    Progress,
+    QuietOption,
+    SeedOption,
+    cores,
+    number,
+    out_console,
+    print_json,
+    safe,
+    say,
+    warn_when_cold,
+)
+from .common.policy import BudgetOption, PolicyOption, policy_of
+from .common.reading import FileArgument, read_file, reads_file
+from .common.study_tables import print_outcome, write_study
+
+_PAGES = (".html", ".md")
+# Share of the work before the report, and after the reading. Unit: 1.
+_READ, _STUDIED = 0.05, 0.9
+
+
+@app.command(epilog=outcome("the page and, under its name, the study: loop.html and loop.json", abstains=True,
+                            json="schema stictionid.study/1",
+                            strict="when the verdict is undecided or the model not adequate"))
+@reads_file
+def study(
+    file: FileArgument,
+    reading: ReadOptions,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT", show_default=False,
+                                         help="The page (.html or .md), the study (.json), or a folder for both.")],
+    law: Annotated[str | None, typer.Option(help="Stiction law, see stictionid laws.", show_default="chen")] = None,
+    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", help="Put an effect into the "
+                                                          "model from the start; repeatable.")] = None,
+    between: Annotated[str, typer.Option(help="What the output did between samples: as identify.")] = "auto",
+    scan: Annotated[float, typer.Option(metavar="SECONDS", help="Scan of the controller: as identify.")] = 1.0,
+    figures: Annotated[str, typer.Option("--figures", help="Pictures beside markdown: svg or png.")] = "svg",
+    policy: PolicyOption = None, budget: BudgetOption = None, seed: SeedOption = 0, jobs: JobsOption = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
+    = False,
+    force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
+) -> None:
+    """Read, identify, diagnose --apply and report in one command: one page, and the study beside it.
+
+    Example: stictionid study sample_data/foptd_scanned.parquet -o loop.html
+    """
+    from ..errors import UsageError
+    from ..fit.options import ALL_LAWS, Options
+    from ..methods.option_check import check_options
+    from ..reports.pages.write import check_target, write_report
+    from ..reports.pictures.curves import Case, curves
+    from ..system.files import ensure_writable, keep_apart
+    from ..verbs.whole_study import whole_study
+
+    page, place = _places(output, file)
+    keep_apart(page, file)
+    keep_apart(place, file)
+    if law == ALL_LAWS:
+        raise UsageError("--law all has no meaning for a whole study", "give one law; stictionid identify ranks them")
+    options = Options("auto", law, tuple(with_effect or ()), False, between, {}, seed, scan_s=scan,
+                      command="stictionid " + shlex.join(sys.argv[1:]))
+    steered = policy_of(policy, budget)
+    check_options(options, steered)
+    if page.parent == output:
+        output.mkdir(parents=True, exist_ok=True)
+    check_target(page, figures=figures, force=force)
+    ensure_writable(place, force=force, kind=b"{")
+    with Progress(quiet or as_json) as progress:
+        progress("read", 0.0)
+        loop = read_file(file, reading, quiet=quiet).loop
+        warn_when_cold(quiet)
+        found = whole_study(loop, options=options, policy=steered, jobs=jobs or cores(),
+                            progress=lambda text, share: progress(text, _READ + (_STUDIED - _READ) * share),
+                            tell=lambda stage, so_far: _tell(stage, so_far, quiet))
+        write_study(found, place, force, quiet)
+        written = write_report([Case(found, loop, tuple(curves(found, loop)))], page, figures=figures, force=force,
+                               progress=lambda text, share: progress(f"report: {text}",
+                                                                     _STUDIED + (1.0 - _STUDIED) * share))
+    beside = f" and {counted(len(written) - 1, 'picture')} beside it" if len(written) > 1 else ""
+    say(f"wrote {page}{beside}", quiet=quiet)
+    if as_json:
+        print_json(found)
+    else:
+        _show(found)
+    if found.estimate is None:
+        raise typer.Exit(3)
+    if strict and (found.verdict.stiction == "undecided" or not found.adequate):
+        raise typer.Exit(4)
+
+
+def _places(output: Path, file: str) -> tuple[Path, Path]:
+    """Places of the page and of the study; UsageError for a name that is neither of them nor a folder."""
+    from ..errors import UsageError
+
+    suffix = output.suffix.lower()
+    if output.is_dir() or not suffix:
+        name = "loop" if file == "-" else Path(file).name.split(".")[0] or "loop"
+        return output / f"{name}.html", output / f"{name}.json"
+    if suffix == ".json":
+        return output.with_suffix(".html"), output
+    if suffix not in _PAGES:
+        raise UsageError(f"a study can't be written as '{output.name}'",
+                         "end the name after -o in .html, .md or .json, or name a folder")
+    return output, output.with_suffix(".json")
+
+
+def _tell(stage: str, so_far: Any, quiet: bool) -> None:
+    """One line at the end of a stage: the error so far beside the noise."""
+    if not so_far.steps:
+        say(f"{stage}: {so_far.verdict.stiction}", quiet=quiet)
+        return
+    last = so_far.steps[-1]
+    names = " + ".join(["base", *(s.added for s in so_far.steps if s.added)])
+    say(f"{stage}: {names}, error {number(last.error.rmse)}, noise {number(last.error.noise_sd)}", quiet=quiet)
+
+
+def _show(found: Any) -> None:
+    console = out_console()
+    console.print(f"verdict: {found.verdict.stiction} (confidence {found.verdict.confidence:.2f})")
+    console.print(f"because: {safe(found.verdict.reason)}")
+    if found.estimate is not None:
+        print_outcome(found, console, applied=True)

@@ -1,0 +1,43 @@
+"""Load noise: random disturbances enter before the process, which smooths them, as a feed or a supply pressure does.
+
+The noise of y is then coloured by the process: its autocorrelation decays with the time constant. In u and y it is
+coloured noise; that its roots are those of the process is a hint, no proof. So `diagnose` names coloured noise, and
+this effect is for simulations and for users who know the load.
+
+Equation: y gets G(s) d, d(k) = root d(k-1) + white(k), in % of travel.
+Source: stochastic load disturbance, e.g. Box, Jenkins, Reinsel, Time Series Analysis, section 13.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..numerics.parameters import Parameter
+from ..typing import FloatArray
+from .contract import BY_HAND, Disturbance, Effect, Place, Values
+
+_ROOT = Parameter("root", "-", -0.999, 0.999, 0.0, "root of the first-order autoregression")
+_SD = Parameter("innovation_sd", "%", 0.0, 1e9, 0.0, "standard deviation of what drives it (unit of y in a fit)")
+
+
+def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Disturbance:
+    white = values["innovation_sd"] * rng.standard_normal(time_s.size)
+    load, level = np.empty_like(white), 0.0
+    for k, w in enumerate(white.tolist()):
+        level = values["root"] * level + w
+        load[k] = level
+    return np.zeros_like(load), load, {}
+
+
+EFFECT = Effect(
+    name="load-noise", kind="N", place=Place.NOISE, noise="autoregressive",
+    summary="random disturbances enter before the process",
+    equation="y gets G(s) d, d(k) = root d(k-1) + white(k)",
+    source="stochastic load disturbance, Box, Jenkins, Reinsel, section 13", parameters=(_ROOT, _SD), searched=(),
+    confused_with=("coloured-noise", "random-walk-disturbance"), asked=BY_HAND, disturb=_disturb,
+    settled_by="a tag of the suspected load, read with --extra",
+    told_apart={
+        "coloured-noise": "a tag of the suspected load, read with --extra",
+        "random-walk-disturbance": "a tag of the suspected load, read with --extra",
+    },
+)

@@ -1,0 +1,1 @@
+"""Effects that users write in plain numpy: adapter, loader, contract test and template."""

@@ -1,0 +1,49 @@
+"""Parts of y in a fitted model: the valve through the process, each linear effect, start and level, and the rest.
+
+The parts add up to y. Effects on friction, stem or trim act inside the part of the valve, which names them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..typing import FloatArray
+from .model import Model
+
+VALVE, START, NOISE = "valve and process", "start and level", "noise"
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One part of y (n,): its name, its curve, and its share cov(part, y) / var(y) of the variance of y."""
+
+    name: str
+    curve: FloatArray
+    share: float
+
+
+def parts_of(model: Model, values: FloatArray) -> tuple[Part, ...]:
+    """Parts of y of the model with values (d,), the valve first, the noise last; their shares add up to 1.
+
+    Shares count the samples of the free-run error. A share may be negative, or exceed 1, where parts oppose each other.
+    """
+    done = model.evaluate(values)
+    own = model.guided(done.guide) if model.follows_y else model
+    base, offsets = own.responses(values[:, None], filtered=False)
+    columns, at = own.own_columns(base, offsets)[:, :, 0], 1
+    curves = {VALVE: done.own[0] * columns[0]}
+    for name, effect, rows, option in zip(own.names, own.effects, own.effect_rows, own.options, strict=True):
+        if effect.columns:
+            count = len(effect.columns(values[rows, None], own.context_of(option)))
+            curves[name] = np.asarray(done.own[at:at + count] @ columns[at:at + count])
+            at += count
+    curves[START] = done.model - sum(curves.values())
+    curves[NOISE] = done.residual
+    good = done.counted > 0
+    y = (done.model + done.residual)[good]
+    centred = y - y.mean()
+    power = float(centred @ centred)
+    return tuple(Part(name, curve, float(curve[good] @ centred) / power if power else 0.0)
+                 for name, curve in curves.items())

@@ -1,0 +1,245 @@
+"""Linear elements in series with the process: exact response of lags, integrator and elements to held positions.
+
+An element has unit gain and is given by its state space x' = A x + B u, y = C x + D u, for many candidates at once. The
+whole chain is u -> lag T1 -> lag T2 -> elements -> integral. It is discretised exactly for an input that is held over a
+part of a sample, with a dead time of any fraction of a part. `free_run` in process/linear.py calls it where a process
+has elements; lags alone have faster kernels there.
+
+Wrong when the input moves inside a part. At a sample the output has not yet seen the move made there.
+Source: zero-order hold by the exponential of the augmented matrix, scaled and squared (Moler and Van Loan 2003).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..numerics.jit import LANES, kernel, output
+from ..typing import FloatArray, IntArray
+
+# Shortest lag of the chain, in parts of a sample: a shorter one has ended within its part. Unit: 1.
+_SHORTEST = 1e-3
+# Terms of the exponential's series after the matrix was scaled to a norm of at most _SCALED.
+_TERMS, _SCALED = 13, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """A linear element of P candidates: A (P, m, m), B (P, m), C (P, m) and D (P,), with gain 1 at frequency zero."""
+
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D: FloatArray
+
+    @property
+    def order(self) -> int:
+        """Number of states m."""
+        return self.B.shape[1]
+
+
+def element_of(numerator: FloatArray, denominator: FloatArray) -> Element:
+    """Element of transfer functions with coefficients (m + 1, P) in falling powers of s, the denominator's first not 0.
+
+    The states are those of the observer form.
+    """
+    m, lanes = denominator.shape[0] - 1, denominator.shape[1]
+    a, b = denominator[1:] / denominator[0], numerator / denominator[0]
+    A = np.zeros((lanes, m, m))
+    A[:, :, :1] = -a.T[:, :, None]
+    A[:, np.arange(m - 1), np.arange(1, m)] = 1.0
+    C = np.zeros((lanes, m))
+    C[:, :1] = 1.0
+    return Element(A, (b[1:] - a * b[0]).T, C, b[0].copy())
+
+
+def _chain(T1: FloatArray, T2: FloatArray, elements: tuple[Element, ...], integrating: bool,
+           part_s: float) -> Element:
+    """Lags, elements and integral in series as one element; a lag that is 0 for all is left out."""
+    lags = [lag for lag in (T1, T2) if lag.max() > _SHORTEST * part_s]
+    m = len(lags) + sum(e.order for e in elements) + int(integrating)
+    lanes = T1.size
+    A, B = np.zeros((lanes, m, m)), np.zeros((lanes, m))
+    # Output of the chain so far: row (P, m) of the states and feedthrough (P,) of the input.
+    row, through, at = np.zeros((lanes, m)), np.ones(lanes), 0
+    for lag in lags:
+        rate = 1.0 / np.maximum(lag, _SHORTEST * part_s)
+        A[:, at] = rate[:, None] * row
+        A[:, at, at] = -rate
+        B[:, at] = rate * through
+        row, through, at = np.eye(m)[at][None].repeat(lanes, axis=0), np.zeros(lanes), at + 1
+    for e in elements:
+        own = slice(at, at + e.order)
+        A[:, own] = e.B[:, :, None] * row[:, None, :]
+        A[:, own, own] = e.A
+        B[:, own] = e.B * through[:, None]
+        row, through, at = e.D[:, None] * row, e.D * through, at + e.order
+        row[:, own] = e.C
+    if integrating:
+        A[:, at], B[:, at] = row, through
+        row, through = np.eye(m)[at][None].repeat(lanes, axis=0), np.zeros(lanes)
+    return Element(A, B, row, through)
+
+
+@kernel
+def _held(A: FloatArray, B: FloatArray, seconds: FloatArray, keep: FloatArray, take: FloatArray) -> None:
+    """Fill keep (P, m, m) and take (P, m): states after some seconds (P,) with the input held."""
+    lanes, m = B.shape
+    big, term = np.empty((m + 1, m + 1)), np.empty((m + 1, m + 1))
+    after, total = np.empty((m + 1, m + 1)), np.empty((m + 1, m + 1))
+    for p in range(lanes):
+        big[:] = 0.0
+        size = 0.0
+        for i in range(m):
+            row = abs(B[p, i] * seconds[p])
+            for j in range(m):
+                big[i, j] = A[p, i, j] * seconds[p]
+                row += abs(big[i, j])
+            big[i, m] = B[p, i] * seconds[p]
+            size = max(size, row)
+        halvings = 0
+        while size > _SCALED and halvings < 60:
+            size *= 0.5
+            halvings += 1
+        big *= 0.5 ** halvings
+        total[:] = 0.0
+        term[:] = 0.0
+        for i in range(m + 1):
+            total[i, i] = 1.0
+            term[i, i] = 1.0
+        for n in range(1, _TERMS):
+            for i in range(m + 1):
+                for j in range(m + 1):
+                    s = 0.0
+                    for k in range(m + 1):
+                        s += term[i, k] * big[k, j]
+                    after[i, j] = s / n
+            term[:] = after
+            total += term
+        for _ in range(halvings):
+            for i in range(m + 1):
+                for j in range(m + 1):
+                    s = 0.0
+                    for k in range(m + 1):
+                        s += total[i, k] * total[k, j]
+                    after[i, j] = s
+            total[:] = after
+        for i in range(m):
+            take[p, i] = total[i, m]
+            for j in range(m):
+                keep[p, i, j] = total[i, j]
+
+
+@kernel
+def _run(position: FloatArray, substeps: int, keep: FloatArray, old: FloatArray, new: FloatArray, row: FloatArray,
+         through: FloatArray, whole: IntArray, pick: IntArray, response: FloatArray) -> None:
+    """Fill response (samples + longest whole delay, P); tables have the candidates last."""
+    m, lanes = new.shape
+    shared = position.shape[1] < lanes
+    samples = position.shape[0] // substeps
+    state, after = np.empty((m, LANES)), np.empty((m, LANES))
+    before, now, out, start = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    for first in range(0, lanes, LANES):
+        width = min(LANES, lanes - first)
+        state[:] = 0.0
+        before[:] = 0.0
+        for p in range(width):
+            start[p] = position[0, 0 if shared else first + p]
+        for k in range(samples - 1):
+            for s in range(substeps):
+                here = position[k * substeps + s]
+                for p in range(width):
+                    now[p] = here[0 if shared else first + p] - start[p]
+                for i in range(m):
+                    for p in range(width):
+                        after[i, p] = old[i, first + p] * before[p] + new[i, first + p] * now[p]
+                    for j in range(m):
+                        for p in range(width):
+                            after[i, p] += keep[i, j, first + p] * state[j, p]
+                for i in range(m):
+                    for p in range(width):
+                        state[i, p] = after[i, p]
+                for p in range(width):
+                    before[p] = now[p]
+                    out[p] = through[first + p] * now[p] if pick[first + p] == s else out[p]
+                for i in range(m):
+                    for p in range(width):
+                        out[p] += row[i, first + p] * state[i, p] if pick[first + p] == s else 0.0
+            for p in range(width):
+                response[1 + k + whole[first + p], first + p] = out[p]
+
+
+def series_run(position: FloatArray, T1: FloatArray, L: FloatArray, T2: FloatArray, elements: tuple[Element, ...],
+               integrating: bool, *, step_s: float, substeps: int, ahead: bool, room: int, lent: bool) -> FloatArray:
+    """Response per unit of gain (n + room, P) of the whole chain; see `free_run` in process/linear.py."""
+    part = step_s / substeps
+    lanes = T1.size
+    delay = np.maximum(L - (part if ahead else 0.0), 0.0) / part
+    steps = np.floor(delay + 1e-12)
+    first = np.clip(delay - steps, 0.0, 1.0) * part
+    chain = _chain(T1, T2, elements, integrating, part)
+    m = chain.order
+    early, late = (np.empty((lanes, m, m)) for _ in range(2))
+    taken, new = (np.empty((lanes, m)) for _ in range(2))
+    _held(chain.A, chain.B, first, early, taken)
+    _held(chain.A, chain.B, part - first, late, new)
+    keep, old = late @ early, (late @ taken[:, :, None])[:, :, 0]
+    whole = (steps // substeps).astype(np.int64)
+    pick = substeps - 1 - (steps.astype(np.int64) - whole * substeps)
+    samples = position.shape[0] // substeps
+    response = output("response", samples + max(int(whole.max()), room), lanes, lent)
+    response[:int(whole.max()) + 1] = 0.0
+    _run(np.ascontiguousarray(position), substeps, np.ascontiguousarray(np.moveaxis(keep, 0, 2)),
+         np.ascontiguousarray(old.T), np.ascontiguousarray(new.T), np.ascontiguousarray(chain.C.T), chain.D, whole,
+         pick, response)
+    return response[:samples + room]
+
+
+@kernel
+def _modes(keep: FloatArray, row: FloatArray, out: FloatArray) -> None:
+    """Fill out (m * samples, P): what every state alone (column i), once 1, leaves in the output at the samples."""
+    lanes, m, _ = keep.shape
+    samples = out.shape[0] // m
+    state, after = np.empty(m), np.empty(m)
+    for p in range(lanes):
+        for i in range(m):
+            state[:] = 0.0
+            state[i] = 1.0
+            for k in range(samples):
+                y = 0.0
+                for j in range(m):
+                    y += row[p, j] * state[j]
+                out[i * samples + k, p] = y if abs(y) > 1e-14 else 0.0
+                for j in range(m):
+                    s = 0.0
+                    for n in range(m):
+                        s += keep[p, j, n] * state[n]
+                    after[j] = s if abs(s) > 1e-14 else 0.0
+                state[:] = after
+
+
+def modes(element: Element, out: FloatArray, *, step_s: float) -> None:
+    """Fill `out` (m * samples, P) with what is left of an unknown start of each state; their sizes are linear."""
+    lanes, m = element.B.shape
+    keep, take = np.empty((lanes, m, m)), np.empty((lanes, m))
+    _held(element.A, element.B, np.full(lanes, step_s), keep, take)
+    _modes(keep, element.C, out)
+
+
+class Stepped:
+    """One element advanced step by step, for a simulation: the input is held, or its mean, over every step."""
+
+    def __init__(self, element: Element, step_s: float) -> None:
+        m = element.order
+        keep, take = np.empty((1, m, m)), np.empty((1, m))
+        _held(element.A, element.B, np.full(1, step_s), keep, take)
+        self._keep, self._take, self._row = keep[0].tolist(), take[0].tolist(), element.C[0].tolist()
+        self._through, self._state = float(element.D[0]), [0.0] * m
+
+    def advance(self, mean: float, end: float) -> float:
+        """Output at the end of a step over which the input had a mean, and ended at `end`."""
+        before = self._state
+        self._state = [sum(k * x for k, x in zip(row, before, strict=True)) + b * mean
+                       for row, b in zip(self._keep, self._take, strict=True)]
+        return sum(c * x for c, x in zip(self._row, self._state, strict=True)) + self._through * end

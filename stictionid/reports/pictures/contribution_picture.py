@@ -1,0 +1,50 @@
+"""Picture of the parts of y: curves of valve, effects and noise over the last periods, each with its share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...model.parts import NOISE, START, VALVE, parts_of
+from ...model.restore import rebuild_model
+from ...record.loop import Loop
+from ...record.segments import described
+from ...record.study import Step, Study
+from .. import wording
+from . import measures, study_pictures
+from .picture import Line, Panel, Picture
+
+# Roles of the curves of effects, taken in turn.
+_ROLES = ("position", "op", "bound", "optimum", "last")
+_FIXED = {VALVE: "model", START: "sp", NOISE: "residual"}
+
+
+def contributions(study: Study, step: Step, loop: Loop) -> Picture:
+    """Parts of y in the model of one step: curves about their mean, named with their shares."""
+    piece, rows = described(loop, step.model)
+    parts = parts_of(*rebuild_model(piece, step.model))
+    at = np.concatenate([np.arange(r.start, r.stop) for r in rows])
+    window = study_pictures.window(study, loop)
+    shown = (at >= window.start) & (at < window.stop) if ((at >= window.start) & (at < window.stop)).any() \
+        else np.ones(at.size, bool)
+    per, unit = study_pictures.time_unit(float(shown.sum()) * loop.step_s)
+    t = loop.time_s[at][shown] / per
+    inside = [name for name in step.effects if name not in {p.name for p in parts}]
+    names = {p.name: p.name + (f" with {wording.listed(list(map(wording.name, inside)))}" if p.name == VALVE and inside
+                               else "") for p in parts}
+    shares = {p.name: f"{round(100.0 * p.share)} %" for p in parts}
+    lines = [_line("PV", "pv", t, loop.process_value[at][shown])]
+    free = iter(_ROLES * len(parts))
+    lines += [_line(f"{names[p.name]}, {shares[p.name]}", _FIXED.get(p.name) or next(free), t, p.curve[shown])
+              for p in parts]
+    said = wording.listed([f"{shares[p.name]} {names[p.name]}" for p in parts])
+    return Picture("contributions", "Parts of PV", f"The variance of PV: {said}.",
+                   "Each part of PV about its mean, with its share of the variance of PV, cov(part, PV) / var(PV). The "
+                   "shares add up to 100 %. They do not say what causes a cycle: in a closed loop parts go together.",
+                   (Panel(f"time, {unit}", study_pictures.axis_label("about the mean", loop, "process_value"),
+                          tuple(lines)),), wide=True)
+
+
+def _line(name: str, role: str, t: np.ndarray, values: np.ndarray) -> Line:
+    good = np.isfinite(values)
+    return Line(name, role, *measures.thin(t, values - (values[good].mean() if good.any() else 0.0),
+                                           study_pictures.TREND_BINS))
