@@ -178,9 +178,13 @@ def _beyond_rest(edge: Edge) -> str:
 
 
 def _beyond_scans(edge: Edge) -> str:
-    """Reject an effect that helps little under an unknown course of the output, and leaves more than noise."""
+    """Reject an effect that helps little under an unknown course of the output, and leaves more than noise.
+
+    Unknown scans make single slips early or late. An effect that halves the free run explains more than those.
+    """
     child, parent = edge.child, edge.parent
-    if not edge.blurred or plain(edge.name) in BASE_EFFECTS or child.only_noise(edge.policy):
+    if not edge.blurred or plain(edge.name) in BASE_EFFECTS or child.only_noise(edge.policy) \
+            or child.rmse <= parent.rmse / 2:
         return ""
     if child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd:
         return ""

@@ -13,7 +13,7 @@ from ..fit.fit import Fitted, finish
 from ..fit.moves import descended
 from ..model.model import Model
 from ..model.segments import bound
-from ..model.spec import FIRST_ORDER, Spec
+from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from ..numerics.autoregression import CEILING_LAGS
 from ..record.loop import Finding
 from ..record.study import Step
@@ -30,6 +30,8 @@ def ordered(search: Search, winner: Entry, base: Sequence[str] = ()) -> tuple[tu
 
     Effects of the `base` are in every rung. A rung is the node as the search met it, or the winner without the later
     effects, polished. A first order has levels in every rung: only the step that names a walk is fitted in differences.
+    An integrator has differences, because the errors of wrong slips add up. Its last rung has levels where the winner
+    leaves only noise in them.
     """
     left, order = [name for name in physical(winner.spec) if name not in base], []
     spec = node(without(winner.spec, left))
@@ -41,6 +43,9 @@ def ordered(search: Search, winner: Entry, base: Sequence[str] = ()) -> tuple[tu
         order.append(name)
         spec = tried[name][0]
         rungs.append(tried[name][:2])
+    done = winner.scored.done
+    if spec.process == INTEGRATOR and not done.increments and winner.scored.only_noise(search.policy):
+        rungs[-1] = _rung(search, winner, replace(spec, increments=False, taps=()))[:2]
     return tuple(order), rungs
 
 

@@ -25,7 +25,18 @@ from ..typing import Progress
 from .crew import Crew
 from .gates import Edge, judged
 from .looks import FAR, VALVES, Ground, Packed, Task, kind_of, pool_of, rng_of, settled_again, standing
-from .node import BASE_EFFECTS, additions, depth, key, node, other_process, plain, with_effect, without
+from .node import (
+    BASE_EFFECTS,
+    additions,
+    depth,
+    key,
+    node,
+    other_process,
+    physical,
+    plain,
+    with_effect,
+    without,
+)
 from .policy import Policy
 from .score import Scored, completed, glanced
 
@@ -163,16 +174,39 @@ class Search:
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         tasks = self._edges(entry, fit)
         if not any(on_valve(effect) for effect in fit.model.effects):
-            # A valve that rests under a held command is as common as one that slides, and its basin is far from there.
-            self._search_valves(ground, [t for t in tasks if t.added == RESTING and t.spec.held])
+            # A valve that rests is as common as one that slides, and its basin is far from there.
+            self._search_valves(ground, [t for t in tasks if t.added == RESTING])
         self._finish(ground, entry, self._performed(ground, entry, tasks))
         self._lighten()
+        if entry.op == ROOT:
+            self._structures(entry)
         if self._only_noise(self.best()):
             return
         entry.asked = Asked.BY_FAR
         self._search_valves(ground, tasks)
         far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._far(t, entry)])
         self._finish(ground, entry, [a for a in far if self._better(a)])
+
+    def _structures(self, entry: Entry) -> None:
+        """Ask beside every process and command for a valve that rests, until only noise is left.
+
+        Two changes of the base may show only together: a valve that rests behind an integrator, or one under a command
+        that moves.
+        """
+        queue, seen = [entry], {key(entry.spec)}
+        while queue and not self._only_noise(self.best()):
+            base = queue.pop(0)
+            fit = standing(base.scored, base.spec)
+            tasks = self._edges(base, fit)
+            if base is not entry:
+                ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
+                asked = [t for t in tasks if t.added == RESTING or not t.added]
+                self._search_valves(ground, asked)
+                self._finish(ground, base, self._performed(ground, base, asked))
+            for e in list(self.memo.values()):
+                if e.op == SWAP and not physical(e.spec) and not e.failed and key(e.spec) not in seen:
+                    seen.add(key(e.spec))
+                    queue.append(e)
 
     def _lighten(self) -> None:
         """Drop what the best node has from its base and no longer needs: a rest found while an effect was missing."""

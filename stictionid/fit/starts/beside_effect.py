@@ -51,22 +51,32 @@ def valves_of(model: Model, rng: np.random.Generator) -> list[dict[str, float]]:
     """Named values for the valve of a model with its effects and further lags, whatever valve it has now.
 
     The search begins on a tenth of the record, where the basins of a valve are wide, and goes on to longer parts. A
-    valve that rests under a held command is searched with a law that has no sliding state. Where nothing else acts on
-    it a second search begins on the whole record.
+    valve that rests is searched with a law that has no sliding state. Where nothing else acts on it a second search
+    begins on the whole record under a held command. Under one that moves, a valve may also slide for a while: a second
+    search has the speed at which it comes to rest.
     """
     spec = model.spec
-    resting = RESTING in spec.effects and spec.held
+    resting = RESTING in spec.effects
     own = tuple(name for name, effect in zip(model.names, model.effects, strict=True)
-                if effect.place is Place.PROCESS or (on_valve(effect) and not (resting and name == RESTING)))
-    law = search_model(bound(model.loop, Spec(law=_RESTS_ALWAYS if resting else spec.law, process=spec.process,
-                                              effects=own, between=spec.between, substeps=spec.substeps,
-                                              increments=spec.increments, taps=own_taps(spec), fixed=spec.fixed,
-                                              guides=spec.guides), s_max=model.s_max, period_s=model.period_s))
+                if effect.place is Place.PROCESS or on_valve(effect))
+    always = tuple(name for name in own if name != RESTING)
+
+    def law_of(name: str, effects: tuple[str, ...]) -> Model:
+        return search_model(bound(model.loop, Spec(law=name, process=spec.process, effects=effects,
+                                                   between=spec.between, substeps=spec.substeps,
+                                                   increments=spec.increments, taps=own_taps(spec), fixed=spec.fixed,
+                                                   guides=spec.guides), s_max=model.s_max, period_s=model.period_s))
+
+    law = law_of(_RESTS_ALWAYS if resting else spec.law, always)
     found = grown(law, rng)
-    if resting and not any(on_valve(effect) for effect in law.effects):
+    if resting and spec.held and not any(on_valve(effect) for effect in law.effects):
         found = np.concatenate([search(law, rng)[0], found])
     rests = {f"{RESTING}:{p.name}": p.high for p in parse(RESTING)[0].parameters_for(model.context)} if resting else {}
-    return [{**law.named(column), **rests} for column in law.values(found).T]
+    valves = [{**law.named(column), **rests} for column in law.values(found).T]
+    if resting and not spec.held:
+        slides = law_of(spec.law, own)
+        valves += [slides.named(column) for column in slides.values(grown(slides, rng)).T]
+    return valves
 
 
 def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) -> FloatArray:
