@@ -1,7 +1,8 @@
 """Runs the tests of .ci/elsewhere.txt with the oldest allowed dependencies, and with the newest on other Pythons.
 
 Run: python .ci/elsewhere.py [--every] [--only WORD]
-Of the other Pythons the newest is taken; --every takes all (each is about two minutes of one core).
+Of the other Pythons the newest is taken, where there are more than two cores; --every takes all (each is about two
+minutes of one core).
 Each gets a virtual environment of its own in a temporary folder. An environment is left out, with the reason in one
 line, only where a Python is not here or a dependency has no wheels for it; anything else that goes wrong is a failure,
 and the exit code is 1. Only Python's own library is used here.
@@ -30,6 +31,8 @@ _AHEAD = 8
 _LIMIT_S = 1800
 # Environments made and tested side by side; each works on one core.
 _SIDE_BY_SIDE = 2
+# Cores beside which another Python is tested only on request.
+_FEW_CORES = 2
 
 
 @dataclass(frozen=True)
@@ -81,12 +84,15 @@ def pythons() -> dict[tuple[int, int], str]:
 
 
 def places(found: dict[tuple[int, int], str], every: bool) -> list[Place]:
-    """Oldest dependencies on the oldest Python here, newest ones on the newest other than this run's, or on all."""
+    """Oldest dependencies on the oldest Python here, newest ones on the newest other than this run's, or on all.
+
+    Two cores have no time for the newest ones beside the whole suite.
+    """
     (major, minor), oldest = next(iter(found.items()))
     made = [Place(f"oldest dependencies, Python {major}.{minor}", oldest, OLDEST)]
     others = [Place(f"newest dependencies, Python {major}.{minor}", python, None)
               for (major, minor), python in found.items() if (major, minor) != sys.version_info[:2]]
-    return made + (others if every else others[-1:])
+    return made + (others if every else others[-1:] if (os.cpu_count() or 1) > _FEW_CORES else [])
 
 
 def run(words: list[str], folder: Path) -> tuple[int, str]:
@@ -167,6 +173,8 @@ def main() -> int:
     parser.add_argument("--every", action="store_true", help="every other Python here, not only the newest")
     chosen = parser.parse_args()
     found = pythons()
+    if len(found) > 1 and not chosen.every and (os.cpu_count() or 1) <= _FEW_CORES:
+        print("+ two cores: other Pythons are left out; python .ci/elsewhere.py --every tests them")
     if max(found) == sys.version_info[:2]:
         print("+ no newer Python than this run's is here: only the oldest dependencies are tested elsewhere")
     with tempfile.TemporaryDirectory(prefix="elsewhere-") as top:

@@ -87,15 +87,6 @@ def test_nothing_is_invented_where_nothing_is_hidden(kind: str, more: dict) -> N
     assert setting.effects or after.adequate
 
 
-def test_two_hidden_effects_are_both_found() -> None:
-    pair = ("step-disturbance", "extra-lag")
-    setting, loop = small(*pair)
-    after = diagnose(loop, identify(loop, options=HELD), apply=True)
-    assert set(after.missing) == set(pair) and after.adequate
-    assert after.steps[-1].error.rmse <= AT_THE_NOISE * NOISE
-    assert after.estimate is not None and pytest.approx(setting.S, abs=0.1) == after.estimate.S
-
-
 def test_the_records_of_the_small_loops_are_repeatable() -> None:
     setting, loop = small("step-disturbance")
     again = simulate(replace(setting), seed=21).loop

@@ -37,7 +37,8 @@ def test_of_a_karnopp_valve_at_most_its_own_physics_is_named() -> None:
 @pytest.mark.parametrize("pair", [
     # Coloured noise imitates both of these, and beside it neither shows.
     ("step-disturbance", "asymmetric-stiction"), ("stiction-drift", "sinusoidal-disturbance"),
-    ("asymmetric-stiction", "random-walk-disturbance"), ("random-walk-disturbance", "measured-disturbance")])
+    ("asymmetric-stiction", "random-walk-disturbance"), ("random-walk-disturbance", "measured-disturbance"),
+    ("step-disturbance", "extra-lag")])
 def test_two_hidden_effects_are_both_found(pair: tuple[str, str]) -> None:
     _, loop = small(*pair)
     after = diagnose(loop, identify(loop, options=HELD), apply=True)

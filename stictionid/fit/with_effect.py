@@ -29,7 +29,7 @@ _ROAM, _SCOUTS = 2, 500
 _SETTLED = 1e-4
 # Turns of descent from every start, fall of the cost at which one has settled, and starts that then get a population.
 # The last number is twice the log-likelihood that the descent must have gained for a population.
-_GLANCE, _GLANCED, _KEPT, _PROMISING = 3, 1e-2, 4, 3.0
+_GLANCE, _GLANCED, _KEPT, _PROMISING = 3, 1e-2, 4, 10.0
 # Rounds of the first look at an effect and of its swarm.
 _LOOK, _SWARM = 25, 14
 # Further polishes go on while each lowers the cost by this share, at most _TURNS times.

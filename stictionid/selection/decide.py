@@ -23,7 +23,7 @@ from .gates import margin_of
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import key, other_process, physical
 from .policy import Policy
-from .score import noise_name
+from .score import Scored, noise_name
 from .search import ADD, DROP, SWAP, Entry, Search
 from .tells import settling
 
@@ -81,22 +81,24 @@ def _integrating(search: Search, winner: Entry) -> Entry:
     return entry
 
 
-def rounded(loop: Loop, study: Study, found: Decision, policy: Policy, seed: int) -> str:
+def rounded(loop: Loop, study: Study, before: Scored, found: Decision, policy: Policy, seed: int) -> str:
     """Words where the rounding of the output explains what the study's model leaves; empty elsewhere.
 
-    A right model of a rounded output leaves whole strokes that no effect explains to the noise.
+    A right model of a rounded output leaves whole strokes that no effect explains to the noise. `before` is the study's
+    model in the search.
     """
     scored, last = found.winner.scored, study.steps[-1]
     floor, error = last.error.noise_sd, last.error.rmse
-    if floor is None or (scored.free_run_at_noise and scored.white) or scored.rmse <= error / 2:
+    sharper = scored.done.innovation_sd <= (1.0 - policy.beyond_scans) * before.done.innovation_sd
+    if floor is None or (scored.free_run_at_noise and scored.white) or scored.rmse <= error / 2 or sharper:
         return ""
     moved = moved_by_rounding(loop, last.model, seed)
     if not moved > 0.0 or error > policy.rounding * float(np.hypot(floor, moved)):
         return ""
     return (f"the free-run error {error:.4g} may be no more than rounding: the output is recorded in steps of "
             f"{step_of(loop.output):.3g} {loop.unit('output', '%')}, which moves the model's process value by "
-            f"{moved:.3g} beside the noise, and no effect brings the error to the noise, or halves it; export the "
-            "output with more digits")
+            f"{moved:.3g} beside the noise, and no effect brings the error to the noise, or lowers it by much; export "
+            "the output with more digits")
 
 
 def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:

@@ -31,7 +31,7 @@ def ordered(search: Search, winner: Entry, base: Sequence[str] = ()) -> tuple[tu
     Effects of the `base` are in every rung. A rung is the node as the search met it, or the winner without the later
     effects, polished. A first order has levels in every rung: only the step that names a walk is fitted in differences.
     An integrator has differences, because the errors of wrong slips add up. Its last rung has levels where the winner
-    leaves only noise in them.
+    leaves next to nothing but noise in them.
     """
     left, order = [name for name in physical(winner.spec) if name not in base], []
     spec = node(without(winner.spec, left))
@@ -43,8 +43,9 @@ def ordered(search: Search, winner: Entry, base: Sequence[str] = ()) -> tuple[tu
         order.append(name)
         spec = tried[name][0]
         rungs.append(tried[name][:2])
-    done = winner.scored.done
-    if spec.process == INTEGRATOR and not done.increments and winner.scored.only_noise(search.policy):
+    scored = winner.scored
+    at_noise = scored.free_run_at_noise or scored.only_noise(search.policy)
+    if spec.process == INTEGRATOR and at_noise and not scored.done.increments:
         rungs[-1] = _rung(search, winner, replace(spec, increments=False, taps=()))[:2]
     return tuple(order), rungs
 

@@ -23,8 +23,9 @@ from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
 from ..fit.with_effect import Scouted, scout, settled, widened_by
 from ..model.model import Model
 from ..model.segments import bound
-from ..model.spec import BASE, INTEGRATOR, Spec
+from ..model.spec import BASE, Spec
 from ..numerics import tally
+from ..numerics.population import together
 from ..typing import FloatArray
 from .node import BASE_EFFECTS, key, local, node, plain
 from .policy import Policy
@@ -120,7 +121,7 @@ def look_at(ground: Ground, task: Task) -> Packed:
     rng = rng_of(ground.seed, key(task.spec), 1)
     found = (_with_effect(ground, task, rng) if task.added else
              _other_process(ground, task, rng) if task.spec.process != ground.fit.model.spec.process else
-             _other_command(ground, task))
+             _other_command(ground, task, rng))
     if not np.isfinite(found.cost):
         return Packed(task.spec, task.added, failed="its refit found no model whose valve moves")
     # The search may run on a coarser model; the score is that of the model itself.
@@ -203,14 +204,15 @@ def _other_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scou
     known = ground.fit.model.named(ground.fit.values)
     values = np.stack([coarse.vector({**known, **dict(zip(BASE, base, strict=True))}) for base in ground.pool], axis=1)
     starts = with_process(coarse, coarse.cube(values))
-    if task.stage != NEAR and coarse.spec.process == INTEGRATOR:
+    if task.stage != NEAR:
         starts = np.concatenate([starts, grown(coarse, rng)])
     found = descended(coarse, with_start(coarse, starts), turns=QUICK_TURNS, settle=QUICK_SETTLE)
     return Scouted(coarse, model, found.points, float(found.costs[0]), float(found.costs[0]))
 
 
-def _other_command(ground: Ground, task: Task) -> Scouted:
-    """A look at another course of the command between samples, from the parent's point."""
+def _other_command(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
+    """A look at another course of the command between samples, from the parent's point; a far one from new valves, too.
+    """
     fit = ground.fit
     model = _bound(fit, task.spec)
     coarse = search_model(model)
@@ -219,6 +221,9 @@ def _other_command(ground: Ground, task: Task) -> Scouted:
         found = descended(coarse, with_start(coarse, start), turns=QUICK_TURNS, settle=QUICK_SETTLE)
     else:
         found = moved(fit.model, fit.values, task.spec)
+    if task.stage != NEAR:
+        fresh = with_start(coarse, grown(coarse, rng))
+        found = together(found, descended(coarse, fresh, turns=QUICK_TURNS, settle=QUICK_SETTLE))
     return Scouted(coarse, model, found.points, float(found.costs[0]), float(found.costs[0]))
 
 

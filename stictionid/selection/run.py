@@ -12,7 +12,7 @@ from ..effects import parse
 from ..fit.context import Run
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import Refit
-from ..fit.starts.intersample import as_moving, may_move, surely_moves
+from ..fit.starts.intersample import as_moving, surely_moves
 from ..model.restore import rebuild_model
 from ..model.segments import bound
 from ..model.spec import Spec
@@ -56,10 +56,11 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     new = tuple(name for name in order if name not in before)
     if found.noise and not any(plain(n) == found.noise for n in fit.model.spec.effects):
         new = (*new, found.noise)
-    blur = rounded(run.loop, study, found, policy, seed)
+    here = search.memo[key(node(fit.model.spec))]
+    blur = rounded(run.loop, study, here.scored, found, policy, seed)
     p_value = None
     if bootstrap and new and not is_noise(new[0]):
-        p_value = p_of(search, search.memo[key(node(fit.model.spec))], new[0], bootstrap, tell)
+        p_value = p_of(search, here, new[0], bootstrap, tell)
     chance = p_value is not None and p_value > max(policy.chance, 1.0 / (bootstrap + 1))
     if blur or chance:
         new = ()
@@ -97,8 +98,7 @@ def floor_of(run: Run) -> Callable[[Refit], float | None]:
 def commands_of(run: Run) -> tuple[Spec, ...]:
     """The ways in which the command may have gone between samples; none where the record tells."""
     loop, o = run.loop, run.options
-    rough = loop.step_s > o.scan_s and not may_move(loop)
-    if o.between != "auto" or surely_moves(loop) or ran_with_samples(loop) or rough:
+    if o.between != "auto" or surely_moves(loop) or ran_with_samples(loop):
         return ()
     return Spec(), as_moving(Spec())
 

@@ -24,7 +24,7 @@ from ..record.tree import Gate
 from ..typing import Progress
 from .crew import Crew
 from .gates import Edge, judged
-from .looks import FAR, VALVES, Ground, Packed, Task, kind_of, pool_of, rng_of, settled_again, standing
+from .looks import FAR, NEAR, VALVES, Ground, Packed, Task, kind_of, pool_of, rng_of, settled_again, standing
 from .node import (
     BASE_EFFECTS,
     additions,
@@ -178,13 +178,13 @@ class Search:
             self._search_valves(ground, [t for t in tasks if t.added == RESTING])
         self._finish(ground, entry, self._performed(ground, entry, tasks))
         self._lighten()
-        if entry.op == ROOT:
+        if entry.op == ROOT and (self.only is None or self.blurred):
             self._structures(entry)
         if self._only_noise(self.best()):
             return
         entry.asked = Asked.BY_FAR
         self._search_valves(ground, tasks)
-        far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._far(t, entry)])
+        far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._on_valve(t)])
         self._finish(ground, entry, [a for a in far if self._better(a)])
 
     def _structures(self, entry: Entry) -> None:
@@ -250,19 +250,16 @@ class Search:
         spec = fit.model.spec
         tasks = [Task(node(with_effect(spec, name), soft=spec.increments), name)
                  for name in additions(spec, self.loop, self.only)]
+        # Beside effects the valve is known; without any its basin may lie elsewhere under another process or command.
+        stage = NEAR if physical(spec) else FAR
         if not spec.fixed:
-            tasks.append(Task(other_process(spec)))
-        tasks += [Task(replace(spec, between=c.between, substeps=c.substeps)) for c in self.commands
+            tasks.append(Task(other_process(spec), stage=stage))
+        tasks += [Task(replace(spec, between=c.between, substeps=c.substeps), stage=stage) for c in self.commands
                   if c.between != spec.between]
         return [t for t in tasks if key(t.spec) not in self.memo or not self.memo[key(t.spec)].scored.full]
 
     def _on_valve(self, task: Task) -> bool:
         return bool(task.added) and on_valve(parse(task.added)[0])
-
-    def _far(self, task: Task, entry: Entry) -> bool:
-        """True for effects on the valve, and at a root for the other process."""
-        other = task.spec.process != entry.spec.process and entry.op == ROOT and not entry.spec.effects
-        return self._on_valve(task) or other
 
     def _performed(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Answers to tasks; each look is remembered where it is the best of its node."""
