@@ -60,7 +60,7 @@ def _plain(found: Any, series: bool) -> dict[str, Any]:
                   "output": g.loop.output, "setpoint": g.loop.setpoint, "counted": g.good}
     return {"error": found.error, "findings": found.findings, "adequate": found.adequate,
             "adequate_reason": found.adequate_reason, "notes": found.notes, "validates": found.validates,
-            "tables": found.tables, "spectra": found.spectra, "series": curves}
+            "tables": found.tables, "unexplained": found.unexplained, "spectra": found.spectra, "series": curves}
 
 
 def _print(found: Any, study: Path, quiet: bool) -> None:

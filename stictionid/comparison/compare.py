@@ -12,11 +12,14 @@ import numpy as np
 
 from ..errors import DataError
 from ..fit.context import ADEQUATE, NO_FLOOR
+from ..fit.noise.completion import quick
+from ..fit.noise.unexplained import judged_by, unexplained
 from ..numerics.autoregression import filtered, irreducible
 from ..record.loop import Finding, Loop
 from ..record.oscillation import find_range
 from ..record.segments import chosen, described
 from ..record.study import Study
+from ..record.unexplained import Unexplained
 from .cells import Cell
 from .model_run import Ground, prepare
 from .questions import ask_all
@@ -48,7 +51,10 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Result of `compare`. `tables` hold every question's cells; `ground` the arrays, for pictures and series."""
+    """Result of `compare`. `tables` hold every question's cells; `ground` the arrays, for pictures and series.
+
+    `unexplained` is the shape of what the model misses, None where that is next to nothing.
+    """
 
     error: Errors
     findings: tuple[Finding, ...]
@@ -59,6 +65,7 @@ class Comparison:
     notes: tuple[Finding, ...]
     validates: bool
     ground: Ground = field(repr=False)
+    unexplained: Unexplained | None = None
 
 
 def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Comparison:
@@ -102,8 +109,17 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     found = sorted((f for f in findings if f is not None), key=lambda f: order[f.severity])
     errors = _errors(ground, study, own=other is None)
     adequate, why = _adequate(errors, study, other is None)
+    shape = None if other is not None else _shape(ground, study)
+    adequate, why = judged_by(shape, adequate, why)
     return Comparison(errors, tuple(found), adequate, why, {name: cells for name, cells, _ in answers}, spectra, notes,
-                      other is not None, ground)
+                      other is not None, ground, shape)
+
+
+def _shape(ground: Ground, study: Study) -> Unexplained | None:
+    """The shape of what the study's model misses, as the study holds it; worked out for a study of an older version."""
+    if study.unexplained is not None or study.missing_reason:
+        return study.unexplained
+    return unexplained(quick(ground.model, ground.model.vector(ground.evaluated.values)))
 
 
 def _errors(ground: Ground, study: Study, *, own: bool) -> Errors:

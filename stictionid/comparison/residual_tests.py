@@ -6,7 +6,6 @@ Source: Ljung and Box 1978; CRITICISM.md sections 1, 3 and 7.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from ..effects import leaving
 from ..numerics.autoregression import autocovariance, chi_square_z, ljung_box
+from ..numerics.spectrum import bands_of, lines_of
 from ..record.loop import Finding
 from ..typing import FloatArray
 from .model_run import Ground
@@ -25,7 +25,6 @@ _FEWEST_LAGS, _MOST_LAGS, _MOST_RESPONSE = 20, 200, 12
 _MATTERS = 0.005
 # Share of the residual's power that a line must hold.
 _LINE_SHARE = 0.05
-_BANDS = 8
 # The slowest lines are drift, not oscillation; neighbours on either side that set a line's floor. Unit: lines.
 _SLOWEST, _NEIGHBOURS = 4, 6
 
@@ -142,20 +141,11 @@ def frequencies(ground: Ground) -> tuple[tuple[tuple[float, float, float, float]
     the longest is used: a spectrum knows no gaps.
     """
     part = ground.loop.longest
-    good = ground.good[part]
-    e = np.where(good, ground.residual[part], 0.0)
-    n = e.size
-    if not good.any():
+    f, power = lines_of(ground.residual[part], ground.good[part], ground.step_s)
+    bands = bands_of(f, power)
+    if not bands:
         return (), None
-    power = np.abs(np.fft.rfft(e - e[good].mean() * good)) ** 2
-    f = np.fft.rfftfreq(n, ground.step_s)
-    power, f = power[1:], f[1:]
     total = float(power.sum())
-    if total <= 0.0 or n < 64:
-        return (), None
-    edges = np.geomspace(f[0], f[-1] * (1 + 1e-9), _BANDS + 1)
-    bands = tuple((1.0 / b, 1.0 / a, float(power[(f >= a) & (f < b)].sum()) / total,
-                   float(((f >= a) & (f < b)).mean())) for a, b in itertools.pairwise(edges))
     floor = _floor(power)
     ratio = np.where(np.arange(power.size) < _SLOWEST, 0.0, power / floor)
     k = int(ratio.argmax())

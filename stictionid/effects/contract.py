@@ -137,9 +137,11 @@ Mover = Callable[[float, float, float, float], float]
 
 # Traces in a residual, and the questions that find them (comparison/): error by time with a shifted level or not, by
 # what the valve does, by direction, output, process value, part of the cycle, after setpoint moves; coloured errors,
-# errors that follow the valve, and a line at the oscillation's own period or another one.
+# errors that follow the valve, and a line at the oscillation's own period or another one. Then the answer to a valve
+# move (fit/noise/unexplained.py): for a while less than modelled, more, or both in turn, or more and more with time.
 TRACES = ("level", "stretch", "stick", "slip", "slide", "direction", "output", "value", "cycle", "setpoint", "colour",
-          "valve", "own line", "line")
+          "valve", "own line", "line", "dip", "bump", "swing",
+          "drift")
 # Whether `diagnose` tries an effect, or a user has to name it.
 DIAGNOSE, BY_HAND = "diagnose", "by hand"
 

@@ -38,7 +38,8 @@ EFFECT = Effect(
     equation="G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1))",
     source="METHODS.md section 5", parameters=(_PARAMETER,), limits=_limits, dynamics=_dynamics, guess=_guess,
     by_itself=True,
-    leaves={"stick": 1, "slip": 1, "cycle": 1, "setpoint": 3, "colour": 3, "valve": 1, "own line": 3},
+    leaves={"stick": 1, "slip": 1, "cycle": 1, "setpoint": 3, "colour": 3, "valve": 1, "own line": 3, "dip": 2,
+            "swing": 2},
     settled_by="the measured valve position: it tells a lag before the valve from one behind it",
     told_apart={
         "slew-limit":

@@ -70,7 +70,7 @@ EFFECT = Effect(
     source="time-varying gain, Shinskey, Process Control Systems, chapter 2", parameters=(_DRIFT, _LEVEL),
     searched=("drift",), confused_with=("stiction-drift", "ramp-disturbance"), timed=True, states=1, limits=_limits,
     run=_run, start=_start, columns=_columns, guess=_guess, report=_report, disturb=_disturb,
-    leaves={"stretch": 5},
+    leaves={"stretch": 5, "drift": 1},
     settled_by="the same step in manual at the start and at the end of a shift: a gain that drifts gives other sizes",
     told_apart={
         "stiction-drift": "the measured valve position, or the same large step in manual early and late",

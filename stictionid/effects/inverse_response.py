@@ -55,7 +55,7 @@ EFFECT = Effect(
     equation="G(s) = K e^{-L s} (1 - zero_s s) / ((T1 s + 1)(lag_s s + 1))",
     source="right-half-plane zero, Seborg, Edgar, Mellichamp, section 6.1", parameters=(_ZERO, _LAG),
     confused_with=("extra-lag",), limits=_limits, dynamics=_dynamics, guess=_guess,
-    leaves={"slip": 5, "valve": 7},
+    leaves={"slip": 5, "valve": 7, "dip": 1},
     settled_by="a step in manual: the process value first goes the wrong way",
     told_apart={
         "extra-lag": "a step in manual, sampled faster than the dead time: the first move tells",

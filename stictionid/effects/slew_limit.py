@@ -116,6 +116,6 @@ EFFECT = Effect(
     summary="the actuator strokes no faster than its air supply allows",
     equation="|du_v/dt| <= rate", source="METHODS.md section 5", parameters=(_RATE,), confused_with=("extra-lag",),
     fine=True, states=1, limits=_limits, run=_run, run_means=_run_means, start=_start, guess=_guess,
-    leaves={"slip": 2, "cycle": 3, "valve": 2},
+    leaves={"slip": 2, "cycle": 3, "valve": 2, "dip": 3},
     settled_by="two steps in manual of different size",
 )

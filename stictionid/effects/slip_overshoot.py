@@ -64,6 +64,6 @@ EFFECT = Effect(
     equation="at the slip u_v = u_v(k-1) + K (e - sign(e) f_d)",
     source="He and Wang 2010", parameters=(_K,), friction=_friction, guess=_guess, reach=2.0,
     natural=Natural(_numbers, _valve, _longest),
-    leaves={"slip": 3, "cycle": 2, "valve": 5},
+    leaves={"slip": 3, "cycle": 2, "valve": 5, "bump": 1},
     settled_by="the measured valve position, sampled faster than the scan",
 )

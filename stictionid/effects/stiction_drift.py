@@ -52,6 +52,6 @@ EFFECT = Effect(
     equation="S(t) = S + g_S t/1000 s, J(t) = J + g_J t/1000 s",
     source="METHODS.md section 5", parameters=(_S, _J), limits=_limits, friction=_friction, profile=_profile,
     guess=_guess,
-    leaves={"stretch": 1, "slide": 3},
+    leaves={"stretch": 1, "drift": 2, "slide": 3},
     settled_by="a second record some hours later",
 )

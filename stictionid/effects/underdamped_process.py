@@ -72,7 +72,7 @@ EFFECT = Effect(
     source="second-order system, Seborg, Edgar, Mellichamp, section 5.4", parameters=(_PERIOD, _DAMPING),
     searched=("natural_period_s",), confused_with=("extra-lag", "sinusoidal-disturbance"), limits=_limits,
     dynamics=_dynamics, plant=_plant, guess=_guess, report=_report,
-    leaves={"stick": 4, "cycle": 5, "valve": 6},
+    leaves={"stick": 4, "cycle": 5, "valve": 6, "swing": 1},
     settled_by="a step in manual: a process that rings swings about its new value while the valve rests",
     told_apart={
         "sinusoidal-disturbance":

@@ -19,6 +19,7 @@ from ..fit.context import CONDITIONAL, WALK, Run, parameters
 from ..fit.fit import Fitted, reaching
 from ..fit.intervals.assemble import outline, region
 from ..fit.moves import longest_first
+from ..fit.noise.unexplained import judged_by
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout
 from ..model.spec import BASE, FIRST_ORDER, Spec
@@ -81,10 +82,10 @@ def _run(run: Run, policy: Policy) -> Outcome:
         # Another step of S does better than the search did.
         steps[-1] = run.step_again(steps[-1], fits[-1])
     steps[-1] = replace(steps[-1], parameters=parameters(fits[-1]))
-    adequate, why = run.adequate(steps[-1])
+    adequate, why = judged_by(found.shape, *run.adequate(steps[-1]))
     return Outcome(tuple(steps), tuple(fits), adequate, why, tree=tree_of(search, found, order),
                    evaluations=search.spent, unasked=tuple(search.unasked), equivalents=found.equivalents,
-                   missing_reason=found.missing_reason)
+                   missing_reason=found.missing_reason, unexplained=found.shape)
 
 
 def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:

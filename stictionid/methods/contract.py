@@ -14,6 +14,7 @@ from ..fit.fit import Fitted
 from ..fit.options import USUAL_ORDER
 from ..record.study import Step, Verdict
 from ..record.tree import Equivalent, TreeNode
+from ..record.unexplained import Unexplained
 
 # Options that only some methods use, and how the command line spells them.
 SPELLING = {
@@ -54,6 +55,7 @@ class Outcome:
     unasked: tuple[str, ...] = ()
     equivalents: tuple[Equivalent, ...] = ()
     missing_reason: str = ""
+    unexplained: Unexplained | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from typing import Any
 from ..errors import DataError
 from .loop import Finding
 from .tree import Equivalent, TreeNode
+from .unexplained import Unexplained
 
 SCHEMA = "stictionid.study/1"
 _SCHEMA_NUMBER = 1
@@ -263,7 +264,7 @@ class Study:
 
     `tree` holds every model that the search tried; it is empty in a study of an older version. `evaluations` counts
     the search's cost evaluations. `unasked` lists what the budget left untried. `equivalents` explain the record alike.
-    `missing_reason` says in words what is missing.
+    `missing_reason` says in words what is missing, and `unexplained` holds the shape of it.
     """
 
     created_by: CreatedBy
@@ -285,6 +286,7 @@ class Study:
     cost_map: CostMap | None = None
     command: str = ""
     severity: Severity | None = None
+    unexplained: Unexplained | None = field(default=None, kw_only=True)
     schema: str = SCHEMA
 
     @property

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import parse
+from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
 from ..fit.starts.beside_effect import RESTING
 from ..model.rounding import moved_by_rounding, step_of
@@ -19,6 +20,7 @@ from ..process.scan import DECIMATED
 from ..record.loop import Loop
 from ..record.study import Candidate, Study
 from ..record.tree import Equivalent, drop_percent
+from ..record.unexplained import Unexplained
 from .gates import margin_of
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import key, other_process, physical
@@ -32,6 +34,7 @@ from .tells import settling
 class Decision:
     """The answer of a search: the winner, the name of its noise, its equivalents, and what is missing in words.
 
+    `shape` is that of what is missing, where the winner's innovations answer valve, signals or time.
     `unseen` is True where the course of the output between samples is unknown and the winner leaves more than noise.
     """
 
@@ -40,6 +43,7 @@ class Decision:
     equivalents: tuple[Equivalent, ...]
     missing_reason: str
     unseen: bool = False
+    shape: Unexplained | None = None
 
 
 def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
@@ -55,7 +59,8 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     noise = "" if unseen or not done.white else noise_name(done, search.policy)
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in equivalents(search, winner))
-    return Decision(winner, noise, alike, missing_reason(winner, unseen), unseen)
+    shape = None if unseen else unexplained(done)
+    return Decision(winner, noise, alike, missing_reason(winner, unseen, shape), unseen, shape)
 
 
 def _integrating(search: Search, winner: Entry) -> Entry:
@@ -197,10 +202,11 @@ def _why(entry: Entry, winner: str) -> str:
     return f"it helps less than {winner}" if winner else "it was not needed"
 
 
-def missing_reason(winner: Entry, unseen: bool = False) -> str:
+def missing_reason(winner: Entry, unseen: bool = False, shape: Unexplained | None = None) -> str:
     """The words for a winner that leaves more than noise; empty where nothing is missing.
 
     `unseen` is True where the output moved between the samples, so that no effect can be told from its course there.
+    `shape` says what the winner's innovations answer.
     """
     done = winner.scored.done
     if unseen:
@@ -209,5 +215,7 @@ def missing_reason(winner: Entry, unseen: bool = False) -> str:
                 "the controller's scan")
     if done.white:
         return ""
+    if shape is not None:
+        return said_missing(shape, done)
     return (f"something is missing that the catalogue does not hold: the innovations {done.innovation_sd:.4g} of the "
             f"best model still answer past valve positions, the signals or time (free run {winner.scored.rmse:.4g})")

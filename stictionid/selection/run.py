@@ -66,7 +66,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
         new = ()
     study = replace(study, tree=tree_of(search, found, order), evaluations=search.spent + (study.evaluations or 0),
                     unasked=tuple(search.unasked), equivalents=found.equivalents,
-                    missing_reason=found.missing_reason,
+                    missing_reason=found.missing_reason, unexplained=found.shape,
                     candidates=_with_p(_ranking(search, found, order, new), p_value), missing=())
     if blur:
         return _left_to_rounding(study, blur)
@@ -221,7 +221,8 @@ def _left_to_rounding(study: Study, words: str) -> Study:
     last = study.steps[-1]
     said = Finding("rounded-output", "warning", words, {"rmse": last.error.rmse}, (), "Widrow and Kollar 2008")
     last = replace(last, findings=(*(f for f in last.findings if f.code != said.code), said))
-    return replace(study, steps=(*study.steps[:-1], last), adequate_reason=words, missing_reason=words)
+    return replace(study, steps=(*study.steps[:-1], last), adequate_reason=words, missing_reason=words,
+                   unexplained=None)
 
 
 def _with_p(ranking: tuple[Candidate, ...], p_value: float | None) -> tuple[Candidate, ...]:

@@ -13,13 +13,15 @@ from ..fit.add_effect import REFITS, carrier, polished, refitted
 from ..fit.context import Run
 from ..fit.fit import Fitted
 from ..fit.moves import descended, search_model, spreads, with_start
-from ..fit.noise.completion import complete, has_noise
+from ..fit.noise.completion import complete, has_noise, quick
+from ..fit.noise.unexplained import judged_by, said_missing, unexplained
 from ..fit.starts.beside_effect import starting_pool
 from ..fit.starts.intersample import moved_after_all
 from ..fit.with_effect import together_on_valve
 from ..model.model import Model
 from ..model.segments import bound
 from ..numerics.population import refine
+from ..process.scan import DECIMATED, blurred
 from ..record.loop import Finding, Loop
 from ..record.study import Study
 from ..selection.ladder import step_of
@@ -43,7 +45,7 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     in a finding, and left out with `prune`. Raises UsageError for an unknown effect, one that the model has already, or
     one that needs a signal that is not there; DataError for an abstained study.
     """
-    return judged_anew(loop, _extended(loop, study, effect, seed=seed, prune=prune, progress=progress), seed)
+    return asked_anew(loop, _extended(loop, study, effect, seed=seed, prune=prune, progress=progress), seed)
 
 
 def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
@@ -55,6 +57,22 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
     main = study.estimate
     return replace(study, verdict=judge(run, fit, loop, main.from_position if main else None),
                    severity=severity_of(run.loop, main, fit) if main else None)
+
+
+def asked_anew(loop: Loop, study: Study, seed: int) -> Study:
+    """The study with verdict and severity of its last model, and with the shape of what that model misses.
+
+    Raises DataError for an abstained study.
+    """
+    study = judged_anew(loop, study, seed)
+    run, fit = opened(loop, study, seed)
+    if blurred(run.loop, run.options.scan_s) and fit.model.spec.between != DECIMATED:
+        return replace(study, unexplained=None)
+    done = quick(fit.model, fit.values)
+    shape = unexplained(done)
+    adequate, why = judged_by(shape, study.adequate, study.adequate_reason)
+    return replace(study, unexplained=shape, missing_reason=said_missing(shape, done) if shape else "",
+                   adequate=adequate, adequate_reason=why)
 
 
 def _extended(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = False,

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from ..effects import parse
 from ..fit.noise.completion import quick
+from ..fit.noise.unexplained import judged_by
 from ..model.restore import rebuild_model
 from ..record.loop import Loop
 from ..record.segments import described
@@ -27,7 +28,8 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     """
     found = select(loop, study, judged_anew, everything=everything, apply=apply, seed=seed, jobs=jobs,
                    bootstrap=bootstrap, policy=policy or Policy(), progress=progress)
-    return _with_sizes(loop, found)
+    adequate, why = judged_by(found.unexplained, found.adequate, found.adequate_reason)
+    return _with_sizes(loop, replace(found, adequate=adequate, adequate_reason=why))
 
 
 def _with_sizes(loop: Loop, study: Study) -> Study:

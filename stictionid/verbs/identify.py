@@ -103,7 +103,8 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
                  adequate=outcome.adequate, adequate_reason=outcome.reason,
                  cost_map=_cost_map(near_fit, len(outcome.steps) - 1), command=options.command, severity=meaning,
                  tree=outcome.tree, evaluations=outcome.evaluations, unasked=outcome.unasked,
-                 equivalents=outcome.equivalents, missing_reason=outcome.missing_reason)
+                 equivalents=outcome.equivalents, missing_reason=outcome.missing_reason,
+                 unexplained=outcome.unexplained)
 
 
 def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:

@@ -20,7 +20,7 @@ from ..selection.ladder import step_of
 from ..selection.node import plain
 from ..selection.steps import opened, with_steps
 from ..typing import Progress
-from .add import judged_anew
+from .add import asked_anew
 
 # BIC beyond noise from which the record asks for an effect (CRITICISM.md section 7, step 7: "named").
 _ASKED_FOR = 10.0
@@ -50,7 +50,7 @@ def remove(loop: Loop, study: Study, effect: str, *, seed: int = 0, progress: Pr
     tell("judging", 0.9)
     after = with_steps(replace(study, candidates=(), equivalents=(), missing_reason="",
                                tree=tuple(_off_the_path(n, gone) for n in study.tree)), run, tuple(steps), fit)
-    return judged_anew(loop, after, seed)
+    return asked_anew(loop, after, seed)
 
 
 def _named(effect: str, have: Sequence[str]) -> tuple[str, ...]:

@@ -89,10 +89,11 @@ class Refit:
 
         A noise model may hide what is slow in a root near 1, or in differences of y, but not what valve and process do.
         """
-        return passes_tests(self.model, self._polynomial(), self.taps.size, self.evaluated.position, self.innovation,
+        return passes_tests(self.model, self.polynomial, self.taps.size, self.evaluated.position, self.innovation,
                             self.good)
 
-    def _polynomial(self) -> FloatArray:
+    @property
+    def polynomial(self) -> FloatArray:
         """The polynomial in the lag that turns errors into innovations."""
         return _whitening(self.own, self.taps, self.increments)
 
