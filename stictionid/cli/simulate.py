@@ -136,7 +136,7 @@ def _effect(text: str) -> tuple[str, dict[str, float | str]]:
         key, equals, value = part.partition("=")
         if not equals:
             raise UsageError(f"--effect '{text}': '{part}' is not par=value",
-                             "write for example --effect extra-lag:second_time_constant_s=8")
+                             f"write --effect {name}:NAME=NUMBER; stictionid effects {name} lists the parameters")
         try:
             values[key.strip()] = float(value)
         except ValueError:

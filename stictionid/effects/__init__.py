@@ -100,6 +100,11 @@ def noises_in(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in names if parse(name)[0].noise is not None)
 
 
+def walks(names: Iterable[str]) -> bool:
+    """True where an effect of these names is noise without a level; UsageError for an unknown one."""
+    return any(parse(name)[0].noise == "random-walk" for name in names)
+
+
 def in_order(names: tuple[str, ...]) -> tuple[tuple[str, Effect, str], ...]:
     """Names, effects and variants or tags in the physical order in which they combine."""
     found = [(name, *parse(name)) for name in names]

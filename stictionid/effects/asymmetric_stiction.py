@@ -15,7 +15,7 @@ import numpy as np
 from ..laws.contract import FD_DOWN, FD_UP, FS_DOWN, FS_UP
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Effect, Place, Values
+from .contract import Context, Effect, Place, Scales, Values
 
 _UP = Parameter("jump_up", "%", 0.0, 100.0, 0.0, "slip jump of the opening valve")
 _DOWN = Parameter("jump_down", "%", 0.0, 100.0, 0.0, "slip jump of the closing valve")
@@ -52,12 +52,17 @@ def _setting(values: Values, S: float, J: float) -> tuple[FloatArray, float, flo
     return np.array([[up - down]]), S, 0.5 * (up + down)
 
 
+def _visible(scales: Scales) -> Values:
+    return {"jump_up": 1.4 * scales.J, "jump_down": 0.6 * scales.J}
+
+
 EFFECT = Effect(
     name="asymmetric-stiction", kind="F", place=Place.FRICTION,
     summary="the valve jumps further one way than the other",
     equation="f_s = (S + J_dir)/2, f_d = (S - J_dir)/2, J_dir = jump_up or jump_down",
     source="paper Eq. 1 per direction; METHODS.md section 5", parameters=(_UP, _DOWN), limits=_limits,
     friction=_friction, guess=_guess, report=_report, setting=_setting,
+    visible=_visible, known_as={"jump_difference": "jump_up - jump_down"},
     leaves={"slip": 4, "direction": 1, "cycle": 4, "own line": 2},
     settled_by="the measured valve position, or a slow ramp in manual both ways",
     told_apart={

@@ -18,7 +18,7 @@ import numpy as np
 from ..laws.contract import FD_DOWN, FD_UP, FS_DOWN, FS_UP
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import BY_HAND, Effect, Place, known_value
+from .contract import BY_HAND, Effect, Place, Scales, Values, known_value
 
 _PLAY = Parameter("play", "%", 0.0, 50.0, 0.0, "play of the linkage, known")
 
@@ -43,10 +43,15 @@ def _known(option: str) -> Effect:
     return replace(EFFECT, searched=(), friction=friction, report=report)
 
 
+def _visible(scales: Scales) -> Values:
+    return {"play": 0.3 * scales.S}
+
+
 EFFECT = Effect(
     name="backlash", kind="F", place=Place.FRICTION,
     summary="a known play of the linkage ahead of the stem widens the deadband",
     equation="f_s and f_d grow by play / 2 each", source="METHODS.md section 2; IEC 60534-4, dead band",
     parameters=(_PLAY,), needs=("value",), asked=BY_HAND, friction=_friction, known=_known,
+    visible=_visible,
     settled_by="a position measured ahead of the linkage, beside one behind it",
 )

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Disturbance, Effect, Place, Values
+from .contract import Disturbance, Effect, Place, Scales, Values
 
 _ROOT = Parameter("root", "-", -0.999, 0.999, 0.0, "root of the first-order autoregression")
 _SD = Parameter("innovation_sd", "unit of y", 0.0, 1e9, 0.0, "standard deviation of what drives it")
@@ -26,12 +26,17 @@ def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Di
     return out, np.zeros_like(out), {}
 
 
+def _visible(scales: Scales) -> Values:
+    return {"root": 0.8, "innovation_sd": scales.noise}
+
+
 EFFECT = Effect(
     name="coloured-noise", kind="N", place=Place.NOISE, noise="autoregressive",
     summary="the output error is autocorrelated",
     equation="(1 + c1 q^-1 + … + cp q^-p) error(k) = white(k)",
     source="paper Eq. 4; METHODS.md section 5", parameters=(_ROOT, _SD), searched=(),
     confused_with=("random-walk-disturbance",), disturb=_disturb,
+    visible=_visible,
     leaves={"colour": 1},
     settled_by="a record with the loop in manual",
     told_apart={

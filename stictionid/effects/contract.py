@@ -135,6 +135,26 @@ Disturbance = tuple[FloatArray, FloatArray, dict[str, FloatArray]]
 Mover = Callable[[float, float, float, float], float]
 
 
+@dataclass(frozen=True, slots=True)
+class Scales:
+    """Scales of a simulated loop without the effect: S and J in %, lag and length in s, swing of y, travel in %.
+
+    `speed` is the median speed of the command where it moves, in %/s; `noise` the deviation of its noise, `top` the
+    highest y after its first quarter.
+    """
+
+    S: float
+    J: float
+    lag_s: float
+    length_s: float
+    swing: float
+    lowest: float
+    highest: float
+    speed: float
+    noise: float
+    top: float
+
+
 # Traces in a residual, and the questions that find them (comparison/): error by time with a shifted level or not, by
 # what the valve does, by direction, output, process value, part of the cycle, after setpoint moves; coloured errors,
 # errors that follow the valve, and a line at the oscillation's own period or another one. Then the answer to a valve
@@ -184,7 +204,10 @@ class Effect:
     S grows with this effect. `by_itself` says that `identify` may add the effect without a look at its rivals.
     `natural` are the numbers in which such a valve is searched. `leaves` names the traces of the effect in a residual
     (see TRACES), with its rank among those that leave the same one. `settled_by` is a test that shows the effect, and
-    `told_apart` one for each effect that looks alike. `sudden` is true for a disturbance that comes at once. `file` and
+    `told_apart` one for each effect that looks alike. `sudden` is true for a disturbance that comes at once. `visible`
+    gives public values that plainly show in a simulated loop, the middle of those that tests find. The smallest size
+    that shows is asked for at five values `tried_at` of the first searched parameter, stated for both parameters of
+    a `two_sided` effect, under the public name that `known_as` gives. `file` and
     `sha256` are those of a user-written effect.
     """
 
@@ -224,6 +247,10 @@ class Effect:
     report: Callable[[Values, FloatArray, Values], dict[str, float]] | None = None
     disturb: Callable[[Values, FloatArray, np.random.Generator], Disturbance] | None = None
     setting: Callable[[Values, float, float], tuple[FloatArray, float, float]] | None = None
+    visible: Callable[[Scales], Values] | None = None
+    tried_at: Callable[[Context], FloatArray] | None = None
+    two_sided: bool = False
+    known_as: Mapping[str, str] = field(default_factory=dict)
     leaves: Mapping[str, int] = field(default_factory=dict)
     settled_by: str = ""
     told_apart: Mapping[str, str] = field(default_factory=dict)

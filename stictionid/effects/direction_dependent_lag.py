@@ -18,7 +18,7 @@ import numpy as np
 from ..numerics.parameters import Parameter
 from ..process.linear import Dynamics
 from ..typing import FloatArray
-from .contract import Context, Effect, Place
+from .contract import Context, Effect, Place, Scales, Values
 
 _RATIO = Parameter("closing_ratio", "-", 0.1, 10.0, 1.0, "time constant of closing moves, in that of opening ones",
                    log=True)
@@ -32,12 +32,17 @@ def _guess(context: Context) -> FloatArray:
     return np.array([[0.4], [0.7], [1.4], [2.5]])
 
 
+def _visible(scales: Scales) -> Values:
+    return {"closing_ratio": 2.0}
+
+
 EFFECT = Effect(
     name="direction-dependent-lag", kind="T", place=Place.PROCESS,
     summary="the process follows the opening valve faster than the closing one, or the other way",
     equation="T x' = u_v(t - L) - x, T = T1 where x rises, closing_ratio T1 where it falls; y = K x",
     source="lag of a heat balance, Shinskey, Process Control Systems, chapter 2", parameters=(_RATIO,),
     confused_with=("asymmetric-stiction", "gain-nonlinearity"), dynamics=_dynamics, guess=_guess,
+    visible=_visible,
     leaves={"direction": 4, "valve": 8},
     settled_by="a step in manual up and one down: their times differ, their sizes do not",
     told_apart={

@@ -15,7 +15,7 @@ import numpy as np
 from ..numerics.parameters import Parameter
 from ..process.linear import Dynamics
 from ..typing import FloatArray
-from .contract import Context, Effect, Place
+from .contract import Context, Effect, Place, Scales, Values
 
 _PARAMETER = Parameter("second_time_constant_s", "s", 0.0, 1e4, 0.0, "time constant of the further lag")
 
@@ -32,12 +32,17 @@ def _guess(context: Context) -> FloatArray:
     return context.step_s * np.array([[0.5], [2.0], [5.0]]) + context.period_s * np.array([[0.0], [0.02], [0.1]])
 
 
+def _visible(scales: Scales) -> Values:
+    return {"second_time_constant_s": 0.6 * scales.lag_s}
+
+
 EFFECT = Effect(
     name="extra-lag", kind="T", place=Place.PROCESS,
     summary="one more first-order lag: actuator, process or sensor",
     equation="G(s) = K e^{-L s} / ((T1 s + 1)(T2 s + 1))",
     source="METHODS.md section 5", parameters=(_PARAMETER,), limits=_limits, dynamics=_dynamics, guess=_guess,
     by_itself=True,
+    visible=_visible,
     leaves={"stick": 1, "slip": 1, "cycle": 1, "setpoint": 3, "colour": 3, "valve": 1, "own line": 3, "dip": 2,
             "swing": 2},
     settled_by="the measured valve position: it tells a lag before the valve from one behind it",

@@ -17,7 +17,7 @@ import numpy as np
 from ..numerics.jit import kernel
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Disturbance, Effect, Place, Values
+from .contract import Context, Disturbance, Effect, Place, Scales, Values
 
 _DRIFT = Parameter("drift", "% / 1000 s", -1e6, 1e6, 0.0, "change of the gain, relative to that at the start")
 _LEVEL = Parameter("level_drift", "unit of y / 1000 s", -1e9, 1e9, 0.0, "drift of the level that goes with it")
@@ -63,6 +63,10 @@ def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Di
     return ramp, np.zeros_like(ramp), {}
 
 
+def _visible(scales: Scales) -> Values:
+    return {"drift": -40_000.0 / scales.length_s}
+
+
 EFFECT = Effect(
     name="gain-drift", kind="L", place=Place.PROCESS,
     summary="the process gain changes steadily with time",
@@ -70,6 +74,7 @@ EFFECT = Effect(
     source="time-varying gain, Shinskey, Process Control Systems, chapter 2", parameters=(_DRIFT, _LEVEL),
     searched=("drift",), confused_with=("stiction-drift", "ramp-disturbance"), timed=True, states=1, limits=_limits,
     run=_run, start=_start, columns=_columns, guess=_guess, report=_report, disturb=_disturb,
+    visible=_visible,
     leaves={"stretch": 5, "drift": 1},
     settled_by="the same step in manual at the start and at the end of a shift: a gain that drifts gives other sizes",
     told_apart={

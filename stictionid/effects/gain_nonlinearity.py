@@ -22,7 +22,7 @@ import numpy as np
 from ..numerics.jit import kernel
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Effect, Place
+from .contract import Context, Effect, Place, Scales, Values
 
 _CURVATURE = Parameter("curvature", "1 / unit of y", -10.0, 10.0, 0.0, "relative change of the gain")
 # Lower limit of the factor on the gain, as a share of the mean gain; the gain keeps its sign. Unit: 1.
@@ -76,6 +76,10 @@ def _guess(context: Context) -> FloatArray:
     return np.array([[-0.5], [-0.15], [0.15], [0.5]]) / _reach(context)
 
 
+def _visible(scales: Scales) -> Values:
+    return {"curvature": 0.75 / scales.swing}
+
+
 EFFECT = Effect(
     name="gain-nonlinearity", kind="T", place=Place.PROCESS,
     summary="the process gain changes with the process value",
@@ -83,6 +87,7 @@ EFFECT = Effect(
     source="METHODS.md section 5", parameters=(_CURVATURE,), confused_with=("valve-characteristic",), follows_y=True,
     states=2,
     limits=_limits, run=_run, start=_start, guess=_guess,
+    visible=_visible,
     leaves={"output": 3, "value": 1, "setpoint": 1, "valve": 3, "own line": 4},
     settled_by="setpoint moves to both ends of the range",
     told_apart={

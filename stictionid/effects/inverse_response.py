@@ -19,7 +19,7 @@ from ..numerics.parameters import Parameter
 from ..process.linear import Dynamics
 from ..process.state_space import element_of
 from ..typing import FloatArray
-from .contract import Context, Effect, Place
+from .contract import Context, Effect, Place, Scales, Values
 
 _ZERO = Parameter("zero_s", "s", 0.0, 1e5, 0.0, "time constant of the zero: how long the response goes the wrong way")
 _LAG = Parameter("lag_s", "s", 0.0, 1e5, 0.0, "time constant of the second lag")
@@ -49,12 +49,17 @@ def _guess(context: Context) -> FloatArray:
     return np.maximum(_GUESSES * context.period_s, _SHORTEST * context.step_s)
 
 
+def _visible(scales: Scales) -> Values:
+    return {"zero_s": 0.4 * scales.lag_s, "lag_s": 0.4 * scales.lag_s}
+
+
 EFFECT = Effect(
     name="inverse-response", kind="T", place=Place.PROCESS,
     summary="the process value first goes the wrong way",
     equation="G(s) = K e^{-L s} (1 - zero_s s) / ((T1 s + 1)(lag_s s + 1))",
     source="right-half-plane zero, Seborg, Edgar, Mellichamp, section 6.1", parameters=(_ZERO, _LAG),
     confused_with=("extra-lag",), limits=_limits, dynamics=_dynamics, guess=_guess,
+    visible=_visible,
     leaves={"slip": 5, "valve": 7, "dip": 1},
     settled_by="a step in manual: the process value first goes the wrong way",
     told_apart={

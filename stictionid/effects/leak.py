@@ -19,7 +19,7 @@ from ..numerics.parameters import Parameter
 from ..process.linear import Dynamics
 from ..process.state_space import element_of
 from ..typing import FloatArray
-from .contract import BY_HAND, Context, Effect, Place
+from .contract import BY_HAND, Context, Effect, Place, Scales, Values
 
 _LEAK = Parameter("leak", "1 / (1000 s)", 0.0, 1e5, 0.0, "share of the level that leaks away in 1000 s")
 # Largest leak, as a share of one that empties the level in a period. Unit: 1.
@@ -43,6 +43,10 @@ def _guess(context: Context) -> FloatArray:
     return np.array([[1e3 / context.length_s], [1e3 / (3.0 * context.period_s)], [1e3 / context.period_s]])
 
 
+def _visible(scales: Scales) -> Values:
+    return {"leak": 200.0 / scales.lag_s}
+
+
 EFFECT = Effect(
     name="leak", kind="T", place=Place.PROCESS,
     summary="the level of an integrator regulates itself a little",
@@ -50,6 +54,7 @@ EFFECT = Effect(
     source="self-regulating level, Shinskey, Process Control Systems, chapter 1", parameters=(_LEAK,),
     confused_with=("extra-lag",), needs=("integrator",), asked=BY_HAND, limits=_limits, dynamics=_dynamics,
     guess=_guess,
+    visible=_visible,
     settled_by="a longer record with the valve at rest: the level returns to its own value, or does not",
     told_apart={
         "extra-lag": "a longer record with the valve at rest: the level returns to its own value, or does not",

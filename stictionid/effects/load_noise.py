@@ -14,7 +14,7 @@ import numpy as np
 
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import BY_HAND, Disturbance, Effect, Place, Values
+from .contract import BY_HAND, Disturbance, Effect, Place, Scales, Values
 
 _ROOT = Parameter("root", "-", -0.999, 0.999, 0.0, "root of the first-order autoregression")
 _SD = Parameter("innovation_sd", "%", 0.0, 1e9, 0.0, "standard deviation of what drives it (unit of y in a fit)")
@@ -29,12 +29,17 @@ def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Di
     return np.zeros_like(load), load, {}
 
 
+def _visible(scales: Scales) -> Values:
+    return {"root": 0.8, "innovation_sd": 0.1 * scales.J}
+
+
 EFFECT = Effect(
     name="load-noise", kind="N", place=Place.NOISE, noise="autoregressive",
     summary="random disturbances enter before the process",
     equation="y gets G(s) d, d(k) = root d(k-1) + white(k)",
     source="stochastic load disturbance, Box, Jenkins, Reinsel, section 13", parameters=(_ROOT, _SD), searched=(),
     confused_with=("coloured-noise", "random-walk-disturbance"), asked=BY_HAND, disturb=_disturb,
+    visible=_visible,
     settled_by="a tag of the suspected load, read with --extra",
     told_apart={
         "coloured-noise": "a tag of the suspected load, read with --extra",

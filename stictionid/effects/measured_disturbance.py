@@ -15,7 +15,7 @@ import numpy as np
 from ..numerics.parameters import Parameter
 from ..process.linear import Dynamics, free_run
 from ..typing import FloatArray
-from .contract import Context, Disturbance, Effect, Place, Values
+from .contract import Context, Disturbance, Effect, Place, Scales, Values
 
 _LAG = Parameter("lag_s", "s", 1e-3, 1e7, 1.0, "lag from the tag to y", log=True)
 _DEAD = Parameter("dead_time_s", "s", 0.0, 1e7, 0.0, "dead time from the tag to y")
@@ -56,11 +56,16 @@ def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Di
     return wave, np.zeros_like(wave), {"D1": tag}
 
 
+def _visible(scales: Scales) -> Values:
+    return {"lag_s": 0.5 * scales.lag_s, "dead_time_s": 0.2 * scales.lag_s, "gain": 0.1 * scales.swing}
+
+
 EFFECT = Effect(
     name="measured-disturbance", kind="L", place=Place.DISTURBANCE,
     summary="another tag of the export drives the process value",
     equation="gain e^{-dead_time_s s}/(lag_s s + 1) applied to the tag", source="METHODS.md section 5",
     parameters=(_LAG, _DEAD, _GAIN), searched=("lag_s", "dead_time_s"), needs=("extra",), limits=_limits,
     columns=_columns, guess=_guess, report=_report, disturb=_disturb,
+    visible=_visible,
     settled_by="a deliberate move of that tag",
 )

@@ -19,7 +19,7 @@ from ..numerics.parameters import Parameter
 from ..process.linear import Dynamics
 from ..process.state_space import element_of
 from ..typing import FloatArray
-from .contract import BY_HAND, Effect, Place, known_value
+from .contract import BY_HAND, Effect, Place, Scales, Values, known_value
 
 _PARAMETER = Parameter("time_constant_s", "s", 0.0, 1e5, 0.0, "time constant of the filter, known")
 
@@ -45,12 +45,17 @@ def _known(option: str) -> Effect:
     return replace(EFFECT, searched=(), dynamics=dynamics, report=report)
 
 
+def _visible(scales: Scales) -> Values:
+    return {"time_constant_s": 0.5 * scales.lag_s}
+
+
 EFFECT = Effect(
     name="measurement-filter", kind="T", place=Place.PROCESS,
     summary="a filter of known time constant smooths the process value",
     equation="y = x / (time_constant_s s + 1), x the process value before the filter",
     source="first-order filter of a transmitter", parameters=(_PARAMETER,), confused_with=("extra-lag",),
     needs=("value",), asked=BY_HAND, dynamics=_dynamics, known=_known,
+    visible=_visible,
     settled_by="the transmitter's own setting, or a record without the filter",
     told_apart={
         "extra-lag": "the transmitter's own setting, or a record without the filter",

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..numerics.parameters import Parameter
 from ..typing import BoolArray, FloatArray
-from .contract import Effect, Place, Values
+from .contract import Effect, Place, Scales, Values
 
 _LOWER = Parameter("lower", "unit of y", -1e12, 1e12, -1e12, "lower end of the transmitter's range")
 _UPPER = Parameter("upper", "unit of y", -1e12, 1e12, 1e12, "upper end of the transmitter's range")
@@ -60,12 +60,17 @@ def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, floa
     return ends
 
 
+def _visible(scales: Scales) -> Values:
+    return {"upper": scales.top - 0.2 * scales.swing}
+
+
 EFFECT = Effect(
     name="measurement-limit", kind="T", place=Place.DISTURBANCE,
     summary="the transmitter is clipped at the ends of its range; samples there don't count",
     equation="y = min(max(x, lower), upper), x the process value", source="saturation of a transmitter, NAMUR NE 43",
     parameters=(_LOWER, _UPPER), searched=(), confused_with=("gain-nonlinearity",), counted=_counted,
     measured=_measured, report=_report,
+    visible=_visible,
     leaves={"value": 4},
     settled_by="the range of the transmitter, or a second one",
     told_apart={

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Disturbance, Effect, Place, Values
+from .contract import Disturbance, Effect, Place, Scales, Values
 
 _PERIOD = Parameter("period_s", "s", 1e-3, 1e7, 60.0, "period of the band's middle", log=True)
 _COHERENCE = Parameter("coherence_cycles", "-", 0.1, 1e4, 5.0, "cycles after which the phase is forgotten", log=True)
@@ -34,12 +34,17 @@ def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Di
     return out * values["amplitude"] / np.sqrt(2.0 * variance), np.zeros_like(out), {}
 
 
+def _visible(scales: Scales) -> Values:
+    return {"period_s": 4.0 * scales.lag_s, "coherence_cycles": 4.0, "amplitude": 0.08 * scales.swing}
+
+
 EFFECT = Effect(
     name="narrow-band-disturbance", kind="N", place=Place.NOISE, noise="resonant",
     summary="an oscillation from elsewhere whose phase wanders",
     equation="resonant AR(2) with period_s and coherence_cycles", source="METHODS.md section 5",
     parameters=(_PERIOD, _COHERENCE, _AMPLITUDE), searched=(), confused_with=("sinusoidal-disturbance",),
     disturb=_disturb,
+    visible=_visible,
     leaves={"colour": 5, "line": 2},
     settled_by="the loop in manual: an oscillation from elsewhere goes on",
     told_apart={

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Disturbance, Effect, Place, Values
+from .contract import Context, Disturbance, Effect, Place, Scales, Values
 
 _START = Parameter("start_s", "s", 0.0, 1e9, 0.0, "when the drift begins")
 _RATE = Parameter("rate", "unit of y / s", -1e6, 1e6, 0.0, "drift (in % of travel / s at the load)")
@@ -41,6 +41,10 @@ def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Di
     return (np.zeros_like(ramp), ramp, {}) if values.get("load") else (ramp, np.zeros_like(ramp), {})
 
 
+def _visible(scales: Scales) -> Values:
+    return {"start_s": 0.3 * scales.length_s, "rate": 0.5 * scales.swing / scales.length_s}
+
+
 EFFECT = Effect(
     name="ramp-disturbance", kind="L", place=Place.DISTURBANCE,
     summary="the sensor or the load drifts from a certain time on",
@@ -48,6 +52,7 @@ EFFECT = Effect(
     source="METHODS.md section 5", parameters=(_START, _RATE), searched=("start_s",), variants=("output", "load"),
     confused_with=("step-disturbance", "random-walk-disturbance"), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,
+    visible=_visible,
     leaves={"level": 2, "stretch": 3},
     settled_by="a tag of the suspected load, or a check of the sensor's zero",
     told_apart={

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Disturbance, Effect, Place, Values
+from .contract import Disturbance, Effect, Place, Scales, Values
 
 _SD = Parameter("innovation_sd", "unit of y", 0.0, 1e9, 0.0, "standard deviation of one step of the walk")
 
@@ -24,11 +24,16 @@ def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Di
     return walk, np.zeros_like(walk), {}
 
 
+def _visible(scales: Scales) -> Values:
+    return {"innovation_sd": scales.noise}
+
+
 EFFECT = Effect(
     name="random-walk-disturbance", kind="N", place=Place.NOISE, noise="random-walk",
     summary="a load that wanders without a level",
     equation="d(k) = d(k-1) + white(k)", source="Karra and Karim; METHODS.md section 5", parameters=(_SD,),
     searched=(), confused_with=("coloured-noise",), disturb=_disturb,
+    visible=_visible,
     leaves={"level": 3, "stretch": 4, "colour": 2},
     settled_by="a tag of the suspected load, read with --extra",
     told_apart={

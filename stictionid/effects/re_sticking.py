@@ -14,7 +14,7 @@ import numpy as np
 from ..laws.contract import RESTICK
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Effect, Place
+from .contract import Context, Effect, Place, Scales, Values
 
 # A root is searched: the moves below this speed count, and most moves are far slower than the fastest.
 _SPEED = Parameter("restick_speed", "% / s", 0.0, 1e4, 0.0, "slowest command a sliding valve follows", power=3.0)
@@ -44,12 +44,17 @@ def _guess(context: Context) -> FloatArray:
     return np.quantile(_speeds(context), [0.2, 0.5, 0.8, 1.0])[:, None] * 1.02
 
 
+def _visible(scales: Scales) -> Values:
+    return {"restick_speed": scales.speed}
+
+
 EFFECT = Effect(
     name="re-sticking", kind="F", place=Place.FRICTION,
     summary="a sliding valve sticks when the command moves too slowly",
     equation="while sliding: |du/dt| < restick_speed -> stuck",
     source="METHODS.md section 5", parameters=(_SPEED,), limits=_limits, friction=_friction, guess=_guess,
     by_itself=True,
+    visible=_visible,
     leaves={"slide": 1},
     settled_by="the measured valve position, sampled faster than the scan",
     told_apart={

@@ -15,12 +15,14 @@ import numpy as np
 from ..numerics.jit import kernel
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Disturbance, Effect, Place, Values
+from .contract import Context, Disturbance, Effect, Place, Scales, Values
 
 _PERIOD = Parameter("period_s", "s", 1e-3, 1e7, 60.0, "period of the disturbance", log=True)
 _AMPLITUDE = Parameter("amplitude", "unit of y", 0.0, 1e9, 0.0, "amplitude at the output")
 _PHASE = Parameter("phase", "rad", -7.0, 7.0, 0.0, "phase at the start of the record")
 _LINES = 8
+# Shares of the oscillation's period at which the smallest amplitude that shows is asked for; none is a harmonic.
+_TRIED = np.array([0.23, 0.37, 0.61, 0.83, 1.7])
 # Rows after which the waves are computed anew. Unit: samples.
 _ANEW = 64
 
@@ -75,12 +77,21 @@ def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Di
     return wave, np.zeros_like(time_s), {}
 
 
+def _tried_at(context: Context) -> FloatArray:
+    return _TRIED * context.period_s
+
+
+def _visible(scales: Scales) -> Values:
+    return {"period_s": 6.0 * scales.lag_s, "amplitude": 0.1 * scales.swing}
+
+
 EFFECT = Effect(
     name="sinusoidal-disturbance", kind="L", place=Place.DISTURBANCE,
     summary="a steady oscillation from elsewhere adds to the process value",
     equation="d(t) = amplitude sin(2 pi t / period_s + phase)", source="METHODS.md section 5",
     parameters=(_PERIOD, _AMPLITUDE, _PHASE), searched=("period_s",), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,
+    visible=_visible, tried_at=_tried_at,
     leaves={"stick": 3, "colour": 4, "own line": 1, "line": 1},
     settled_by="the loop in manual: an oscillation from elsewhere goes on",
 )

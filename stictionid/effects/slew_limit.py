@@ -18,7 +18,7 @@ import numpy as np
 from ..numerics.jit import kernel
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Effect, Place
+from .contract import Context, Effect, Place, Scales, Values
 
 # Slowest rate, in swings of the command a period. Guesses lie between _GUESSED[0] swings a period and _GUESSED[1]
 # swings a sample; _GUESSES is their number.
@@ -111,11 +111,16 @@ def _guess(context: Context) -> FloatArray:
     return context.s_max * np.geomspace(min(slow, fast), fast, _GUESSES)[:, None]
 
 
+def _visible(scales: Scales) -> Values:
+    return {"rate": scales.J / (0.6 * scales.lag_s)}
+
+
 EFFECT = Effect(
     name="slew-limit", kind="T", place=Place.STEM,
     summary="the actuator strokes no faster than its air supply allows",
     equation="|du_v/dt| <= rate", source="METHODS.md section 5", parameters=(_RATE,), confused_with=("extra-lag",),
     fine=True, states=1, limits=_limits, run=_run, run_means=_run_means, start=_start, guess=_guess,
+    visible=_visible,
     leaves={"slip": 2, "cycle": 3, "valve": 2, "dip": 3},
     settled_by="two steps in manual of different size",
 )

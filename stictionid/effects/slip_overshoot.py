@@ -15,7 +15,7 @@ import numpy as np
 from ..laws.contract import CROSSES, OVERSHOOT
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Effect, Natural, Place
+from .contract import Context, Effect, Natural, Place, Scales, Values
 
 _K = Parameter("overshoot", "-", 1.0, 1.99, 1.0, "length of the slip as a multiple of the plain one")
 
@@ -58,12 +58,17 @@ def _guess(context: Context) -> FloatArray:
     return np.array([[1.1], [1.3], [1.6]])
 
 
+def _visible(scales: Scales) -> Values:
+    return {"overshoot": 1.5}
+
+
 EFFECT = Effect(
     name="slip-overshoot", kind="F", place=Place.FRICTION,
     summary="the stem jumps past its place and waits for the command",
     equation="at the slip u_v = u_v(k-1) + K (e - sign(e) f_d)",
     source="He and Wang 2010", parameters=(_K,), friction=_friction, guess=_guess, reach=2.0,
     natural=Natural(_numbers, _valve, _longest),
+    visible=_visible,
     leaves={"slip": 3, "cycle": 2, "valve": 5, "bump": 1},
     settled_by="the measured valve position, sampled faster than the scan",
 )

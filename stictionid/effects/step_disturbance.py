@@ -14,7 +14,7 @@ import numpy as np
 
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Disturbance, Effect, Place, Values
+from .contract import Context, Disturbance, Effect, Place, Scales, Values
 
 _TIME = Parameter("time_s", "s", 0.0, 1e9, 0.0, "when the step happens")
 _SIZE = Parameter("size", "unit of y", -1e9, 1e9, 0.0, "size of the step (in % of travel at the load)")
@@ -53,6 +53,10 @@ def _disturb(values: Values, time_s: FloatArray, rng: np.random.Generator) -> Di
     return (np.zeros_like(step), step, {}) if values.get("load") else (step, np.zeros_like(step), {})
 
 
+def _visible(scales: Scales) -> Values:
+    return {"time_s": 0.5 * scales.length_s, "size": 0.2 * scales.swing}
+
+
 EFFECT = Effect(
     name="step-disturbance", kind="L", place=Place.DISTURBANCE,
     summary="the process value or the load shifts once",
@@ -60,6 +64,7 @@ EFFECT = Effect(
     parameters=(_TIME, _SIZE), searched=("time_s",), variants=("output", "load"),
     confused_with=("ramp-disturbance", "random-walk-disturbance"), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,
+    visible=_visible,
     leaves={"level": 1, "stretch": 2, "stick": 2},
     settled_by="a tag of the suspected load, read with --extra",
     sudden=True,

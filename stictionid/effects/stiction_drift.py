@@ -17,7 +17,7 @@ import numpy as np
 from ..laws.contract import FD_DRIFT, FS_DRIFT, RESTICK
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Effect, Place
+from .contract import Context, Effect, Place, Scales, Values
 
 _SPAN_S = 1000.0
 _S = Parameter("stickband_growth", "% / 1000 s", -100.0, 100.0, 0.0, "growth of S")
@@ -46,12 +46,17 @@ def _guess(context: Context) -> FloatArray:
     return context.s_max * _SPAN_S / context.length_s * np.array([[-0.3, 0.0], [-0.1, 0.0], [0.1, 0.0], [0.3, 0.0]])
 
 
+def _visible(scales: Scales) -> Values:
+    return {"stickband_growth": 300.0 * scales.S / scales.length_s, "jump_growth": 100.0 * scales.J / scales.length_s}
+
+
 EFFECT = Effect(
     name="stiction-drift", kind="F", place=Place.FRICTION,
     summary="stickband and slip jump grow along the record",
     equation="S(t) = S + g_S t/1000 s, J(t) = J + g_J t/1000 s",
     source="METHODS.md section 5", parameters=(_S, _J), limits=_limits, friction=_friction, profile=_profile,
     guess=_guess,
+    visible=_visible,
     leaves={"stretch": 1, "drift": 2, "slide": 3},
     settled_by="a second record some hours later",
 )

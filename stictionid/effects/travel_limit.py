@@ -13,7 +13,7 @@ import numpy as np
 from ..laws.contract import LOWER, UPPER
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Effect, Place
+from .contract import Context, Effect, Place, Scales, Values
 
 _LOWER = Parameter("lower", "%", -20.0, 120.0, -20.0, "the stem can't close further")
 _UPPER = Parameter("upper", "%", -20.0, 120.0, 120.0, "the stem can't open further")
@@ -46,12 +46,17 @@ def _guess(context: Context) -> FloatArray:
     return np.array([[q, high] for q in closed] + [[low, q] for q in opened])
 
 
+def _visible(scales: Scales) -> Values:
+    return {"upper": scales.highest - 0.25 * (scales.highest - scales.lowest)}
+
+
 EFFECT = Effect(
     name="travel-limit", kind="T", place=Place.FRICTION,
     summary="a hard stop holds the stem short of its travel",
     equation="lower <= u_v <= upper; at a limit the stem is stuck there",
     source="METHODS.md section 5", parameters=(_LOWER, _UPPER), confused_with=("valve-characteristic",),
     limits=_limits, friction=_friction, guess=_guess,
+    visible=_visible, two_sided=True,
     leaves={"direction": 2, "output": 1, "value": 3, "setpoint": 2},
     settled_by="a step in manual beyond the suspected limit",
     told_apart={

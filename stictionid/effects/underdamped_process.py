@@ -22,7 +22,7 @@ from ..numerics.parameters import Parameter
 from ..process.linear import Dynamics
 from ..process.state_space import element_of
 from ..typing import FloatArray
-from .contract import Context, Effect, Place, Values
+from .contract import Context, Effect, Place, Scales, Values
 
 _PERIOD = Parameter("natural_period_s", "s", 0.0, 1e6, 0.0, "natural period of the process")
 _DAMPING = Parameter("damping", "-", 0.0, 10.0, 0.0, "damping; 0 in a simulation takes that of the time constant")
@@ -65,6 +65,10 @@ def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, floa
     return {"natural_period_s": period, "damping": np.pi * base["time_constant_s"] / max(period, 1e-9)}
 
 
+def _visible(scales: Scales) -> Values:
+    return {"natural_period_s": 4.0 * scales.lag_s, "damping": 0.35}
+
+
 EFFECT = Effect(
     name="underdamped-process", kind="T", place=Place.PROCESS,
     summary="the process rings after a step",
@@ -72,6 +76,7 @@ EFFECT = Effect(
     source="second-order system, Seborg, Edgar, Mellichamp, section 5.4", parameters=(_PERIOD, _DAMPING),
     searched=("natural_period_s",), confused_with=("extra-lag", "sinusoidal-disturbance"), limits=_limits,
     dynamics=_dynamics, plant=_plant, guess=_guess, report=_report,
+    visible=_visible,
     leaves={"stick": 4, "cycle": 5, "valve": 6, "swing": 1},
     settled_by="a step in manual: a process that rings swings about its new value while the valve rests",
     told_apart={

@@ -13,7 +13,7 @@ import numpy as np
 from ..numerics.jit import kernel
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
-from .contract import Context, Effect, Place
+from .contract import Context, Effect, Place, Scales, Values
 
 _CURVE = Parameter("log_rangeability", "-", -6.0, 6.0, 0.0, "ln R; 0 is linear, negative quick opening")
 
@@ -40,12 +40,17 @@ def _guess(context: Context) -> FloatArray:
     return np.array([[-3.0], [-1.0], [1.0], [3.0]])
 
 
+def _visible(scales: Scales) -> Values:
+    return {"log_rangeability": 3.5}
+
+
 EFFECT = Effect(
     name="valve-characteristic", kind="T", place=Place.TRIM,
     summary="flow is not proportional to travel",
     equation="100 (R^{x/100} - 1)/(R - 1), ln R = log_rangeability",
     source="METHODS.md section 5", parameters=(_CURVE,), confused_with=("gain-nonlinearity",), run=_run,
     guess=_guess,
+    visible=_visible,
     leaves={"slide": 2, "direction": 3, "output": 2, "value": 2, "setpoint": 4, "valve": 4},
     settled_by="steps in manual at both ends of the range",
 )

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..effects import parse
+from ..effects import parse, walks
 from ..errors import CannotTell
 from ..model.model import Model, skipped
 from ..model.segments import bound
@@ -28,7 +28,6 @@ from .starts.basins import basins
 
 # Free-run error within this factor of the irreducible noise is adequate (CRITICISM.md section 7, step 1).
 ADEQUATE = 1.05
-WALK = "random-walk-disturbance"
 # Above this multiple of the irreducible noise the intervals are reported as conditional on the model.
 CONDITIONAL, _CONDITIONAL = "intervals-conditional", 2.0
 # A time constant beyond this share of the period suggests an integrator. It must then lower the error of the
@@ -145,8 +144,7 @@ class Run:
                 "restarts-disagree", "warning",
                 f"only {fit.agree} of {fit.runs} independent searches ended in this optimum: it may be a wrong basin",
                 {"runs": fit.runs, "agree": fit.agree}, (), "METHODS.md section 4, trap 3"))
-        walks = any(x.name == WALK for x in fit.model.effects)
-        if fit.intervals and floor and e.rmse > _CONDITIONAL * floor and not walks:
+        if fit.intervals and floor and e.rmse > _CONDITIONAL * floor and not walks(fit.model.spec.effects):
             findings.append(Finding(
                 CONDITIONAL, "warning",
                 f"the intervals take the model for right, but its free-run error {e.rmse:.4g} is {e.rmse / floor:.2g} "
@@ -172,7 +170,7 @@ class Run:
             return True, (f"the free-run error {error:.4g} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible "
                           f"noise {floor:.4g}: nothing is left to explain")
         one_step = step.error.rmse_one_step
-        modelled = step.model.get("taps") or WALK in step.effects
+        modelled = step.model.get("taps") or walks(step.effects)
         if step.model and modelled and one_step is not None and one_step <= ADEQUATE * floor:
             left = ("nothing is left to explain" if error <= _CONDITIONAL * floor else
                     f"what is left, {error / floor:.2g} times that noise in the free run, is carried by the noise "

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import catalogue, noises_in
+from ..effects import catalogue, noises_in, walks
 from ..errors import CannotTell
 from ..fit.add_effect import added
-from ..fit.context import CONDITIONAL, WALK, Run, parameters
+from ..fit.context import CONDITIONAL, Run, parameters
 from ..fit.fit import Fitted, reaching
 from ..fit.intervals.assemble import outline, region
 from ..fit.moves import longest_first
@@ -147,7 +147,7 @@ def _nothing_explained(run: Run, found: Decision) -> bool:
 
 def _nothing(run: Run, fit: Fitted) -> bool:
     return fit.best.rmse > _NOTHING * float(np.std(run.used_y())) and not _explains_changes(fit) \
-        and WALK not in fit.model.spec.effects
+        and not walks(fit.model.spec.effects)
 
 
 def samples_a_turn(y: FloatArray) -> float:

@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..effects import get
 from ..fit.noise.prewhitening import Whitened
 from ..model.spec import INTEGRATOR
 from ..record.loop import Loop
+from ..selection.node import LAG
 from ..typing import BoolArray, FloatArray
 from .severity import ControllerLaw, controller_law
 
@@ -84,7 +86,7 @@ def _of_ultimate_gain(free: Whitened, law: ControllerLaw | None) -> float | None
     e, v = free.evaluated, free.evaluated.values
     if law is None or law.gain * e.gain <= 0.0:
         return None
-    lags = [v["time_constant_s"], v.get("extra-lag:second_time_constant_s", 0.0)]
+    lags = [v["time_constant_s"], v.get(f"{LAG}:{get(LAG).parameters[0].name}", 0.0)]
     w = np.geomspace(1e-3, 1e3, 4000) / max(sum(lags) + v["dead_time_s"], 1e-9)
     s = 1j * w
     response = np.exp(-s * v["dead_time_s"]) * (1.0 + 1.0 / (s * law.integral_time_s)) * abs(e.gain)

@@ -29,8 +29,6 @@ _BIC, _DROP = 20.0, 0.005
 _LADDER = np.geomspace(2e-3, 1.0, 24)
 # Relative steps of the finite differences of the base parameters.
 _DELTA = 0.01
-# What is searched under another name than the public one.
-_PUBLIC = {"jump_difference": "jump_up - jump_down"}
 # Start times or periods at which a disturbance's size is asked for; the median is stated.
 _TIMES = (0.2, 0.35, 0.5, 0.65, 0.8)
 
@@ -114,8 +112,8 @@ def _linear_size(effect: Effect, name: str, wide: Model, values: FloatArray, dir
         share = np.array(_TIMES)
         trial[rows.start + i] = np.exp(np.log(p.low) + share * np.log(p.high / p.low)) if p.log \
             else p.low + share * (p.high - p.low)
-    if effect.name == "sinusoidal-disturbance":
-        trial[rows.start] = wide.period_s * np.array([0.23, 0.37, 0.61, 0.83, 1.7])
+    if effect.tried_at is not None:
+        trial[rows.start] = effect.tried_at(wide.context)
     base, offsets = wide.responses(trial)
     n = wide.loop.samples
     before = 1 + sum(len(e.columns(trial[r], wide.context_of(o))) for e, r, o in
@@ -158,8 +156,8 @@ def _searched_size(effect: Effect, name: str, wide: Model, values: FloatArray, d
             size = max(sides)[1]
             word = "down to" if size < p.neutral and len(sides) == 1 else "from"
             shown = abs(size) if len(sides) == 2 and p.neutral == 0.0 else size
-            said.append(f"{_PUBLIC.get(p.name, p.name)} {word} {shown:.3g} {p.unit}")
-    return "; ".join(said[:2]) if effect.name == "travel-limit" else said[0] if said else None
+            said.append(f"{effect.known_as.get(p.name, p.name)} {word} {shown:.3g} {p.unit}")
+    return "; ".join(said[:2]) if effect.two_sided else said[0] if said else None
 
 
 def _noise_size(effect: Effect, best: Refit) -> str | None:
