@@ -204,6 +204,7 @@ def _deaf() -> Any:
 
 
 def _show(rows: Any, todo: Any, output: Path, as_json: bool, quiet: bool) -> None:
+    from ..batch.summary.groups import groups_said
     from ..batch.summary.rows import counts_of, counts_said, shown
     from ..batch.work.store import SCHEMA
 
@@ -221,6 +222,8 @@ def _show(rows: Any, todo: Any, output: Path, as_json: bool, quiet: bool) -> Non
     if len(rows) > _SHOWN:
         console.print(f"{len(rows) - _SHOWN} more in {safe(output / 'summary.csv')}")
     console.print(counts_said(rows))
+    for said in groups_said(rows):
+        console.print(safe(said))
     for row in [r for r in rows if r["status"] == "failed"][:_SKIPPED_SHOWN]:
         say(f"failed: {row['loop']}: {row['message']}", quiet=quiet)
     others = len(rows) - counts["skipped"] - len({t.loop for t in todo.tasks})

@@ -17,6 +17,7 @@ from typing import Any
 
 from ..errors import DataError
 from .loop import Finding
+from .rhythm import Rhythm
 from .tree import Equivalent, TreeNode
 from .unexplained import Unexplained
 
@@ -264,7 +265,8 @@ class Study:
 
     `tree` holds every model that the search tried; it is empty in a study of an older version. `evaluations` counts
     the search's cost evaluations. `unasked` lists what the budget left untried. `equivalents` explain the record alike.
-    `missing_reason` says in words what is missing, and `unexplained` holds the shape of it.
+    `missing_reason` says in words what is missing, and `unexplained` holds the shape of it. `rhythm` is set by a
+    batch, which compares the loops of a plant.
     """
 
     created_by: CreatedBy
@@ -287,6 +289,7 @@ class Study:
     command: str = ""
     severity: Severity | None = None
     unexplained: Unexplained | None = field(default=None, kw_only=True)
+    rhythm: Rhythm | None = field(default=None, kw_only=True)
     schema: str = SCHEMA
 
     @property

@@ -14,11 +14,13 @@ from ...reports.document import PageTable
 from ...reports.pages import html as report
 from ...system.plurals import counted
 from ..task import SKIPPED
+from .groups import groups_said
 from .rows import COLUMNS, counts_said, shown
 
 _HEADS = {"loop": "loop", "rank": "rank", "status": "status", "verdict": "verdict", "S": "S", "S_low": "S from",
-          "S_high": "S to", "J": "J", "unit": "unit", "period_median_s": "period, s", "missing": "missing effects",
-          "rmse_before": "error before", "rmse_after": "error after", "message": "message", "file": "file"}
+          "S_high": "S to", "J": "J", "unit": "unit", "period_median_s": "period, s", "group": "group", "role": "role",
+          "missing": "missing effects", "rmse_before": "error before", "rmse_after": "error after",
+          "message": "message", "file": "file"}
 
 
 def page_of(rows: list[dict[str, Any]], folder: Path | None = None) -> str:
@@ -31,6 +33,7 @@ def page_of(rows: list[dict[str, Any]], folder: Path | None = None) -> str:
                   tuple(i for i, name in enumerate(_HEADS) if COLUMNS[name]))
     body = (f"<h1>{report.escaped(title)}</h1>"
             f"<p>{counts_said(rows)}.</p>"
+            f"{''.join(f'<p>{report.escaped(said)}</p>' for said in groups_said(rows))}"
             f'<section aria-label="All loops"><p class="filter" hidden><label>Show loops with '
             f'<input type="search" id="{report.FILTER}" autocomplete="off"></label> <output></output></p>'
             f"{report.table_html(table, report.COMPARED, links=[_link(row, folder) for row in rows])}</section>")

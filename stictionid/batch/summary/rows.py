@@ -13,18 +13,21 @@ from ...system.csv_safety import harmless
 from ...system.plurals import counted
 from ..task import ABSTAINED, FAILED, OK, SKIPPED, Skipped
 from ..work.store import Store, status_of
+from .groups import grouped, groups_said
 from .rank import rank_key
 
-# Columns in order; True for numbers.
+# Columns in order; True for numbers. Whole ones, and those that the markdown shows, below.
 COLUMNS = {
     "rank": True, "loop": False, "file": False, "status": False, "message": False, "verdict": False,
     "confidence": True, "S": True, "S_low": True, "S_high": True, "J": True, "J_low": True, "J_high": True,
     "unit": False, "period_s": True, "period_median_s": True, "s_max": True, "oscillating": False,
+    "group": True, "role": False,
     "missing": False, "rmse_before": True, "rmse_after": True, "noise_sd": True, "adequate": False,
     "friction_share": True, "study": False,
 }
-_SHOWN = ("rank", "loop", "status", "verdict", "S", "J", "period_median_s", "missing", "rmse_before", "rmse_after",
-          "message")
+_WHOLE = ("rank", "group")
+_SHOWN = ("rank", "loop", "status", "verdict", "S", "J", "period_median_s", "group", "role", "missing",
+          "rmse_before", "rmse_after", "message")
 _DIGITS = 4
 _LONGEST_MESSAGE = 160
 
@@ -32,11 +35,14 @@ Row = dict[str, Any]
 
 
 def rows_of(store: Store) -> list[Row]:
-    """All rows, worst loop first, skipped files last; the same rows for the same files."""
+    """All rows, worst loop first, skipped files last; the same rows for the same files.
+
+    Beside its columns a row holds the loop's `rhythm`, from which the groups are made.
+    """
     rows = [_failed(key, content) if failure else _done(key, content) for key, content, failure in store.records()]
     rows += [_skipped(file) for file in store.skipped()]
     rows.sort(key=rank_key)
-    return [{**row, "rank": i} for i, row in enumerate(rows, 1)]
+    return [{**row, "rank": i} for i, row in enumerate(grouped(rows), 1)]
 
 
 def counts_of(rows: list[Row]) -> dict[str, int]:
@@ -58,7 +64,7 @@ def _skipped(file: Skipped) -> Row:
 
 
 def _row(**values: Any) -> Row:
-    return {**dict.fromkeys(COLUMNS), **values}
+    return {**dict.fromkeys(COLUMNS), "rhythm": None, **values}
 
 
 def _failed(key: str, record: dict[str, Any]) -> Row:
@@ -83,7 +89,7 @@ def _done(key: str, study: dict[str, Any]) -> Row:
         oscillating=_yes(found.get("oscillating")), missing="; ".join(study.get("missing") or ()),
         rmse_before=errors[0].get("rmse"), rmse_after=errors[-1].get("rmse"), noise_sd=errors[-1].get("noise_sd"),
         adequate=_yes(study.get("adequate")), friction_share=_share(study, evidence),
-        study=f"studies/{key}.json")
+        rhythm=study.get("rhythm"), study=f"studies/{key}.json")
 
 
 def _yes(value: Any) -> str | None:
@@ -107,12 +113,12 @@ def as_parquet(rows: list[Row]) -> bytes:
     import pyarrow.json as pj
     import pyarrow.parquet as pq
 
-    kinds = {n: pa.int64() if n == "rank" else pa.float64() if number else pa.string()
+    kinds = {n: pa.int64() if n in _WHOLE else pa.float64() if number else pa.string()
              for n, number in COLUMNS.items()}
     schema = pa.schema(list(kinds.items()))
     if rows:
         # Through JSON: arrays made from Python lists would load pandas, which costs most of a second.
-        lines = "".join(json.dumps({n: _utf8(v) if isinstance(v, str) else v for n, v in row.items()},
+        lines = "".join(json.dumps({n: _utf8(v) if isinstance(v, str) else v for n, v in row.items() if n in COLUMNS},
                                    ensure_ascii=False) + "\n" for row in rows).encode()
         table = pj.read_json(pa.BufferReader(lines), pj.ReadOptions(use_threads=False, block_size=len(lines) + 1),
                              pj.ParseOptions(explicit_schema=schema))
@@ -131,6 +137,7 @@ def as_markdown(rows: list[Row]) -> str:
     lines = ["# Batch summary", "",
              f"{counts_said(rows)}; {counted(sticks, 'sticks', 'stick')}. Worst first; `summary.csv` and "
              "`summary.parquet` hold all columns.", "",
+             *(line for said in groups_said(rows) for line in (escape(said), "")),
              "| " + " | ".join(_SHOWN) + " |",
              "|" + "|".join("---:" if COLUMNS[n] else "---" for n in _SHOWN) + "|"]
     lines += ["| " + " | ".join(_cell(row, n, escape) for n in _SHOWN) + " |" for row in rows]
@@ -145,7 +152,7 @@ def shown(row: Row, name: str) -> str:
     if name == "period_median_s":
         return wording.number(value)
     if COLUMNS[name]:
-        return f"{value:.{_DIGITS}g}" if name != "rank" else str(value)
+        return f"{value:.{_DIGITS}g}" if name not in _WHOLE else str(value)
     text = " ".join(str(value).split())
     return text if len(text) <= _LONGEST_MESSAGE else text[:_LONGEST_MESSAGE - 1] + "…"
 

@@ -73,6 +73,7 @@ def _one_thread() -> None:
 
 
 def _study(task: Task, work: Work, times: dict[str, float]) -> TaskOutcome:
+    from ...record.rhythm import rhythm_of
     from ...record.study import to_json
 
     clock = time.perf_counter
@@ -90,6 +91,8 @@ def _study(task: Task, work: Work, times: dict[str, float]) -> TaskOutcome:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         study = _done(loop, replace(work, options=replace(work.options, command=task.command)), times)
+    found = study.range
+    study = replace(study, rhythm=rhythm_of(loop, found.period_median_s) if found.oscillating else None)
     status = ABSTAINED if study.estimate is None and "code" in study.verdict.evidence else OK
     # A path may hold bytes that are no UTF-8; the study must be a valid file all the same.
     text = to_json(study).encode("utf-8", "replace").decode("utf-8")
