@@ -73,8 +73,13 @@ def said_missing(shape: Unexplained, done: Refit) -> str:
 
 
 def judged_by(shape: Unexplained | None, adequate: T, reason: str) -> tuple[T | bool, str]:
-    """Adequacy and its reason beside the shape of what is missing: with one no model is adequate."""
-    return (adequate, reason) if shape is None else (False, f"however small its error, {shape.statement}")
+    """Adequacy and its reason beside the shape of what is missing: with one no model is adequate.
+
+    A model that is not adequate anyway keeps its reason.
+    """
+    if shape is None or adequate is False:
+        return adequate, reason
+    return False, f"however small its error, {shape.statement}"
 
 
 def shape_of(done: Refit) -> Unexplained | None:
