@@ -14,10 +14,13 @@ from commands import run
 from loops_with_effects import MOVES, PLANTS
 
 import stictionid.effects as room
+from stictionid.batch.command import command_for
+from stictionid.batch.task import Work
 from stictionid.effects import VARIABLE, catalogue, forget, get, register, use
 from stictionid.effects.contract import Context
 from stictionid.effects.written.load import limited
 from stictionid.errors import DataError, StictionidError, UsageError
+from stictionid.historian import ReadOptions
 from stictionid.model.closed_loop import OPERATING_POINT, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.restore import rebuild_model
@@ -273,3 +276,18 @@ def test_guesses_are_the_users_or_spread_over_the_ranges(worn: Path, tmp_path: P
     assert guess is not None and spread is not None
     assert guess(context).shape == (10, 2) and 40.0 < guess(context)[:, 0].min() < guess(context)[:, 0].max() < 60.0
     assert spread(context)[:, 0] == pytest.approx([3.0, 10.0, 17.0])
+
+
+def test_a_batch_is_done_again_where_an_effect_file_has_changed(worn: Path, tmp_path: Path) -> None:
+    """The command that a study remembers, and that --resume compares, holds the file's fingerprint."""
+    def command() -> str:
+        return command_for("a.csv", Work(), ReadOptions())
+
+    plain = command()
+    use([worn])
+    before = command()
+    assert before.startswith(plain) and f"# effect worn-trim {get('worn-trim').sha256[:12]}" in before
+    forget("worn-trim")
+    assert command() == plain
+    use([written(tmp_path, worn.read_text() + "# another day\n", "my_effect.py")])
+    assert command() not in (plain, before)

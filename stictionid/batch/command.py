@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import shlex
 
+from ..effects import added
 from ..historian.bytes.options import ReadOptions
 from ..selection.policy import Policy
 from .task import Work
@@ -12,17 +13,19 @@ from .task import Work
 _FLAGS = {"span_pv": "--span-pv", "span_op": "--span-op", "time_format": "--time-format", "step_s": "--step",
           "reverse_op": "--reverse-op", "mode_map": "--mode-map", "keep_manual": "--keep-manual",
           "sentinels": "--sentinel", "no_guess": "--no-guess", "quality_kind": "--quality-kind"}
-# Hexadecimal digits of a policy's fingerprint.
+# Hexadecimal digits of a fingerprint.
 _DIGITS = 12
 
 
 def command_for(path: str, work: Work, reading: ReadOptions) -> str:
     """`stictionid batch PATH` with every option that shapes the study, without those that only distribute the work.
 
-    A policy's numbers end it as a fingerprint, because the content of a policy file may change.
+    Fingerprints end it of what stands in files that may change: a policy's numbers, and user-written effects.
     """
     said = "stictionid batch " + shlex.join([path, *_work(work), *_reading(reading)])
-    return said if work.policy is None else f"{said} # policy {_fingerprint(work.policy)}"
+    marks = [] if work.policy is None else [f"policy {_fingerprint(work.policy)}"]
+    marks += [f"effect {name} {effect.sha256[:_DIGITS]}".rstrip() for name, effect in added().items()]
+    return f"{said} # {', '.join(marks)}" if marks else said
 
 
 def _fingerprint(policy: Policy) -> str:

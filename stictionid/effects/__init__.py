@@ -36,9 +36,10 @@ def _bring() -> None:
 
 
 # `catalogue()` gives all effects by name, in physical order and then by name; `get(name)` gives one. `register(effect)`
-# adds one, `forget(name)` takes it out again.
+# adds one, `forget(name)` takes it out again, `added()` gives those that were added.
 _room = Room(__name__, "EFFECT", Effect, "effect", lambda effect: (effect.place.value, effect.name), _bring)
-catalogue, get, register, forget = _room.catalogue, _room.get, _room.register, _room.forget
+catalogue, get, register, forget, added = (_room.catalogue, _room.get, _room.register, _room.forget,
+                                           _room.added)
 
 
 def use(places: Iterable[str | Path], tell: Callable[[str], None] | None = None) -> tuple[Effect, ...]:

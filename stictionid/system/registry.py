@@ -59,6 +59,12 @@ class Room(Generic[Entry]):
         entries = sorted((*self._of_folder().values(), *self._others.values()), key=self._order)
         return {entry.name: entry for entry in entries}
 
+    def added(self) -> dict[str, Entry]:
+        """The entries that do not come from the folder by name, in their order; no file of the folder is read."""
+        if self._late is not None:
+            self._late()
+        return {entry.name: entry for entry in sorted(self._others.values(), key=self._order)}
+
     def get(self, name: str) -> Entry:
         """The entry called `name`; UsageError naming the nearest one where there is none."""
         try:  # the usual case loads one file only
