@@ -18,13 +18,13 @@ from stictionid.batch.command import command_for
 from stictionid.batch.task import Work
 from stictionid.effects import VARIABLE, catalogue, forget, get, register, use
 from stictionid.effects.contract import Context
-from stictionid.effects.written.load import limited
 from stictionid.errors import DataError, StictionidError, UsageError
 from stictionid.historian import ReadOptions
 from stictionid.model.closed_loop import OPERATING_POINT, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.restore import rebuild_model
 from stictionid.model.spec import Spec
+from stictionid.system.user_code import limited
 
 WIDTH = 'PARAMETERS = {"width": {"unit": "%", "range": (0, 20), "neutral": 0}}\n'
 # A second lag in four ways: a loop in Python, an array function, transfer function, state space.
@@ -50,7 +50,7 @@ def _clean(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.delenv(VARIABLE, raising=False)
     before = set(catalogue())
     yield
-    monkeypatch.setattr(room, "_brought", True)
+    monkeypatch.setattr(room._room, "brought", True)
     for name in set(catalogue()) - before:
         forget(name)
     os.environ.pop(VARIABLE, None)
@@ -207,11 +207,11 @@ def test_a_fault_in_a_search_names_file_and_line(tmp_path: Path) -> None:
 
 def test_the_environment_names_files_and_folders(worn: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(worn.parent))
-    monkeypatch.setattr(room, "_brought", False)
+    monkeypatch.setattr(room._room, "brought", False)
     assert "worn-trim" in catalogue()
     assert run("effects", "worn-trim", "--json").returncode == 0
     monkeypatch.setenv(VARIABLE, str(worn.parent / "nothing.py"))
-    monkeypatch.setattr(room, "_brought", False)
+    monkeypatch.setattr(room._room, "brought", False)
     with pytest.raises(UsageError, match=r"no effect file .*nothing\.py"):
         catalogue()
 
@@ -223,7 +223,7 @@ def test_an_installed_package_brings_effects(worn: Path, monkeypatch: pytest.Mon
     (folder / "entry_points.txt").write_text("[stictionid.effects]\nworn = trims_worn\n")
     (folder.parent / "trims_worn.py").write_text(worn.read_text().replace("worn-trim", "packed-trim"))
     monkeypatch.syspath_prepend(str(folder.parent))
-    monkeypatch.setattr(room, "_brought", False)
+    monkeypatch.setattr(room._room, "brought", False)
     assert "packed-trim" in catalogue()
 
 

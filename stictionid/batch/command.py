@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import shlex
 
-from ..effects import added
+from .. import effects, laws
 from ..historian.bytes.options import ReadOptions
 from ..selection.policy import Policy
 from .task import Work
@@ -20,11 +20,12 @@ _DIGITS = 12
 def command_for(path: str, work: Work, reading: ReadOptions) -> str:
     """`stictionid batch PATH` with every option that shapes the study, without those that only distribute the work.
 
-    Fingerprints end it of what stands in files that may change: a policy's numbers, and user-written effects.
+    Fingerprints end it of what stands in files that may change: a policy's numbers, user-written effects and laws.
     """
     said = "stictionid batch " + shlex.join([path, *_work(work), *_reading(reading)])
     marks = [] if work.policy is None else [f"policy {_fingerprint(work.policy)}"]
-    marks += [f"effect {name} {effect.sha256[:_DIGITS]}".rstrip() for name, effect in added().items()]
+    marks += [f"effect {name} {effect.sha256[:_DIGITS]}".rstrip() for name, effect in effects.added().items()]
+    marks += [f"law {name} {law.sha256[:_DIGITS]}".rstrip() for name, law in laws.added().items()]
     return f"{said} # {', '.join(marks)}" if marks else said
 
 

@@ -26,6 +26,7 @@ from .common.output import (
     warn_when_cold,
 )
 from .common.reading import read_file, reads_file
+from .common.user_files import EffectsOption, LawsOption
 
 
 @app.command(epilog=outcome("the report with -o, and its picture beside markdown", json="the agreement",
@@ -44,7 +45,7 @@ def agree(
     base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: as identify.")] = "auto",
     scan: Annotated[float, typer.Option(metavar="SECONDS", help="Scan of the controller: as identify.")] = 1.0,
-    seed: SeedOption = 0,
+    effects: EffectsOption = None, laws: LawsOption = None, seed: SeedOption = 0,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when the records do not agree.")] = False,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:

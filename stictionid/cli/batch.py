@@ -15,7 +15,6 @@ from ..historian.bytes.options import ReadOptions
 from ..system.plurals import counted
 from .app import app
 from .common.batch_progress import Watch
-from .common.effect_files import EffectsOption
 from .common.outcomes import outcome
 from .common.output import (
     MOST_JOBS,
@@ -33,6 +32,7 @@ from .common.output import (
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import reads_file
+from .common.user_files import EffectsOption, LawsOption
 
 _SHOWN, _SKIPPED_SHOWN = 12, 5
 
@@ -70,7 +70,7 @@ def batch(
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when loops failed or files were skipped.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Write to a folder that is not empty, or of another version.")]
     = False,
-    effects: EffectsOption = None,
+    effects: EffectsOption = None, laws: LawsOption = None,
     as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Study many loops and rank them, worst first; one study per loop, and a summary of all.

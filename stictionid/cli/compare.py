@@ -8,10 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from .app import app
-from .common.effect_files import EffectsOption
 from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, safe, say
 from .common.study_files import StudyArgument, open_data, open_other, open_study
+from .common.user_files import EffectsOption, LawsOption
 
 
 @app.command(epilog=outcome("the page with -o, and pictures beside markdown",
@@ -22,7 +22,7 @@ def compare(
                                                 "own data file when it has moved.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Page with the pictures; .md or .html.")] = None,
     series: Annotated[bool, typer.Option("--series", help="With --json: time, y, model, residual, position.")] = False,
-    effects: EffectsOption = None,
+    effects: EffectsOption = None, laws: LawsOption = None,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Hold the model against the measurement and say where it fails; a second FILE validates on other data.

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import app
-from .common.effect_files import EffectsOption
 from .common.outcomes import outcome
 from .common.output import (
     ForceOption,
@@ -27,6 +26,7 @@ from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.study_files import DataArgument, StudyArgument, open_data, open_study
 from .common.study_tables import candidates_table, ladder_table, print_outcome, write_study
 from .common.tree import print_tree
+from .common.user_files import EffectsOption, LawsOption
 
 if TYPE_CHECKING:
     from ..record.study import Study
@@ -42,7 +42,7 @@ def diagnose(
     jobs: JobsOption = None,
     bootstrap: Annotated[int, typer.Option("--bootstrap", min=0, max=100_000, metavar="N", help="Replicates for a "
                                            "p-value of the named effect, 99 or more; about half a second each.")] = 0,
-    policy: PolicyOption = None, budget: BudgetOption = None, effects: EffectsOption = None,
+    policy: PolicyOption = None, budget: BudgetOption = None, effects: EffectsOption = None, laws: LawsOption = None,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Rank the physical effects that the model may be missing, and name the one to add next.
@@ -86,7 +86,7 @@ def add(
     study: StudyArgument, file: DataArgument = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write here instead of in place.")] = None,
     prune: Annotated[bool, typer.Option("--prune", help="Leave out earlier effects that it makes superfluous.")]
-    = False, effects: EffectsOption = None,
+    = False, effects: EffectsOption = None, laws: LawsOption = None,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Refit the model with one more effect, and show the error before and after.
@@ -112,6 +112,7 @@ def remove(
     effect: Annotated[str, typer.Argument(metavar="EFFECT", help="Name of an effect that the study has.")],
     study: StudyArgument, file: DataArgument = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write here instead of in place.")] = None,
+    effects: EffectsOption = None, laws: LawsOption = None,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Take one effect out of the model again, refit the others, and show the error before and after.

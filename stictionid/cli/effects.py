@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from .app import app
-from .common.effect_files import EffectsOption
 from .common.outcomes import outcome
-from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, safe, say
+from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json
+from .common.user_files import EffectsOption, check_files, write_template
 
 
 @app.command(epilog=outcome("nothing", json="a list of effects"))
@@ -29,15 +29,18 @@ def effects(
 
     An effect of your own: stictionid effects --new worn-trim -o my_effect.py
     """
+    from .. import effects as room
+
     if new is not None:
-        _write_template(new, output, force, quiet)
+        from ..effects.written.template import template
+
+        write_template(new, output, kind="effect", room=room, text=template, force=force, quiet=quiet)
         return
     if check:
-        _check(check, as_json)
+        check_files(check, as_json, room=room, after="stictionid diagnose STUDY --apply --effects {file}")
         return
-    from ..effects import catalogue, get
 
-    chosen = [get(name)] if name else list(catalogue().values())
+    chosen = [room.get(name)] if name else list(room.catalogue().values())
     if as_json:
         print_json([_plain(e) for e in chosen])
         return
@@ -56,40 +59,6 @@ def effects(
                               f"neutral {p['neutral']:g}")
         else:
             console.print(f"{key.replace('_', ' ')}: {'; '.join(value) if isinstance(value, list) else value}")
-
-
-def _write_template(name: str, output: Path | None, force: bool, quiet: bool) -> None:
-    """Write the template of an effect and say what to do with it."""
-    from ..effects import catalogue
-    from ..effects.written.load import is_name
-    from ..effects.written.template import template
-    from ..errors import UsageError
-    from ..system.files import write_whole
-
-    if not is_name(name):
-        raise UsageError(f"'{name}' is no name for an effect", "use small letters, digits and hyphens: worn-trim")
-    if name in catalogue():
-        raise UsageError(f"there is an effect {name} already", "choose another name")
-    if output is None or output.suffix != ".py":
-        raise UsageError("--new writes a Python file", f"add -o {name.replace('-', '_')}.py")
-    write_whole(output, template(name), force=force)
-    say(f"wrote {output}; next: stictionid effects --check {output}", quiet=quiet)
-
-
-def _check(files: list[Path], as_json: bool) -> None:
-    """Run the contract test of files and print every point that they pass."""
-    from ..effects import use
-
-    console, passed = out_console(), []
-    for file in files:
-        points: list[str] = []
-        for effect in use([file], points.append if as_json else lambda words: console.print(f"ok: {safe(words)}")):
-            passed.append({"file": str(file), "name": effect.name, "passed": points})
-            if not as_json:
-                console.print(f"{safe(str(file))} keeps the contract; next: stictionid diagnose STUDY --apply "
-                              f"--effects {safe(str(file))}")
-    if as_json:
-        print_json(passed)
 
 
 def _plain(e: Any) -> dict[str, Any]:

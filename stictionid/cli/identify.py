@@ -12,7 +12,6 @@ import typer
 
 from ..historian.bytes.options import ReadOptions
 from .app import app
-from .common.effect_files import EffectsOption
 from .common.outcomes import outcome
 from .common.output import (
     MOST_JOBS,
@@ -33,6 +32,7 @@ from .common.output import (
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
 from .common.tree import print_equivalents, print_tree
+from .common.user_files import EffectsOption, LawsOption
 
 
 @app.command(epilog=outcome("the study with -o", json="schema stictionid.study/1", abstains=True,
@@ -68,7 +68,7 @@ def identify(
     tree: Annotated[bool, typer.Option("--tree", help="Show the models that were tried.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
     = False,
-    effects: EffectsOption = None,
+    effects: EffectsOption = None, laws: LawsOption = None,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Find S, J, the process and whether the valve sticks, from controller output and process value.

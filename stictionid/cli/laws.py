@@ -12,6 +12,7 @@ from .app import app
 from .common.law_option import forces, from_forces, parse_law
 from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, out_console, print_json, say
+from .common.user_files import LawsOption, check_files, write_template
 
 if TYPE_CHECKING:
     from ..laws.contract import Law
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
 _KINDS = (".png", ".svg")
 
 
-@app.command(epilog=outcome("the picture of the bench with -o", json="a law, a list of laws, or the bench's outcome"),
+@app.command(epilog=outcome("the picture of the bench, or the template of --new, with -o",
+                            json="a law, a list of laws, or the bench's outcome"),
              help="List the stiction laws, show one in full, or put one on the valve test bench.\n\n"
                   "Example: stictionid laws --test choudhury -o bench.png\n\n"
                   "Example: stictionid laws he --test ramp --S 4 --J 2\n\n"
@@ -32,17 +34,28 @@ def laws(
                                              "forces F_s and F_c in N in place of S and J.")] = None,
     S: Annotated[float, typer.Option("--S", help="Stickband plus deadband on the bench, %.")] = 5.0,
     J: Annotated[float, typer.Option("--J", help="Slip jump on the bench, %.")] = 3.0,
-    out: Annotated[Path | None, typer.Option("--output", "-o", help="Picture of the bench to write; .png or "
-                                             ".svg.")] = None,
+    new: Annotated[str | None, typer.Option("--new", metavar="NAME", help="Write a template of a user-written law to "
+                                            "-o FILE.py.")] = None,
+    check: Annotated[list[Path] | None, typer.Option("--check", metavar="FILE", show_default=False, help="Run the "
+                                                     "contract test of a user-written law; repeatable.")] = None,
+    out: Annotated[Path | None, typer.Option("--output", "-o", help="Picture of the bench to write, .png or .svg; "
+                                             "file of --new.")] = None,
     series: Annotated[bool, typer.Option("--series", help="With --json: also the signals of every test.")] = False,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
-    quiet: QuietOption = False,
+    written: LawsOption = None, as_json: JsonOption = False, force: ForceOption = False, quiet: QuietOption = False,
 ) -> None:
     """Print the catalogue, a law, or the outcome of its bench."""
+    from .. import laws as room
     from ..errors import UsageError
     from ..laws import catalogue, get
 
+    if new is not None:
+        from ..laws.written.template import template
+
+        write_template(new, out, kind="law", room=room, text=template, force=force, quiet=quiet)
+        return
+    if check:
+        check_files(check, as_json, room=room, after="stictionid identify FILE --law {name} --laws {file}")
+        return
     if test is not None:
         law, tests, values = _chosen(name, test)
         sizes, values = from_forces(law, values)
@@ -95,6 +108,7 @@ def _record(law: Law) -> dict[str, Any]:
         "name": law.name, "summary": law.summary, "equation": law.equation, "source": law.source,
         "checked": law.checked, "cannot": law.cannot, "searchable": law.searchable,
         "one_parameter": law.one_parameter, "parameters": _parameters(law),
+        **({"file": law.file, "sha256": law.sha256} if law.file else {}),
     }
 
 
@@ -139,7 +153,8 @@ def _facts(law: Law) -> Any:
 
 
 def _show(law: Law, as_json: bool) -> None:
-    text = (importlib.import_module(f"..laws.{law.name.replace('-', '_')}", __package__).__doc__ or "").strip()
+    text = law.equation if law.file else (
+        importlib.import_module(f"..laws.{law.name.replace('-', '_')}", __package__).__doc__ or "").strip()
     if as_json:
         print_json({**_record(law), "description": text})
         return

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import app
-from .common.effect_files import EffectsOption
 from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, Progress, QuietOption, out_console, print_json_text, say
 from .common.study_files import open_study
+from .common.user_files import EffectsOption, LawsOption
 
 if TYPE_CHECKING:
     from ..reports.pictures.curves import Case
@@ -26,7 +26,7 @@ def report(
     out: Annotated[Path | None, typer.Option("--output", "-o", help="Report to write; .md, .html or .json.")] = None,
     figures: Annotated[str, typer.Option("--figures", help="Pictures beside markdown: svg or png.")] = "svg",
     data: Annotated[Path | None, typer.Option("--data", help="Data file, when it has moved (one study only).")] = None,
-    effects: EffectsOption = None,
+    effects: EffectsOption = None, laws: LawsOption = None,
     as_json: JsonOption = False,
     force: ForceOption = False,
     quiet: QuietOption = False,

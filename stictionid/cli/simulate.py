@@ -8,10 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from .app import app
-from .common.effect_files import EffectsOption
 from .common.law_option import from_forces, parse_law
 from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, SeedOption, print_json, say
+from .common.user_files import EffectsOption, LawsOption
 
 
 @app.command(epilog=outcome("the data file, and its name with .truth.json unless --no-truth",
@@ -48,7 +48,8 @@ def simulate(
     td: Annotated[float | None, typer.Option("--td", help="Controller derivative time in seconds.")] = None,
     seed: SeedOption = 0,
     truth: Annotated[bool, typer.Option("--truth/--no-truth", help="Write NAME.truth.json beside the data.")] = True,
-    effects: EffectsOption = None, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
+    effects: EffectsOption = None, laws: LawsOption = None,
+    force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Simulate a control loop with a sticky valve, and write the record with its truth.
 

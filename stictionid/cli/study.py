@@ -31,6 +31,7 @@ from .common.output import (
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
 from .common.study_tables import print_outcome, write_study
+from .common.user_files import EffectsOption, LawsOption
 
 _PAGES = (".html", ".md")
 # Share of the work before the report, and after the reading. Unit: 1.
@@ -52,6 +53,7 @@ def study(
     between: Annotated[str, typer.Option(help="What the output did between samples: as identify.")] = "auto",
     scan: Annotated[float, typer.Option(metavar="SECONDS", help="Scan of the controller: as identify.")] = 1.0,
     figures: Annotated[str, typer.Option("--figures", help="Pictures beside markdown: svg or png.")] = "svg",
+    effects: EffectsOption = None, laws: LawsOption = None,
     policy: PolicyOption = None, budget: BudgetOption = None, seed: SeedOption = 0, jobs: JobsOption = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
     = False,

@@ -6,73 +6,30 @@ STICTIONID_EFFECTS, from installed packages with the entry point `stictionid.eff
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 
-from ..errors import DataError, UsageError
-from ..system.registry import Room
+from ..errors import UsageError
+from ..system.open_room import OpenRoom
 from .contract import Effect
 
 # Files and folders with effects, separated as in PATH; the group of entry points by which packages bring effects.
 VARIABLE, GROUP = "STICTIONID_EFFECTS", "stictionid.effects"
-_brought = False
 
 
-def _bring() -> None:
-    """Load the effects of the environment and of installed packages, once."""
-    global _brought
-    if _brought:
-        return
-    _brought = True
-    try:
-        from_environment = [place for place in os.environ.get(VARIABLE, "").split(os.pathsep) if place]
-        if from_environment:
-            use(from_environment)
-        _from_packages()
-    except BaseException:
-        _brought = False
-        raise
+def _load(path: Path, taken: Collection[str], tell: Callable[[str], None] | None) -> Effect:
+    from .written.load import load
+
+    return load(path, taken, tell)
 
 
 # `catalogue()` gives all effects by name, in physical order and then by name; `get(name)` gives one. `register(effect)`
-# adds one, `forget(name)` takes it out again, `added()` gives those that were added.
-_room = Room(__name__, "EFFECT", Effect, "effect", lambda effect: (effect.place.value, effect.name), _bring)
-catalogue, get, register, forget, added = (_room.catalogue, _room.get, _room.register, _room.forget,
-                                           _room.added)
-
-
-def use(places: Iterable[str | Path], tell: Callable[[str], None] | None = None) -> tuple[Effect, ...]:
-    """Load the effects of files and folders and add them to the catalogue; `tell` hears of every point they pass.
-
-    UsageError for a place that is not there, DataError with file and line for a file that breaks the contract.
-    """
-    from .written.load import files_in, load
-
-    built_in = {name for name, effect in catalogue().items() if not effect.file}
-    found = tuple(load(path, built_in, tell) for path in files_in(tuple(places)))
-    for effect in found:
-        have = catalogue().get(effect.name)
-        if have is not None and have.sha256 != effect.sha256 and have.file != effect.file:
-            raise DataError(f"{effect.file}:1: NAME {effect.name} is that of {have.file}, too; choose another one")
-        register(effect)
-    return found
-
-
-def _from_packages() -> None:
-    """Register what installed packages bring: an `Effect`, or a module of plain numpy."""
-    from importlib.metadata import entry_points
-
-    for point in entry_points(group=GROUP):
-        try:
-            brought = point.load()
-        except Exception as error:
-            raise DataError(f"the effect {point.name} of {point.value} can't be loaded: {error}",
-                            "update or uninstall that package") from None
-        if isinstance(brought, Effect):
-            register(brought)
-        else:
-            use([str(brought.__file__)])
+# adds one, `forget(name)` takes it out again, `added()` gives those that were added. `use(places, tell)` adds those of
+# files and folders.
+_room = OpenRoom(__name__, "EFFECT", Effect, "effect", lambda effect: (effect.place.value, effect.name),
+                 variable=VARIABLE, group=GROUP, load=_load)
+catalogue, get, register, forget, added, use = (_room.catalogue, _room.get, _room.register, _room.forget, _room.added,
+                                                _room.use)
 
 
 def parse(name: str) -> tuple[Effect, str]:

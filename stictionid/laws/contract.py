@@ -68,7 +68,8 @@ class Law:
     simulate. `checked` says whether the printed source was seen or the law was reconstructed.
 
     `parameters` are the law's own, beyond S and J, with their `defaults`; `check` refuses S and J outside its
-    validity. `dynamic` laws move while the command rests, so they are advanced every step of an integration.
+    validity. `dynamic` laws move while the command rests, so they are advanced every step of an integration. `file` and
+    `sha256` are those of a user-written law.
     """
 
     name: str
@@ -88,6 +89,8 @@ class Law:
     defaults: Mapping[str, float] = field(default_factory=dict)
     check: Callable[[FloatArray | float, FloatArray | float], None] = check_stiction
     supply: Callable[[FloatArray, Mapping[str, float], float, bool], FloatArray] | None = None
+    file: str = ""
+    sha256: str = ""
 
     def friction(self, stickband: FloatArray | float, slip_jump: FloatArray | float, *,
                  values: Mapping[str, float] | None = None, step_s: float = 1.0, held: bool = True) -> FloatArray:

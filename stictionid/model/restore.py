@@ -6,6 +6,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from .. import laws
 from ..effects import catalogue
 from ..errors import DataError, UsageError
 from ..record.loop import Loop
@@ -46,9 +47,9 @@ def _check(loop: Loop, description: dict[str, Any]) -> None:
         within("a tap or a fixed value", value, -_LARGEST, _LARGEST)
 
 
-def unknown_effects(description: dict[str, Any]) -> str:
-    """Words on the user-written effects of a model that are not loaded, or have changed since; empty where all are as
-    they were."""
+def unknown_code(description: dict[str, Any]) -> str:
+    """Words on the user-written effects and law of a model that are not loaded, or have changed since; empty where all
+    are as they were."""
     known = description.get("written", {})
     for name, of in known.items() if isinstance(known, dict) else ():
         file, sha256 = (str(of.get(key, "")) for key in ("file", "sha256"))
@@ -57,14 +58,28 @@ def unknown_effects(description: dict[str, Any]) -> str:
             return f"the study holds the effect {name} of {file}, which is not loaded"
         if effect.sha256 != sha256:
             return f"{effect.file or name} has changed since the study was made (the sha256 of effect {name} differs)"
+    return _unknown_law(description)
+
+
+def _unknown_law(description: dict[str, Any]) -> str:
+    """The same for the law of a model."""
+    of, name = description.get("written_law"), description["law"]
+    if not isinstance(of, dict):
+        return ""
+    law = laws.catalogue().get(name)
+    if law is None:
+        return f"the study holds the law {name} of {of.get('file', '')}, which is not loaded"
+    if law.sha256 != of.get("sha256"):
+        return f"{law.file or name} has changed since the study was made (the sha256 of law {name} differs)"
     return ""
 
 
 def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, FloatArray]:
     """Model and values (d,) from the output of `describe`; DataError where an entry is missing or impossible."""
     try:
-        if words := unknown_effects(description):
-            raise DataError(words, "give the file as it was after --effects, or run stictionid identify again")
+        if words := unknown_code(description):
+            raise DataError(words, "give the file as it was after --effects or --laws, or run stictionid identify "
+                                   "again")
         _check(loop, description)
         spec = Spec(description["law"], description["process"], tuple(description["effects"]),
                     description["between"], int(description["substeps"]), bool(description["increments"]),

@@ -6,25 +6,21 @@ files; a study or a data file never does. Each fault is one line with file, line
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import inspect
 import math
-import re
-import signal
-import threading
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import CodeType, FrameType, ModuleType
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from ...errors import DataError, UsageError
+from ...errors import DataError
 from ...numerics.parameters import Parameter
 from ...system.files import text_of
+from ...system.user_code import LIMIT_S, compiled, fault, limited, lines_of, name_of, run
 from ...typing import FloatArray
 from ..contract import Context, Effect, Place
 from .plain import (
@@ -35,16 +31,11 @@ from .plain import (
     coefficients,
     disturbance_hooks,
     dynamics_hook,
-    fault,
     guesses,
-    line_in,
     one_by_one,
     said,
 )
 
-# Longest time that a file may take to load and to pass the contract. Unit: s.
-LIMIT_S = 10.0
-_NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 # Samples of the signal that functions are tried on.
 _SAMPLES = 240
 # Shares of the ranges at which functions are compared with themselves, and at which they must return numbers.
@@ -56,28 +47,6 @@ _NEAR, _FREQUENCIES = 1e-3, (1e-3, 0.1, 10.0)
 _KEYS = {"unit", "range", "neutral", "meaning", "log"}
 _EXAMPLE = 'PARAMETERS = {"width": {"unit": "%", "range": (0, 20), "neutral": 0}}'
 Tell = Callable[[str], None]
-
-
-def is_name(name: str) -> bool:
-    """True for small letters, digits and hyphens."""
-    return _NAME.fullmatch(name) is not None
-
-
-def files_in(places: Collection[str | Path]) -> list[Path]:
-    """Effect files behind files and folders; UsageError for a place that is not there or holds none."""
-    found: list[Path] = []
-    for place in map(Path, places):
-        if place.is_dir():
-            inside = sorted(p for p in place.glob("*.py") if not p.name.startswith("_"))
-            if not inside:
-                raise UsageError(f"the folder {place} has no effect file", "give a folder with files that end in .py")
-            found += inside
-        elif place.is_file():
-            found.append(place)
-        else:
-            raise UsageError(f"there is no effect file {place}",
-                             "stictionid effects --new my-effect -o FILE.py writes a template")
-    return found
 
 
 def load(path: Path, taken: Collection[str] = (), tell: Tell | None = None, limit_s: float = LIMIT_S) -> Effect:
@@ -92,38 +61,12 @@ def load(path: Path, taken: Collection[str] = (), tell: Tell | None = None, limi
     return replace(effect, file=str(path), sha256=hashlib.sha256(text.encode()).hexdigest())
 
 
-@contextmanager
-def limited(seconds: float, file: str) -> Iterator[None]:
-    """Refuse a file whose code runs longer than this, with its line; no limit beside the main thread or on Windows."""
-    if not hasattr(signal, "SIGALRM") or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def over(number: int, frame: FrameType | None) -> None:
-        line = 1
-        while frame is not None:
-            if frame.f_code.co_filename == file:
-                line = frame.f_lineno
-                break
-            frame = frame.f_back
-        raise fault(file, line, f"it still runs after {seconds:g} s; look for a loop that does not end")
-
-    before = signal.signal(signal.SIGALRM, over)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
-
-
 def _built(file: str, text: str, taken: Collection[str], say: Tell) -> PlainEffect:
-    tree, code = _compiled(file, text)
-    module = _run(file, code)
+    tree, code = compiled(file, text)
+    module = run(file, code)
     say("it runs")
-    lines = {target.id: node.lineno for node in tree.body if isinstance(node, ast.Assign)
-             for target in node.targets if isinstance(target, ast.Name)}
-    name = _name(file, module, taken, lines.get("NAME", 1))
+    lines = lines_of(tree)
+    name = name_of(file, module, taken, lines.get("NAME", 1), "effect")
     parameters = _parameters(file, module, lines.get("PARAMETERS", 1))
     function = _function(file, module, tuple(p.name for p in parameters))
     say(f"{name}: {function.kind}() with " + (", ".join(f"{p.name} [{p.unit}] from {p.low:g} to {p.high:g}, neutral "
@@ -137,37 +80,6 @@ def _built(file: str, text: str, taken: Collection[str], say: Tell) -> PlainEffe
     assert effect.guess is not None
     say(f"{len(effect.guess(context))} starting points, all in range")
     return effect
-
-
-def _compiled(file: str, text: str) -> tuple[ast.Module, CodeType]:
-    try:
-        tree = ast.parse(text, file)
-        return tree, compile(tree, file, "exec")
-    except (SyntaxError, ValueError, RecursionError) as error:
-        line = getattr(error, "lineno", None) or 1
-        raise fault(file, line, f"it does not compile ({getattr(error, 'msg', error)}); correct this line") from None
-
-
-def _run(file: str, code: CodeType) -> ModuleType:
-    module = ModuleType(Path(file).stem)
-    module.__file__ = file
-    try:
-        exec(code, module.__dict__)
-    except DataError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise fault(file, line_in(error, file),
-                    f"it can't be imported ({type(error).__name__}: {error}); correct this line") from None
-    return module
-
-
-def _name(file: str, module: ModuleType, taken: Collection[str], line: int) -> str:
-    name = getattr(module, "NAME", Path(file).stem.replace("_", "-"))
-    if not isinstance(name, str) or not is_name(name):
-        raise fault(file, line, f"NAME {name!r} is no name; use small letters, digits and hyphens, \"worn-trim\"")
-    if name in taken:
-        raise fault(file, line, f"NAME {name} is that of a built-in effect; choose another one")
-    return name
 
 
 def _parameters(file: str, module: ModuleType, line: int) -> tuple[Parameter, ...]:

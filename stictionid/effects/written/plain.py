@@ -12,7 +12,6 @@ arrays that they can't write to. A candidate whose output is not finite counts a
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
@@ -24,6 +23,7 @@ from ...errors import DataError, StictionidError
 from ...numerics.parameters import Parameter
 from ...process.linear import Dynamics
 from ...process.state_space import Element, element_of
+from ...system.user_code import fault, line_in
 from ...typing import FloatArray
 from ..contract import Context, Disturbance, Effect, Mover, Place, Values
 
@@ -34,17 +34,6 @@ SIGNALS = {"valve": 2, "process": 2, "tf": 0, "ss": 0, "disturbance": 1}
 _SHARES, _FEW_SHARES = (0.15, 0.5, 0.85), (0.25, 0.75)
 # Parts of a sample at which a function with a memory is called in a simulation.
 _PARTS = 4
-
-
-def fault(file: str, line: int, words: str) -> DataError:
-    """The refusal of a user's file in one line."""
-    return DataError(f"{file}:{line}: {' '.join(words.split())}")
-
-
-def line_in(error: BaseException, file: str) -> int:
-    """Last line of a user's file that an error passed through; 1 where it passed through none."""
-    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file and f.lineno]
-    return lines[-1] if lines else 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,8 +86,9 @@ def gather(study: Study, *, data: Path | None = None, near: Sequence[Path] = ())
 
     `data` names the file when it has moved (DataError when absent or changed); `near` are folders to look in.
     """
-    if absent := _without_effects(study):
-        return Case(study, missing=f"{absent}, so this report has tables only; give the file with --effects")
+    if absent := _without_code(study):
+        return Case(study, missing=f"{absent}, so this report has tables only; give the file with "
+                           "--effects or --laws")
     path = data or find_data(study, near=near)
     if path is None:
         where = wording.name(study.data.file) if study.data.file else "a file the study does not name"
@@ -99,10 +100,10 @@ def gather(study: Study, *, data: Path | None = None, near: Sequence[Path] = ())
     return Case(study, loop, tuple(curves(study, loop)))
 
 
-def _without_effects(study: Study) -> str:
-    """Words on user-written effects of a study that are not loaded; empty where its models can be run."""
-    if not any("written" in step.model for step in study.steps if step.model):
+def _without_code(study: Study) -> str:
+    """Words on user-written code of a study that is not loaded; empty where its models can be run."""
+    if not any({"written", "written_law"} & set(step.model) for step in study.steps if step.model):
         return ""
-    from ...model.restore import unknown_effects
+    from ...model.restore import unknown_code
 
-    return next((words for step in study.steps if step.model and (words := unknown_effects(step.model))), "")
+    return next((words for step in study.steps if step.model and (words := unknown_code(step.model))), "")

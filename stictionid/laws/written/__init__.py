@@ -1,0 +1,1 @@
+"""Stiction laws that users write as one step in plain Python."""

@@ -1,0 +1,124 @@
+"""Code of users: Python files that a command line names, compiled and run once, under a time limit.
+
+The command line, environment variables and installed packages name files; a study or a data file never does. Each fault
+is one line with file, line and the next thing to do.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import signal
+import threading
+import traceback
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import CodeType, FrameType, ModuleType
+
+from ..errors import DataError, UsageError
+
+# Longest time that a file may take to load and to pass its contract. Unit: s.
+LIMIT_S = 10.0
+_NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+
+
+def fault(file: str, line: int, words: str) -> DataError:
+    """The refusal of a user's file in one line."""
+    return DataError(f"{file}:{line}: {' '.join(words.split())}")
+
+
+def line_in(error: BaseException, file: str) -> int:
+    """Last line of a user's file that an error passed through; 1 where it passed through none."""
+    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file and f.lineno]
+    return lines[-1] if lines else 1
+
+
+def is_name(name: str) -> bool:
+    """True for small letters, digits and hyphens."""
+    return _NAME.fullmatch(name) is not None
+
+
+def files_in(places: Collection[str | Path], kind: str) -> list[Path]:
+    """Python files behind files and folders; UsageError for a place that is not there or holds none.
+
+    `kind` is that of the catalogue's entries, "effect" or "law".
+    """
+    found: list[Path] = []
+    for place in map(Path, places):
+        if place.is_dir():
+            inside = sorted(p for p in place.glob("*.py") if not p.name.startswith("_"))
+            if not inside:
+                raise UsageError(f"the folder {place} has no {kind} file", "give a folder with files that end in .py")
+            found += inside
+        elif place.is_file():
+            found.append(place)
+        else:
+            raise UsageError(f"there is no {kind} file {place}",
+                             f"stictionid {kind}s --new my-{kind} -o FILE.py writes a template")
+    return found
+
+
+@contextmanager
+def limited(seconds: float, file: str) -> Iterator[None]:
+    """Refuse a file whose code runs longer than this, with its line; no limit beside the main thread or on Windows."""
+    if not hasattr(signal, "SIGALRM") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def over(number: int, frame: FrameType | None) -> None:
+        line = 1
+        while frame is not None:
+            if frame.f_code.co_filename == file:
+                line = frame.f_lineno
+                break
+            frame = frame.f_back
+        raise fault(file, line, f"it still runs after {seconds:g} s; look for a loop that does not end")
+
+    before = signal.signal(signal.SIGALRM, over)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def compiled(file: str, text: str) -> tuple[ast.Module, CodeType]:
+    """Syntax tree and code of a file's text; DataError with the line that does not compile."""
+    try:
+        tree = ast.parse(text, file)
+        return tree, compile(tree, file, "exec")
+    except (SyntaxError, ValueError, RecursionError) as error:
+        line = getattr(error, "lineno", None) or 1
+        raise fault(file, line, f"it does not compile ({getattr(error, 'msg', error)}); correct this line") from None
+
+
+def run(file: str, code: CodeType) -> ModuleType:
+    """The module that the code makes; DataError with the line that fails."""
+    module = ModuleType(Path(file).stem)
+    module.__file__ = file
+    try:
+        exec(code, module.__dict__)
+    except DataError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise fault(file, line_in(error, file),
+                    f"it can't be imported ({type(error).__name__}: {error}); correct this line") from None
+    return module
+
+
+def lines_of(tree: ast.Module) -> dict[str, int]:
+    """Line of each constant that a file assigns at its top."""
+    return {target.id: node.lineno for node in tree.body if isinstance(node, ast.Assign)
+            for target in node.targets if isinstance(target, ast.Name)}
+
+
+def name_of(file: str, module: ModuleType, taken: Collection[str], line: int, kind: str) -> str:
+    """NAME of a file, or the file's own; DataError where it is none, or that of a built-in entry."""
+    name = getattr(module, "NAME", Path(file).stem.replace("_", "-"))
+    if not isinstance(name, str) or not is_name(name):
+        raise fault(file, line, f"NAME {name!r} is no name; use small letters, digits and hyphens, \"worn-trim\"")
+    if name in taken:
+        raise fault(file, line, f"NAME {name} is that of a built-in {kind}; choose another one")
+    return name
