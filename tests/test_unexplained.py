@@ -49,6 +49,9 @@ def test_a_process_outside_the_catalogue_is_answered_with_its_shape(wrong_way: R
     shape = unexplained(wrong_way)
     assert shape is not None and shape.named == "valve moves" and shape.suggests[0] == "inverse-response"
     assert "the residual answers valve moves with a dip of" in shape.statement
+    assert "inverse-response would do that" in shape.statement and "tried" not in shape.statement
+    again = unexplained(wrong_way, tried=leaving("dip"))
+    assert again is not None and again.statement.endswith("but was tried and does not help enough")
     strongest = max(shape.answers, key=lambda a: a.share)
     assert strongest.to == shape.named and strongest.share >= SHARE
     # The response is far beyond its bounds somewhere within the process's time, and settles.

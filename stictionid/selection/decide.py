@@ -59,7 +59,8 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     noise = "" if unseen or not done.white else noise_name(done, search.policy)
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in equivalents(search, winner))
-    shape = None if unseen else unexplained(done)
+    tried = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and e.parent == key(winner.spec)}
+    shape = None if unseen else unexplained(done, tried)
     return Decision(winner, noise, alike, missing_reason(winner, unseen, shape), unseen, shape)
 
 

@@ -10,7 +10,7 @@ Source: Ljung, System Identification, section 16.6; CRITICISM.md sections 4 and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import TypeVar
@@ -57,12 +57,13 @@ class _Group:
         return Curve(*(tuple(x.tolist()) for x in (at, value, value - wide, value + wide)))
 
 
-def unexplained(done: Refit) -> Unexplained | None:
+def unexplained(done: Refit, tried: Collection[str] = ()) -> Unexplained | None:
     """The shape of what a completed model misses; None where its innovations are white, or answer next to nothing.
 
     A group of past signals must explain SHARE of the innovations' variance, beyond chance at LEVEL over all groups.
+    Of effects that were `tried` beside the model the sentence says that they do not help enough.
     """
-    return None if done.white else shape_of(done)
+    return None if done.white else shape_of(done, tried)
 
 
 def said_missing(shape: Unexplained, done: Refit) -> str:
@@ -82,7 +83,7 @@ def judged_by(shape: Unexplained | None, adequate: T, reason: str) -> tuple[T | 
     return False, f"however small its error, {shape.statement}"
 
 
-def shape_of(done: Refit) -> Unexplained | None:
+def shape_of(done: Refit, tried: Collection[str] = ()) -> Unexplained | None:
     """The same without the test for whiteness."""
     e, model = done.evaluated, done.model
     position, step_s = np.nan_to_num(e.position_means), model.step_s
@@ -119,10 +120,13 @@ def shape_of(done: Refit) -> Unexplained | None:
     trace, words = _words(named, step, done, share)
     have = {parse(name)[0].name for name in model.spec.effects}
     suggests = tuple(name for name in leaving(trace) if name not in have)
+    names = sorted(suggests, key=lambda name: name in tried)[:2]
     said = "no effect of the catalogue does that"
-    if suggests:
-        one = f" ({get(suggests[0]).summary})" if named == VALVE or len(suggests) == 1 else ""
-        said = f"{suggests[0] if one else ' or '.join(suggests[:2])} would do that{one}"
+    if names:
+        names = names[:1] if named == VALVE else names
+        said = " or ".join(names) + " would do that"
+        said += f" ({get(names[0]).summary})" if len(names) == 1 else ""
+        said += ", but was tried and does not help enough" if set(names) <= set(tried) else ""
     return Unexplained(
         named, f"the residual answers {words}: {said}", suggests,
         tuple(Answer(to, g.share, g.z) for to, g in found.items()),
