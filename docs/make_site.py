@@ -20,7 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # An annotation in quotes, as postponed ones are shown.
 _ANNOTATION = re.compile(r"(: |-> )'([^']*)'")
 # Links to files of the repository that are no pages of the site.
-_OUTSIDE = re.compile(r"\[([^\]]+)\]\((?:\.\./)?(?!https?:)[^)#]+\.(?:json|py|txt)\)")
+_OUTSIDE = re.compile(r"\[([^\]]+)\]\((?!https?:|study\.schema)[^)#]+\.(?:json|py|txt)\)")
 
 
 def readme() -> str:
