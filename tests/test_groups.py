@@ -35,6 +35,19 @@ def unit() -> dict[str, Rhythm | None]:
     return out
 
 
+def test_a_long_record_is_looked_at_about_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+    t = np.arange(4001.0)
+    loop = Loop(output=np.sin(t), process_value=np.sin(2.0 * np.pi * t / 40.0), origin=Origin(start=START))
+    whole = rhythm_of(loop, 40.0)
+    monkeypatch.setattr("stictionid.record.rhythm._MOST", 2001)
+    part = rhythm_of(loop, 40.0)
+    assert whole is not None and part is not None and part.cycles == pytest.approx(50.0, rel=0.01)
+    assert part.period_s == pytest.approx(40.0, rel=1e-3) and part.middle_s == whole.middle_s
+    # The middle is sample 2000, where 50 periods have just ended.
+    assert abs((part.phase + 0.5) % 1.0 - 0.5) < 0.02 and abs((whole.phase + 0.5) % 1.0 - 0.5) < 0.02
+    assert whole.harmonics < 1e-6 and rhythm_of(loop, 2000.0) is None and rhythm_of(loop, None) is None
+
+
 def row(name: str, rhythm: Rhythm | None, verdict: str = "no stiction") -> dict[str, Any]:
     return {"loop": name, "verdict": verdict, "rhythm": plain(rhythm) if rhythm else None}
 

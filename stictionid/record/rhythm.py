@@ -22,6 +22,9 @@ from .loop import Loop, bridged
 _CYCLES, _HARMONICS, _HALF = 4.0, 5, 0.25
 # Share of the oscillation's period by which the strongest line may lie beside it; lines between two Fourier lines.
 _BESIDE, _FINER = 0.35, 8
+# Longest stretch that is looked at, about the middle of the record: its spectrum takes 16 bytes a finer line. Unit:
+# samples.
+_MOST = 1 << 19
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +45,8 @@ class Rhythm:
 def rhythm_of(loop: Loop, period: float | None) -> Rhythm | None:
     """The rhythm of the longest segment near a `period` in s; None without a period, or for less than four cycles."""
     piece = loop.longest_segment()
+    spare = (piece.samples - _MOST) // 2
+    piece = piece if spare <= 0 else piece.cut(spare, piece.samples - spare)
     if not period or piece.samples * piece.step_s < _CYCLES * period:
         return None
     error = bridged(piece.process_value if piece.setpoint is None else piece.process_value - piece.setpoint)
