@@ -13,6 +13,7 @@ from ..errors import DataError
 from ..record.study import Estimate, Range, Severity, Step, Verdict, study_from_json, to_json
 from ..record.study import Study as Record
 from ..record.tree import TreeNode
+from ..record.unexplained import Unexplained
 from .loop import Loop
 from .messages import in_python, speaking_python
 from .plots import Plots, last_step, loop_for
@@ -110,6 +111,11 @@ class Study:
     def adequate(self) -> bool | None:
         """True where nothing above the noise is left to explain."""
         return self.record.adequate
+
+    @property
+    def unexplained(self) -> Unexplained | None:
+        """Shape of what the best model leaves: responses, levels, spectrum, and a sentence; None where nothing is."""
+        return self.record.unexplained
 
     @property
     def parameters(self) -> pd.DataFrame:

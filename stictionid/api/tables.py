@@ -46,8 +46,8 @@ def summary(study: Study) -> pd.DataFrame:
                  ("error held out", error.rmse_holdout, None, None, unit, "on blocks that were not fitted"),
                  ("noise", error.noise_sd, None, None, unit, "irreducible"),
                  ("adequate", study.adequate, None, None, "", study.adequate_reason)]
-    if study.missing:
-        rows.append(("missing", ", ".join(study.missing), None, None, "", study.missing_reason))
+    if study.missing or study.unexplained:
+        rows.append(("missing", ", ".join(study.missing) or "none of these", None, None, "", study.missing_reason))
     table = _frame(rows, ["quantity", "value", "low", "high", "unit", "note"])
     return table.astype({"low": float, "high": float}).set_index("quantity")
 
