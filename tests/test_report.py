@@ -26,7 +26,7 @@ from stictionid.reports.pages.json import report_json
 from stictionid.reports.pages.write import write_report
 from stictionid.reports.pictures.curves import Case
 from stictionid.reports.pictures.figures import draw, figure_bytes
-from stictionid.reports.pictures.study_pictures import pictures
+from stictionid.reports.pictures.gallery import pictures
 
 GOLDEN = Path(__file__).parent / "golden"
 KINDS = ("good", "doubtful", "abstained", "searched")
@@ -74,6 +74,17 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_markdown_reads_as_the_golden_file(kind: str, tmp_path: Path) -> None:
     write_report([case(kind)], tmp_path / "r.md")
     same_as_golden((tmp_path / "r.md").read_text(encoding="utf-8"), f"report_{kind}.md")
+
+
+def test_the_page_says_the_same_shares_as_the_json(tmp_path: Path) -> None:
+    page, data = tmp_path / "r.html", tmp_path / "r.json"
+    for out in (page, data):
+        write_report([case("searched")], out)
+    swing = json.loads(data.read_text(encoding="utf-8"))["studies"][0]["study"]["swing"]
+    headline = re.search(r'class="said">(.*?)</p>', page.read_text(encoding="utf-8"))[1]
+    said = sorted(float(n) for n in re.findall(r"(\d+) %", headline))
+    assert said == sorted(round(100 * s["share"]) for s in swing["causes"] if s["share"] >= 0.01)
+    assert f"{swing['sd_perfect']:.3g}" in headline and f"{swing['sd']:.3g}" in headline
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -95,6 +95,7 @@ def _check(files: list[Path], as_json: bool) -> None:
 def _plain(e: Any) -> dict[str, Any]:
     return {
         "name": e.name, "kind": e.kind, "place": e.place.name.lower(), "summary": e.summary, "equation": e.equation,
+        "noun": e.noun, "sentence": e.sentence, "action": e.action, "seen_over": e.seen_over,
         "parameters": [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "neutral": p.neutral,
                         "meaning": p.meaning} for p in e.parameters],
         "variants": list(e.variants), "cannot_be_told_from": list(e.confused_with),

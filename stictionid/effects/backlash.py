@@ -48,5 +48,9 @@ EFFECT = Effect(
     summary="a known play of the linkage ahead of the stem widens the deadband",
     equation="f_s and f_d grow by play / 2 each", source="METHODS.md section 2; IEC 60534-4, dead band",
     parameters=(_PLAY,), needs=("value",), asked=BY_HAND, friction=_friction, known=_known,
+    noun="play in the linkage",
+    sentence="Play of {play} in the linkage widens the deadband.",
+    seen_over="direction",
+    action="Tighten or replace the linkage between actuator and stem.",
     settled_by="a position measured ahead of the linkage, beside one behind it",
 )

@@ -71,6 +71,10 @@ EFFECT = Effect(
     searched=("drift",), confused_with=("stiction-drift", "ramp-disturbance"), timed=True, states=1, limits=_limits,
     run=_run, start=_start, columns=_columns, guess=_guess, report=_report, disturb=_disturb,
     leaves={"stretch": 5},
+    noun="a process gain that drifts",
+    sentence="The process gain changes by {drift}.",
+    seen_over="time",
+    action="Compare feed, pressure and load at both ends of the record.",
     settled_by="the same step in manual at the start and at the end of a shift: a gain that drifts gives other sizes",
     told_apart={
         "stiction-drift": "the measured valve position, or the same large step in manual early and late",

@@ -67,6 +67,10 @@ EFFECT = Effect(
     parameters=(_LOWER, _UPPER), searched=(), confused_with=("gain-nonlinearity",), counted=_counted,
     measured=_measured, report=_report,
     leaves={"value": 4},
+    noun="a transmitter that is clipped",
+    sentence="The transmitter ends at {lower} and {upper}; samples there do not count.",
+    seen_over="y",
+    action="Widen the range of the transmitter.",
     settled_by="the range of the transmitter, or a second one",
     told_apart={
         "gain-nonlinearity": "the range of the transmitter, or a second one",

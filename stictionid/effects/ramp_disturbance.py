@@ -49,6 +49,10 @@ EFFECT = Effect(
     confused_with=("step-disturbance", "random-walk-disturbance"), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,
     leaves={"level": 2, "stretch": 3},
+    noun="a drift from {start_s} on",
+    sentence="From {start_s} on the sensor or the load drifts by {rate}.",
+    seen_over="time",
+    action="Check the sensor's zero and the load from {start_s} on.",
     settled_by="a tag of the suspected load, or a check of the sensor's zero",
     told_apart={
         "step-disturbance": "a longer record after the change",

@@ -51,6 +51,10 @@ EFFECT = Effect(
     source="METHODS.md section 5", parameters=(_SPEED,), limits=_limits, friction=_friction, guess=_guess,
     by_itself=True,
     leaves={"slide": 1},
+    noun="a stem that sticks again when it moves slowly",
+    sentence="The sliding stem sticks again when the command moves slower than {restick_speed}.",
+    seen_over="direction",
+    action="Check packing and guides; this goes with the friction itself.",
     settled_by="the measured valve position, sampled faster than the scan",
     told_apart={
         "slip-overshoot": "the measured valve position, sampled faster than the scan",

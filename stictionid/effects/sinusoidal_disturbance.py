@@ -82,5 +82,9 @@ EFFECT = Effect(
     parameters=(_PERIOD, _AMPLITUDE, _PHASE), searched=("period_s",), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,
     leaves={"stick": 3, "colour": 4, "own line": 1, "line": 1},
+    noun="an oscillation of {period_s} from outside",
+    sentence="An oscillation of {period_s} from outside moves PV by {amplitude} either way.",
+    seen_over="phase",
+    action="Look for the loop or the machine that swings every {period_s}.",
     settled_by="the loop in manual: an oscillation from elsewhere goes on",
 )

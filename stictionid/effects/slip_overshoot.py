@@ -65,5 +65,9 @@ EFFECT = Effect(
     source="He and Wang 2010", parameters=(_K,), friction=_friction, guess=_guess, reach=2.0,
     natural=Natural(_numbers, _valve, _longest),
     leaves={"slip": 3, "cycle": 2, "valve": 5},
+    noun="slips that go past their place",
+    sentence="A slip is {overshoot} times as long as friction alone would make it; then the stem waits.",
+    seen_over="direction",
+    action="Check actuator and positioner: stored air lets the stem jump past its place.",
     settled_by="the measured valve position, sampled faster than the scan",
 )

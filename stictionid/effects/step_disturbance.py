@@ -61,6 +61,10 @@ EFFECT = Effect(
     confused_with=("ramp-disturbance", "random-walk-disturbance"), limits=_limits, columns=_columns, guess=_guess,
     report=_report, disturb=_disturb,
     leaves={"level": 1, "stretch": 2, "stick": 2},
+    noun="a shift at {time_s}",
+    sentence="At {time_s} the sensor or the load shifts once, by {size}.",
+    seen_over="time",
+    action="Look up what was switched or fed at {time_s}.",
     settled_by="a tag of the suspected load, read with --extra",
     sudden=True,
 )

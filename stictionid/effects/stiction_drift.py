@@ -53,5 +53,9 @@ EFFECT = Effect(
     source="METHODS.md section 5", parameters=(_S, _J), limits=_limits, friction=_friction, profile=_profile,
     guess=_guess,
     leaves={"stretch": 1, "slide": 3},
+    noun="friction that changes along the record",
+    sentence="The stickband grows by {stickband_growth}, the slip jump by {jump_growth}.",
+    seen_over="time",
+    action="Record the loop again some hours later: friction that goes on growing needs maintenance soon.",
     settled_by="a second record some hours later",
 )

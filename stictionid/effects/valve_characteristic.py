@@ -47,5 +47,9 @@ EFFECT = Effect(
     source="METHODS.md section 5", parameters=(_CURVE,), confused_with=("gain-nonlinearity",), run=_run,
     guess=_guess,
     leaves={"slide": 2, "direction": 3, "output": 2, "value": 2, "setpoint": 4, "valve": 4},
+    noun="a curved valve characteristic",
+    sentence="Flow is not proportional to travel: the logarithm of the trim's rangeability is {log_rangeability}.",
+    seen_over="travel",
+    action="Straighten the characteristic in the positioner or behind the controller's output.",
     settled_by="steps in manual at both ends of the range",
 )

@@ -17,6 +17,7 @@ from typing import Any
 
 from ..errors import DataError
 from .loop import Finding
+from .swing import Swing
 from .tree import Equivalent, TreeNode
 
 SCHEMA = "stictionid.study/1"
@@ -285,6 +286,7 @@ class Study:
     cost_map: CostMap | None = None
     command: str = ""
     severity: Severity | None = None
+    swing: Swing | None = field(default=None, kw_only=True)
     schema: str = SCHEMA
 
     @property

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from ..record.study import Estimate, Study
 from ..system.plurals import counted
-from . import sections, wording
+from . import sections, story, wording
 from .document import Facts, KeyNumber, PageTable, Section
 
 # J is called weakly known when its interval is wider than this share of its value: half the value either way.
@@ -24,12 +24,12 @@ _HEADINGS = {"stiction": "The valve sticks", "no stiction": "No stiction found",
 
 def facts(study: Study, *, no_pictures: str = "") -> Facts:
     """All facts of one study in reading order; `no_pictures` says why there are none (data not found)."""
-    order = (_size, sections.equivalents, _ladder, _pictures_note(no_pictures), _trends, _valve, _map, _fit,
-             sections.candidates, sections.tree, sections.laws, sections.next_steps, sections.oscillation,
+    order = (story.section, _size, sections.equivalents, _ladder, _pictures_note(no_pictures), _trends, _valve, _map,
+             _fit, sections.candidates, sections.tree, sections.laws, sections.next_steps, sections.oscillation,
              sections.data, sections.parameters, sections.method)
     made = tuple(s for make in order if (s := make(study)) is not None)
     name = wording.name(study.data.name)
-    return Facts(name, f"Valve stiction: {name}", study.verdict.stiction, headline(study), _reason(study),
+    return Facts(name, f"Valve stiction: {name}", study.verdict.stiction, *said(study), _reason(study),
                  _numbers(study), made)
 
 
@@ -47,10 +47,17 @@ def _reason(study: Study) -> str:
 
 def adds(facts: Facts) -> bool:
     """True where the reason says more than the headline; that of an abstention does not."""
-    return bool(facts.reason) and facts.reason[:-1].casefold() not in facts.headline.casefold()
+    said = " ".join((facts.headline, *facts.then)).casefold()
+    return bool(facts.reason) and facts.reason[:-1].casefold() not in said
 
 
-def headline(study: Study) -> str:
+def said(study: Study) -> tuple[str, tuple[str, ...]]:
+    """The headline and what follows it: what makes the loop swing, the state of the valve, what to do."""
+    first, *then = filter(None, (story.cause(study), valve_state(study), story.action(study)))
+    return first, tuple(then)
+
+
+def valve_state(study: Study) -> str:
     """The verdict in one sentence with the main number."""
     e = study.estimate
     word = _HEADINGS.get(study.verdict.stiction, wording.name(study.verdict.stiction))

@@ -27,7 +27,7 @@ from ..selection.node import plain, variants
 from ..selection.steps import opened, with_steps
 from ..typing import FloatArray, Progress
 from ..verdict.judge import judge
-from ..verdict.severity import severity_of
+from ..verdict.swing import meaning_of
 
 # An earlier effect is superfluous when the model without it loses less than this in BIC (CRITICISM.md section 7).
 SUPERFLUOUS = 2.0
@@ -53,8 +53,9 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
     """
     run, fit = opened(loop, study, seed)
     main = study.estimate
-    return replace(study, verdict=judge(run, fit, loop, main.from_position if main else None),
-                   severity=severity_of(run.loop, main, fit) if main else None)
+    verdict = judge(run, fit, loop, main.from_position if main else None)
+    severity, swing = meaning_of(run.loop, main, fit, verdict) if main else (None, None)
+    return replace(study, verdict=verdict, severity=severity, swing=swing)
 
 
 def _extended(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = False,

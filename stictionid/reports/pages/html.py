@@ -92,6 +92,10 @@ def escaped(text: str) -> str:
 
 def _study(case: Case, facts: Facts, drawn: dict[str, Picture], prefix: str, level: int) -> str:
     kind, sign = _VERDICTS.get(facts.verdict, _VERDICTS["undecided"])
+    # The sign is that of the valve, which follows the cause of the swing where that is known.
+    mark = f'<span class="sign" aria-hidden="true">{sign}</span> '
+    then = "".join(f'<p class="then">{mark if not i else ""}{escaped(sentence)}</p>'
+                   for i, sentence in enumerate(facts.then))
     reason = f"<p>{escaped(facts.reason)}</p>" if facts_of.adds(facts) else ""
     numbers = "".join(f'<div><dt>{escaped(n.label)}</dt><dd class="value">{escaped(n.value)}</dd>'
                       + (f'<dd class="note">{escaped(n.note)}</dd>' if n.note else "") + "</div>"
@@ -101,8 +105,8 @@ def _study(case: Case, facts: Facts, drawn: dict[str, Picture], prefix: str, lev
     links = "".join(f'<li><a href="#{prefix}-{s.key}">{escaped(s.title)}</a></li>' for s in sections)
     return (f'<article id="{prefix}" aria-labelledby="{prefix}-title">'
             f'<h{level} id="{prefix}-title">{escaped(facts.title)}</h{level}>\n'
-            f'<div class="verdict {kind}"><p class="said"><span class="sign" aria-hidden="true">{sign}</span> '
-            f'{escaped(facts.headline)}</p>{reason}</div>\n<dl class="numbers">{numbers}</dl>\n'
+            f'<div class="verdict {kind}"><p class="said">{"" if then else mark}{escaped(facts.headline)}</p>'
+            f'{then}{reason}</div>\n<dl class="numbers">{numbers}</dl>\n'
             f'<nav aria-label="Sections of {escaped(facts.name)}"><ul>{links}</ul></nav>\n'
             + "".join(_section(case, s, drawn, prefix, level + 1) for s in sections) + "</article>\n")
 

@@ -46,6 +46,8 @@ def print_case(case: Case, console: Any) -> None:
     encoding = console.encoding or "ascii"
     console.print(_text(facts.title, encoding), style="bold")
     console.print(_text(facts.headline, encoding), style=_STYLES.get(facts.verdict, "bold"))
+    for sentence in facts.then:
+        console.print(_text(sentence, encoding), style="bold")
     if facts_of.adds(facts):
         console.print(_text(facts.reason, encoding))
     console.print(_table(PageTable("", ("quantity", "value", "note"),

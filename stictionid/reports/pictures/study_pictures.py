@@ -17,8 +17,7 @@ from ...system.plurals import counted
 from ...typing import FloatArray
 from .. import wording
 from ..sections import added_later, mapped_step
-from . import measures, residual_pictures, tree_picture
-from .curves import Case
+from . import measures
 from .picture import Band, Box, Cells, Line, Mark, Panel, Picture, Rule
 
 if TYPE_CHECKING:
@@ -33,22 +32,6 @@ _CLOSE_POINTS = 1500
 _CLOSE_FROM = 12
 # Most gaps of a record that are marked on its trend; more would be a hatching.
 _MOST_GAPS = 20
-
-
-def pictures(case: Case) -> dict[str, Picture]:
-    """Every picture of one case by key, in reading order; empty without data except for those of the study itself."""
-    from_study = (ladder(case.study), cost_map(case.study), candidates(case.study), tree_picture.tree(case.study))
-    found = [p for p in from_study if p is not None]
-    if case.loop is not None and case.loop.samples > 1:
-        last = case.curves[-1] if case.curves else None
-        found.append(trend(case.study, case.loop, last))
-        if np.ptp(case.loop.output[window(case.study, case.loop)]) > 0:  # else it is a line without information
-            found.append(phase(case.study, case.loop))
-        if last is not None:
-            found += [p for p in (characteristic(case.study, case.loop, last), fit(case.study, case.loop, last),
-                                  closeup(case.study, case.loop, last),
-                                  *residual_pictures.both(case.study, case.loop, last)) if p is not None]
-    return {p.key: p for p in found}
 
 
 def time_unit(span_s: float) -> tuple[float, str]:
