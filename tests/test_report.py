@@ -83,7 +83,8 @@ def test_the_page_says_the_same_shares_as_the_json(tmp_path: Path) -> None:
     swing = json.loads(data.read_text(encoding="utf-8"))["studies"][0]["study"]["swing"]
     headline = re.search(r'class="said">(.*?)</p>', page.read_text(encoding="utf-8"))[1]
     said = sorted(float(n) for n in re.findall(r"(\d+) %", headline))
-    assert said == sorted(round(100 * s["share"]) for s in swing["causes"] if s["share"] >= 0.01)
+    exact = sorted(100 * s["share"] for s in swing["causes"] if s["share"] >= 0.01)
+    assert said == pytest.approx(exact, abs=1.0) and sum(said) == 100
     assert f"{swing['sd_perfect']:.3g}" in headline and f"{swing['sd']:.3g}" in headline
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from ..record.study import Estimate, Study
 from ..system.plurals import counted
-from . import sections, story, wording
+from . import evidence, ranking, sections, story, wording
 from .document import Facts, KeyNumber, PageTable, Section
 
 # J is called weakly known when its interval is wider than this share of its value: half the value either way.
@@ -25,12 +25,15 @@ _HEADINGS = {"stiction": "The valve sticks", "no stiction": "No stiction found",
 def facts(study: Study, *, no_pictures: str = "") -> Facts:
     """All facts of one study in reading order; `no_pictures` says why there are none (data not found)."""
     order = (story.section, _size, sections.equivalents, _ladder, _pictures_note(no_pictures), _trends, _valve, _map,
-             _fit, sections.candidates, sections.tree, sections.laws, sections.next_steps, sections.oscillation,
+             _fit, ranking.section, sections.tree, sections.laws, sections.next_steps, sections.oscillation,
              sections.data, sections.parameters, sections.method)
-    made = tuple(s for make in order if (s := make(study)) is not None)
+    made = [s for make in order if (s := make(study)) is not None]
+    # The evidence stands behind the ladder that added the effects, or behind the size.
+    at = next((i + 1 for i, s in enumerate(made) if s.key == "ladder"), 0)
+    made[at:at] = evidence.sections(study)
     name = wording.name(study.data.name)
     return Facts(name, f"Valve stiction: {name}", study.verdict.stiction, *said(study), _reason(study),
-                 _numbers(study), made)
+                 _numbers(study), tuple(made))
 
 
 def _reason(study: Study) -> str:
@@ -181,7 +184,7 @@ def _ladder(study: Study) -> Section | None:
     if study.missing_reason:
         text.append(wording.sentence(study.missing_reason))
     text.append("Error is the free-run error of the model (RMS); held out means on stretches not used in the fit.")
-    return Section("ladder", "Error ladder", tuple(text), (), (table,), ("ladder",))
+    return Section("ladder", "Error ladder", tuple(text), (), (table,), ("ladder", "film"))
 
 
 def _ladder_sentence(study: Study, unit: str) -> str:

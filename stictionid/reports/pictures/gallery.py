@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from . import residual_pictures, tree_picture
+from . import evidence_pictures, residual_pictures, tree_picture
 from .contribution_picture import contributions
 from .curves import Case
 from .picture import Picture
@@ -33,6 +33,7 @@ def pictures(case: Case) -> dict[str, Picture]:
         if last is not None:
             found += [characteristic(study, loop, last), fit(study, loop, last), closeup(study, loop, last),
                       *residual_pictures.both(study, loop, last)]
+        found += [evidence_pictures.film(case), *evidence_pictures.evidence(case)]
         if study.steps and study.steps[-1].model:
             found.append(contributions(study, study.steps[-1], loop))
     return {p.key: p for p in found if p is not None}

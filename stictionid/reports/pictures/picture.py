@@ -15,8 +15,8 @@ from ...typing import FloatArray
 class Line:
     """A curve or a scatter of points; `role` picks colour and dash the same way in every picture.
 
-    `x` and `y` have shape (k,), NaN breaks the line. `style` is "line", "points", "bars", "stems" or "arrows" (a line
-    with arrow heads along it).
+    `x` and `y` have shape (k,), NaN breaks the line. `style` is "line", "points", "dots" (small points), "bars",
+    "stems" or "arrows" (a line with arrow heads along it).
     """
 
     name: str

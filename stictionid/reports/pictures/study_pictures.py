@@ -15,7 +15,7 @@ from ...record.loop import Loop
 from ...record.study import Study
 from ...system.plurals import counted
 from ...typing import FloatArray
-from .. import wording
+from .. import ranking, wording
 from ..sections import added_later, mapped_step
 from . import measures
 from .picture import Band, Box, Cells, Line, Mark, Panel, Picture, Rule
@@ -30,6 +30,8 @@ CLOSE_PERIODS = 6
 _CLOSE_POINTS = 1500
 # Records longer than this many periods get a close-up beside the whole record. Unit: periods.
 _CLOSE_FROM = 12
+# Most effects in the picture of those tried.
+_MOST_CANDIDATES = 12
 # Most gaps of a record that are marked on its trend; more would be a hatching.
 _MOST_GAPS = 20
 
@@ -294,18 +296,25 @@ def ladder(study: Study) -> Picture | None:
 
 
 def candidates(study: Study) -> Picture | None:
-    """Drop of the held-out one-step error for each effect tried."""
-    shown = [c for c in study.candidates if c.one_step_drop_percent is not None]
+    """Gain of each effect tried over the best noise model; None for a study without these gains."""
+    shown = [r for r in ranking.ranked(study) if r.candidate.gain_beyond_noise is not None][:_MOST_CANDIDATES]
     if not shown:
         return None
-    names = tuple(wording.clean(c.effect, 30) + (" (accepted)" if c.accepted else "") for c in shown)
-    drops = np.array([float(c.one_step_drop_percent or 0.0) for c in shown])
-    best = names[int(drops.argmax())]
-    return Picture("candidates", "Effects tried", f"{best} lowers the one-step error most, by "
-                   f"{wording.percent(float(drops.max()))}.",
-                   "How much each effect of the catalogue lowers the one-step error of the model before it.",
-                   (Panel("drop of the one-step error, %", "",
-                          (Line("drop", "model", drops, np.arange(len(names), dtype=float), "bars"),), names=names),))
+    gains = [float(r.candidate.gain_beyond_noise or 0.0) for r in shown]
+    lines = []
+    for answer, role in ((ranking.NAMED, "optimum"), (ranking.ALIKE, "position"), (ranking.REJECTED, "rule")):
+        at = [i for i, r in enumerate(shown) if r.answer == answer]
+        if at:
+            lines.append(Line(answer, role, np.array([gains[i] for i in at]), np.array(at, float), "bars"))
+    left_out = len(study.candidates) - len(shown)
+    more = f" {wording.count(left_out)} more are in the table." if left_out else ""
+    best = max(range(len(shown)), key=gains.__getitem__)
+    return Picture("candidates", "Effects tried", f"{shown[best].name} explains most beyond the best noise model, by "
+                   f"{wording.number(gains[best])} BIC; its answer: {shown[best].words}.",
+                   "Gain of each effect over the best noise model, at the dashed line; the table has the reasons of "
+                   f"those not taken.{more}",
+                   (Panel("gain beyond noise, BIC", "", tuple(lines), rules=(Rule("x", 0.0, "noise", "bound"),),
+                          names=tuple(wording.clean(r.name, 30) for r in shown)),))
 
 
 def _severity_rules(largest: float) -> tuple[Rule, ...]:

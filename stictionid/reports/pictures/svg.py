@@ -51,6 +51,7 @@ def style(selector: str = "") -> str:
               f"{selector} .frame{{stroke:var(--soft);stroke-width:1;fill:none}}",
               f"{selector} .b-failing{{fill:var(--failing)}}", f"{selector} .b-unused{{fill:url(#hatch)}}",
               f"{selector} .hatch{{stroke:var(--unused);stroke-width:4}}"]
+    rules.append(f"{selector} .dots{{stroke-width:3.6px;stroke-linecap:round;stroke-dasharray:none}}")
     rules += [f"{selector} .m{i}{{fill:var(--map{i})}}" for i in range(len(palette.MAP_LIGHT))]
     return "\n".join(rules)
 
@@ -198,6 +199,9 @@ def _rule(rule: Rule, x: Axis, y: Axis) -> str:
 def _line(line: Line, x: Axis, y: Axis) -> str:
     px, py = x.at(line.x), y.at(line.y)
     good = np.isfinite(px) & np.isfinite(py)
+    if line.style == "dots":
+        path = "".join(f"M{a:.1f} {b:.1f}h0" for a, b in zip(px[good], py[good], strict=True))
+        return f'<path class="r-{line.role} dots" d="{path}"/>'
     if line.style == "points":
         return "".join(f'<circle class="f-{line.role}" cx="{a:.1f}" cy="{b:.1f}" r="4"/>'
                        for a, b in zip(px[good], py[good], strict=True))
