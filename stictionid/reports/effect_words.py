@@ -11,7 +11,7 @@ import re
 from ..effects import parse
 from ..effects.contract import Effect
 from ..errors import UsageError
-from ..record.study import ParameterValue, Study
+from ..record.study import ParameterValue, Step, Study
 from ..record.swing import Share
 from . import wording
 
@@ -28,6 +28,12 @@ def known(name: str) -> tuple[Effect | None, str]:
         return parse(name)
     except UsageError:
         return None, ""
+
+
+def named_in(step: Step) -> str:
+    """The name of the effect that a step added, with its variant."""
+    added = step.added or ""
+    return next((n for n in step.effects if n.partition("@")[0].partition(":")[0] == added), added)
 
 
 def noun(study: Study, name: str) -> str:

@@ -5,17 +5,21 @@ Every effect file brings its own texts.
 
 from __future__ import annotations
 
-from ..record.study import Study
+from ..record.loop import Finding
+from ..record.study import Step, Study
 from . import effect_words, wording
 from .document import Section
-from .pictures.evidence_pictures import named_in
+
+# Answers on an effect that was added by hand, by the code of their finding.
+_ANSWERS = {"supported": "by hand, supported", "not-supported": "by hand, not supported",
+            "cannot-tell": "by hand, open"}
 
 
 def sections(study: Study) -> tuple[Section, ...]:
     """One section for each effect of the last step, in the order of the steps; those of the base come first."""
     found, seen = [], set()
     for i, step in enumerate(study.steps):
-        for name in step.effects if not i else (named_in(step),) * bool(step.added):
+        for name in step.effects if not i else (effect_words.named_in(step),) * bool(step.added):
             if name not in seen and (name in study.steps[-1].effects):
                 seen.add(name)
                 found.append(_section(study, i, name))
@@ -38,6 +42,17 @@ def _section(study: Study, i: int, name: str) -> Section:
                    (effect_words.sentence(study, name),), tuple(bullets), (), (f"evidence-{i}",) if i else ())
 
 
+def by_hand(step: Step) -> Finding | None:
+    """The finding on an effect that was added by hand; None where a search added it."""
+    return next((f for f in step.findings if f.code in _ANSWERS), None)
+
+
+def flag(step: Step) -> str:
+    """The answer on an effect added by hand, as a mark behind its name; empty where a search added it."""
+    found = by_hand(step)
+    return f" ({_ANSWERS[found.code]})" if found is not None else ""
+
+
 def _support(study: Study, i: int, name: str) -> str:
     """The fall of the error with the effect, and its gain beyond noise."""
     step = study.steps[i]
@@ -48,6 +63,8 @@ def _support(study: Study, i: int, name: str) -> str:
     if before.rmse_holdout is not None and after.rmse_holdout is not None:
         said += (f", on stretches held out of the fit from {wording.number(before.rmse_holdout)} to "
                  f"{wording.number(after.rmse_holdout)}")
+    if (found := by_hand(step)) is not None:
+        return f"{said}. It was added by hand: {wording.clean(found.statement)}."
     plain = step.added
     gain = next((c.gain_beyond_noise for c in study.candidates if c.accepted and c.effect == plain), None)
     return said + (f"; it gains {wording.number(gain)} BIC beyond the best noise model." if gain is not None else ".")

@@ -158,7 +158,7 @@ def ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:
     before: float | None = None
     for step in study.steps:
         e = step.error
-        label = "base model" if step.added is None else f"+ {wording.name(step.added)}"
+        label = "base model" if step.added is None else f"+ {wording.name(step.added)}{evidence.flag(step)}"
         change = wording.NOTHING if not before else f"{100 * (e.rmse / before - 1):+.0f} %"
         times = wording.number(e.rmse / e.noise_sd, 3) if e.noise_sd else wording.NOTHING
         rows.append((label, wording.number(e.rmse), change, wording.number(e.rmse_holdout), times,

@@ -24,10 +24,12 @@ from ..record.loop import Finding, Loop
 from ..record.study import Study
 from ..selection.ladder import step_of
 from ..selection.node import plain, variants
+from ..selection.policy import Policy
 from ..selection.steps import opened, with_steps
 from ..typing import FloatArray, Progress
 from ..verdict.judge import judge
 from ..verdict.swing import meaning_of
+from .support import support_of
 
 # An earlier effect is superfluous when the model without it loses less than this in BIC (CRITICISM.md section 7).
 SUPERFLUOUS = 2.0
@@ -39,9 +41,10 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
         progress: Progress | None = None) -> Study:
     """The study with one more step, the model refitted with `effect`, and the verdict of that model.
 
-    `effect` may name a variant ("step-disturbance@load"). Earlier effects that the new one makes superfluous are named
-    in a finding, and left out with `prune`. Raises UsageError for an unknown effect, one that the model has already, or
-    one that needs a signal that is not there; DataError for an abstained study.
+    `effect` may name a variant ("step-disturbance@load"). The new step says whether the record supports the effect.
+    Earlier effects that the new one makes superfluous are named in a finding, and left out with `prune`. Raises
+    UsageError for an unknown effect, one that the model has already, or one that needs a signal that is not there;
+    DataError for an abstained study.
     """
     return judged_anew(loop, _extended(loop, study, effect, seed=seed, prune=prune, progress=progress), seed)
 
@@ -93,7 +96,9 @@ def _extended(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bo
                                 f"{', '.join(spare)} no longer helps beside {name}: without it BIC "
                                 f" changes by less than {SUPERFLUOUS:g}; add again with --prune to leave it out",
                                 {"effects": list(spare)}, (), "CRITICISM.md section 7, step 8"))
-    step = step_of(run, after, name, findings)
+    tell("judging the effect", 0.95)
+    support = support_of(run, study, fit, after, name, Policy())
+    step = replace(step_of(run, after, name, [support.finding, *findings]), supported=support.supported)
     return with_steps(study, run, (*study.steps, step), after)
 
 

@@ -44,7 +44,7 @@ def evidence(case: Case) -> list[Picture]:
 
 
 def _evidence(study: Study, loop: Loop, i: int, step: Step, before: Curves, after: Curves) -> Picture:
-    name = named_in(step)
+    name = effect_words.named_in(step)
     effect, _ = effect_words.known(name)
     over = effect.seen_over if effect is not None else "time"
     good = np.isfinite(before.residual) & np.isfinite(after.residual) & loop.used
@@ -63,12 +63,6 @@ def _evidence(study: Study, loop: Loop, i: int, step: Step, before: Curves, afte
                                     _mean("mean without", "guide", x, before, good)))
     return Picture(f"evidence-{i}", title, fall,
                    f"{said}; grey without the effect, coloured with it. {fall}", (panel,))
-
-
-def named_in(step: Step) -> str:
-    """The name of the effect that a step added, with its variant."""
-    added = step.added or ""
-    return next((n for n in step.effects if n.partition("@")[0].partition(":")[0] == added), added)
 
 
 def _spread(curves: Curves, good: np.ndarray) -> float:
