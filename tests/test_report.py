@@ -427,3 +427,12 @@ def test_without_out_the_report_is_printed(made: Path) -> None:
     out = run("report", made / "study.json", cwd=made)
     assert out.returncode == 0 and "The valve sticks" in out.stdout and "What to do next" in out.stdout
     no_control_characters(out.stdout)
+
+
+def test_the_valve_picture_shows_a_window_with_break_aways_both_ways() -> None:
+    one = study_factory.good(1800)
+    resting = one.curves[-1].position.copy()
+    resting[900:] = resting[900]
+    drawn = pictures(replace(one, curves=tuple(replace(c, position=resting) for c in one.curves)))["characteristic"]
+    moves = np.diff(next(line for line in drawn.panels[0].lines if line.name == "inferred position").y)
+    assert moves.min() < 0.0 < moves.max()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 
 from ..effects import parse
-from ..effects.contract import Effect
+from ..effects.contract import Effect, Place
 from ..errors import UsageError
 from ..record.study import ParameterValue, Step, Study
 from ..record.swing import Share
@@ -34,6 +34,13 @@ def named_in(step: Step) -> str:
     """The name of the effect that a step added, with its variant."""
     added = step.added or ""
     return next((n for n in step.effects if n.partition("@")[0].partition(":")[0] == added), added)
+
+
+def moves_valve(name: str) -> bool:
+    """True for an effect between command and stem that a fit of the measured position leaves out."""
+    effect, _ = known(name)
+    return effect is not None and (effect.place in (Place.STEM, Place.FRICTION)
+                                   and (effect.friction is None or effect.profile is not None))
 
 
 def noun(study: Study, name: str) -> str:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..record.study import Estimate, Study
+from ..record.study import Estimate, PositionEstimate, Study
 from ..system.plurals import counted
-from . import evidence, ranking, sections, story, wording
+from . import effect_words, evidence, ranking, sections, story, wording
 from .document import Facts, KeyNumber, PageTable, Section
 
 # J is called weakly known when its interval is wider than this share of its value: half the value either way.
@@ -18,6 +18,9 @@ WEAK_J_SHARE = 0.5
 # Free-run error up to this multiple of the noise counts as the noise floor. METHODS.md section 6 measured 0.95 to 1.04
 # for the right model, and 1.4 and more with an effect missing.
 NOISE_FLOOR_RATIO = 1.1
+
+# S from the position differs where it is this share outside the interval of S.
+DIFFERS = 0.1
 
 _HEADINGS = {"stiction": "The valve sticks", "no stiction": "No stiction found", "undecided": "Undecided"}
 
@@ -134,6 +137,7 @@ def _size(study: Study) -> Section | None:
                   f"error of that fit {wording.number(p.rmse)}"),
                  ("J read from the measured position", wording.number(p.J), wording.NOTHING, wording.name(e.unit), "")]
         text.append("The measured valve position was not used for S and J above; it is the check on them.")
+        text += _disagreement(study, e, p)
     text += severity_sentences(study)
     bands = " · ".join(f"{word} {'above 5' if limit > 1e9 else f'below {limit:g}'} %"
                        for limit, word in wording.SEVERITY_BANDS)
@@ -141,6 +145,18 @@ def _size(study: Study) -> Section | None:
         text.append(f"Severity bands of S (configurable, no standard fixes them): {bands}.")
     table = PageTable("Size of the stiction", ("quantity", "value", "interval", "unit", "meaning"), tuple(rows), (1, 2))
     return Section("size", "How big it is", tuple(text), (), (table,))
+
+
+def _disagreement(study: Study, e: Estimate, p: PositionEstimate) -> list[str]:
+    """The reason why S from the position may differ from S, where it does."""
+    low, high = e.S_interval or (e.S, e.S)
+    if (1.0 - DIFFERS) * low <= p.S <= (1.0 + DIFFERS) * high:
+        return []
+    valve = [n for n in (study.steps[-1].effects if study.steps else ()) if effect_words.moves_valve(n)]
+    why = (f"the position was fitted without {wording.listed([effect_words.noun(study, n) for n in valve])}" if valve
+           else "the position signal may be filtered, scaled or only a demand, or the model may lack an effect")
+    return [f"S from the position, {wording.with_unit(p.S, e.unit)}, differs from S, {wording.with_unit(e.S, e.unit)}: "
+            f"{why}."]
 
 
 def severity_sentences(study: Study) -> list[str]:

@@ -21,12 +21,14 @@ from ..model.model import Model
 from ..model.segments import bound
 from ..numerics.population import refine
 from ..record.loop import Finding, Loop
+from ..record.preconditions import swing_of
 from ..record.study import Study
 from ..selection.ladder import step_of
 from ..selection.node import plain, variants
 from ..selection.policy import Policy
 from ..selection.steps import opened, with_steps
 from ..typing import FloatArray, Progress
+from ..verdict.from_position import from_position
 from ..verdict.judge import judge
 from ..verdict.swing import meaning_of
 from .support import support_of
@@ -56,9 +58,13 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
     """
     run, fit = opened(loop, study, seed)
     main = study.estimate
+    if main is not None and any(effect.friction is not None for effect in fit.model.effects):
+        position = from_position(run.loop.longest_segment(), law=run.law, s_max=swing_of(run.loop, run.found),
+                                 rng=np.random.default_rng(seed), fit=fit)
+        main = replace(main, from_position=position)
     verdict = judge(run, fit, loop, main.from_position if main else None)
     severity, swing = meaning_of(run.loop, main, fit, verdict) if main else (None, None)
-    return replace(study, verdict=verdict, severity=severity, swing=swing)
+    return replace(study, estimate=main, verdict=verdict, severity=severity, swing=swing)
 
 
 def _extended(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = False,

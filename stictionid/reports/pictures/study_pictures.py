@@ -123,6 +123,23 @@ def window(study: Study, loop: Loop) -> slice:
     return slice(max(run.start, run.stop - max(size, 16)), run.stop)
 
 
+def _both_ways(part: slice, loop: Loop, position: FloatArray) -> slice:
+    """The last window as long as `part` in which the valve (n,) breaks away both ways; else the one it moves most in.
+    """
+    size, moves = part.stop - part.start, np.diff(position, prepend=position[:1])
+    rest = 1e-6 * max(float(np.ptp(position[np.isfinite(position)])), 1e-12)
+    # From the last window backwards by halves, inside one segment.
+    starts = [s for s in range(part.start, -1, -max(size // 2, 1))
+              if any(g.start <= s and s + size <= g.stop for g in loop.segments)] or [part.start]
+
+    def least(start: int) -> float:
+        inside = moves[start + 1:start + size]
+        return min(float(np.nansum(np.where(sign * inside > rest, np.abs(inside), 0.0))) for sign in (1.0, -1.0))
+
+    found = next((s for s in starts if least(s) > 0.0), max(starts, key=least))
+    return slice(found, found + size)
+
+
 def _every(part: slice) -> slice:
     """`part` with a stride that keeps at most _CLOSE_POINTS points."""
     return slice(part.start, part.stop, max(1, -(-(part.stop - part.start) // _CLOSE_POINTS)))
@@ -137,7 +154,7 @@ def characteristic(study: Study, loop: Loop, last: Curves) -> Picture | None:
     e = study.estimate
     if e is None or not np.isfinite(last.position).any():
         return None
-    part = window(study, loop)
+    part = _both_ways(window(study, loop), loop, last.position)
     k = _every(part)
     u, v = last.output[k], last.position[k]
     lines = []
