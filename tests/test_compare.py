@@ -17,8 +17,8 @@ from stictionid.errors import DataError
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.numerics.autoregression import chi_square_z
 from stictionid.record.loop import Loop
-from stictionid.reports.pages.comparison import write_comparison
-from stictionid.reports.pictures.comparison_pictures import comparison_pictures
+from stictionid.reports.pages.comparison import MOST_SUSPECTS, write_comparison
+from stictionid.reports.pictures.comparison_pictures import comparison_pictures, overview
 from stictionid.verbs.identify import Options, identify
 
 HELD = Options(base_only=True, between="hold")
@@ -118,7 +118,10 @@ def test_pictures_and_pages_are_written_whole(stepped, tmp_path: Path) -> None:
     assert all(p.alt and p.caption for p in drawn.values())
     page = write_comparison(found, "a <loop>", tmp_path / "c.html")
     text = page[0].read_text()
-    assert text.count("<figure>") == len(drawn) and "a &lt;loop&gt;" in text and "<script" not in text
+    assert text.count("<details>") == len(drawn) and "a &lt;loop&gt;" in text and "<loop>" not in text
+    assert text.count('class="pic"') == len(drawn) + len(overview(found)) + 1
+    assert "travel-limit" in [s.effect for s in found.suspects[:2]]
+    assert all(f"<b>{s.effect}</b>" in text for s in found.suspects[:MOST_SUSPECTS])
     written = write_comparison(found, "a loop", tmp_path / "c.md")
     assert len(written) == len(drawn) + 1 and all(p.stat().st_size for p in written)
 

@@ -60,20 +60,25 @@ def _plain(found: Any, series: bool) -> dict[str, Any]:
                   "output": g.loop.output, "setpoint": g.loop.setpoint, "counted": g.good}
     return {"error": found.error, "findings": found.findings, "adequate": found.adequate,
             "adequate_reason": found.adequate_reason, "notes": found.notes, "validates": found.validates,
-            "tables": found.tables, "spectra": found.spectra, "series": curves}
+            "suspects": found.suspects, "tables": found.tables, "spectra": found.spectra, "series": curves}
 
 
 def _print(found: Any, study: Path, quiet: bool) -> None:
-    from ..reports.pages.comparison import rows_of
+    from ..reports.pages.comparison import MOST_SUSPECTS, rows_of
 
     console = out_console()
     table = plain_table("error", "value", title="model against measurement")
     for label, value in rows_of(found):
         table.add_row(label, safe(value))
     console.print(table)
+    if found.suspects:
+        table = plain_table("suspect", "findings", "speaks for it", title="suspects, best first")
+        table.columns[0].no_wrap, table.columns[-1].justify = True, "left"
+        for s in found.suspects[:MOST_SUSPECTS]:
+            table.add_row(safe(s.effect), str(s.findings), safe(s.speaks_for))
+        console.print(table)
     for f in found.findings:
         console.print(f"{f.severity}: {safe(f.statement)}")
-        console.print(f"  points to {', '.join(f.suggests)}")
     if not found.findings:
         console.print("no question shows a place where the model fails")
     for f in found.notes:

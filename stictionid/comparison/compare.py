@@ -21,6 +21,7 @@ from .cells import Cell
 from .model_run import Ground, prepare
 from .questions import ask_all
 from .residual_tests import POINT_99, Spectra, follows_valve, frequencies, own_innovation, whiteness
+from .suspects import Suspect, suspects_of
 from .validate import rebuilt, transferred
 
 # Multiple of the noise up to which a model holds on another record. S is known to one step of the command only, so that
@@ -48,7 +49,10 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Result of `compare`. `tables` hold every question's cells; `ground` the arrays, for pictures and series."""
+    """Result of `compare`. `tables` hold every question's cells; `ground` the arrays, for pictures and series.
+
+    `suspects` are the effects that all findings together point to, best first.
+    """
 
     error: Errors
     findings: tuple[Finding, ...]
@@ -59,6 +63,7 @@ class Comparison:
     notes: tuple[Finding, ...]
     validates: bool
     ground: Ground = field(repr=False)
+    suspects: tuple[Suspect, ...] = ()
 
 
 def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Comparison:
@@ -103,7 +108,7 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     errors = _errors(ground, study, own=other is None)
     adequate, why = _adequate(errors, study, other is None)
     return Comparison(errors, tuple(found), adequate, why, {name: cells for name, cells, _ in answers}, spectra, notes,
-                      other is not None, ground)
+                      other is not None, ground, suspects_of(found, ground.model.spec.effects, study.tree))
 
 
 def _errors(ground: Ground, study: Study, *, own: bool) -> Errors:

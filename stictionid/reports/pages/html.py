@@ -46,11 +46,11 @@ def html(cases: Sequence[Case], drawn: Sequence[dict[str, Picture]]) -> str:
     return page_html(title, body, version)
 
 
-def page_html(title: str, body: str, version: str) -> str:
+def page_html(title: str, body: str, version: str, kind: str = KIND) -> str:
     style, script = _style(), _resource("page.js")
     policy = (f"default-src 'none'; style-src '{_hash(style)}'; script-src '{_hash(script)}'; img-src data:; "
               "base-uri 'none'; form-action 'none'")
-    return (f'{KIND}\n<html lang="en"><head><meta charset="utf-8">\n'
+    return (f'{kind}\n<html lang="en"><head><meta charset="utf-8">\n'
             f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             '<meta name="color-scheme" content="light dark">\n<meta name="referrer" content="no-referrer">\n'

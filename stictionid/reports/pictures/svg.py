@@ -18,7 +18,7 @@ from .axes import Axis
 from .picture import Band, Branch, Line, Panel, Picture, Rule
 
 # Sizes in px of the drawing's own grid. A wide picture fills a page, a square one half of it or a phone.
-WIDE, SQUARE = 920, 440
+WIDE, SQUARE, SMALL = 920, 440, 300
 _HEIGHT_WIDE, _HEIGHT_SQUARE = 230, 350
 _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 62, 14, 12, 40, 16
 # Size of all text. Unit: px.
@@ -82,9 +82,9 @@ HATCH = ('<defs><pattern id="hatch" width="8" height="8" patternUnits="userSpace
          '<line class="hatch" x1="0" y1="0" x2="0" y2="8"/></pattern></defs>')
 
 
-def inline(picture: Picture, prefix: str, *, narrow: bool = False) -> str:
+def inline(picture: Picture, prefix: str, *, narrow: bool = False, small: bool = False) -> str:
     """The picture as an <svg> element; `prefix` keeps its ids apart from other pictures on the page."""
-    width = WIDE if picture.wide and not narrow else SQUARE
+    width = SMALL if small else WIDE if picture.wide and not narrow else SQUARE
     body, height = _body(picture, width, prefix)
     return (f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{_safe(picture.title)}. '
             f'{_safe(picture.alt)}">{body}</svg>')
