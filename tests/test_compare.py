@@ -13,8 +13,11 @@ import pytest
 from stictionid.comparison import compare
 from stictionid.comparison.cells import split
 from stictionid.comparison.model_run import correlation_of, prepare
+from stictionid.comparison.validate import transferred
 from stictionid.errors import DataError
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.model.segments import bound
+from stictionid.model.spec import Spec
 from stictionid.numerics.autoregression import chi_square_z
 from stictionid.record.loop import Loop
 from stictionid.reports.pages.comparison import MOST_SUSPECTS, write_comparison
@@ -84,6 +87,29 @@ def test_a_second_record_validates_and_a_different_valve_does_not(clean) -> None
     other = compare(loop, study, simulate(setting(S=5.5), seed=98).loop)
     assert not other.adequate and other.error.rmse > 2.0 * again.error.rmse
     assert other.ground.evaluated.values["S"] == again.ground.evaluated.values["S"]
+
+
+def test_what_belongs_to_the_record_is_refitted_and_what_belongs_to_the_plant_is_held() -> None:
+    wave, step = "sinusoidal-disturbance", "step-disturbance@output"
+
+    def record(phase: float, amplitude: float, *, size: float = 0.0, time_s: float = 1.0) -> Loop:
+        return simulate(setting(effects=((wave, {"period_s": 37.0, "amplitude": amplitude, "phase": phase}),
+                                         ("step-disturbance", {"time_s": time_s, "size": size}))), seed=5).loop
+
+    first = record(0.0, 1.0, size=1.5, time_s=300.0)
+    model = bound(first, Spec(effects=(wave, step), between="hold"), s_max=8.0, period_s=40.0)
+    force = (first.output[0] - 50.0) / 3.25  # the valve begins at rest, loaded by the first command
+    values = model.vector({"S": 4.0, "J": 2.5, "initial_residual_force": force, "time_constant_s": 6.0,
+                           "dead_time_s": 3.0, f"{wave}:period_s": 37.0, f"{step}:time_s": 300.0})
+    assert model.evaluate(values).rmse < 0.08
+    description = model.describe(values)
+    moved, evaluated, notes = transferred(record(2.0, 1.0, size=1.5, time_s=610.0), description, first)
+    assert evaluated.rmse < 0.08 and moved.named(values)[f"{wave}:period_s"] == 37.0
+    assert "phase of sinusoidal-disturbance" in notes[-1].statement and "time_s of step" in notes[-1].statement
+    # A step that the other record does not have is left out; a wave of another size is said.
+    gone, evaluated, notes = transferred(record(2.0, 2.0), description, first)
+    assert gone.spec.effects == (wave,) and evaluated.rmse < 0.08
+    assert {"left-out", "validated", "other-size"} == {n.code for n in notes}
 
 
 def test_an_abstained_study_is_refused() -> None:

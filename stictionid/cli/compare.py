@@ -27,7 +27,8 @@ def compare(
 ) -> None:
     """Hold the model against the measurement and say where it fails; a second FILE validates on other data.
 
-    On another file S, J and the process are held; start state and bias are refitted.
+    On another file what belongs to the plant is held (S, J, process, period of a wave). What belongs to the record is
+    refitted: start state, bias, phase of a wave, time of a step.
 
     Example: stictionid compare study.json -o compare.html
     """

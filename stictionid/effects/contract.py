@@ -187,8 +187,9 @@ class Effect:
     (see TRACES), with its rank among those that leave the same one. `settled_by` is a test that shows the effect, and
     `told_apart` one for each effect that looks alike. `noun` names the effect for a reader at the plant, `sentence`
     says its size, `action` what to do; {name} in them stands for a parameter with its unit. `seen_over`, one of AXES,
-    is the axis over which a residual shows the effect. `sudden` is true for a disturbance that comes at once. `file`
-    and `sha256` are those of a user-written effect.
+    is the axis over which a residual shows the effect. `of_record` names the parameters that belong to one record, such
+    as the phase of a wave; those of the plant hold in every record. `sudden` is true for a disturbance that comes at
+    once. `file` and `sha256` are those of a user-written effect.
     """
 
     name: str
@@ -234,6 +235,7 @@ class Effect:
     sentence: str = ""
     action: str = ""
     seen_over: str = "time"
+    of_record: tuple[str, ...] = ()
     sudden: bool = False
     file: str = ""
     sha256: str = ""

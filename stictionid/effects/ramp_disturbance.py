@@ -53,6 +53,7 @@ EFFECT = Effect(
     sentence="From {start_s} on the sensor or the load drifts by {rate}.",
     seen_over="time",
     action="Check the sensor's zero and the load from {start_s} on.",
+    of_record=("start_s", "rate"),
     settled_by="a tag of the suspected load, or a check of the sensor's zero",
     told_apart={
         "step-disturbance": "a longer record after the change",

@@ -86,5 +86,6 @@ EFFECT = Effect(
     sentence="An oscillation of {period_s} from outside moves PV by {amplitude} either way.",
     seen_over="phase",
     action="Look for the loop or the machine that swings every {period_s}.",
+    of_record=("phase",),
     settled_by="the loop in manual: an oscillation from elsewhere goes on",
 )

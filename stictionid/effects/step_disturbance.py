@@ -65,6 +65,7 @@ EFFECT = Effect(
     sentence="At {time_s} the sensor or the load shifts once, by {size}.",
     seen_over="time",
     action="Look up what was switched or fed at {time_s}.",
+    of_record=("time_s", "size"),
     settled_by="a tag of the suspected load, read with --extra",
     sudden=True,
 )
