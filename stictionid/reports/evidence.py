@@ -5,6 +5,8 @@ Every effect file brings its own texts.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ..record.loop import Finding
 from ..record.study import Step, Study
 from . import effect_words, wording
@@ -22,7 +24,7 @@ def sections(study: Study) -> tuple[Section, ...]:
         for name in step.effects if not i else (effect_words.named_in(step),) * bool(step.added):
             if name not in seen and (name in study.steps[-1].effects):
                 seen.add(name)
-                found.append(_section(study, i, name))
+                found.append(replace(_section(study, i, name), key=f"evidence-of-{len(found) + 1}"))
     return tuple(found)
 
 
@@ -38,7 +40,7 @@ def _section(study: Study, i: int, name: str) -> Section:
     if act := effect_words.action(study, name):
         bullets.append(f"What to do: {act}")
     title = f"Evidence: {noun}" + (f" ({wording.name(name)})" if noun != wording.name(name) else "")
-    return Section(f"evidence-{i}" if i else f"evidence-0-{wording.name(name)}", title,
+    return Section("evidence", title,
                    (effect_words.sentence(study, name),), tuple(bullets), (), (f"evidence-{i}",) if i else ())
 
 
