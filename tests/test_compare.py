@@ -9,10 +9,12 @@ from pathlib import Path
 import commands
 import numpy as np
 import pytest
+import study_factory
 
 from stictionid.comparison import compare
 from stictionid.comparison.cells import split
 from stictionid.comparison.model_run import correlation_of, prepare
+from stictionid.comparison.side_by_side import side_by_side
 from stictionid.comparison.validate import transferred
 from stictionid.errors import DataError
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
@@ -20,7 +22,7 @@ from stictionid.model.segments import bound
 from stictionid.model.spec import Spec
 from stictionid.numerics.autoregression import chi_square_z
 from stictionid.record.loop import Loop
-from stictionid.reports.pages.comparison import MOST_SUSPECTS, write_comparison
+from stictionid.reports.pages.comparison import MOST_SUSPECTS, write_beside, write_comparison
 from stictionid.reports.pictures.comparison_pictures import comparison_pictures, overview
 from stictionid.verbs.identify import Options, identify
 
@@ -170,3 +172,23 @@ def test_the_command_prints_findings_json_and_series(clean, tmp_path: Path) -> N
                             (("compare", "a.csv"), 3)):
         refused = run(*arguments)
         assert refused.returncode == code and "Traceback" not in refused.stderr and refused.stdout == ""
+
+
+def test_two_studies_stand_side_by_side(tmp_path: Path) -> None:
+    good, worse = study_factory.good(), study_factory.good()
+    worse = replace(worse, study=replace(worse.study, steps=worse.study.steps[:1]), curves=worse.curves[:1])
+    found = side_by_side(worse.study, good.study)
+    assert found.same_record and found.better == 1 and "second model explains the record better" in found.statement
+    lag = next(p for p in found.parameters if p.effect == "extra-lag")
+    assert lag.values == (None, 2.11) and lag.agree is None
+    assert all(p.agree for p in found.parameters if p.name in ("S", "J"))
+    other = replace(good.study, data=replace(good.study.data, sha256="0" * 64), steps=tuple(
+        replace(s, parameters=tuple(replace(p, value=9.0, interval=(8.9, 9.1)) for p in s.parameters))
+        for s in good.study.steps))
+    found = side_by_side(good.study, other)
+    assert not found.same_record and found.better is None and "S, J" in found.statement
+    write_beside((worse, good), side_by_side(worse.study, good.study), tmp_path / "b.html")
+    page = (tmp_path / "b.html").read_text(encoding="utf-8")
+    assert "second model explains the record better" in page and page.count("<table>") == 2 and "<figure" in page
+    write_beside((worse, good), found, tmp_path / "b.md")
+    assert "| S | 5.012 (4.961 to 5.058) | 9.000 (8.900 to 9.100) | % | differ |" in (tmp_path / "b.md").read_text()

@@ -21,6 +21,8 @@ def compare(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Another record to validate on, or the study's "
                                                 "own data file when it has moved.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Page with the pictures; .md or .html.")] = None,
+    against: Annotated[Path | None, typer.Option("--against", metavar="OTHER", help="A second study to set beside "
+                                                 "this one: another model, or another record.")] = None,
     series: Annotated[bool, typer.Option("--series", help="With --json: time, y, model, residual, position.")] = False,
     effects: EffectsOption = None,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
@@ -31,6 +33,8 @@ def compare(
     refitted: start state, bias, phase of a wave, time of a step.
 
     Example: stictionid compare study.json -o compare.html
+
+    Two studies side by side: stictionid compare study.json --against other.json
     """
     from ..comparison import compare as run
     from ..reports.pages.comparison import check_place, write_comparison
@@ -38,6 +42,9 @@ def compare(
 
     if output is not None:
         check_place(output, force=force)
+    if against is not None:
+        _against(study, against, file, output, force, as_json, quiet)
+        return
     before = open_study(study)
     loop, other = open_other(before, study, file) if file else (open_data(before, study, None), None)
     found = run(loop, before, other)
@@ -50,6 +57,35 @@ def compare(
         print_json(_plain(found, series))
         return
     _print(found, study, quiet)
+
+
+def _against(study: Path, other: Path, file: Path | None, output: Path | None, force: bool, as_json: bool,
+             quiet: bool) -> None:
+    """Set two studies side by side: print, page or JSON."""
+    from ..comparison.side_by_side import side_by_side
+    from ..errors import UsageError
+    from ..reports.pages.comparison import write_beside
+    from ..reports.pictures.curves import gather
+    from ..reports.side_by_side import tables
+
+    if file is not None:
+        raise UsageError("--against sets two studies side by side, so it takes no second record",
+                         "leave one of them out")
+    first, second = (gather(open_study(path), near=(path.resolve().parent,)) for path in (study, other))
+    found = side_by_side(first.study, second.study)
+    if output is not None:
+        write_beside((first, second), found, output, force=force)
+        say(f"wrote {output}", quiet=quiet)
+    if as_json:
+        print_json(found)
+        return
+    console = out_console()
+    console.print(safe(found.statement))
+    for t in tables(found):
+        shown = plain_table(*map(safe, t.columns), title=t.caption)
+        for row in t.rows:
+            shown.add_row(*map(safe, row))
+        console.print(shown)
 
 
 def _plain(found: Any, series: bool) -> dict[str, Any]:

@@ -19,7 +19,8 @@ _ANSWERS = {"supported": "by hand, supported", "not-supported": "by hand, not su
 
 def sections(study: Study) -> tuple[Section, ...]:
     """One section for each effect of the last step, in the order of the steps; those of the base come first."""
-    found, seen = [], set()
+    found: list[Section] = []
+    seen: set[str] = set()
     for i, step in enumerate(study.steps):
         for name in step.effects if not i else (effect_words.named_in(step),) * bool(step.added):
             if name not in seen and (name in study.steps[-1].effects):

@@ -6,14 +6,17 @@ from pathlib import Path
 
 from ..._version import __version__
 from ...comparison import Comparison
+from ...comparison.side_by_side import SideBySide
 from ...system.files import ensure_writable, write_whole
 from ...system.plurals import counted
 from .. import effect_words, wording
 from ..document import PageTable
 from ..pictures import svg
 from ..pictures.comparison_pictures import comparison_pictures, overview
+from ..pictures.curves import Case
 from ..pictures.figures import figure_bytes
 from ..pictures.picture import Picture
+from ..side_by_side import tables as side_tables
 from .place import refuse_other_kinds
 
 MARK = "<!-- stictionid comparison -->"
@@ -43,6 +46,24 @@ def write_comparison(c: Comparison, title: str, out: Path, *, force: bool = Fals
         write_whole(path, figure_bytes(picture, "svg"), force=force, kind=svg.SVG_KIND)
     write_whole(out, _markdown(c, title, drawn, [p.name for p in files]), force=force, kind=KINDS[".md"])
     return [*files, out]
+
+
+def write_beside(cases: tuple[Case, Case], found: SideBySide, out: Path, *, force: bool = False) -> None:
+    """Write the page of two studies side by side; markdown has the tables alone."""
+    check_place(out, force=force)
+    title = f"Side by side: {wording.name(found.names[0])} and {wording.name(found.names[1])}"
+    if out.suffix.lower() == ".html":
+        from .html import escaped, page_html, side_by_side
+
+        body = f"<h1>{escaped(title)}</h1>{side_by_side(cases)}"
+        write_whole(out, page_html(title, body, __version__, KIND), force=force, kind=KINDS[".html"])
+        return
+    from .markdown import escape as plain
+    from .markdown import table_text
+
+    text = "\n\n".join([f"{MARK}\n\n# {plain(title)}", plain(wording.sentence(found.statement)),
+                        *map(table_text, side_tables(found))])
+    write_whole(out, text + "\n", force=force, kind=KINDS[".md"])
 
 
 def rows_of(c: Comparison) -> list[tuple[str, str]]:

@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
 
+from ...comparison import side_by_side as beside
 from .. import facts as facts_of
+from .. import side_by_side as words_beside
 from .. import wording
 from ..document import Facts, PageTable, Section
 from ..pictures import palette, svg
@@ -168,6 +170,15 @@ def table_html(table: PageTable, name: str, *, links: Sequence[str] = ()) -> str
             f"<tbody>{''.join(rows)}</tbody></table></div>")
 
 
+def side_by_side(cases: tuple[Case, Case]) -> str:
+    """Sentence, tables and picture of two studies."""
+    found = beside.side_by_side(cases[0].study, cases[1].study)
+    drawn = words_beside.picture(found, cases)
+    return (f'<p class="beside">{escaped(wording.sentence(found.statement))}</p>'
+            + (_wide(drawn, "beside") if drawn is not None else "")
+            + "".join(table_html(t, f"beside-{i}") for i, t in enumerate(words_beside.tables(found))))
+
+
 def _comparison(cases: Sequence[Case], all_facts: Sequence[Facts], drawn: Sequence[dict[str, Picture]]) -> str:
     """Table of all loops (sortable and filterable with the page's script), their S on one axis, small multiples."""
     table = table_html(facts_of.comparison([c.study for c in cases]), COMPARED,
@@ -175,6 +186,8 @@ def _comparison(cases: Sequence[Case], all_facts: Sequence[Facts], drawn: Sequen
     parts = [f'<section id="all" aria-labelledby="all-title"><h2 id="all-title">Comparison</h2>'
              f'<p class="filter" hidden><label>Show loops with <input type="search" id="{FILTER}" '
              f'autocomplete="off"></label> <output></output></p>{table}']
+    if len(cases) == 2:
+        parts.append(side_by_side((cases[0], cases[1])))
     picture = comparison([c.study for c in cases])
     if picture is not None:
         parts.append(f'<figure class="square"><div class="pic">{svg.inline(picture, "all")}</div>'
