@@ -35,7 +35,8 @@ def _perfect_valve(study: Study) -> str:
     swing = study.swing
     assert swing is not None
     unit = wording.name(study.data.units.get("process_value") or "")
-    change = f"PV would scatter by {wording.number(swing.sd_perfect)} instead of {wording.with_unit(swing.sd, unit)}"
+    change = (f"PV would scatter about its setpoint by {wording.number(swing.sd_perfect)} instead of "
+              f"{wording.with_unit(swing.sd, unit)}")
     how = {True: "the swing would go on", False: "the swing would end", None: "part of the swing would go on"}
     return f"With a perfect valve {how[swing.goes_on]}: {change}."
 
@@ -85,7 +86,7 @@ def section(study: Study) -> Section | None:
     by = dict(zip(causes, shares(list(causes.values())), strict=True))
     labels = {Share.VALVE: "valve and process"}
     rows = tuple((labels.get(n) or effect_words.part(study, n), of.get(n, wording.NOTHING), by.get(n, wording.NOTHING))
-                 for n in names if of.get(n) != "0 %" or by.get(n, "0 %") != "0 %")
+                 for n in names if {of.get(n, "0 %"), by.get(n, "0 %")} != {"0 %"})
     said = wording.listed([f"{of[n]} {labels.get(n) or effect_words.part(study, n)}" for n in parts
                            if abs(parts[n].share) >= _SHOWN])
     text = [f"The fitted parts of PV: {said}."]

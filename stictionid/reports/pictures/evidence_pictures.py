@@ -167,8 +167,8 @@ def film(case: Case) -> Picture | None:
 
 
 def _frame(step: Step) -> str:
-    """A step in a few words: what it added, its error, S and J."""
+    """A step in a few words: its error, S and J, and last what it added, which a phone may cut."""
     of = {p.name: p for p in step.parameters if p.effect is None}
     known = [f"{name} {wording.with_unit(of[name].value, of[name].unit)}" for name in ("S", "J") if name in of]
     name = "base model" if step.added is None else f"+ {wording.clean(step.added, 30)}"
-    return ", ".join([f"{name}: error {wording.number(step.error.rmse)}", *known])
+    return f"{', '.join([f'error {wording.number(step.error.rmse)}', *known])}: {name}"

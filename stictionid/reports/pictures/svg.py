@@ -18,7 +18,7 @@ from .axes import Axis
 from .picture import Band, Branch, Line, Panel, Picture, Rule
 
 # Sizes in px of the drawing's own grid. A wide picture fills a page, a square one half of it or a phone.
-WIDE, SQUARE, SMALL = 920, 440, 300
+WIDE, SQUARE, SMALL = 920, 400, 300
 _HEIGHT_WIDE, _HEIGHT_SQUARE = 230, 350
 _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 62, 14, 12, 40, 16
 # Size of all text. Unit: px.
