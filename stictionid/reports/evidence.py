@@ -12,6 +12,8 @@ from ..record.study import Step, Study
 from . import effect_words, wording
 from .document import Section
 
+# Most effects with a section of their own; the tables have all.
+_MOST = 8
 # Answers on an effect that was added by hand, by the code of their finding.
 _ANSWERS = {"supported": "by hand, supported", "not-supported": "by hand, not supported",
             "cannot-tell": "by hand, open"}
@@ -26,7 +28,7 @@ def sections(study: Study) -> tuple[Section, ...]:
             if name not in seen and (name in study.steps[-1].effects):
                 seen.add(name)
                 found.append(replace(_section(study, i, name), key=f"evidence-of-{len(found) + 1}"))
-    return tuple(found)
+    return tuple(found[-_MOST:])
 
 
 def _section(study: Study, i: int, name: str) -> Section:

@@ -27,7 +27,8 @@ def cause(study: Study) -> str:
     shown = sorted((s for s in swing.causes if abs(s.share) >= _SHOWN), key=lambda s: -s.share)
     said = wording.listed([f"{share} {effect_words.part(study, s.part)}"
                            for s, share in zip(shown, shares(shown), strict=True)])
-    return f"What {what}: {said}. {_perfect_valve(study)}"
+    rough = " The model still misses something, so that these shares are rough." if study.adequate is False else ""
+    return f"What {what}: {said}. {_perfect_valve(study)}{rough}"
 
 
 def _perfect_valve(study: Study) -> str:
