@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..record.loop import Finding
-from ..record.tree import TreeNode
+from ..record.tree import TreeNode, added_to
 
 # Largest weight of one finding: beyond it a test of many samples says no more. Unit: standard deviations.
 _LARGEST = 10.0
@@ -60,12 +60,9 @@ def _plain(name: str) -> str:
 
 def _gains(present: Sequence[str], tree: Sequence[TreeNode]) -> dict[str, float]:
     """BIC that each effect gained over the tree's node with the effects of the model; only gains."""
-    known, found = {n.id: n for n in tree}, dict[str, float]()
-    for n in tree:
-        at = known.get(n.parent) if n.parent is not None else None
-        if at is None or n.edge.op != "add" or set(at.effects) != set(present) or n.bic is None or at.bic is None:
-            continue
-        name, gain = _plain(n.edge.what), at.bic - n.bic
+    found: dict[str, float] = {}
+    for n, gain in added_to(tree, present):
+        name = _plain(n.edge.what)
         if gain > 0.0:
             found[name] = max(gain, found.get(name, 0.0))
     return found

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from ..record.loop import Finding
 from ..record.study import Step, Study
+from ..record.tree import added_to
 from . import effect_words, wording
 from .document import Section
 
@@ -72,6 +73,8 @@ def _support(study: Study, i: int, name: str) -> str:
         return f"{said}. It was added by hand: {wording.clean(found.statement)}."
     plain = step.added
     gain = next((c.gain_beyond_noise for c in study.candidates if c.accepted and c.effect == plain), None)
+    if gain is None:
+        gain = next((g for n, g in added_to(study.tree, study.steps[i - 1].effects) if n.edge.what == name), None)
     return said + (f"; it gains {wording.number(gain)} BIC beyond the best noise model." if gain is not None else ".")
 
 

@@ -12,7 +12,7 @@ from ..fit.fit import Fitted
 from ..model.segments import bound
 from ..record.loop import Finding
 from ..record.study import Study
-from ..record.tree import Gate, TreeNode
+from ..record.tree import Gate, added_to
 from ..selection.gates import Edge, judged, margin_of
 from ..selection.looks import pool_of
 from ..selection.node import node, physical
@@ -97,18 +97,9 @@ def _of_noise(parent: Scored, name: str, policy: Policy) -> Support:
 
 def _better(study: Study, before: Fitted, name: str, gain: float) -> tuple[str, float] | None:
     """The effect that beats `gain` beside the same model in the study's tree, and its gain; one on the path first."""
-    have, plain = set(physical(before.model.spec)), parse(name)[0].name
-    known = {n.id: n for n in study.tree}
-    found = []
-    for n in study.tree:
-        at = known.get(n.parent) if n.parent is not None else None
-        if at is None or n.edge.op != "add" or set(at.effects) != have or parse(n.edge.what)[0].name == plain:
-            continue
-        theirs = _gain(n, at)
-        if theirs > gain + _BETTER and all(g.passed for g in n.gates):
-            found.append((n.status == "named", theirs, n.edge.what))
+    plain = parse(name)[0].name
+    found = [(n.status == "named", theirs, n.edge.what)
+             for n, theirs in added_to(study.tree, physical(before.model.spec))
+             if theirs > gain + _BETTER and parse(n.edge.what)[0].name != plain and n.status != "failed"
+             and all(g.passed for g in n.gates)]
     return (max(found)[2], max(found)[1]) if found else None
-
-
-def _gain(n: TreeNode, parent: TreeNode) -> float:
-    return float("-inf") if n.bic is None or parent.bic is None or n.status == "failed" else parent.bic - n.bic
