@@ -27,6 +27,7 @@ from stictionid.record.study import (
     Study,
     Verdict,
 )
+from stictionid.record.swing import Share, Swing
 from stictionid.record.tree import Edge, Equivalent, Gate, TreeNode
 from stictionid.reports.pictures.curves import Case
 
@@ -170,7 +171,11 @@ def searched(samples: int = 600) -> Case:
     candidates = tuple(replace(c, gain_beyond_noise=150.0 if c.accepted else 0.5,
                                rejected_because="" if c.accepted else "the gain of 0.5 BIC is below the margin")
                        for c in case.study.candidates)
-    study = replace(case.study, tree=tree, evaluations=12345, unasked=("gain-nonlinearity",), equivalents=(alike,),
+    swing = Swing((Share("valve", 0.704), Share("extra-lag", 0.213), Share("start", 0.001), Share("noise", 0.082)),
+                  (Share("valve", 0.624), Share("setpoint", 0.004), Share("extra-lag", 0.305), Share("noise", 0.067)),
+                  1.31, 0.803)
+    study = replace(case.study, swing=swing, tree=tree, evaluations=12345, unasked=("gain-nonlinearity",),
+                    equivalents=(alike,),
                     candidates=candidates, missing_reason="a stop of the valve cuts the peaks of PV")
     return replace(case, study=study)
 

@@ -24,6 +24,7 @@ from stictionid.api.threads import ASKED, one_thread
 from stictionid.errors import DataError, UsageError
 from stictionid.model.closed_loop import preset, simulate
 from stictionid.record.study import study_from_json, to_json
+from stictionid.record.swing import Share
 
 ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data" / "foptd_scanned.parquet"
@@ -198,14 +199,14 @@ def test_pictures_draw_on_the_axes_given_and_leave_no_state(study: st.Study, loo
 
 
 def test_the_parts_of_y_add_up(loop: st.Loop, study: st.Study) -> None:
-    from stictionid.model.parts import NOISE, parts_of
+    from stictionid.model.parts import parts_of
     from stictionid.model.restore import rebuild_model
 
     parts = parts_of(*rebuild_model(loop.record, study.steps[-1].model))
     assert sum(p.share for p in parts) == pytest.approx(1.0, abs=1e-9)
     total = sum(p.curve for p in parts)
     assert np.allclose(np.asarray(total)[60:], loop.process_value[60:])
-    left = next(p for p in parts if p.name == NOISE)
+    left = next(p for p in parts if p.name == Share.NOISE)
     assert left.share == pytest.approx(study.steps[-1].error.rmse**2 / loop.process_value.var(), rel=0.2)
 
 

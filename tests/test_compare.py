@@ -9,16 +9,21 @@ from pathlib import Path
 import commands
 import numpy as np
 import pytest
+import study_factory
 
 from stictionid.comparison import compare
 from stictionid.comparison.cells import split
 from stictionid.comparison.model_run import correlation_of, prepare
+from stictionid.comparison.side_by_side import side_by_side
+from stictionid.comparison.validate import transferred
 from stictionid.errors import DataError
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.model.segments import bound
+from stictionid.model.spec import Spec
 from stictionid.numerics.autoregression import chi_square_z
 from stictionid.record.loop import Loop
-from stictionid.reports.pages.comparison import write_comparison
-from stictionid.reports.pictures.comparison_pictures import comparison_pictures
+from stictionid.reports.pages.comparison import MOST_SUSPECTS, write_beside, write_comparison
+from stictionid.reports.pictures.comparison_pictures import comparison_pictures, overview
 from stictionid.verbs.identify import Options, identify
 
 HELD = Options(base_only=True, between="hold")
@@ -86,6 +91,29 @@ def test_a_second_record_validates_and_a_different_valve_does_not(clean) -> None
     assert other.ground.evaluated.values["S"] == again.ground.evaluated.values["S"]
 
 
+def test_what_belongs_to_the_record_is_refitted_and_what_belongs_to_the_plant_is_held() -> None:
+    wave, step = "sinusoidal-disturbance", "step-disturbance@output"
+
+    def record(phase: float, amplitude: float, *, size: float = 0.0, time_s: float = 1.0) -> Loop:
+        return simulate(setting(effects=((wave, {"period_s": 37.0, "amplitude": amplitude, "phase": phase}),
+                                         ("step-disturbance", {"time_s": time_s, "size": size}))), seed=5).loop
+
+    first = record(0.0, 1.0, size=1.5, time_s=300.0)
+    model = bound(first, Spec(effects=(wave, step), between="hold"), s_max=8.0, period_s=40.0)
+    force = (first.output[0] - 50.0) / 3.25  # the valve begins at rest, loaded by the first command
+    values = model.vector({"S": 4.0, "J": 2.5, "initial_residual_force": force, "time_constant_s": 6.0,
+                           "dead_time_s": 3.0, f"{wave}:period_s": 37.0, f"{step}:time_s": 300.0})
+    assert model.evaluate(values).rmse < 0.08
+    description = model.describe(values)
+    moved, evaluated, notes = transferred(record(2.0, 1.0, size=1.5, time_s=610.0), description, first)
+    assert evaluated.rmse < 0.08 and moved.named(values)[f"{wave}:period_s"] == 37.0
+    assert "phase of sinusoidal-disturbance" in notes[-1].statement and "time_s of step" in notes[-1].statement
+    # A step that the other record does not have is left out; a wave of another size is said.
+    gone, evaluated, notes = transferred(record(2.0, 2.0), description, first)
+    assert gone.spec.effects == (wave,) and evaluated.rmse < 0.08
+    assert {"left-out", "validated", "other-size"} == {n.code for n in notes}
+
+
 def test_an_abstained_study_is_refused() -> None:
     dead = Loop(output=np.full(300, 40.0), process_value=np.random.default_rng(0).standard_normal(300))
     with pytest.raises(DataError):
@@ -118,7 +146,10 @@ def test_pictures_and_pages_are_written_whole(stepped, tmp_path: Path) -> None:
     assert all(p.alt and p.caption for p in drawn.values())
     page = write_comparison(found, "a <loop>", tmp_path / "c.html")
     text = page[0].read_text()
-    assert text.count("<figure>") == len(drawn) and "a &lt;loop&gt;" in text and "<script" not in text
+    assert text.count("<details>") == len(drawn) and "a &lt;loop&gt;" in text and "<loop>" not in text
+    assert text.count('class="pic"') == len(drawn) + len(overview(found)) + 1
+    assert "travel-limit" in [s.effect for s in found.suspects[:2]]
+    assert all(f"<b>{s.effect}</b>" in text for s in found.suspects[:MOST_SUSPECTS])
     written = write_comparison(found, "a loop", tmp_path / "c.md")
     assert len(written) == len(drawn) + 1 and all(p.stat().st_size for p in written)
 
@@ -141,3 +172,23 @@ def test_the_command_prints_findings_json_and_series(clean, tmp_path: Path) -> N
                             (("compare", "a.csv"), 3)):
         refused = run(*arguments)
         assert refused.returncode == code and "Traceback" not in refused.stderr and refused.stdout == ""
+
+
+def test_two_studies_stand_side_by_side(tmp_path: Path) -> None:
+    good, worse = study_factory.good(), study_factory.good()
+    worse = replace(worse, study=replace(worse.study, steps=worse.study.steps[:1]), curves=worse.curves[:1])
+    found = side_by_side(worse.study, good.study)
+    assert found.same_record and found.better == 1 and "second model explains the record better" in found.statement
+    lag = next(p for p in found.parameters if p.effect == "extra-lag")
+    assert lag.values == (None, 2.11) and lag.agree is None
+    assert all(p.agree for p in found.parameters if p.name in ("S", "J"))
+    other = replace(good.study, data=replace(good.study.data, sha256="0" * 64), steps=tuple(
+        replace(s, parameters=tuple(replace(p, value=9.0, interval=(8.9, 9.1)) for p in s.parameters))
+        for s in good.study.steps))
+    found = side_by_side(good.study, other)
+    assert not found.same_record and found.better is None and "S, J" in found.statement
+    write_beside((worse, good), side_by_side(worse.study, good.study), tmp_path / "b.html")
+    page = (tmp_path / "b.html").read_text(encoding="utf-8")
+    assert "second model explains the record better" in page and page.count("<table>") == 2 and "<figure" in page
+    write_beside((worse, good), found, tmp_path / "b.md")
+    assert "| S | 5.012 (4.961 to 5.058) | 9.000 (8.900 to 9.100) | % | differ |" in (tmp_path / "b.md").read_text()

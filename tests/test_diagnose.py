@@ -148,7 +148,11 @@ def test_a_further_tag_is_seen_in_innovations_unless_it_is_in_the_model() -> Non
 def test_a_superfluous_effect_is_named_and_left_out_on_request(stepped: tuple[Loop, Study, Study]) -> None:
     loop, study, _ = stepped
     wrong = add(loop, study, "sinusoidal-disturbance")
+    answer = next(f for f in wrong.steps[-1].findings if f.code == "not-supported")
+    assert wrong.steps[-1].supported is False and answer.severity == "warning"
+    assert "BIC beyond noise" in answer.statement and answer.evidence["gain_beyond_noise"] < answer.evidence["margin"]
     kept = add(loop, wrong, "step-disturbance@output")
+    assert kept.steps[-1].supported is True and study.steps[0].supported is None
     assert kept.steps[-1].added == "step-disturbance" and kept.steps[-1].variant == "output"
     assert "superfluous" in {f.code for f in kept.steps[-1].findings}
     pruned = add(loop, wrong, "step-disturbance@output", prune=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from loops_with_effects import MOVES, NOISE, SMALL, small
 
 from stictionid.effects import catalogue, get, parse
-from stictionid.effects.contract import Context
+from stictionid.effects.contract import AXES, Context
 from stictionid.errors import StictionidError, UsageError
 from stictionid.fit.moves import descended
 from stictionid.historian import read_loop
@@ -54,6 +55,9 @@ def test_an_effect_says_what_it_is(effect) -> None:
     assert effect.kind in "FTLN" and effect.equation and effect.source and effect.summary
     assert all(p.unit and p.meaning and p.low <= p.neutral <= p.high for p in effect.parameters)
     assert all(name in NAMES for name in effect.confused_with)
+    texts = (effect.noun, effect.sentence, effect.action)
+    assert all(texts) and effect.seen_over in AXES
+    assert set(re.findall(r"\{(.*?)\}", " ".join(texts))) <= {p.name for p in effect.parameters}
     for p in effect.parameters_for(context()):
         assert p.low < p.high and p.low <= p.neutral <= p.high
     if effect.guess:

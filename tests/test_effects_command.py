@@ -11,10 +11,12 @@ from loops_with_effects import MOVES, NOISE, PLANTS, SAMPLES, SMALL
 from typer.testing import CliRunner
 
 from stictionid.cli.app import app
-from stictionid.effects import get
+from stictionid.effects import catalogue, get
 from stictionid.errors import StictionidError
+from stictionid.reports.atlas import atlas_picture, atlas_words
 
 PLANT, CONTROLLER = PLANTS[1]
+ROOT = Path(__file__).parent.parent
 
 
 def command(*words: object):
@@ -82,3 +84,24 @@ def noise_of(truth: dict, name: str) -> float:
     lags = np.lib.stride_tricks.sliding_window_view(x, 41)
     past, now = lags[:, :-1], lags[:, -1]
     return float(np.std(now - past @ np.linalg.lstsq(past, now, rcond=None)[0]))
+
+
+def test_the_atlas_holds_every_effect_with_its_present_words() -> None:
+    text = (ROOT / "docs" / "atlas.md").read_text(encoding="utf-8")
+    for name in catalogue():
+        assert f"## {name}\n" in text and (ROOT / "docs" / "atlas" / f"{name}.svg").is_file()
+        assert all(words in text for words in atlas_words(name)), f"{name}: run python docs/make_atlas.py"
+
+
+def test_the_picture_of_an_effect_shows_its_trace() -> None:
+    drawn = atlas_picture("sinusoidal-disturbance")
+    residual = drawn.panels[-1].lines[0].y
+    assert np.nanstd(residual) > 5 * 0.05 and "residual of" in drawn.alt
+
+
+def test_a_picture_of_an_effect_is_drawn_or_refused_in_one_sentence(tmp_path: Path) -> None:
+    assert command("effects", "extra-lag", "--picture", tmp_path / "lag.svg")[0] == 0
+    assert (tmp_path / "lag.svg").stat().st_size > 5000
+    for words in (("effects", "--picture", "lag.svg"), ("effects", "extra-lag", "--picture", "lag.pdf")):
+        refusal = command(*words)[2]
+        assert refusal is not None and "effects extra-lag --picture lag.svg" in refusal.hint

@@ -26,7 +26,7 @@ from stictionid.reports.pages.json import report_json
 from stictionid.reports.pages.write import write_report
 from stictionid.reports.pictures.curves import Case
 from stictionid.reports.pictures.figures import draw, figure_bytes
-from stictionid.reports.pictures.study_pictures import pictures
+from stictionid.reports.pictures.gallery import pictures
 
 GOLDEN = Path(__file__).parent / "golden"
 KINDS = ("good", "doubtful", "abstained", "searched")
@@ -74,6 +74,18 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_markdown_reads_as_the_golden_file(kind: str, tmp_path: Path) -> None:
     write_report([case(kind)], tmp_path / "r.md")
     same_as_golden((tmp_path / "r.md").read_text(encoding="utf-8"), f"report_{kind}.md")
+
+
+def test_the_page_says_the_same_shares_as_the_json(tmp_path: Path) -> None:
+    page, data = tmp_path / "r.html", tmp_path / "r.json"
+    for out in (page, data):
+        write_report([case("searched")], out)
+    swing = json.loads(data.read_text(encoding="utf-8"))["studies"][0]["study"]["swing"]
+    headline = re.search(r'class="said">(.*?)</p>', page.read_text(encoding="utf-8"))[1]
+    said = sorted(float(n) for n in re.findall(r"(\d+) %", headline))
+    exact = sorted(100 * s["share"] for s in swing["causes"] if s["share"] >= 0.01)
+    assert said == pytest.approx(exact, abs=1.0) and sum(said) == 100
+    assert f"{swing['sd_perfect']:.3g}" in headline and f"{swing['sd']:.3g}" in headline
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -415,3 +427,12 @@ def test_without_out_the_report_is_printed(made: Path) -> None:
     out = run("report", made / "study.json", cwd=made)
     assert out.returncode == 0 and "The valve sticks" in out.stdout and "What to do next" in out.stdout
     no_control_characters(out.stdout)
+
+
+def test_the_valve_picture_shows_a_window_with_break_aways_both_ways() -> None:
+    one = study_factory.good(1800)
+    resting = one.curves[-1].position.copy()
+    resting[900:] = resting[900]
+    drawn = pictures(replace(one, curves=tuple(replace(c, position=resting) for c in one.curves)))["characteristic"]
+    moves = np.diff(next(line for line in drawn.panels[0].lines if line.name == "inferred position").y)
+    assert moves.min() < 0.0 < moves.max()

@@ -52,6 +52,7 @@ def test_asking_again_changes_nothing(found: tuple[Loop, Study, Study]) -> None:
     loop, _, after = found
     again = diagnose(loop, study_from_json(to_json(after)), apply=True)
     assert again.steps == after.steps and again.estimate == after.estimate and again.missing == ()
+    assert again.candidates == after.candidates and len(again.tree) >= len(after.tree)
 
 
 def test_a_small_budget_ends_the_search_and_lists_what_was_not_asked(found: tuple[Loop, Study, Study]) -> None:

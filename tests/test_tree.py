@@ -248,7 +248,7 @@ def test_the_page_has_the_picture_the_text_and_the_reasons(tmp_path: Path) -> No
     assert 'id="s1-tree"' in page and 'id="s1-equivalents"' in page
     assert '<pre class="aligned" role="region" tabindex="0" aria-labelledby="s1-tree-lines">model ' in page
     assert page.count("the gain of 2 BIC is below the margin</title>") == 2  # wide and narrow
-    assert "BIC beyond noise</th>" in page and "rejected because</th>" in page
+    assert "gain beyond noise</th>" in page and "the gain of 0.5 BIC is below the margin</td>" in page
 
 
 def test_the_intervals_reach_to_the_equivalents() -> None:

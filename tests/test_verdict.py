@@ -279,11 +279,16 @@ def test_a_loop_without_setpoint_has_no_controller_law() -> None:
 
 def test_severity_is_what_the_same_loop_does_without_friction() -> None:
     setting = scanned(4.0, 2.5, setpoint_moves=((0.0, 0.0), (10.0, 2.0)))
-    found = identify(simulate(setting, seed=1).loop).severity
+    study = identify(simulate(setting, seed=1).loop)
+    found, swing = study.severity, study.swing
     repaired = simulate(replace(setting, S=0.0, J=0.0), seed=1).loop.process_value
     assert found.pv_sd_repaired == pytest.approx(float(np.std(repaired)), rel=0.3)
     assert 0.8 < found.share_of_pv_variance <= 1.0 and found.band == "significant"
     assert found.travel_per_day_repaired < found.travel_per_day
+    # Parts and causes add up; the cycle is the valve's own and ends with a perfect one.
+    assert sum(s.share for s in swing.parts) == pytest.approx(1.0)
+    assert sum(s.share for s in swing.causes) == pytest.approx(1.0)
+    assert swing.causes[0].part == "valve" and swing.causes[0].share > 0.8 and swing.goes_on is not True
 
 
 @pytest.mark.parametrize(("S", "word"), [(0.2, "negligible"), (0.7, "watch"), (1.5, "moderate"), (3.0, "significant"),

@@ -21,15 +21,20 @@ def compare(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Another record to validate on, or the study's "
                                                 "own data file when it has moved.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Page with the pictures; .md or .html.")] = None,
+    against: Annotated[Path | None, typer.Option("--against", metavar="OTHER", help="A second study to set beside "
+                                                 "this one: another model, or another record.")] = None,
     series: Annotated[bool, typer.Option("--series", help="With --json: time, y, model, residual, position.")] = False,
     effects: EffectsOption = None, laws: LawsOption = None,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Hold the model against the measurement and say where it fails; a second FILE validates on other data.
 
-    On another file S, J and the process are held; start state and bias are refitted.
+    On another file what belongs to the plant is held (S, J, process, period of a wave). What belongs to the record is
+    refitted: start state, bias, phase of a wave, time of a step.
 
     Example: stictionid compare study.json -o compare.html
+
+    Two studies side by side: stictionid compare study.json --against other.json
     """
     from ..comparison import compare as run
     from ..reports.pages.comparison import check_place, write_comparison
@@ -37,6 +42,9 @@ def compare(
 
     if output is not None:
         check_place(output, force=force)
+    if against is not None:
+        _against(study, against, file, output, force, as_json, quiet)
+        return
     before = open_study(study)
     loop, other = open_other(before, study, file) if file else (open_data(before, study, None), None)
     found = run(loop, before, other)
@@ -51,6 +59,35 @@ def compare(
     _print(found, study, quiet)
 
 
+def _against(study: Path, other: Path, file: Path | None, output: Path | None, force: bool, as_json: bool,
+             quiet: bool) -> None:
+    """Set two studies side by side: print, page or JSON."""
+    from ..comparison.side_by_side import side_by_side
+    from ..errors import UsageError
+    from ..reports.pages.comparison import write_beside
+    from ..reports.pictures.curves import gather
+    from ..reports.side_by_side import tables
+
+    if file is not None:
+        raise UsageError("--against sets two studies side by side, so it takes no second record",
+                         "leave one of them out")
+    first, second = (gather(open_study(path), near=(path.resolve().parent,)) for path in (study, other))
+    found = side_by_side(first.study, second.study)
+    if output is not None:
+        write_beside((first, second), found, output, force=force)
+        say(f"wrote {output}", quiet=quiet)
+    if as_json:
+        print_json(found)
+        return
+    console = out_console()
+    console.print(safe(found.statement))
+    for t in tables(found):
+        shown = plain_table(*map(safe, t.columns), title=t.caption)
+        for row in t.rows:
+            shown.add_row(*map(safe, row))
+        console.print(shown)
+
+
 def _plain(found: Any, series: bool) -> dict[str, Any]:
     g = found.ground
     curves = None
@@ -60,20 +97,26 @@ def _plain(found: Any, series: bool) -> dict[str, Any]:
                   "output": g.loop.output, "setpoint": g.loop.setpoint, "counted": g.good}
     return {"error": found.error, "findings": found.findings, "adequate": found.adequate,
             "adequate_reason": found.adequate_reason, "notes": found.notes, "validates": found.validates,
-            "tables": found.tables, "unexplained": found.unexplained, "spectra": found.spectra, "series": curves}
+            "suspects": found.suspects, "tables": found.tables, "unexplained": found.unexplained,
+            "spectra": found.spectra, "series": curves}
 
 
 def _print(found: Any, study: Path, quiet: bool) -> None:
-    from ..reports.pages.comparison import rows_of
+    from ..reports.pages.comparison import MOST_SUSPECTS, rows_of
 
     console = out_console()
     table = plain_table("error", "value", title="model against measurement")
     for label, value in rows_of(found):
         table.add_row(label, safe(value))
     console.print(table)
+    if found.suspects:
+        table = plain_table("suspect", "findings", "speaks for it", title="suspects, best first")
+        table.columns[0].no_wrap, table.columns[-1].justify = True, "left"
+        for s in found.suspects[:MOST_SUSPECTS]:
+            table.add_row(safe(s.effect), str(s.findings), safe(s.speaks_for))
+        console.print(table)
     for f in found.findings:
         console.print(f"{f.severity}: {safe(f.statement)}")
-        console.print(f"  points to {', '.join(f.suggests)}")
     if not found.findings:
         console.print("no question shows a place where the model fails")
     for f in found.notes:

@@ -89,13 +89,16 @@ def add(
     = False, effects: EffectsOption = None, laws: LawsOption = None,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
-    """Refit the model with one more effect, and show the error before and after.
+    """Refit the model with one more effect, show the error before and after, and judge it.
+
+    The gates are those of diagnose: the effect is supported, not supported, or the record can't tell.
 
     Example: stictionid add extra-lag study.json
     """
     from ..effects import parse
     from ..system.files import ensure_writable
     from ..verbs.add import add as run
+    from ..verbs.support import CODES
 
     parse(effect)
     if output is not None:
@@ -104,7 +107,7 @@ def add(
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:
         after = run(loop, before, effect, seed=seed, prune=prune, progress=progress)
-    _show_ladder(after, output or study, ("superfluous", "pruned", "entering-elsewhere"), force, quiet, as_json)
+    _show_ladder(after, output or study, (*CODES, "superfluous", "pruned", "entering-elsewhere"), force, quiet, as_json)
 
 
 @app.command(epilog=outcome("the study, in place or to -o", json="schema stictionid.study/1"))
@@ -133,12 +136,16 @@ def remove(
 
 def _show_ladder(after: Study, path: Path, codes: tuple[str, ...], force: bool, quiet: bool, as_json: bool) -> None:
     """Write a study that has other steps now, and show its ladder and the findings with some codes, or its JSON."""
+    from ..reports.effect_words import named_in, sentence
+
     write_study(after, path, force, quiet)
     if as_json:
         print_json(after)
         return
     console = out_console()
     console.print(ladder_table(after))
+    if (added := after.steps[-1].added) is not None:
+        console.print(safe(sentence(after, named_in(after.steps[-1]) or added)))
     for f in after.steps[-1].findings:
         if f.code in codes:
             console.print(f"{f.severity}: {safe(f.statement)}")

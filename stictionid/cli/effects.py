@@ -9,7 +9,7 @@ import typer
 
 from .app import app
 from .common.outcomes import outcome
-from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json
+from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, say
 from .common.user_files import EffectsOption, check_files, write_template
 
 
@@ -21,11 +21,15 @@ def effects(
     check: Annotated[list[Path] | None, typer.Option("--check", metavar="FILE", show_default=False, help="Run the "
                                                      "contract test of a user-written effect; repeatable.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE.py", help="File of --new.")] = None,
+    picture: Annotated[Path | None, typer.Option("--picture", metavar="OUT", help="Draw the effect on valve, PV "
+                                                 "and residual of a standard loop, .svg or .png.")] = None,
     written: EffectsOption = None, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """List the physical effects with equation, parameters, units, source, and what they can't be told from.
 
     Example: stictionid effects extra-lag
+
+    What it does to a loop: stictionid effects extra-lag --picture lag.svg
 
     An effect of your own: stictionid effects --new worn-trim -o my_effect.py
     """
@@ -38,6 +42,9 @@ def effects(
         return
     if check:
         check_files(check, as_json, room=room, after="stictionid diagnose STUDY --apply --effects {file}")
+        return
+    if picture is not None:
+        _draw(name, picture, force, quiet)
         return
 
     chosen = [room.get(name)] if name else list(room.catalogue().values())
@@ -61,9 +68,29 @@ def effects(
             console.print(f"{key.replace('_', ' ')}: {'; '.join(value) if isinstance(value, list) else value}")
 
 
+def _draw(name: str | None, out: Path, force: bool, quiet: bool) -> None:
+    """Draw one effect on the standard loop."""
+    from ..errors import UsageError
+    from ..reports.atlas import atlas_picture
+    from ..reports.pictures.figures import PNG_KIND, figure_bytes
+    from ..reports.pictures.svg import SVG_KIND
+    from ..system.files import ensure_writable, write_whole
+
+    kinds = {".svg": SVG_KIND, ".png": PNG_KIND}
+    kind = out.suffix.lower()
+    if name is None or kind not in kinds:
+        raise UsageError("--picture draws one effect as .svg or .png",
+                         "type for example: stictionid effects extra-lag --picture lag.svg")
+    ensure_writable(out, force=force, kind=kinds[kind])
+    drawn = atlas_picture(name)
+    write_whole(out, figure_bytes(drawn, kind[1:]), force=force, kind=kinds[kind])
+    say(f"wrote {out}: {drawn.alt}", quiet=quiet)
+
+
 def _plain(e: Any) -> dict[str, Any]:
     return {
         "name": e.name, "kind": e.kind, "place": e.place.name.lower(), "summary": e.summary, "equation": e.equation,
+        "noun": e.noun, "sentence": e.sentence, "action": e.action, "seen_over": e.seen_over,
         "parameters": [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "neutral": p.neutral,
                         "meaning": p.meaning} for p in e.parameters],
         "variants": list(e.variants), "cannot_be_told_from": list(e.confused_with),

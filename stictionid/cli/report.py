@@ -77,6 +77,6 @@ def _case(path: Path, data: Path | None) -> Case:
 
 def _print_json(cases: list[Case]) -> None:
     from ..reports.pages.json import report_json
-    from ..reports.pictures.study_pictures import pictures
+    from ..reports.pictures.gallery import pictures
 
     print_json_text(report_json(cases, [pictures(case) for case in cases]))

@@ -134,7 +134,12 @@ def _tell(stage: str, so_far: Any, quiet: bool) -> None:
 
 
 def _show(found: Any) -> None:
+    from ..reports.facts import said
+
     console = out_console()
+    headline, then = said(found)
+    for sentence in (headline, *then):
+        console.print(safe(sentence))
     console.print(f"verdict: {found.verdict.stiction} (confidence {found.verdict.confidence:.2f})")
     console.print(f"because: {safe(found.verdict.reason)}")
     if found.estimate is not None:

@@ -24,6 +24,7 @@ from .cells import Cell
 from .model_run import Ground, prepare
 from .questions import ask_all
 from .residual_tests import POINT_99, Spectra, follows_valve, frequencies, own_innovation, whiteness
+from .suspects import Suspect, suspects_of
 from .validate import rebuilt, transferred
 
 # Multiple of the noise up to which a model holds on another record. S is known to one step of the command only, so that
@@ -53,7 +54,8 @@ class Errors:
 class Comparison:
     """Result of `compare`. `tables` hold every question's cells; `ground` the arrays, for pictures and series.
 
-    `unexplained` is the shape of what the model misses, None where that is next to nothing.
+    `unexplained` is the shape of what the model misses, None where that is next to nothing. `suspects` are the effects
+    that all findings together point to, best first.
     """
 
     error: Errors
@@ -66,6 +68,7 @@ class Comparison:
     validates: bool
     ground: Ground = field(repr=False)
     unexplained: Unexplained | None = None
+    suspects: tuple[Suspect, ...] = ()
 
 
 def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Comparison:
@@ -112,7 +115,8 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     shape = None if other is not None else _shape(ground, study)
     adequate, why = judged_by(shape, adequate, why)
     return Comparison(errors, tuple(found), adequate, why, {name: cells for name, cells, _ in answers}, spectra, notes,
-                      other is not None, ground, shape)
+                      other is not None, ground, shape,
+                      suspects_of(found, ground.model.spec.effects, study.tree))
 
 
 def _shape(ground: Ground, study: Study) -> Unexplained | None:

@@ -64,6 +64,10 @@ EFFECT = Effect(
     friction=_friction, guess=_guess, report=_report, setting=_setting,
     visible=_visible, known_as={"jump_difference": "jump_up - jump_down"},
     leaves={"slip": 4, "direction": 1, "cycle": 4, "own line": 2},
+    noun="slip jumps that differ by direction",
+    sentence="The valve jumps by {jump_up} when it opens and by {jump_down} when it closes.",
+    seen_over="direction",
+    action="Look for what loads the stem one way: spring range, packing or an unbalanced plug.",
     settled_by="the measured valve position, or a slow ramp in manual both ways",
     told_apart={
         "re-sticking": "the measured valve position, or a slow ramp in manual both ways",

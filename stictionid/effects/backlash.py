@@ -53,5 +53,9 @@ EFFECT = Effect(
     equation="f_s and f_d grow by play / 2 each", source="METHODS.md section 2; IEC 60534-4, dead band",
     parameters=(_PLAY,), needs=("value",), asked=BY_HAND, friction=_friction, known=_known,
     visible=_visible,
+    noun="play in the linkage",
+    sentence="Play of {play} in the linkage widens the deadband.",
+    seen_over="direction",
+    action="Tighten or replace the linkage between actuator and stem.",
     settled_by="a position measured ahead of the linkage, beside one behind it",
 )

@@ -38,6 +38,11 @@ EFFECT = Effect(
     confused_with=("random-walk-disturbance",), disturb=_disturb,
     visible=_visible,
     leaves={"colour": 1},
+    noun="coloured noise",
+    sentence="Errors of successive samples hang together, with a root of {root}; {innovation_sd} is new in each "
+             "sample.",
+    seen_over="spectrum",
+    action="Nothing on the valve: look for turbulence, mixing or a filter.",
     settled_by="a record with the loop in manual",
     told_apart={
         "random-walk-disturbance": "a longer record with the loop in manual: noise has a level, a walk has none",

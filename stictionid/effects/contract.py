@@ -162,6 +162,9 @@ class Scales:
 TRACES = ("level", "stretch", "stick", "slip", "slide", "direction", "output", "value", "cycle", "setpoint", "colour",
           "valve", "own line", "line", "dip", "bump", "swing",
           "drift")
+# Axes over which a residual shows an effect: time since a reversal of the valve by direction, travel, process value,
+# time, part of the effect's own cycle, and period of a spectrum.
+AXES = ("direction", "travel", "y", "time", "phase", "spectrum")
 # Whether `diagnose` tries an effect, or a user has to name it.
 DIAGNOSE, BY_HAND = "diagnose", "by hand"
 
@@ -204,11 +207,14 @@ class Effect:
     S grows with this effect. `by_itself` says that `identify` may add the effect without a look at its rivals.
     `natural` are the numbers in which such a valve is searched. `leaves` names the traces of the effect in a residual
     (see TRACES), with its rank among those that leave the same one. `settled_by` is a test that shows the effect, and
-    `told_apart` one for each effect that looks alike. `sudden` is true for a disturbance that comes at once. `visible`
-    gives public values that plainly show in a simulated loop, the middle of those that tests find. The smallest size
-    that shows is asked for at five values `tried_at` of the first searched parameter, stated for both parameters of
-    a `two_sided` effect, under the public name that `known_as` gives. `file` and
-    `sha256` are those of a user-written effect.
+    `told_apart` one for each effect that looks alike. `noun` names the effect for a reader at the plant, `sentence`
+    says its size, `action` what to do; {name} in them stands for a parameter with its unit. `seen_over`, one of AXES,
+    is the axis over which a residual shows the effect. `of_record` names the parameters that belong to one record, such
+    as the phase of a wave; those of the plant hold in every record. `sudden` is true for a disturbance that comes at
+    once. `visible` gives public values that plainly show in a simulated loop, the middle of those that tests find. The
+    smallest size that shows is asked for at five values `tried_at` of the first searched parameter, stated for both
+    parameters of a `two_sided` effect, under the public name that `known_as` gives. `file` and `sha256` are those of a
+    user-written effect.
     """
 
     name: str
@@ -254,6 +260,11 @@ class Effect:
     leaves: Mapping[str, int] = field(default_factory=dict)
     settled_by: str = ""
     told_apart: Mapping[str, str] = field(default_factory=dict)
+    noun: str = ""
+    sentence: str = ""
+    action: str = ""
+    seen_over: str = "time"
+    of_record: tuple[str, ...] = ()
     sudden: bool = False
     file: str = ""
     sha256: str = ""

@@ -44,6 +44,10 @@ EFFECT = Effect(
     confused_with=("asymmetric-stiction", "gain-nonlinearity"), dynamics=_dynamics, guess=_guess,
     visible=_visible,
     leaves={"direction": 4, "valve": 8},
+    noun="a lag that depends on direction",
+    sentence="A closing move takes {closing_ratio} times as long as an opening one.",
+    seen_over="direction",
+    action="Tune the controller for the slower direction.",
     settled_by="a step in manual up and one down: their times differ, their sizes do not",
     told_apart={
         "asymmetric-stiction": "steps in manual both ways, far larger than S: friction then hardly matters",

@@ -45,6 +45,10 @@ EFFECT = Effect(
     visible=_visible,
     leaves={"stick": 1, "slip": 1, "cycle": 1, "setpoint": 3, "colour": 3, "valve": 1, "own line": 3, "dip": 2,
             "swing": 2},
+    noun="a further lag of {second_time_constant_s}",
+    sentence="The loop has one more lag of {second_time_constant_s}.",
+    seen_over="direction",
+    action="Look for the slow part, actuator, sensor or filter, and tune with this lag.",
     settled_by="the measured valve position: it tells a lag before the valve from one behind it",
     told_apart={
         "slew-limit":

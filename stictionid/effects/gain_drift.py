@@ -76,6 +76,10 @@ EFFECT = Effect(
     run=_run, start=_start, columns=_columns, guess=_guess, report=_report, disturb=_disturb,
     visible=_visible,
     leaves={"stretch": 5, "drift": 1},
+    noun="a process gain that drifts",
+    sentence="The process gain changes by {drift}.",
+    seen_over="time",
+    action="Compare feed, pressure and load at both ends of the record.",
     settled_by="the same step in manual at the start and at the end of a shift: a gain that drifts gives other sizes",
     told_apart={
         "stiction-drift": "the measured valve position, or the same large step in manual early and late",

@@ -89,6 +89,10 @@ EFFECT = Effect(
     limits=_limits, run=_run, start=_start, guess=_guess,
     visible=_visible,
     leaves={"output": 3, "value": 1, "setpoint": 1, "valve": 3, "own line": 4},
+    noun="a process gain that changes with PV",
+    sentence="The process gain changes with PV, by {curvature} of itself.",
+    seen_over="y",
+    action="Schedule the controller gain on PV, or tune for the largest gain.",
     settled_by="setpoint moves to both ends of the range",
     told_apart={
         "valve-characteristic":

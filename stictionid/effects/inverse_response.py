@@ -61,6 +61,10 @@ EFFECT = Effect(
     confused_with=("extra-lag",), limits=_limits, dynamics=_dynamics, guess=_guess,
     visible=_visible,
     leaves={"slip": 5, "valve": 7, "dip": 1},
+    noun="a response that starts the wrong way",
+    sentence="PV first goes the wrong way, with a time constant of {zero_s}.",
+    seen_over="direction",
+    action="Tune for the wrong-way response: a lower gain and no derivative action.",
     settled_by="a step in manual: the process value first goes the wrong way",
     told_apart={
         "extra-lag": "a step in manual, sampled faster than the dead time: the first move tells",

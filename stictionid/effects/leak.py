@@ -55,6 +55,10 @@ EFFECT = Effect(
     confused_with=("extra-lag",), needs=("integrator",), asked=BY_HAND, limits=_limits, dynamics=_dynamics,
     guess=_guess,
     visible=_visible,
+    noun="a level that regulates itself",
+    sentence="The level regulates itself at a rate of {leak}.",
+    seen_over="y",
+    action="Look for what drains the vessel by its level, such as a bypass or an overflow.",
     settled_by="a longer record with the valve at rest: the level returns to its own value, or does not",
     told_apart={
         "extra-lag": "a longer record with the valve at rest: the level returns to its own value, or does not",

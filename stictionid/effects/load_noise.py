@@ -40,6 +40,10 @@ EFFECT = Effect(
     source="stochastic load disturbance, Box, Jenkins, Reinsel, section 13", parameters=(_ROOT, _SD), searched=(),
     confused_with=("coloured-noise", "random-walk-disturbance"), asked=BY_HAND, disturb=_disturb,
     visible=_visible,
+    noun="random disturbances of the load",
+    sentence="Random disturbances enter before the process, {innovation_sd} new in each sample.",
+    seen_over="spectrum",
+    action="Nothing on the valve: look at what feeds the process.",
     settled_by="a tag of the suspected load, read with --extra",
     told_apart={
         "coloured-noise": "a tag of the suspected load, read with --extra",

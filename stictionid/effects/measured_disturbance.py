@@ -67,5 +67,9 @@ EFFECT = Effect(
     parameters=(_LAG, _DEAD, _GAIN), searched=("lag_s", "dead_time_s"), needs=("extra",), limits=_limits,
     columns=_columns, guess=_guess, report=_report, disturb=_disturb,
     visible=_visible,
+    noun="another tag of the export",
+    sentence="The tag moves PV with a gain of {gain}, a lag of {lag_s} and a dead time of {dead_time_s}.",
+    seen_over="time",
+    action="Feed the tag forward to the controller, or calm its source.",
     settled_by="a deliberate move of that tag",
 )

@@ -56,6 +56,10 @@ EFFECT = Effect(
     source="first-order filter of a transmitter", parameters=(_PARAMETER,), confused_with=("extra-lag",),
     needs=("value",), asked=BY_HAND, dynamics=_dynamics, known=_known,
     visible=_visible,
+    noun="a filter of {time_constant_s}",
+    sentence="A filter of {time_constant_s} smooths PV before it is recorded.",
+    seen_over="direction",
+    action="Shorten the filter where the controller needs PV sooner.",
     settled_by="the transmitter's own setting, or a record without the filter",
     told_apart={
         "extra-lag": "the transmitter's own setting, or a record without the filter",

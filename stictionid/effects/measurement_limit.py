@@ -72,6 +72,10 @@ EFFECT = Effect(
     measured=_measured, report=_report,
     visible=_visible,
     leaves={"value": 4},
+    noun="a transmitter that is clipped",
+    sentence="The transmitter ends at {lower} and {upper}; samples there do not count.",
+    seen_over="y",
+    action="Widen the range of the transmitter.",
     settled_by="the range of the transmitter, or a second one",
     told_apart={
         "gain-nonlinearity": "the range of the transmitter, or a second one",

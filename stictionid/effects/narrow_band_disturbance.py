@@ -46,6 +46,11 @@ EFFECT = Effect(
     disturb=_disturb,
     visible=_visible,
     leaves={"colour": 5, "line": 2},
+    noun="an oscillation near {period_s} from outside",
+    sentence="An oscillation near {period_s} comes from outside; its phase is forgotten after {coherence_cycles} "
+             "cycles.",
+    seen_over="spectrum",
+    action="Look for the loop or the machine that swings every {period_s}.",
     settled_by="the loop in manual: an oscillation from elsewhere goes on",
     told_apart={
         "sinusoidal-disturbance": "a longer record, or other loops of the same time that show the oscillation",

@@ -54,6 +54,11 @@ EFFECT = Effect(
     report=_report, disturb=_disturb,
     visible=_visible,
     leaves={"level": 2, "stretch": 3},
+    noun="a drift from {start_s} on",
+    sentence="From {start_s} on the sensor or the load drifts by {rate}.",
+    seen_over="time",
+    action="Check the sensor's zero and the load from {start_s} on.",
+    of_record=("start_s", "rate"),
     settled_by="a tag of the suspected load, or a check of the sensor's zero",
     told_apart={
         "step-disturbance": "a longer record after the change",

@@ -35,6 +35,10 @@ EFFECT = Effect(
     searched=(), confused_with=("coloured-noise",), disturb=_disturb,
     visible=_visible,
     leaves={"level": 3, "stretch": 4, "colour": 2},
+    noun="a load that wanders",
+    sentence="The load wanders by {innovation_sd} from sample to sample.",
+    seen_over="time",
+    action="Find the load that wanders, or let the controller act faster.",
     settled_by="a tag of the suspected load, read with --extra",
     told_apart={
         "step-disturbance": "a longer record, or the loop in manual for a while",

@@ -56,6 +56,10 @@ EFFECT = Effect(
     by_itself=True,
     visible=_visible,
     leaves={"slide": 1},
+    noun="a stem that sticks again when it moves slowly",
+    sentence="The sliding stem sticks again when the command moves slower than {restick_speed}.",
+    seen_over="direction",
+    action="Check packing and guides; this goes with the friction itself.",
     settled_by="the measured valve position, sampled faster than the scan",
     told_apart={
         "slip-overshoot": "the measured valve position, sampled faster than the scan",

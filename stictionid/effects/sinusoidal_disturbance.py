@@ -93,5 +93,10 @@ EFFECT = Effect(
     report=_report, disturb=_disturb,
     visible=_visible, tried_at=_tried_at,
     leaves={"stick": 3, "colour": 4, "own line": 1, "line": 1},
+    noun="an oscillation of {period_s} from outside",
+    sentence="An oscillation of {period_s} from outside moves PV by {amplitude} either way.",
+    seen_over="phase",
+    action="Look for the loop or the machine that swings every {period_s}.",
+    of_record=("phase",),
     settled_by="the loop in manual: an oscillation from elsewhere goes on",
 )

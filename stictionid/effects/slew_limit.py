@@ -122,5 +122,9 @@ EFFECT = Effect(
     fine=True, states=1, limits=_limits, run=_run, run_means=_run_means, start=_start, guess=_guess,
     visible=_visible,
     leaves={"slip": 2, "cycle": 3, "valve": 2, "dip": 3},
+    noun="an actuator that is too slow",
+    sentence="The stem moves no faster than {rate}.",
+    seen_over="direction",
+    action="Check air supply, tubing and booster of the actuator.",
     settled_by="two steps in manual of different size",
 )

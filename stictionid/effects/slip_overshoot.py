@@ -70,5 +70,9 @@ EFFECT = Effect(
     natural=Natural(_numbers, _valve, _longest),
     visible=_visible,
     leaves={"slip": 3, "cycle": 2, "valve": 5, "bump": 1},
+    noun="slips that go past their place",
+    sentence="A slip is {overshoot} times as long as friction alone would make it; then the stem waits.",
+    seen_over="direction",
+    action="Check actuator and positioner: stored air lets the stem jump past its place.",
     settled_by="the measured valve position, sampled faster than the scan",
 )

@@ -66,6 +66,11 @@ EFFECT = Effect(
     report=_report, disturb=_disturb,
     visible=_visible,
     leaves={"level": 1, "stretch": 2, "stick": 2},
+    noun="a shift at {time_s}",
+    sentence="At {time_s} the sensor or the load shifts once, by {size}.",
+    seen_over="time",
+    action="Look up what was switched or fed at {time_s}.",
+    of_record=("time_s", "size"),
     settled_by="a tag of the suspected load, read with --extra",
     sudden=True,
 )

@@ -58,5 +58,9 @@ EFFECT = Effect(
     guess=_guess,
     visible=_visible,
     leaves={"stretch": 1, "drift": 2, "slide": 3},
+    noun="friction that changes along the record",
+    sentence="The stickband grows by {stickband_growth}, the slip jump by {jump_growth}.",
+    seen_over="time",
+    action="Record the loop again some hours later: friction that goes on growing needs maintenance soon.",
     settled_by="a second record some hours later",
 )

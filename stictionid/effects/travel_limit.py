@@ -58,6 +58,10 @@ EFFECT = Effect(
     limits=_limits, friction=_friction, guess=_guess,
     visible=_visible, two_sided=True,
     leaves={"direction": 2, "output": 1, "value": 3, "setpoint": 2},
+    noun="a hard stop of the stem",
+    sentence="The stem moves only between {lower} and {upper}, whatever the controller asks for.",
+    seen_over="travel",
+    action="Check end stops, handwheel and the limits set in the positioner.",
     settled_by="a step in manual beyond the suspected limit",
     told_apart={
         "valve-characteristic": "a step in manual beyond the suspected limit: a limited valve moves no further",

@@ -78,6 +78,10 @@ EFFECT = Effect(
     dynamics=_dynamics, plant=_plant, guess=_guess, report=_report,
     visible=_visible,
     leaves={"stick": 4, "cycle": 5, "valve": 6, "swing": 1},
+    noun="a process that rings every {natural_period_s}",
+    sentence="The process itself rings every {natural_period_s}, with a damping of {damping}.",
+    seen_over="phase",
+    action="Keep the controller slower than the ringing, or damp the process.",
     settled_by="a step in manual: a process that rings swings about its new value while the valve rests",
     told_apart={
         "sinusoidal-disturbance":

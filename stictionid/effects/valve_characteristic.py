@@ -52,5 +52,9 @@ EFFECT = Effect(
     guess=_guess,
     visible=_visible,
     leaves={"slide": 2, "direction": 3, "output": 2, "value": 2, "setpoint": 4, "valve": 4},
+    noun="a curved valve characteristic",
+    sentence="Flow is not proportional to travel: the logarithm of the trim's rangeability is {log_rangeability}.",
+    seen_over="travel",
+    action="Straighten the characteristic in the positioner or behind the controller's output.",
     settled_by="steps in manual at both ends of the range",
 )

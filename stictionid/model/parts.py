@@ -9,15 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..record.swing import Share
 from ..typing import FloatArray
 from .model import Model
-
-VALVE, START, NOISE = "valve and process", "start and level", "noise"
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One part of y (n,): its name, its curve, and its share cov(part, y) / var(y) of the variance of y."""
+    """One part of y (n,): its name (see Share), its curve, and its share cov(part, y) / var(y) of the variance of y."""
 
     name: str
     curve: FloatArray
@@ -33,14 +32,14 @@ def parts_of(model: Model, values: FloatArray) -> tuple[Part, ...]:
     own = model.guided(done.guide) if model.follows_y else model
     base, offsets = own.responses(values[:, None], filtered=False)
     columns, at = own.own_columns(base, offsets)[:, :, 0], 1
-    curves = {VALVE: done.own[0] * columns[0]}
+    curves = {Share.VALVE: done.own[0] * columns[0]}
     for name, effect, rows, option in zip(own.names, own.effects, own.effect_rows, own.options, strict=True):
         if effect.columns:
             count = len(effect.columns(values[rows, None], own.context_of(option)))
             curves[name] = np.asarray(done.own[at:at + count] @ columns[at:at + count])
             at += count
-    curves[START] = done.model - sum(curves.values())
-    curves[NOISE] = done.residual
+    curves[Share.START] = done.model - sum(curves.values())
+    curves[Share.NOISE] = done.residual
     good = done.counted > 0
     y = (done.model + done.residual)[good]
     centred = y - y.mean()

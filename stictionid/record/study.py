@@ -18,6 +18,7 @@ from typing import Any
 from ..errors import DataError
 from .loop import Finding
 from .rhythm import Rhythm
+from .swing import Swing
 from .tree import Equivalent, TreeNode
 from .unexplained import Unexplained
 
@@ -196,7 +197,8 @@ class Step:
     """One stage of a study: the model so far, its parameters and its errors.
 
     `model` is the full description from which the model runs again without a search (model/restore.py). `variant`
-    says where an added disturbance enters ("output" or "load"), or which tag it is.
+    says where an added disturbance enters ("output" or "load"), or which tag it is. `supported` is the answer on an
+    effect that was added by hand; null where a search added it, or the record can't tell.
     """
 
     added: str | None
@@ -204,6 +206,7 @@ class Step:
     parameters: tuple[ParameterValue, ...]
     error: ErrorSummary
     restarts: Restarts
+    supported: bool | None = field(default=None, kw_only=True)
     findings: tuple[Finding, ...] = ()
     model: dict[str, Any] = field(default_factory=dict)
     variant: str = ""
@@ -290,6 +293,7 @@ class Study:
     severity: Severity | None = None
     unexplained: Unexplained | None = field(default=None, kw_only=True)
     rhythm: Rhythm | None = field(default=None, kw_only=True)
+    swing: Swing | None = field(default=None, kw_only=True)
     schema: str = SCHEMA
 
     @property

@@ -48,12 +48,16 @@ class KeyNumber:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """The whole content of one study in reading order; `verdict` is the contract's word, `headline` the sentence."""
+    """The whole content of one study in reading order; `verdict` is the contract's word.
+
+    `headline` says what makes the loop swing, where that is known, and `then` the state of the valve and what to do.
+    """
 
     name: str
     title: str
     verdict: str
     headline: str
+    then: tuple[str, ...]
     reason: str
     numbers: tuple[KeyNumber, ...]
     sections: tuple[Section, ...]

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..record.study import Estimate, Study
+from ..record.study import Estimate, PositionEstimate, Study
 from ..system.plurals import counted
-from . import sections, wording
+from . import effect_words, evidence, ranking, sections, story, wording
 from .document import Facts, KeyNumber, PageTable, Section
 
 # J is called weakly known when its interval is wider than this share of its value: half the value either way.
@@ -19,18 +19,24 @@ WEAK_J_SHARE = 0.5
 # for the right model, and 1.4 and more with an effect missing.
 NOISE_FLOOR_RATIO = 1.1
 
+# S from the position differs where it is this share outside the interval of S.
+DIFFERS = 0.1
+
 _HEADINGS = {"stiction": "The valve sticks", "no stiction": "No stiction found", "undecided": "Undecided"}
 
 
 def facts(study: Study, *, no_pictures: str = "") -> Facts:
     """All facts of one study in reading order; `no_pictures` says why there are none (data not found)."""
-    order = (_size, sections.equivalents, _ladder, _pictures_note(no_pictures), _trends, _valve, _map, _fit,
-             sections.candidates, sections.tree, sections.laws, sections.next_steps, sections.oscillation,
+    order = (story.section, _size, sections.equivalents, _ladder, _pictures_note(no_pictures), _trends, _valve, _map,
+             _fit, ranking.section, sections.tree, sections.laws, sections.next_steps, sections.oscillation,
              sections.data, sections.parameters, sections.method)
-    made = tuple(s for make in order if (s := make(study)) is not None)
+    made = [s for make in order if (s := make(study)) is not None]
+    # The evidence stands behind the ladder that added the effects, or behind the size.
+    at = next((i + 1 for i, s in enumerate(made) if s.key == "ladder"), 0)
+    made[at:at] = evidence.sections(study)
     name = wording.name(study.data.name)
-    return Facts(name, f"Valve stiction: {name}", study.verdict.stiction, headline(study), _reason(study),
-                 _numbers(study), made)
+    return Facts(name, f"Valve stiction: {name}", study.verdict.stiction, *said(study), _reason(study),
+                 _numbers(study), tuple(made))
 
 
 def _reason(study: Study) -> str:
@@ -47,10 +53,17 @@ def _reason(study: Study) -> str:
 
 def adds(facts: Facts) -> bool:
     """True where the reason says more than the headline; that of an abstention does not."""
-    return bool(facts.reason) and facts.reason[:-1].casefold() not in facts.headline.casefold()
+    said = " ".join((facts.headline, *facts.then)).casefold()
+    return bool(facts.reason) and facts.reason[:-1].casefold() not in said
 
 
-def headline(study: Study) -> str:
+def said(study: Study) -> tuple[str, tuple[str, ...]]:
+    """The headline and what follows it: what makes the loop swing, the state of the valve, what to do."""
+    first, *then = filter(None, (story.cause(study), valve_state(study), story.action(study)))
+    return first, tuple(then)
+
+
+def valve_state(study: Study) -> str:
     """The verdict in one sentence with the main number."""
     e = study.estimate
     word = _HEADINGS.get(study.verdict.stiction, wording.name(study.verdict.stiction))
@@ -124,6 +137,7 @@ def _size(study: Study) -> Section | None:
                   f"error of that fit {wording.number(p.rmse)}"),
                  ("J read from the measured position", wording.number(p.J), wording.NOTHING, wording.name(e.unit), "")]
         text.append("The measured valve position was not used for S and J above; it is the check on them.")
+        text += _disagreement(study, e, p)
     text += severity_sentences(study)
     bands = " · ".join(f"{word} {'above 5' if limit > 1e9 else f'below {limit:g}'} %"
                        for limit, word in wording.SEVERITY_BANDS)
@@ -131,6 +145,18 @@ def _size(study: Study) -> Section | None:
         text.append(f"Severity bands of S (configurable, no standard fixes them): {bands}.")
     table = PageTable("Size of the stiction", ("quantity", "value", "interval", "unit", "meaning"), tuple(rows), (1, 2))
     return Section("size", "How big it is", tuple(text), (), (table,))
+
+
+def _disagreement(study: Study, e: Estimate, p: PositionEstimate) -> list[str]:
+    """The reason why S from the position may differ from S, where it does."""
+    low, high = e.S_interval or (e.S, e.S)
+    if (1.0 - DIFFERS) * low <= p.S <= (1.0 + DIFFERS) * high:
+        return []
+    valve = [n for n in (study.steps[-1].effects if study.steps else ()) if effect_words.moves_valve(n)]
+    why = (f"the position was fitted without {wording.listed([effect_words.noun(study, n) for n in valve])}" if valve
+           else "the position signal may be filtered, scaled or only a demand, or the model may lack an effect")
+    return [f"S from the position, {wording.with_unit(p.S, e.unit)}, differs from S, {wording.with_unit(e.S, e.unit)}: "
+            f"{why}."]
 
 
 def severity_sentences(study: Study) -> list[str]:
@@ -148,7 +174,7 @@ def ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:
     before: float | None = None
     for step in study.steps:
         e = step.error
-        label = "base model" if step.added is None else f"+ {wording.name(step.added)}"
+        label = "base model" if step.added is None else f"+ {wording.name(step.added)}{evidence.flag(step)}"
         change = wording.NOTHING if not before else f"{100 * (e.rmse / before - 1):+.0f} %"
         times = wording.number(e.rmse / e.noise_sd, 3) if e.noise_sd else wording.NOTHING
         rows.append((label, wording.number(e.rmse), change, wording.number(e.rmse_holdout), times,
@@ -174,7 +200,7 @@ def _ladder(study: Study) -> Section | None:
     if study.missing_reason:
         text.append(wording.sentence(study.missing_reason))
     text.append("Error is the free-run error of the model (RMS); held out means on stretches not used in the fit.")
-    return Section("ladder", "Error ladder", tuple(text), (), (table,), ("ladder",))
+    return Section("ladder", "Error ladder", tuple(text), (), (table,), ("ladder", "film"))
 
 
 def _ladder_sentence(study: Study, unit: str) -> str:

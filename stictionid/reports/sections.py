@@ -1,4 +1,4 @@
-"""Details of the facts: candidates, laws, next steps, range, data, parameters, method and commands."""
+"""Details of the facts: laws, next steps, range, data, parameters, method and commands."""
 
 from __future__ import annotations
 
@@ -49,29 +49,6 @@ def added_later(study: Study) -> tuple[Step, ...]:
     """Steps that diagnose or add put behind those of identify."""
     last = mapped_step(study)
     return () if last is None else tuple(s for s in study.steps[last + 1:] if s.added)
-
-
-def candidates(study: Study) -> Section | None:
-    """The catalogue's effects refitted into the model, best first; None where `diagnose` has not run."""
-    if not study.candidates:
-        return None
-    rows = []
-    # An older study has neither these gains nor reasons.
-    gained = any(c.gain_beyond_noise is not None for c in study.candidates)
-    reasons = tuple((wording.name(c.effect), wording.clean(c.rejected_because, 200)) for c in study.candidates
-                    if c.rejected_because)
-    for c in study.candidates:
-        rows.append((wording.name(c.effect), "yes" if c.accepted else "no", wording.number(c.rmse),
-                     wording.percent(c.error_drop_percent), wording.percent(c.one_step_drop_percent),
-                     wording.number(c.delta_bic), *[wording.number(c.gain_beyond_noise)] * gained,
-                     ", ".join(map(wording.name, c.equivalent_to)) or wording.NOTHING,
-                     wording.clean(c.detectable_from or wording.NOTHING, 80)))
-    columns = ("effect", "accepted", "error", "error drop", "one-step drop", "delta BIC",
-               *["BIC beyond noise"] * gained, "can't be told from", "would have shown from")
-    table = PageTable("Effects tried, best first", columns, tuple(rows), (2, 3, 4, 5, *[6] * gained))
-    why = [PageTable("Effects not accepted", ("effect", "rejected because"), reasons)] * bool(reasons)
-    bullets = tuple(wording.sentence(c.statement) for c in study.candidates if c.statement and c.accepted)
-    return Section("candidates", "What else could be there", (), bullets, (table, *why), ("candidates",))
 
 
 def tree(study: Study) -> Section | None:

@@ -23,13 +23,17 @@ from ..model.segments import bound
 from ..numerics.population import refine
 from ..process.scan import DECIMATED, blurred
 from ..record.loop import Finding, Loop
+from ..record.preconditions import swing_of
 from ..record.study import Study
 from ..selection.ladder import step_of
 from ..selection.node import plain, variants
+from ..selection.policy import Policy
 from ..selection.steps import opened, with_steps
 from ..typing import FloatArray, Progress
+from ..verdict.from_position import from_position
 from ..verdict.judge import judge
-from ..verdict.severity import severity_of
+from ..verdict.swing import meaning_of
+from .support import support_of
 
 # An earlier effect is superfluous when the model without it loses less than this in BIC (CRITICISM.md section 7).
 SUPERFLUOUS = 2.0
@@ -41,9 +45,10 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
         progress: Progress | None = None) -> Study:
     """The study with one more step, the model refitted with `effect`, and the verdict of that model.
 
-    `effect` may name a variant ("step-disturbance@load"). Earlier effects that the new one makes superfluous are named
-    in a finding, and left out with `prune`. Raises UsageError for an unknown effect, one that the model has already, or
-    one that needs a signal that is not there; DataError for an abstained study.
+    `effect` may name a variant ("step-disturbance@load"). The new step says whether the record supports the effect.
+    Earlier effects that the new one makes superfluous are named in a finding, and left out with `prune`. Raises
+    UsageError for an unknown effect, one that the model has already, or one that needs a signal that is not there;
+    DataError for an abstained study.
     """
     return asked_anew(loop, _extended(loop, study, effect, seed=seed, prune=prune, progress=progress), seed)
 
@@ -55,8 +60,13 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
     """
     run, fit = opened(loop, study, seed)
     main = study.estimate
-    return replace(study, verdict=judge(run, fit, loop, main.from_position if main else None),
-                   severity=severity_of(run.loop, main, fit) if main else None)
+    if main is not None and any(effect.friction is not None for effect in fit.model.effects):
+        position = from_position(run.loop.longest_segment(), law=run.law, s_max=swing_of(run.loop, run.found),
+                                 rng=np.random.default_rng(seed), fit=fit)
+        main = replace(main, from_position=position)
+    verdict = judge(run, fit, loop, main.from_position if main else None)
+    severity, swing = meaning_of(run.loop, main, fit, verdict) if main else (None, None)
+    return replace(study, estimate=main, verdict=verdict, severity=severity, swing=swing)
 
 
 def asked_anew(loop: Loop, study: Study, seed: int) -> Study:
@@ -110,7 +120,9 @@ def _extended(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bo
                                 f"{', '.join(spare)} no longer helps beside {name}: without it BIC "
                                 f" changes by less than {SUPERFLUOUS:g}; add again with --prune to leave it out",
                                 {"effects": list(spare)}, (), "CRITICISM.md section 7, step 8"))
-    step = step_of(run, after, name, findings)
+    tell("judging the effect", 0.95)
+    support = support_of(run, study, fit, after, name, Policy())
+    step = replace(step_of(run, after, name, [support.finding, *findings]), supported=support.supported)
     return with_steps(study, run, (*study.steps, step), after)
 
 

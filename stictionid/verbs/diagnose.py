@@ -29,7 +29,16 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     found = select(loop, study, judged_anew, everything=everything, apply=apply, seed=seed, jobs=jobs,
                    bootstrap=bootstrap, policy=policy or Policy(), progress=progress)
     adequate, why = judged_by(found.unexplained, found.adequate, found.adequate_reason)
-    return _with_sizes(loop, replace(found, adequate=adequate, adequate_reason=why))
+    judged = _with_sizes(loop, replace(found, adequate=adequate, adequate_reason=why))
+    return _with_what_was_asked(study, judged)
+
+
+def _with_what_was_asked(before: Study, after: Study) -> Study:
+    """The study with candidates and tree of an earlier search, where a new one added nothing to the same model."""
+    same = set(after.steps[-1].effects) == set(before.steps[-1].effects) and not after.missing
+    if not same or after.candidates or not before.candidates:
+        return after
+    return replace(after, candidates=before.candidates, tree=max(before.tree, after.tree, key=len))
 
 
 def _with_sizes(loop: Loop, study: Study) -> Study:

@@ -46,7 +46,7 @@ from ..typing import Progress
 from ..verdict import law_ranking
 from ..verdict.from_position import from_position
 from ..verdict.judge import ASK, UNANSWERED, capped, judge
-from ..verdict.severity import severity_of
+from ..verdict.swing import meaning_of
 from .long_records import excerpt, judged
 
 _MAP_S, _MAP_J = 41, 31
@@ -97,11 +97,12 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     if verdict.stiction == "undecided" and verdict.evidence.get("code") == UNANSWERED:
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
     estimate = reaching_to(_estimate(last, unit, outcome, position), outcome.equivalents)
-    meaning = severity_of(piece, estimate, last)
+    severity, swing = meaning_of(piece, estimate, last, verdict)
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
                  adequate=outcome.adequate, adequate_reason=outcome.reason,
-                 cost_map=_cost_map(near_fit, len(outcome.steps) - 1), command=options.command, severity=meaning,
+                 cost_map=_cost_map(near_fit, len(outcome.steps) - 1), command=options.command, severity=severity,
+                 swing=swing,
                  tree=outcome.tree, evaluations=outcome.evaluations, unasked=outcome.unasked,
                  equivalents=outcome.equivalents, missing_reason=outcome.missing_reason,
                  unexplained=outcome.unexplained)

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from .. import laws as law_room
+from ..effects.contract import Effect
+from ..fit.fit import Fitted
 from ..laws.contract import neutral_friction
 from ..model.response import S_OVER_S_MAX
 from ..numerics.population import Found, refine, swarm
@@ -27,9 +29,11 @@ _FEWEST_SAMPLES = 20
 _LEFT, _RELEVANT, _BEYOND, _SMALLEST = 0.5, 0.1, 3.0, 0.05
 
 
-def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generator) -> PositionEstimate | None:
+def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generator,
+                  fit: Fitted | None = None) -> PositionEstimate | None:
     """Fit the law to command and measured position (n,) of `loop`; None where the position is absent or dead.
 
+    The friction effects of a `fit` change the law as they do in its model, so that S and J mean the same in both.
     The error is in the unit of the position. Wrong where the position signal is filtered or only a demand.
     """
     z = loop.position
@@ -42,6 +46,7 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
     command = np.where(np.isfinite(loop.output), loop.output, np.nanmean(loop.output))
     filled = np.where(good, z, 0.0)
     first = max(_LARGEST_LAG, min(loop.samples // 20, 50))
+    effects, held = _on_friction(fit)
     shared = Shared.prepare(filled[first:], np.ones((loop.samples - first, 1)), good[first:])
 
     def values(cube: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -50,7 +55,11 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
 
     def solve(cube: FloatArray) -> tuple[FloatArray, FloatArray]:
         S, J = values(cube)
-        positions = chosen.positions(command, neutral_friction(S, J), share=2.0 * cube[:, 2] - 1.0)
+        friction = neutral_friction(S, J)
+        for effect, theta in effects:
+            assert effect.friction is not None
+            friction = effect.friction(friction, theta[:, None].repeat(S.size, axis=1), loop.step_s, held)
+        positions = chosen.positions(command, friction, share=2.0 * cube[:, 2] - 1.0)
         best, gain = np.full(S.size, np.inf), np.zeros(S.size)
         for lag in range(_LARGEST_LAG + 1):
             cost, own = shared.solve(positions, (first - lag,))
@@ -80,6 +89,15 @@ def from_position(loop: Loop, *, law: str, s_max: float, rng: np.random.Generato
     shows = rmse < _LEFT * straight and _RELEVANT * float(np.ptp(command[good])) < S \
         and abs(gain[0]) * S > _BEYOND * _resolution(z[good])
     return PositionEstimate(S, J, rmse, float(gain[0]), None, straight, bool(shows))
+
+
+def _on_friction(fit: Fitted | None) -> tuple[list[tuple[Effect, FloatArray]], bool]:
+    """Effects of a fit that change the friction at all times, their values (k,), and whether its command is held."""
+    if fit is None:
+        return [], True
+    model = fit.model
+    return [(effect, fit.values[rows]) for effect, rows in zip(model.effects, model.effect_rows, strict=True)
+            if effect.friction is not None and effect.profile is None], model.spec.held
 
 
 def _resolution(z: FloatArray) -> float:

@@ -1,10 +1,10 @@
 """Severity of stiction: the loop as it is against the same loop with a valve that does not stick.
 
-The controller is a PI law estimated from r, y and u. The process is that of the estimate. The free-run residual stays
-as the disturbance. The same loop then runs again with S = J = 0. Bands of S are those of the shared conventions: no
-standard fixes them; EnTech's specification asks for 1 % or less, Ruel sees cycling from 0.5 %. Wrong where the
-controller is not PI, or the disturbance was itself caused by the friction. Source: HISTORIAN.md section 1 (bands);
-paper Fig. 1 (the loop).
+The controller is a PI law estimated from r, y and u. The process is that of the estimate. The free-run residual and
+the disturbances of the model stay as they are. The same loop then runs again with S = J = 0. Bands of S are those of
+the shared conventions: no standard fixes them; EnTech's specification asks for 1 % or less, Ruel sees cycling from
+0.5 %. Wrong where the controller is not PI, or the disturbance was itself caused by the friction. Source: HISTORIAN.md
+section 1 (bands); paper Fig. 1 (the loop).
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..fit.fit import Fitted
 from ..numerics.jit import kernel
 from ..record.loop import Loop, bridged
 from ..record.study import Estimate, Severity
@@ -70,16 +69,9 @@ def band(S: float) -> str:
     return next(word for limit, word in BANDS if limit > S)
 
 
-def severity_of(loop: Loop, estimate: Estimate, fit: Fitted) -> Severity:
-    """Severity of the S and J of a fit; of several segments the longest is simulated, where the loop ran on."""
-    best, part = fit.best, loop.longest
-    return severity(loop.longest_segment(), estimate, np.where(best.counted > 0, best.residual, np.nan)[part],
-                    best.position[part], held=fit.model.spec.between == "hold")
-
-
 def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: FloatArray, *,
              held: bool = True) -> Severity:
-    """Severity of S and J. `residual` (n,) is the model's free-run error, `position` (n,) the valve's.
+    """Severity of S and J. `residual` (n,) acts on y from outside, `position` (n,) is the valve's.
 
     `residual` is not a number where the model says nothing; `held` says whether the output was held between samples.
     """
@@ -90,9 +82,7 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
     words = sorted({band(low), band(estimate.S), band(high)}, key=[w for _, w in BANDS].index)
     law = controller_law(loop, held=held)
     sd = float(np.std(loop.process_value[loop.used]))
-    # Between two PV values that are there the residual goes straight.
-    left = np.where(np.isnan(loop.process_value), bridged(residual), np.nan_to_num(residual))
-    after = None if law is None else _repaired(loop, estimate, law, left)
+    after = None if law is None else _repaired(loop, estimate, law, without_gaps(loop, residual))
     if after is not None:
         y, u = after
         sd_after = float(np.std(y[loop.used]))
@@ -114,6 +104,11 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
                     later, law.gain, law.integral_time_s, said, BANDS_SOURCE)
 
 
+def without_gaps(loop: Loop, residual: FloatArray) -> FloatArray:
+    """A disturbance (n,) without gaps: straight between two PV values that are there, 0 elsewhere."""
+    return np.where(np.isnan(loop.process_value), bridged(residual), np.nan_to_num(residual))
+
+
 def _travel(position: FloatArray) -> float:
     return float(np.abs(np.diff(position)).sum())
 
@@ -122,17 +117,25 @@ def _repaired(loop: Loop, estimate: Estimate, law: ControllerLaw,
               residual: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """y and u (n,) of the same loop with a valve that follows its command; PI law, process and residual unchanged."""
     assert loop.setpoint is not None
+    y_known = bridged(loop.process_value)
+    r = np.where(np.isfinite(loop.setpoint), loop.setpoint, y_known)
+    y, u, fine = perfect_valve(loop, estimate, law, r, residual, float(y_known[0]), float(loop.output[0]))
+    return (y, u) if fine else None
+
+
+def perfect_valve(loop: Loop, estimate: Estimate, law: ControllerLaw, r: FloatArray, residual: FloatArray,
+             start_y: float = 0.0, start_u: float = 0.0) -> tuple[FloatArray, FloatArray, bool]:
+    """y and u (n,) of the loop with a perfect valve, from a setpoint and a disturbance at the output (n,), and whether
+    it is stable."""
     lags = [t for t in estimate.time_constants_s if t > 0]
     fastest = min([*lags, estimate.dead_time_s or np.inf, loop.step_s * _PARTS])
     parts = int(np.clip(np.ceil(_PARTS * loop.step_s / max(fastest, 1e-9)), 1, 20)) if loop.samples < 50_000 else 1
     h = loop.step_s / parts
-    y_known = bridged(loop.process_value)
-    r = np.where(np.isfinite(loop.setpoint), loop.setpoint, y_known)
     y, u = np.empty(loop.samples), np.empty(loop.samples)
     fine = _closed(r, residual, parts, h, np.exp(-h / np.array(lags)), round(estimate.dead_time_s / h),
                    estimate.gain, estimate.integrating, law.gain, law.gain / law.integral_time_s * h,
-                   float(loop.output[0]), float(y_known[0]), y, u)
-    return (y, u) if fine else None
+                   start_u, start_y, y, u)
+    return y, u, bool(fine)
 
 
 @kernel

@@ -104,7 +104,7 @@ def _page(loop: Loop, study: Study, times: dict[str, float]) -> str:
     """The loop's report as one HTML page."""
     from ...reports.pages.html import html
     from ...reports.pictures.curves import Case, curves
-    from ...reports.pictures.study_pictures import pictures
+    from ...reports.pictures.gallery import pictures
 
     start = time.perf_counter()
     case = Case(study, loop, tuple(curves(study, loop)))

@@ -22,16 +22,14 @@ def write_study(study: Any, place: Path, force: bool, quiet: bool) -> None:
 
 
 def candidates_table(study: Any) -> Any:
-    """Effects that were asked for, best first."""
-    table = plain_table("effect", "named", "drop %", "BIC", "would show", title="candidates")
-    # The name is never broken: the numbers are narrow, and the last column may be broken.
-    table.columns[0].no_wrap = True
-    same = study.candidates[0].equivalent_to
-    for c in study.candidates:
-        named = "yes" if c.accepted else "alike" if c.effect in same else "no"
-        table.add_row(safe(c.effect + (f"@{c.variant}" if c.variant else "")), named,
-                      number(c.one_step_drop_percent, "", 3), number(c.delta_bic, "", 4),
-                      safe(_short(c.detectable_from)))
+    """Effects that were asked for, ranked by what they explain beyond noise, with the reason of each answer."""
+    from ...reports.ranking import table as ranking
+
+    found = ranking(study)
+    table = plain_table(*found.columns[:-1], title="candidates")
+    table.columns[0].no_wrap, table.columns[-1].justify = True, "left"
+    for row in found.rows:
+        table.add_row(*map(safe, row[:-1]))
     return table
 
 
@@ -47,16 +45,6 @@ def print_outcome(study: Any, console: Any, *, applied: bool) -> None:
     if study.missing_reason:
         console.print(safe(study.missing_reason))
     print_equivalents(study, console)
-
-
-def _short(size: str | None) -> str:
-    """A smallest size without its parameter's name, which the JSON has."""
-    if not size:
-        return "-"
-    for word, sign in (("from", ">"), ("down to", "<")):
-        if f" {word} " in size:
-            return f"{sign} {size.partition(f' {word} ')[2]}"
-    return size
 
 
 def ladder_table(study: Any) -> Any:

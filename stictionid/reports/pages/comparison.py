@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from html import escape
 from pathlib import Path
 
+from ..._version import __version__
 from ...comparison import Comparison
+from ...comparison.side_by_side import SideBySide
 from ...system.files import ensure_writable, write_whole
-from .. import wording
+from ...system.plurals import counted
+from .. import effect_words, wording
+from ..document import PageTable
 from ..pictures import svg
-from ..pictures.comparison_pictures import comparison_pictures
+from ..pictures.comparison_pictures import comparison_pictures, overview
+from ..pictures.curves import Case
 from ..pictures.figures import figure_bytes
 from ..pictures.picture import Picture
+from ..side_by_side import tables as side_tables
 from .place import refuse_other_kinds
 
 MARK = "<!-- stictionid comparison -->"
-KINDS = {".md": MARK.encode(), ".html": b"<!doctype html>\n" + MARK.encode()}
+KIND = f"<!doctype html>\n{MARK}"
+KINDS = {".md": MARK.encode(), ".html": KIND.encode()}
+# Most suspects of a page and of the terminal; the JSON has all.
+MOST_SUSPECTS = 6
 
 
 def check_place(out: Path, *, force: bool = False) -> None:
@@ -40,28 +48,70 @@ def write_comparison(c: Comparison, title: str, out: Path, *, force: bool = Fals
     return [*files, out]
 
 
+def write_beside(cases: tuple[Case, Case], found: SideBySide, out: Path, *, force: bool = False) -> None:
+    """Write the page of two studies side by side; markdown has the tables alone."""
+    check_place(out, force=force)
+    title = f"Side by side: {wording.name(found.names[0])} and {wording.name(found.names[1])}"
+    if out.suffix.lower() == ".html":
+        from .html import escaped, page_html, side_by_side
+
+        body = f"<h1>{escaped(title)}</h1>{side_by_side(cases)}"
+        write_whole(out, page_html(title, body, __version__, KIND), force=force, kind=KINDS[".html"])
+        return
+    from .markdown import escape as plain
+    from .markdown import table_text
+
+    text = "\n\n".join([f"{MARK}\n\n# {plain(title)}", plain(wording.sentence(found.statement)),
+                        *map(table_text, side_tables(found))])
+    write_whole(out, text + "\n", force=force, kind=KINDS[".md"])
+
+
 def rows_of(c: Comparison) -> list[tuple[str, str]]:
     """The errors as label and value."""
     e = c.error
     unit = c.ground.loop.unit("process_value", "")
     return [("free-run error", wording.with_unit(e.rmse, unit)),
             ("one-step error", wording.with_unit(e.rmse_one_step, unit)),
-            (f"error {e.h_steps} samples ahead", wording.with_unit(e.rmse_h_step, unit)),
-            ("error of y(k) = y(k-1)", wording.with_unit(e.persistence, unit)),
+            (f"error {counted(e.h_steps, 'sample')} ahead", wording.with_unit(e.rmse_h_step, unit)),
+            ("error of the last value as forecast", wording.with_unit(e.persistence, unit)),
             ("irreducible noise", wording.with_unit(e.noise_sd, unit)),
-            ("samples, worth", f"{e.rows}, {e.effective_rows:.0f}")]
+            ("samples that count", wording.count(e.rows)),
+            ("as good as independent ones", wording.count(round(e.effective_rows)))]
+
+
+def sentences(c: Comparison) -> list[str]:
+    """The errors in sentences."""
+    e = c.error
+    unit = c.ground.loop.unit("process_value", "")
+    times = f", {wording.number(e.rmse / e.noise_sd)} times the irreducible noise" if e.noise_sd else ""
+    return [f"The free run misses PV by {wording.with_unit(e.rmse, unit)}{times}.",
+            f"One step ahead the model misses by {wording.with_unit(e.rmse_one_step, unit)}; the last value as "
+            f"forecast misses by {wording.with_unit(e.persistence, unit)}.",
+            f"Successive errors hang together: {wording.count(e.rows)} samples say as much as "
+            f"{wording.count(round(e.effective_rows))} independent ones."]
+
+
+def _suspects(c: Comparison) -> PageTable | None:
+    """The ranked list of suspects; None where no finding points to any."""
+    if not c.suspects:
+        return None
+    rows = []
+    for s in c.suspects[:MOST_SUSPECTS]:
+        effect, _ = effect_words.known(s.effect)
+        rows.append((wording.name(s.effect), effect.summary if effect else "",
+                     wording.clean(s.speaks_for)))
+    return PageTable("Suspects, best first", ("suspect", "what it does", "speaks for it"), tuple(rows))
 
 
 def _markdown(c: Comparison, title: str, drawn: dict[str, Picture], names: list[str]) -> str:
     from .markdown import escape as plain
+    from .markdown import table_text
 
-    parts = [MARK, "", f"# {plain(wording.clean(title))}", "", plain(wording.sentence(c.adequate_reason)), "",
-             "| | |", "|---|---:|"]
-    parts += [f"| {plain(a)} | {plain(b)} |" for a, b in rows_of(c)]
-    parts.append("")
-    for f in (*c.findings, *c.notes):
-        tail = f" Points to {', '.join(f.suggests)}." if f.suggests else ""
-        parts.append(f"- **{f.severity}**, {plain(wording.sentence(f.statement))}{plain(tail)}")
+    parts = [MARK, "", f"# {plain(wording.clean(title))}", "", f"**{plain(wording.sentence(c.adequate_reason))}**", ""]
+    parts += [part for sentence in sentences(c) for part in (plain(sentence), "")]
+    suspects = _suspects(c)
+    parts += [table_text(suspects), ""] if suspects is not None else []
+    parts += [f"- **{f.severity}**, {plain(wording.sentence(f.statement))}" for f in (*c.findings, *c.notes)]
     if not c.findings:
         parts.append("- nothing stands out")
     for picture, name in zip(drawn.values(), names, strict=True):
@@ -70,25 +120,32 @@ def _markdown(c: Comparison, title: str, drawn: dict[str, Picture], names: list[
 
 
 def _html(c: Comparison, title: str, drawn: dict[str, Picture]) -> str:
-    def safe(text: str) -> str:
-        return escape(wording.clean(text))
+    """One screen with the suspects and an overview of the errors; every large picture is folded below."""
+    from .html import escaped, page_html
 
-    style = (f":root{{{svg.variables(False)}}}\n@media (prefers-color-scheme:dark){{:root{{{svg.variables(True)}}}}}\n"
-             "body{margin:0 auto;max-width:60rem;padding:1rem;background:var(--ground);color:var(--ink);"
-             "font:1rem/1.5 system-ui,Arial,sans-serif}figure{margin:1.5rem 0}svg{width:100%;height:auto}"
-             f"td{{padding:.1rem 1rem .1rem 0}}\n{svg.style('.pic')}")
-    rows = "".join(f"<tr><td>{safe(a)}</td><td>{safe(b)}</td></tr>" for a, b in rows_of(c))
-    points = "".join(
-        f"<li><b>{safe(f.severity)}</b>, {safe(wording.sentence(f.statement))}"
-        + (f" Points to {safe(', '.join(f.suggests))}." if f.suggests else "") + "</li>"
-        for f in (*c.findings, *c.notes)) or "<li>nothing stands out</li>"
-    figures = "".join(f'<figure><h2>{safe(p.title)}</h2><div class="pic">{svg.inline(p, f"c{i}")}</div>'
-                      f"<figcaption>{safe(p.caption)}</figcaption></figure>" for i, p in enumerate(drawn.values()))
-    return (f'<!doctype html>\n{MARK}\n<html lang="en"><head><meta charset="utf-8">'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            '<meta name="color-scheme" content="light dark">'
-            f"<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">"
-            f'<title>{safe(title)}</title><style>{style}</style></head><body><main><h1>{safe(title)}</h1>'
-            f'<svg width="0" height="0" aria-hidden="true">{svg.HATCH}</svg>'
-            f"<p>{safe(wording.sentence(c.adequate_reason))}</p><table>{rows}</table><ul>{points}</ul>{figures}"
-            "</main></body></html>\n")
+    kind = "v-free" if c.adequate else "v-sticks"
+    said = "".join(f"<p>{escaped(wording.clean(s))}</p>" for s in sentences(c))
+    suspects = _suspects(c)
+    shown = "<ol>" + "".join(f"<li><b>{escaped(name)}</b>, {escaped(what)}. {escaped(wording.sentence(number))}</li>"
+                             for name, what, number in suspects.rows) + "</ol>" if suspects is not None \
+        else "<p>No finding points to an effect.</p>"
+    small = "".join(f'<figure><h3>{escaped(p.title)}</h3><div class="pic">{svg.inline(p, f"o{i}", small=True)}</div>'
+                    "</figure>" for i, p in enumerate(overview(c)))
+    points = "".join(f"<li><b>{escaped(f.severity)}</b>, {escaped(wording.sentence(f.statement))}</li>"
+                     for f in (*c.findings, *c.notes)) or "<li>nothing stands out</li>"
+    figures = "".join(
+        f'<details><summary>{escaped(p.title)}</summary><figure class="{"static" if p.wide else "square"}">'
+        f'<div class="pic">{svg.inline(p, f"c{i}", narrow=not p.wide)}</div>'
+        f"<figcaption>{escaped(p.alt)} {escaped(p.caption)}</figcaption></figure></details>"
+        for i, p in enumerate(drawn.values()))
+    links = "".join(f'<li><a href="#{key}">{word}</a></li>' for key, word in (
+        ("who", "Suspects"), ("where", "Where it fails"), ("found", "Findings"), ("details", "Pictures")))
+    body = (f'<h1>{escaped(wording.clean(title))}</h1><div class="verdict {kind}"><p class="said">'
+            f'{escaped(wording.sentence(c.adequate_reason))}</p>{said}</div>'
+            f'<nav aria-label="Sections"><ul>{links}</ul></nav>'
+            f'<section aria-labelledby="who"><h2 id="who">Suspects</h2>{shown}</section>'
+            '<section aria-labelledby="where"><h2 id="where">Where it fails</h2><p>Free-run error of each part of the '
+            f'record, all on one scale; dashed: the whole record.</p><div class="small">{small}</div></section>'
+            f'<section aria-labelledby="found"><h2 id="found">Findings</h2><ul>{points}</ul></section>'
+            f'<section aria-labelledby="details"><h2 id="details">Pictures</h2>{figures}</section>')
+    return page_html(title, body, __version__, KIND)

@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
 
+from ...comparison import side_by_side as beside
 from .. import facts as facts_of
+from .. import side_by_side as words_beside
 from .. import wording
 from ..document import Facts, PageTable, Section
 from ..pictures import palette, svg
@@ -46,11 +48,11 @@ def html(cases: Sequence[Case], drawn: Sequence[dict[str, Picture]]) -> str:
     return page_html(title, body, version)
 
 
-def page_html(title: str, body: str, version: str) -> str:
+def page_html(title: str, body: str, version: str, kind: str = KIND) -> str:
     style, script = _style(), _resource("page.js")
     policy = (f"default-src 'none'; style-src '{_hash(style)}'; script-src '{_hash(script)}'; img-src data:; "
               "base-uri 'none'; form-action 'none'")
-    return (f'{KIND}\n<html lang="en"><head><meta charset="utf-8">\n'
+    return (f'{kind}\n<html lang="en"><head><meta charset="utf-8">\n'
             f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             '<meta name="color-scheme" content="light dark">\n<meta name="referrer" content="no-referrer">\n'
@@ -92,6 +94,10 @@ def escaped(text: str) -> str:
 
 def _study(case: Case, facts: Facts, drawn: dict[str, Picture], prefix: str, level: int) -> str:
     kind, sign = _VERDICTS.get(facts.verdict, _VERDICTS["undecided"])
+    # The sign is that of the valve, which follows the cause of the swing where that is known.
+    mark = f'<span class="sign" aria-hidden="true">{sign}</span> '
+    then = "".join(f'<p class="then">{mark if not i else ""}{escaped(sentence)}</p>'
+                   for i, sentence in enumerate(facts.then))
     reason = f"<p>{escaped(facts.reason)}</p>" if facts_of.adds(facts) else ""
     numbers = "".join(f'<div><dt>{escaped(n.label)}</dt><dd class="value">{escaped(n.value)}</dd>'
                       + (f'<dd class="note">{escaped(n.note)}</dd>' if n.note else "") + "</div>"
@@ -101,8 +107,8 @@ def _study(case: Case, facts: Facts, drawn: dict[str, Picture], prefix: str, lev
     links = "".join(f'<li><a href="#{prefix}-{s.key}">{escaped(s.title)}</a></li>' for s in sections)
     return (f'<article id="{prefix}" aria-labelledby="{prefix}-title">'
             f'<h{level} id="{prefix}-title">{escaped(facts.title)}</h{level}>\n'
-            f'<div class="verdict {kind}"><p class="said"><span class="sign" aria-hidden="true">{sign}</span> '
-            f'{escaped(facts.headline)}</p>{reason}</div>\n<dl class="numbers">{numbers}</dl>\n'
+            f'<div class="verdict {kind}"><p class="said">{"" if then else mark}{escaped(facts.headline)}</p>'
+            f'{then}{reason}</div>\n<dl class="numbers">{numbers}</dl>\n'
             f'<nav aria-label="Sections of {escaped(facts.name)}"><ul>{links}</ul></nav>\n'
             + "".join(_section(case, s, drawn, prefix, level + 1) for s in sections) + "</article>\n")
 
@@ -164,6 +170,15 @@ def table_html(table: PageTable, name: str, *, links: Sequence[str] = ()) -> str
             f"<tbody>{''.join(rows)}</tbody></table></div>")
 
 
+def side_by_side(cases: tuple[Case, Case]) -> str:
+    """Sentence, tables and picture of two studies."""
+    found = beside.side_by_side(cases[0].study, cases[1].study)
+    drawn = words_beside.picture(found, cases)
+    return (f'<p class="beside">{escaped(wording.sentence(found.statement))}</p>'
+            + (_wide(drawn, "beside") if drawn is not None else "")
+            + "".join(table_html(t, f"beside-{i}") for i, t in enumerate(words_beside.tables(found))))
+
+
 def _comparison(cases: Sequence[Case], all_facts: Sequence[Facts], drawn: Sequence[dict[str, Picture]]) -> str:
     """Table of all loops (sortable and filterable with the page's script), their S on one axis, small multiples."""
     table = table_html(facts_of.comparison([c.study for c in cases]), COMPARED,
@@ -171,6 +186,8 @@ def _comparison(cases: Sequence[Case], all_facts: Sequence[Facts], drawn: Sequen
     parts = [f'<section id="all" aria-labelledby="all-title"><h2 id="all-title">Comparison</h2>'
              f'<p class="filter" hidden><label>Show loops with <input type="search" id="{FILTER}" '
              f'autocomplete="off"></label> <output></output></p>{table}']
+    if len(cases) == 2:
+        parts.append(side_by_side((cases[0], cases[1])))
     picture = comparison([c.study for c in cases])
     if picture is not None:
         parts.append(f'<figure class="square"><div class="pic">{svg.inline(picture, "all")}</div>'

@@ -30,6 +30,8 @@ def markdown(cases: Sequence[Case], pictures: Sequence[dict[str, Picture]], name
 
 def _study(facts: Facts, drawn: dict[str, Picture], files: dict[str, str], level: str) -> list[str]:
     parts = [f"{level} {escape(facts.title)}", "", f"**{escape(facts.headline)}**", ""]
+    for sentence in facts.then:
+        parts += [f"**{escape(sentence)}**", ""]
     if facts_of.adds(facts):
         parts += [escape(facts.reason), ""]
     parts += [f"- {escape(n.label)}: **{escape(n.value)}**" + (f", {escape(n.note)}" if n.note else "")

@@ -24,7 +24,7 @@ from ..tree_text import tree_lines
 # Sections shown on a terminal; the rest is in the written reports.
 _SECTIONS = ("equivalents", "no-pictures", "ladder", "candidates", "tree", "laws", "next")
 # Columns kept of wide tables on a console narrower than _ROOMY columns.
-_NARROW = {"ladder": (0, 1, 2, 3, 4, 6), "candidates": (0, 1, 2, 3, 4)}
+_NARROW = {"ladder": (0, 1, 2, 3, 4, 6), "candidates": (0, 1, 2, 3)}
 _ROOMY = 110
 # Most rows of a table; the rest is left to the written reports.
 _MOST_ROWS = 8
@@ -46,6 +46,8 @@ def print_case(case: Case, console: Any) -> None:
     encoding = console.encoding or "ascii"
     console.print(_text(facts.title, encoding), style="bold")
     console.print(_text(facts.headline, encoding), style=_STYLES.get(facts.verdict, "bold"))
+    for sentence in facts.then:
+        console.print(_text(sentence, encoding), style="bold")
     if facts_of.adds(facts):
         console.print(_text(facts.reason, encoding))
     console.print(_table(PageTable("", ("quantity", "value", "note"),
@@ -57,7 +59,7 @@ def print_case(case: Case, console: Any) -> None:
 
 def _sections(study: Study, facts: Facts, console: Any, encoding: str) -> None:
     for section in facts.sections:
-        if section.key not in _SECTIONS:
+        if section.key not in _SECTIONS and not section.key.startswith("evidence"):
             continue
         console.print(f"\n{_text(section.title, encoding)}", style="bold")
         for sentence in section.text:

@@ -31,7 +31,7 @@ def write_report(cases: Sequence[Case], out: str | Path, *, figures: str = "svg"
     Markdown gets its pictures beside it, named after `out`. `progress` gets a text and the share done. Raises
     UsageError where a file cannot be written.
     """
-    from ..pictures.study_pictures import pictures
+    from ..pictures.gallery import pictures
 
     out = Path(out)
     check_target(out, figures=figures, force=force)

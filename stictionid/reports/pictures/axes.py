@@ -51,6 +51,7 @@ def limits(panel: Panel, axis: str) -> tuple[float, float]:
             values.append(0.0)
     values += [m.x if axis == "x" else m.y for m in panel.marks]
     values += [r.value for r in panel.rules if r.axis == axis and not (axis == "x" and panel.log_x)]
+    values += [panel.x_to] if axis == "x" and panel.x_to is not None else []
     for b in panel.boxes:
         values += [b.x0, b.x1] if axis == "x" else [b.y0, b.y1]
     if panel.cells is not None:

@@ -22,12 +22,45 @@ _TITLES = {"time": "Error along the record", "phase": "Error while the valve sti
            "value": "Error over the process value", "cycle": "Error over the phase of the cycle",
            "setpoint": "Error around setpoint moves"}
 
+# Titles of the small pictures, which all show the error.
+_QUESTIONS = {"time": "along the record", "phase": "by phase of the valve", "direction": "by direction",
+              "output": "by OP", "value": "by PV", "cycle": "over the cycle", "setpoint": "around setpoint moves"}
+
 
 def comparison_pictures(c: Comparison) -> dict[str, Picture]:
     """Every picture by key, in reading order."""
     found = [_fit(c), *(_cells(c, name, cells) for name, cells in c.tables.items() if cells), _cycle(c),
              _cloud(c, "op"), _cloud(c, "pv"), _correlations(c), _bands(c)]
     return {p.key: p for p in found if p is not None}
+
+
+def overview(c: Comparison) -> list[Picture]:
+    """The error of each part of the record, one small picture for each question, all on one scale."""
+    shown = {name: cells for name, cells in c.tables.items() if cells}
+    top = max((cell.rms for cells in shown.values() for cell in cells), default=0.0)
+    return [_small(c, name, cells, top) for name, cells in shown.items()]
+
+
+def _small(c: Comparison, name: str, cells: tuple[Cell, ...], top: float) -> Picture:
+    whole = _cells(c, name, cells)
+    lines = []
+    for word, role, fails in (("stands out", "optimum", True), ("error", "rule", False)):
+        at = [i for i, cell in enumerate(cells) if cell.fails == fails]
+        if at:
+            lines.append(Line(word, role, np.array([cells[i].rms for i in at]), np.array(at, float), "bars"))
+    panel = Panel("", "", tuple(lines), names=_short([cell.label for cell in cells]), x_to=top,
+                  rules=(Rule("x", c.error.rmse, "all", "bound"),))
+    return Picture(f"small_{name}", _QUESTIONS.get(name, name), whole.alt, "", (panel,))
+
+
+def _short(labels: list[str]) -> tuple[str, ...]:
+    """Labels without the words that all begin or end with."""
+    words = [label.split() for label in labels]
+    while len(words) > 1 and min(map(len, words)) > 2 and len({w[0] for w in words}) == 1:
+        words = [w[1:] for w in words]
+    while len(words) > 1 and min(map(len, words)) > 3 and len({w[-1] for w in words}) == 1:
+        words = [w[:-1] for w in words]
+    return tuple(wording.clean(" ".join(w), 24) for w in words)
 
 
 def _unit(c: Comparison) -> str:

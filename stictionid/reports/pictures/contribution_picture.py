@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...model.parts import NOISE, START, VALVE, parts_of
+from ...model.parts import parts_of
 from ...model.restore import rebuild_model
 from ...record.loop import Loop
 from ...record.segments import described
 from ...record.study import Step, Study
-from .. import wording
+from ...record.swing import Share
+from .. import effect_words, story, wording
 from . import measures, study_pictures
 from .picture import Line, Panel, Picture
 
 # Roles of the curves of effects, taken in turn.
 _ROLES = ("position", "op", "bound", "optimum", "last")
-_FIXED = {VALVE: "model", START: "sp", NOISE: "residual"}
+_FIXED = {Share.VALVE: "model", Share.START: "sp", Share.NOISE: "residual"}
 
 
 def contributions(study: Study, step: Step, loop: Loop) -> Picture:
@@ -29,9 +30,9 @@ def contributions(study: Study, step: Step, loop: Loop) -> Picture:
     per, unit = study_pictures.time_unit(float(shown.sum()) * loop.step_s)
     t = loop.time_s[at][shown] / per
     inside = [name for name in step.effects if name not in {p.name for p in parts}]
-    names = {p.name: p.name + (f" with {wording.listed(list(map(wording.name, inside)))}" if p.name == VALVE and inside
-                               else "") for p in parts}
-    shares = {p.name: f"{round(100.0 * p.share)} %" for p in parts}
+    valve = "valve and process" + (f" with {wording.listed(list(map(wording.name, inside)))}" if inside else "")
+    names = {p.name: valve if p.name == Share.VALVE else effect_words.part(study, p.name) for p in parts}
+    shares = dict(zip(names, story.shares([Share(p.name, p.share) for p in parts]), strict=True))
     lines = [_line("PV", "pv", t, loop.process_value[at][shown])]
     free = iter(_ROLES * len(parts))
     lines += [_line(f"{names[p.name]}, {shares[p.name]}", _FIXED.get(p.name) or next(free), t, p.curve[shown])

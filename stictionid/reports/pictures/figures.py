@@ -153,6 +153,8 @@ def _line(line: Line, ax: Axes) -> None:
     colour = palette.LOOKS[line.role].light
     if line.style == "points":
         ax.plot(line.x, line.y, "o", color=colour, markersize=8, markeredgewidth=0, label=line.name, zorder=2.5)
+    elif line.style == "dots":
+        ax.plot(line.x, line.y, "o", color=colour, markersize=3.6, markeredgewidth=0, label=line.name, zorder=2.2)
     elif line.style == "bars":
         ax.barh(line.y, line.x, 0.45, color=colour, label=line.name, zorder=2)
     elif line.style == "stems":

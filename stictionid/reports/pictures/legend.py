@@ -24,7 +24,8 @@ Cut = Callable[[str, float], str]
 
 def entries(panel: Panel) -> list[tuple[str, str, str]]:
     """Name, role and kind of sample of everything in a panel that needs a name, each once."""
-    found = [(line.name, line.role, {"points": "dot", "bars": "bar"}.get(line.style, "line")) for line in panel.lines]
+    kinds = {"points": "dot", "dots": "dot", "bars": "bar"}
+    found = [(line.name, line.role, kinds.get(line.style, "line")) for line in panel.lines]
     seen = {b.role for b in panel.bands}
     found += [(word, role, "band") for role, word in BAND_NAMES if role in seen]
     found += [(r.label, r.role, "line") for r in panel.rules if r.axis == "y"]

@@ -15,8 +15,8 @@ from ...typing import FloatArray
 class Line:
     """A curve or a scatter of points; `role` picks colour and dash the same way in every picture.
 
-    `x` and `y` have shape (k,), NaN breaks the line. `style` is "line", "points", "bars", "stems" or "arrows" (a line
-    with arrow heads along it).
+    `x` and `y` have shape (k,), NaN breaks the line. `style` is "line", "points", "dots" (small points), "bars",
+    "stems" or "arrows" (a line with arrow heads along it).
     """
 
     name: str
@@ -98,7 +98,8 @@ class Branch:
 class Panel:
     """One pair of axes; `height` is its share among the picture's panels, `names` stand at rows of the y axis.
 
-    A panel with `branches` has one row for each of them, from the top down, and no scale of y.
+    `x_to` is a value that the x axis reaches at least. A panel with `branches` has one row for each of them, from the
+    top down, and no scale of y.
     """
 
     x_label: str
@@ -114,6 +115,7 @@ class Panel:
     y_from_zero: bool = False
     names: tuple[str, ...] = ()
     branches: tuple[Branch, ...] = ()
+    x_to: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,9 @@ from ...record.loop import Loop
 from ...record.study import Study
 from ...system.plurals import counted
 from ...typing import FloatArray
-from .. import wording
+from .. import ranking, wording
 from ..sections import added_later, mapped_step
-from . import measures, residual_pictures, tree_picture
-from .curves import Case
+from . import measures
 from .picture import Band, Box, Cells, Line, Mark, Panel, Picture, Rule
 
 if TYPE_CHECKING:
@@ -31,24 +30,10 @@ CLOSE_PERIODS = 6
 _CLOSE_POINTS = 1500
 # Records longer than this many periods get a close-up beside the whole record. Unit: periods.
 _CLOSE_FROM = 12
+# Most effects in the picture of those tried.
+_MOST_CANDIDATES = 12
 # Most gaps of a record that are marked on its trend; more would be a hatching.
 _MOST_GAPS = 20
-
-
-def pictures(case: Case) -> dict[str, Picture]:
-    """Every picture of one case by key, in reading order; empty without data except for those of the study itself."""
-    from_study = (ladder(case.study), cost_map(case.study), candidates(case.study), tree_picture.tree(case.study))
-    found = [p for p in from_study if p is not None]
-    if case.loop is not None and case.loop.samples > 1:
-        last = case.curves[-1] if case.curves else None
-        found.append(trend(case.study, case.loop, last))
-        if np.ptp(case.loop.output[window(case.study, case.loop)]) > 0:  # else it is a line without information
-            found.append(phase(case.study, case.loop))
-        if last is not None:
-            found += [p for p in (characteristic(case.study, case.loop, last), fit(case.study, case.loop, last),
-                                  closeup(case.study, case.loop, last),
-                                  *residual_pictures.both(case.study, case.loop, last)) if p is not None]
-    return {p.key: p for p in found}
 
 
 def time_unit(span_s: float) -> tuple[float, str]:
@@ -138,6 +123,23 @@ def window(study: Study, loop: Loop) -> slice:
     return slice(max(run.start, run.stop - max(size, 16)), run.stop)
 
 
+def _both_ways(part: slice, loop: Loop, position: FloatArray) -> slice:
+    """The last window as long as `part` in which the valve (n,) breaks away both ways; else the one it moves most in.
+    """
+    size, moves = part.stop - part.start, np.diff(position, prepend=position[:1])
+    rest = 1e-6 * max(float(np.ptp(position[np.isfinite(position)])), 1e-12)
+    # From the last window backwards by halves, inside one segment.
+    starts = [s for s in range(part.start, -1, -max(size // 2, 1))
+              if any(g.start <= s and s + size <= g.stop for g in loop.segments)] or [part.start]
+
+    def least(start: int) -> float:
+        inside = moves[start + 1:start + size]
+        return min(float(np.nansum(np.where(sign * inside > rest, np.abs(inside), 0.0))) for sign in (1.0, -1.0))
+
+    found = next((s for s in starts if least(s) > 0.0), max(starts, key=least))
+    return slice(found, found + size)
+
+
 def _every(part: slice) -> slice:
     """`part` with a stride that keeps at most _CLOSE_POINTS points."""
     return slice(part.start, part.stop, max(1, -(-(part.stop - part.start) // _CLOSE_POINTS)))
@@ -152,7 +154,7 @@ def characteristic(study: Study, loop: Loop, last: Curves) -> Picture | None:
     e = study.estimate
     if e is None or not np.isfinite(last.position).any():
         return None
-    part = window(study, loop)
+    part = _both_ways(window(study, loop), loop, last.position)
     k = _every(part)
     u, v = last.output[k], last.position[k]
     lines = []
@@ -311,18 +313,25 @@ def ladder(study: Study) -> Picture | None:
 
 
 def candidates(study: Study) -> Picture | None:
-    """Drop of the held-out one-step error for each effect tried."""
-    shown = [c for c in study.candidates if c.one_step_drop_percent is not None]
+    """Gain of each effect tried over the best noise model; None for a study without these gains."""
+    shown = [r for r in ranking.ranked(study) if r.candidate.gain_beyond_noise is not None][:_MOST_CANDIDATES]
     if not shown:
         return None
-    names = tuple(wording.clean(c.effect, 30) + (" (accepted)" if c.accepted else "") for c in shown)
-    drops = np.array([float(c.one_step_drop_percent or 0.0) for c in shown])
-    best = names[int(drops.argmax())]
-    return Picture("candidates", "Effects tried", f"{best} lowers the one-step error most, by "
-                   f"{wording.percent(float(drops.max()))}.",
-                   "How much each effect of the catalogue lowers the one-step error of the model before it.",
-                   (Panel("drop of the one-step error, %", "",
-                          (Line("drop", "model", drops, np.arange(len(names), dtype=float), "bars"),), names=names),))
+    gains = [float(r.candidate.gain_beyond_noise or 0.0) for r in shown]
+    lines = []
+    for answer, role in ((ranking.NAMED, "optimum"), (ranking.ALIKE, "position"), (ranking.REJECTED, "rule")):
+        at = [i for i, r in enumerate(shown) if r.answer == answer]
+        if at:
+            lines.append(Line(answer, role, np.array([gains[i] for i in at]), np.array(at, float), "bars"))
+    left_out = len(study.candidates) - len(shown)
+    more = f" {wording.count(left_out)} more are in the table." if left_out else ""
+    best = max(range(len(shown)), key=gains.__getitem__)
+    return Picture("candidates", "Effects tried", f"{shown[best].name} explains most beyond the best noise model, by "
+                   f"{wording.number(gains[best])} BIC; its answer: {shown[best].words}.",
+                   "Gain of each effect over the best noise model, at the dashed line; the table has the reasons of "
+                   f"those not taken.{more}",
+                   (Panel("gain beyond noise, BIC", "", tuple(lines), rules=(Rule("x", 0.0, "noise", "bound"),),
+                          names=tuple(wording.clean(r.name, 30) for r in shown)),))
 
 
 def _severity_rules(largest: float) -> tuple[Rule, ...]:

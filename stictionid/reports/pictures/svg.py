@@ -18,7 +18,7 @@ from .axes import Axis
 from .picture import Band, Branch, Line, Panel, Picture, Rule
 
 # Sizes in px of the drawing's own grid. A wide picture fills a page, a square one half of it or a phone.
-WIDE, SQUARE = 920, 440
+WIDE, SQUARE, SMALL = 920, 400, 300
 _HEIGHT_WIDE, _HEIGHT_SQUARE = 230, 350
 _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 62, 14, 12, 40, 16
 # Size of all text. Unit: px.
@@ -51,6 +51,7 @@ def style(selector: str = "") -> str:
               f"{selector} .frame{{stroke:var(--soft);stroke-width:1;fill:none}}",
               f"{selector} .b-failing{{fill:var(--failing)}}", f"{selector} .b-unused{{fill:url(#hatch)}}",
               f"{selector} .hatch{{stroke:var(--unused);stroke-width:4}}"]
+    rules.append(f"{selector} .dots{{stroke-width:3.6px;stroke-linecap:round;stroke-dasharray:none}}")
     rules += [f"{selector} .m{i}{{fill:var(--map{i})}}" for i in range(len(palette.MAP_LIGHT))]
     return "\n".join(rules)
 
@@ -81,9 +82,9 @@ HATCH = ('<defs><pattern id="hatch" width="8" height="8" patternUnits="userSpace
          '<line class="hatch" x1="0" y1="0" x2="0" y2="8"/></pattern></defs>')
 
 
-def inline(picture: Picture, prefix: str, *, narrow: bool = False) -> str:
+def inline(picture: Picture, prefix: str, *, narrow: bool = False, small: bool = False) -> str:
     """The picture as an <svg> element; `prefix` keeps its ids apart from other pictures on the page."""
-    width = WIDE if picture.wide and not narrow else SQUARE
+    width = SMALL if small else WIDE if picture.wide and not narrow else SQUARE
     body, height = _body(picture, width, prefix)
     return (f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{_safe(picture.title)}. '
             f'{_safe(picture.alt)}">{body}</svg>')
@@ -198,6 +199,9 @@ def _rule(rule: Rule, x: Axis, y: Axis) -> str:
 def _line(line: Line, x: Axis, y: Axis) -> str:
     px, py = x.at(line.x), y.at(line.y)
     good = np.isfinite(px) & np.isfinite(py)
+    if line.style == "dots":
+        path = "".join(f"M{a:.1f} {b:.1f}h0" for a, b in zip(px[good], py[good], strict=True))
+        return f'<path class="r-{line.role} dots" d="{path}"/>'
     if line.style == "points":
         return "".join(f'<circle class="f-{line.role}" cx="{a:.1f}" cy="{b:.1f}" r="4"/>'
                        for a, b in zip(px[good], py[good], strict=True))

@@ -1,0 +1,98 @@
+"""Suspects of a comparison: the effects that its findings point to as one ranked list, each with its strongest number.
+
+A refit in the study's tree ranks an effect by its gain. Other effects follow by their traces: a finding's weight is its
+z value; an effect gets all of it where it stands first among those that leave such a trace, half where it stands
+second, a quarter third. Traces only suspect; `diagnose` refits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..record.loop import Finding
+from ..record.tree import TreeNode, added_to
+
+# Largest weight of one finding: beyond it a test of many samples says no more. Unit: standard deviations.
+_LARGEST = 10.0
+# Weight of coloured errors, which every missing effect leaves. Unit: standard deviations.
+_UNSPECIFIC = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Suspect:
+    """One effect that may be missing: its score by traces, the findings that point to it, the number that speaks for it
+    in words, and the BIC that a refit gained beyond noise (None where none was made)."""
+
+    effect: str
+    score: float
+    findings: int
+    speaks_for: str
+    gain_beyond_noise: float | None = None
+
+
+def suspects_of(findings: Iterable[Finding], present: Sequence[str], tree: Sequence[TreeNode]) -> tuple[Suspect, ...]:
+    """The effects that a refit in the `tree` gained by or that findings point to, without those `present` in the model.
+    """
+    votes: dict[str, list[tuple[float, str]]] = {}
+    have, gains = {_plain(name) for name in present}, _gains(present, tree)
+    for f in findings:
+        weight, words = _weight(f), _number(f)
+        for rank, effect in enumerate(f.suggests):
+            if effect not in have:
+                votes.setdefault(effect, []).append((weight / 2**rank, words))
+    found = []
+    for effect in {**gains, **votes}:
+        said, gain = votes.get(effect, []), gains.get(effect)
+        words = max(said)[1] if said else ""
+        if gain is not None:
+            words = f"a refit with it gains {gain:.0f} BIC beyond noise" + f"; {words}" * bool(words)
+        found.append(Suspect(effect, sum(w for w, _ in said), len(said), words, gain))
+    return tuple(sorted(found, key=lambda s: (-(s.gain_beyond_noise or 0.0), -s.score, s.effect)))
+
+
+def _plain(name: str) -> str:
+    """An effect's name without variant and tag."""
+    return name.partition("@")[0].partition(":")[0]
+
+
+def _gains(present: Sequence[str], tree: Sequence[TreeNode]) -> dict[str, float]:
+    """BIC that each effect gained over the tree's node with the effects of the model; only gains."""
+    found: dict[str, float] = {}
+    for n, gain in added_to(tree, present):
+        name = _plain(n.edge.what)
+        if gain > 0.0:
+            found[name] = max(gain, found.get(name, 0.0))
+    return found
+
+
+def _weight(f: Finding) -> float:
+    """The z value of a finding, at most _LARGEST."""
+    e = f.evidence
+    if "one_step_drop" in e:
+        return _UNSPECIFIC
+    if "chance" in e:
+        z = float(np.sqrt(-2.0 * np.log(max(e["chance"], 1e-300))))
+    else:
+        z = max((abs(float(e[k])) for k in ("z", "z_energy", "z_mean", "z_one_step") if k in e), default=1.0)
+    return min(z, _LARGEST)
+
+
+def _number(f: Finding) -> str:
+    """The number of a finding that speaks for its suspects."""
+    e = f.evidence
+    if "cell" in e:
+        free, ahead = (e[k] / max(e[f"{k}_elsewhere"], 1e-300) for k in ("rms", "rms_one_step"))
+        if abs(e["z_mean"]) > max(e["z_energy"], e["z_one_step"]):
+            return f"{e['cell']}: mean error {e['mean']:+.3g}"
+        which = "one-step error" if ahead > free else "error"
+        return f"{e['cell']}: {which} {max(free, ahead):.2g} times as large as elsewhere"
+    if "explained" in e:
+        return f"past valve positions explain {100 * e['explained']:.0f} % of the one-step error"
+    if "period_s" in e:
+        return f"{100 * e['share']:.0f} % of the residual's power has a period of {e['period_s']:.3g} s"
+    if "one_step_drop" in e:
+        return f"its own past would lower the error by {100 * e['one_step_drop']:.0f} %"
+    return f.statement

@@ -1,0 +1,37 @@
+"""Parts of a process value and causes of its swing, as frozen dataclasses of a study."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """Share of one part in the variance of y. `part` is VALVE, SETPOINT, NOISE, START or the name of an effect."""
+
+    part: str
+    share: float
+
+    VALVE: ClassVar[str] = "valve"
+    SETPOINT: ClassVar[str] = "setpoint"
+    NOISE: ClassVar[str] = "noise"
+    START: ClassVar[str] = "start"
+
+
+@dataclass(frozen=True, slots=True)
+class Swing:
+    """Parts of y and causes of its swing; each list of shares adds up to 1.
+
+    `parts` are those of the fitted model, cov(part, y) / var(y). `causes` come from the same loop with a perfect valve:
+    the valve's share is the variance of the deviation from the setpoint that is then gone. They are empty where that
+    loop can't be run, and `reason` then says why. `sd` and `sd_perfect` are standard deviations of that deviation, in
+    the unit of y. `goes_on` is true where a perfect valve leaves the swing, false where it ends it, and null between.
+    """
+
+    parts: tuple[Share, ...]
+    causes: tuple[Share, ...] = ()
+    sd: float | None = None
+    sd_perfect: float | None = None
+    goes_on: bool | None = None
+    reason: str = ""

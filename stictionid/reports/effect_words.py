@@ -1,0 +1,102 @@
+"""Words of an effect for a reader at the plant: its name, its size in a sentence, the action, its part of a swing.
+
+The texts are those of the effect's own file, filled with the values of a study. An effect without texts, such as one
+that a user wrote, is named by its summary.
+"""
+
+from __future__ import annotations
+
+import re
+
+from ..effects import parse
+from ..effects.contract import Effect, Place
+from ..errors import UsageError
+from ..record.study import ParameterValue, Step, Study
+from ..record.swing import Share
+from . import wording
+
+_PLACE = re.compile(r"\{(\w+)\}")
+_PARTS = {Share.SETPOINT: "setpoint moves", Share.NOISE: "noise", Share.START: "the start of the record"}
+# Name of the valve's share of a swing, by verdict.
+_VALVE = {"stiction": "the valve's friction", "undecided": "the valve, if it sticks",
+          "no stiction": "what the model leaves open"}
+
+
+def known(name: str) -> tuple[Effect | None, str]:
+    """The effect of a name and its variant; None where the catalogue does not have it."""
+    try:
+        return parse(name)
+    except UsageError:
+        return None, ""
+
+
+def named_in(step: Step) -> str:
+    """The name of the effect that a step added, with its variant."""
+    added = step.added or ""
+    return next((n for n in step.effects if n.partition("@")[0].partition(":")[0] == added), added)
+
+
+def moves_valve(name: str) -> bool:
+    """True for an effect between command and stem that a fit of the measured position leaves out."""
+    effect, _ = known(name)
+    return effect is not None and (effect.place in (Place.STEM, Place.FRICTION)
+                                   and (effect.friction is None or effect.profile is not None))
+
+
+def noun(study: Study, name: str) -> str:
+    """The effect as a noun with its main number, such as "an oscillation of 37.0 s from outside"."""
+    effect, _ = known(name)
+    if effect is None or not effect.noun:
+        return wording.name(name)
+    return _filled(study, name, effect.noun, ends=False)
+
+
+def sentence(study: Study, name: str) -> str:
+    """The size of an effect in a sentence, every number with its unit and interval."""
+    effect, _ = known(name)
+    if effect is not None and effect.sentence:
+        return _filled(study, name, effect.sentence)
+    rows = parameters(study, name)
+    said = "; ".join(f"{wording.name(p.name)} {_value(study, p, '', True)}" for p in rows)
+    return wording.sentence(f"{effect.summary if effect is not None else wording.name(name)}{': ' * bool(said)}{said}")
+
+
+def action(study: Study, name: str) -> str:
+    """The action that an effect asks for; empty where its file has none."""
+    effect, _ = known(name)
+    return _filled(study, name, effect.action, ends=False) if effect is not None else ""
+
+
+def part(study: Study, name: str) -> str:
+    """A part of a swing in words (see Share)."""
+    if name == Share.VALVE:
+        return _VALVE.get(study.verdict.stiction, _VALVE["undecided"])
+    return _PARTS.get(name) or noun(study, name)
+
+
+def parameters(study: Study, name: str) -> list[ParameterValue]:
+    """Values of an effect in the last step that has it."""
+    effect, _ = known(name)
+    plain = name if effect is None else effect.name
+    found = ([p for p in step.parameters if p.effect in (plain, name)] for step in reversed(study.steps))
+    return next((rows for rows in found if rows), [])
+
+
+def _filled(study: Study, name: str, text: str, *, ends: bool = True) -> str:
+    rows = {p.name: p for p in parameters(study, name)}
+    at = known(name)[1]
+
+    def value(place: re.Match[str]) -> str:
+        return _value(study, rows[place[1]], at, ends) if place[1] in rows else "an unknown size"
+
+    return _PLACE.sub(value, text)
+
+
+def _value(study: Study, p: ParameterValue, at: str, ends: bool) -> str:
+    unit = p.unit
+    if "unit of y" in unit:
+        # A disturbance at the load is given in the travel that would make it.
+        pv = "%" if at == "load" else wording.name(study.data.units.get("process_value") or "")
+        unit = re.sub(r"^/ ", "per ", unit.replace("unit of y", pv).strip())
+    return wording.estimate(p.value, p.interval if ends else None, unit if unit != "-" else "") if ends \
+        else wording.with_unit(p.value, unit if unit != "-" else "")

@@ -1,0 +1,102 @@
+"""The story of a loop in three sentences: what makes it swing, the state of its valve, and what to do.
+
+The first follows from the run with a perfect valve, because in a closed loop the parts of PV go together.
+"""
+
+from __future__ import annotations
+
+from ..record.study import Study
+from ..record.swing import Share
+from . import effect_words, wording
+from .document import PageTable, Section
+
+# Shares below this are left out of sentences, and causes from the second on call for an action. Unit: 1.
+_SHOWN, _ACTED_ON = 0.01, 0.1
+
+
+def cause(study: Study) -> str:
+    """The causes of the swing in one sentence, and what a perfect valve would leave; empty where they are not known."""
+    swing = study.swing
+    if swing is None or study.estimate is None:
+        return ""
+    what = "makes the loop swing" if study.range.oscillating else "moves PV"
+    if not swing.causes:
+        why, mark, rest = swing.reason.partition("not simulated: ")
+        return wording.sentence(f"What {what} can't be told from this record: {rest}" if mark else
+                                f"What {what}: {wording.clean(why)}")
+    shown = sorted((s for s in swing.causes if abs(s.share) >= _SHOWN), key=lambda s: -s.share)
+    said = wording.listed([f"{share} {effect_words.part(study, s.part)}"
+                           for s, share in zip(shown, shares(shown), strict=True)])
+    rough = " The model still misses something, so that these shares are rough." if study.adequate is False else ""
+    return f"What {what}: {said}. {_perfect_valve(study)}{rough}"
+
+
+def _perfect_valve(study: Study) -> str:
+    """The fate of the swing with a perfect valve."""
+    swing = study.swing
+    assert swing is not None
+    unit = wording.name(study.data.units.get("process_value") or "")
+    change = (f"PV would scatter about its setpoint by {wording.number(swing.sd_perfect)} instead of "
+              f"{wording.with_unit(swing.sd, unit)}")
+    how = {True: "the swing would go on", False: "the swing would end", None: "part of the swing would go on"}
+    return f"With a perfect valve {how[swing.goes_on]}: {change}."
+
+
+def shares(of: list[Share]) -> list[str]:
+    """Shares in whole per cent that add up like the exact ones (largest remainders get the rest)."""
+    exact = [100.0 * s.share for s in of]
+    whole = [int(e // 1) for e in exact]
+    for k in sorted(range(len(of)), key=lambda k: whole[k] - exact[k])[:round(sum(exact)) - sum(whole)]:
+        whole[k] += 1
+    return [f"{w} %" for w in whole]
+
+
+def action(study: Study) -> str:
+    """The action for each cause that is worth one, the largest first; empty where nothing is known."""
+    swing = study.swing
+    if swing is None or study.estimate is None:
+        return ""
+    if not swing.causes:
+        return ("To do: Put the loop in manual for five periods. If the swing stops, look at valve and tuning; "
+                "if it goes on, look outside this loop.") if study.range.oscillating else ""
+    sticks = study.verdict.stiction == "stiction"
+    said = []
+    for s in sorted(swing.causes, key=lambda s: -s.share):
+        if s.share < _ACTED_ON:
+            continue
+        if s.part == Share.VALVE:
+            said += ["Service the valve: packing, actuator and positioner."] if sticks else []
+            said += ["Test the valve in manual before any work on it."] * (study.verdict.stiction == "undecided")
+        elif s.part not in (Share.SETPOINT, Share.NOISE, Share.START):
+            said.append(effect_words.action(study, s.part))
+    if not said:
+        return ("The valve can wait: its friction hardly moves PV." if sticks else
+                "Nothing to repair on this valve by this record.")
+    return "To do: " + " ".join(filter(None, said))
+
+
+def section(study: Study) -> Section | None:
+    """Contributions and causes as a table; None where the study has neither."""
+    swing = study.swing
+    if swing is None:
+        return None
+    causes = {s.part: s for s in swing.causes}
+    parts = {s.part: s for s in swing.parts}
+    names = list(dict.fromkeys([*parts, *causes]))
+    of = dict(zip(parts, shares(list(parts.values())), strict=True))
+    by = dict(zip(causes, shares(list(causes.values())), strict=True))
+    labels = {Share.VALVE: "valve and process"}
+    rows = tuple((labels.get(n) or effect_words.part(study, n), of.get(n, wording.NOTHING), by.get(n, wording.NOTHING))
+                 for n in names if {of.get(n, "0 %"), by.get(n, "0 %")} != {"0 %"})
+    said = wording.listed([f"{of[n]} {labels.get(n) or effect_words.part(study, n)}" for n in parts
+                           if abs(parts[n].share) >= _SHOWN])
+    text = [f"The fitted parts of PV: {said}."]
+    if causes:
+        text.append("The causes come from the same loop run again with a perfect valve: in a closed loop the parts go "
+                    "together, so that the parts alone do not say what swings it.")
+    else:
+        text.append("No share of the swing is given to a cause: the loop could not be run again with a perfect valve, "
+                    "or that run contradicts the verdict.")
+    table = PageTable("Parts of PV, and causes of its swing about the setpoint", ("part", "share of PV", "cause of the "
+                      "swing"), rows, (1, 2))
+    return Section("swing", "What makes the loop swing", tuple(text), (), (table,), ("contributions",))
