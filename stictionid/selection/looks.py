@@ -23,7 +23,7 @@ from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
 from ..fit.with_effect import Scouted, scout, settled, widened_by
 from ..model.model import Model
 from ..model.segments import bound
-from ..model.spec import BASE, Spec
+from ..model.spec import BASE, INTEGRATOR, Spec
 from ..numerics import tally
 from ..numerics.population import together
 from ..typing import FloatArray
@@ -140,9 +140,13 @@ def kind_of(spec: Spec) -> str:
 
 
 def _valves(ground: Ground, task: Task) -> Packed:
-    """Valves of the child's kind, found on growing parts of the record: once for each kind and record."""
+    """Valves of the child's kind, found on growing parts of the record: once for each kind and record.
+
+    An integrator adds up its slips, so that a valve found on a part misses slips of the rest.
+    """
     model, policy = ground.fit.model, ground.policy
-    samples = max(int(policy.periods * model.period_s / model.step_s), policy.valve_samples)
+    samples = policy.fit_samples if task.spec.process == INTEGRATOR else \
+        max(int(policy.periods * model.period_s / model.step_s), policy.valve_samples)
     fit = ground.fit if any(changes(name) for name in task.spec.effects) else _beginning(ground.fit, samples)
     _, coarse = widened_by(fit, task.added)
     return Packed(task.spec, task.added, valves=tuple(valves_of(undisturbed(coarse, fit.model, fit.values),

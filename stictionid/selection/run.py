@@ -12,11 +12,11 @@ from ..effects import parse
 from ..fit.context import Run
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import Refit
-from ..fit.starts.intersample import as_moving, surely_moves
+from ..fit.starts.intersample import as_moving, surely_moves, surely_scanned
 from ..model.restore import rebuild_model
 from ..model.segments import bound
 from ..model.spec import Spec
-from ..process.scan import blurred, ran_with_samples
+from ..process.scan import blurred
 from ..record.loop import Finding, Loop
 from ..record.study import Candidate, Step, Study
 from ..record.tree import Edge as TreeEdge
@@ -98,7 +98,7 @@ def floor_of(run: Run) -> Callable[[Refit], float | None]:
 def commands_of(run: Run) -> tuple[Spec, ...]:
     """The ways in which the command may have gone between samples; none where the record tells."""
     loop, o = run.loop, run.options
-    if o.between != "auto" or surely_moves(loop) or ran_with_samples(loop):
+    if o.between != "auto" or surely_moves(loop) or surely_scanned(loop):
         return ()
     return Spec(), as_moving(Spec())
 

@@ -147,7 +147,11 @@ class Search:
             return ranked[:1]
         bases = [e for e in self.memo.values() if not e.asked and not e.failed and e.scored.full
                  and depth(e.spec) == 0 and self._better_base(e)]
-        return [*sorted(bases, key=lambda e: e.scored.rmse), *(e for e in ranked if depth(e.spec) > 0)]
+        least = min((e.scored.rmse for e in bases), default=0.0)
+        # Bases whose free runs are about as good come by BIC.
+        bases.sort(key=lambda e: (e.scored.rmse > self.policy.better_base * least,
+                                  e.scored.done.bic(e.scored.done.good)))
+        return [*bases, *(e for e in ranked if depth(e.spec) > 0)]
 
     def _other_bases(self) -> list[Entry]:
         """Bases that do not help alone, best first: beside one of them another effect may."""
@@ -261,11 +265,11 @@ class Search:
     def _on_valve(self, task: Task) -> bool:
         return bool(task.added) and on_valve(parse(task.added)[0])
 
-    def _performed(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
-        """Answers to tasks; each look is remembered where it is the best of its node."""
+    def _performed(self, ground: Ground, entry: Entry, tasks: Sequence[Task], *, always: bool = False) -> list[Packed]:
+        """Answers to tasks, whatever the budget with `always`; each look is remembered where it is its node's best."""
         answers = []
         with Crew(ground, self.jobs) as crew:
-            for task, answer in self._within_budget(crew, tasks):
+            for task, answer in self._within_budget(crew, tasks, always):
                 if answer.failed:
                     if key(task.spec) not in self.memo:
                         self.memo[key(task.spec)] = self._failed(entry, task, answer)
@@ -275,11 +279,12 @@ class Search:
                 answers.append(answer)
         return answers
 
-    def _within_budget(self, crew: Crew, tasks: Sequence[Task]) -> Iterator[tuple[Task, Packed]]:
+    def _within_budget(self, crew: Crew, tasks: Sequence[Task],
+                       always: bool = False) -> Iterator[tuple[Task, Packed]]:
         """Tasks with their answers as long as the budget lasts; the others are listed as not asked."""
         answers = iter(crew.map(tasks))
         for i, task in enumerate(tasks):
-            if self.spent >= self.policy.budget:
+            if self.spent >= self.policy.budget and not always:
                 self.unasked += [key(left.spec) for left in tasks[i:]]
                 return
             answer = next(answers)
@@ -331,8 +336,9 @@ class Search:
             least = 0.0 if entry.scored.noise_alone else -self.policy.within
             if ((late and count) or gains[name] < least) and not structural:
                 continue
+            # The best look is fitted even where the budget ended with the looks.
+            done = self._performed(ground, entry, [Task(answer.spec, answer.added, look=answer)], always=not count)
             count += not structural
-            done = self._performed(ground, entry, [Task(answer.spec, answer.added, look=answer)])
             if done:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
                 if self._explained(self.memo[name]):

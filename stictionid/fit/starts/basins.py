@@ -40,7 +40,7 @@ _ROAMERS, _ROAM_ROUNDS = 1, 25
 # Valves of an even scan, and how many of them get a polish. Then the one lag in samples and the longest dead time in
 # periods. Last the steps of the sequence (powers of the root of x^4 = x + 1).
 _SCAN, _SCAN_KEPT, _SCAN_LAG, _SCAN_DEAD = 20000, 96, 0.4, 0.25
-_EVEN = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+_ROOT_TURNS = 60
 # Shares of the record in a growing search, points polished on each, and periods in the shortest part.
 _GROWTH, _GROWN_KEPT, _GROWN_PERIODS = (0.1, 0.2, 0.4, 0.7, 1.0), 16, 2.0
 # The scan along the curve of equal cost: points and span in S (share), and dead time in samples either way. Then the
@@ -260,10 +260,25 @@ def grown(model: Model, rng: np.random.Generator, lag_s: float | None = None) ->
     return points[:kept // 2]
 
 
+def even(dimensions: int) -> FloatArray:
+    """Steps (d,) of a sequence that fills the unit cube evenly: powers of the root of x^(d + 1) = x + 1.
+
+    Source: Roberts 2018, the unreasonable effectiveness of quasirandom sequences.
+    """
+    root = 2.0
+    for _ in range(_ROOT_TURNS):
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    return root ** -np.arange(1.0, dimensions + 1)
+
+
 def _scan(model: Model, rng: np.random.Generator, lag_s: float | None) -> FloatArray:
     """The best distinct points (k, d) of an even scan of the valve, the best dead time with each."""
     points = neutral_point(model)[None].repeat(_SCAN, axis=0)
-    points[:, :3] = (rng.random(3) + np.outer(np.arange(_SCAN), _EVEN)) % 1.0
+    # S, J and the start, and what an effect does to the friction: where it vanishes there is no such valve to find.
+    scanned = [0, 1, 2, *(i for effect, rows in zip(model.effects, model.effect_rows, strict=True)
+                          if effect.friction is not None
+                          for i in range(rows.start, rows.stop))]
+    points[:, scanned] = (rng.random(len(scanned)) + np.outer(np.arange(_SCAN), even(len(scanned)))) % 1.0
     values = model.values(points)
     lag, dead = model.space.parameters[3:5]
     # A lag delays, too: a short one and half samples of dead time stand for all.

@@ -52,8 +52,8 @@ def valves_of(model: Model, rng: np.random.Generator) -> list[dict[str, float]]:
 
     The search begins on a tenth of the record, where the basins of a valve are wide, and goes on to longer parts. A
     valve that rests is searched with a law that has no sliding state. Where nothing else acts on it a second search
-    begins on the whole record under a held command. Under one that moves, a valve may also slide for a while: a second
-    search has the speed at which it comes to rest.
+    begins on the whole record under a held command. A valve may also slide for a while: a further search has the speed
+    at which it comes to rest.
     """
     spec = model.spec
     resting = RESTING in spec.effects
@@ -73,7 +73,7 @@ def valves_of(model: Model, rng: np.random.Generator) -> list[dict[str, float]]:
         found = np.concatenate([search(law, rng)[0], found])
     rests = {f"{RESTING}:{p.name}": p.high for p in parse(RESTING)[0].parameters_for(model.context)} if resting else {}
     valves = [{**law.named(column), **rests} for column in law.values(found).T]
-    if resting and not spec.held:
+    if resting:
         slides = law_of(spec.law, own)
         valves += [slides.named(column) for column in slides.values(grown(slides, rng)).T]
     return valves

@@ -37,6 +37,8 @@ _UNSEEN = 0.01
 # the value for records that tell nothing. Measured on 96 loops of benchmarks/plants (P, PI, PID, gap; noise of four
 # kinds; exports at every scan to every tenth): scanned -1.0 to -0.46, moving -0.37 to 0.05, 44 of 48 from -0.14 on.
 _APART, _TELLS_NOTHING = 0.15, 0.3
+# The same correlation from which the controller saw the noise in the samples of y, and so ran with them.
+_SEEN = 0.42
 # Noise of y, as a share of its swing, from which its fastest changes are noise.
 _NOISY = 5e-4
 # Steps of rounding that the middle one of its fastest changes must have.
@@ -85,6 +87,18 @@ def surely_moves(loop: Loop) -> bool:
     return (unseen or (noisy and abs(noise_shared(loop)) < _APART)) and may_move(loop)
 
 
+def surely_scanned(loop: Loop) -> bool:
+    """True where the command was computed from these samples of y: its fastest changes are those of the noise of y.
+
+    A course between such samples would tell a model the noise of the next y before it comes. False where y has no
+    noise: a command that moves follows a smooth y just as closely.
+    """
+    if ran_with_samples(loop):
+        return True
+    y = loop.process_value[loop.used]
+    return noise_of(y) >= _NOISY * float(np.ptp(y)) > 0.0 and abs(noise_shared(loop)) >= _SEEN
+
+
 def noise_shared(loop: Loop) -> float:
     """Correlation of the fastest changes of the command with those of y, setpoint moves and large changes left out.
 
@@ -117,7 +131,7 @@ def moved_after_all(fit: Fitted, scan_s: float) -> tuple[Model, FloatArray] | No
     the controller ran with the samples, and where the scans of `scan_s` within the samples make the command rough.
     """
     before = fit.model
-    if before.spec.between != "hold" or ran_with_samples(before.loop) \
+    if before.spec.between != "hold" or surely_scanned(before.loop) \
             or (before.loop.step_s > scan_s and not may_move(before.loop)):
         return None
     model = _moving(before, as_moving(before.spec))
