@@ -9,7 +9,7 @@ import pytest
 from loops_with_effects import loop_of
 
 from stictionid.errors import UsageError
-from stictionid.fit.starts.intersample import surely_moves
+from stictionid.fit.starts.intersample import surely_moves, surely_scanned
 from stictionid.methods.option_check import check_options
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.restore import rebuild_model, rerun
@@ -150,3 +150,13 @@ def test_a_missing_effect_does_not_make_a_moving_command_a_held_one() -> None:
     _, loop, (kind, bed), _ = loop_of(718, "valve-characteristic", 0.01, 0.0, 1500)
     assert (kind, bed) == ("moving", "second order")
     assert identify(loop, options=Options(base_only=True)).steps[0].model["between"] == "corner"
+
+
+@pytest.mark.parametrize("scan_s", [1.0, 0.0])
+@pytest.mark.parametrize("noise_sd", [0.05, 0.0])
+def test_only_a_command_that_holds_the_noise_of_y_was_surely_scanned(scan_s: float, noise_sd: float) -> None:
+    """Rounded, so that no law of the controller is exact at the samples. A smooth y is followed just as closely."""
+    setting = replace(SETTING, controller=replace(SETTING.controller, scan_s=scan_s), noise_sd=noise_sd)
+    loop = simulate(setting, seed=3).loop
+    loop = replace(loop, output=np.round(loop.output, 2), position=None)
+    assert surely_scanned(loop) == (scan_s > 0.0 and noise_sd > 0.0)
