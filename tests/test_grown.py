@@ -15,6 +15,7 @@ from stictionid.fit.fit import as_it_stands
 from stictionid.fit.intervals.assemble import effective_rows
 from stictionid.fit.moves import thinned
 from stictionid.fit.starts import continuation
+from stictionid.fit.starts.basins import grown
 from stictionid.fit.starts.continuation import grown_valves
 from stictionid.fit.starts.reparametrised import as_natural, as_valves
 from stictionid.fit.with_effect import scout, settled
@@ -176,3 +177,19 @@ def test_a_stem_moves_in_whole_parts_of_every_command_of_a_thinned_record(every:
     position = small.positions(small.values(np.full((1, small.space.size), 0.5)))
     assert len(position) == small.loop.samples * small.parts
     assert small.parts % every == 0
+
+
+def test_a_growing_search_scans_what_an_effect_does_to_friction() -> None:
+    """With the effect at neutral at first it ends elsewhere: a valve that never rests has other slips everywhere."""
+    moves = tuple((60.0 * i, (3.0, -4.0, 2.5, -1.5)[i % 4]) for i in range(25))
+    setting = Setting(Plant(0.1, 3.0, 2.0, integrating=True), Controller(0.6, 60.0, scan_s=1.0), 4.9, 3.0,
+                      setpoint_moves=moves, noise_sd=0.02, duration_s=1500.0,
+                      effects=(("re-sticking", {"restick_speed": 0.4}),))
+    loop = replace(simulate(setting, seed=4).loop, position=None)
+    found = find_range(loop)
+    model = Model(loop, Spec(process="integrator", effects=("re-sticking",)), s_max=swing_of(loop, found),
+                  period_s=time_scale_s(loop, found))
+    best = min((model.values(start[None])[:, 0] for start in grown(model, np.random.default_rng(0))),
+               key=lambda values: float(model.costs_of(values[:, None])[0]))
+    assert pytest.approx(setting.S, rel=0.01) == best[0]
+    assert pytest.approx(setting.J, rel=0.01) == best[1]
