@@ -25,10 +25,12 @@ def sections(study: Study) -> tuple[Section, ...]:
     found: list[Section] = []
     seen: set[str] = set()
     for i, step in enumerate(study.steps):
-        for name in step.effects if not i else (effect_words.named_in(step),) * bool(step.added):
+        for k, name in enumerate(step.effects if not i else (effect_words.named_in(step),) * bool(step.added)):
             if name not in seen and (name in study.steps[-1].effects):
                 seen.add(name)
-                found.append(replace(_section(study, i, name), key=f"evidence-of-{len(found) + 1}"))
+                picture = f"evidence-{i}" if i else f"evidence-0-{k}"
+                found.append(replace(_section(study, i, name), key=f"evidence-of-{len(found) + 1}",
+                                     pictures=(picture,)))
     return tuple(found[-_MOST:])
 
 
@@ -45,7 +47,7 @@ def _section(study: Study, i: int, name: str) -> Section:
         bullets.append(f"What to do: {act}")
     title = f"Evidence: {noun}" + (f" ({wording.name(name)})" if noun != wording.name(name) else "")
     return Section("evidence", title,
-                   (effect_words.sentence(study, name),), tuple(bullets), (), (f"evidence-{i}",) if i else ())
+                   (effect_words.sentence(study, name),), tuple(bullets))
 
 
 def by_hand(step: Step) -> Finding | None:

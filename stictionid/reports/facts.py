@@ -74,7 +74,8 @@ def valve_state(study: Study) -> str:
     size = wording.estimate(e.S, e.S_interval, e.unit)
     if study.verdict.stiction == "stiction":
         span = " of OP span" if e.unit == "%" else ""
-        return f"{word}: S is {size}{span}, {_band(e)}."
+        rough = " What the model misses may move S out of this range." if study.interval_caution else ""
+        return f"{word}: S is {size}{span}, {_band(e)}.{rough}"
     if study.verdict.stiction == "no stiction":
         return f"{word}: a model without friction does as well; with friction the best S would be {size}."
     return f"{word}: S would be {size} ({_band(e)}), but this record does not prove that the valve sticks."
