@@ -28,7 +28,7 @@ def cause(study: Study) -> str:
         said = wording.sentence(f"What {what} can't be told from this record: "
                                 f"{rest.replace('no setpoint', 'it holds no setpoint')}" if mark else
                                 f"What {what}: {wording.clean(why)}")
-        return said + ("" if explained is None else f" The model explains {100 * explained:.0f} % of PV.")
+        return said + ("" if explained is None else f" The model explains {_percent(explained)} of PV.")
     shown = sorted((s for s in swing.causes if abs(s.share) >= _SHOWN), key=lambda s: -s.share)
     said = wording.listed([f"{share} {effect_words.part(study, s.part)}"
                            for s, share in zip(shown, shares(shown), strict=True)])
@@ -36,10 +36,15 @@ def cause(study: Study) -> str:
     if explained is None:
         return told
     if explained < _EXPLAINS:
-        return (f"What {what} is not proven, because the model explains only {100 * explained:.0f} % of PV. By this "
+        return (f"What {what} is not proven, because the model explains only {_percent(explained)} of PV. By this "
                 f"model: {said}. {_perfect_valve(study)}")
-    return (f"{told} These shares are rough: the model explains {100 * explained:.0f} % of PV and still misses "
+    return (f"{told} These shares are rough: the model explains {_percent(explained)} of PV and still misses "
             "something.")
+
+
+def _percent(share: float) -> str:
+    """A share in whole per cent; that of a model that misses something never reads as all."""
+    return "more than 99 %" if share > 0.99 else f"{100 * share:.0f} %"
 
 
 def _explained(study: Study) -> float | None:
