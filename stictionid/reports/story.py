@@ -28,7 +28,8 @@ def cause(study: Study) -> str:
         said = wording.sentence(f"What {what} can't be told from this record: "
                                 f"{rest.replace('no setpoint', 'it holds no setpoint')}" if mark else
                                 f"What {what}: {wording.clean(why)}")
-        return said + ("" if explained is None else f" The model explains {_percent(explained)} of PV.")
+        return said + ("" if explained is None else f" The model explains {_percent(explained)} of PV and "
+                                                           "still misses something.")
     shown = sorted((s for s in swing.causes if abs(s.share) >= _SHOWN), key=lambda s: -s.share)
     said = wording.listed([f"{share} {effect_words.part(study, s.part)}"
                            for s, share in zip(shown, shares(shown), strict=True)])
@@ -40,6 +41,11 @@ def cause(study: Study) -> str:
                 f"model: {said}. {_perfect_valve(study)}")
     return (f"{told} These shares are rough: the model explains {_percent(explained)} of PV and still misses "
             "something.")
+
+
+def simulated(reason: str) -> str:
+    """A reason or an outcome of the run with a perfect valve, with its subject where that run is missing."""
+    return wording.clean(reason).replace("not simulated", "the loop with a perfect valve was not simulated", 1)
 
 
 def _percent(share: float) -> str:
@@ -117,8 +123,7 @@ def section(study: Study) -> Section | None:
         text.append("The causes come from the same loop run again with a perfect valve: in a closed loop the parts go "
                     "together, so that the parts alone do not say what swings it.")
     else:
-        text.append("No share of the swing is given to a cause: the loop could not be run again with a perfect valve, "
-                    "or that run contradicts the verdict.")
+        text.append(wording.sentence(f"No share of the swing is given to a cause: {simulated(swing.reason)}"))
     table = PageTable("Parts of PV, and causes of its swing about the setpoint", ("part", "share of PV", "cause of the "
                       "swing"), rows, (1, 2))
     return Section("swing", "What makes the loop swing", tuple(text), (), (table,), ("contributions",))
