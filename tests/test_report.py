@@ -24,7 +24,7 @@ from stictionid.reports import wording
 from stictionid.reports.facts import facts
 from stictionid.reports.pages.json import report_json
 from stictionid.reports.pages.write import write_report
-from stictionid.reports.pictures.curves import Case
+from stictionid.reports.pictures.curves import Case, gather
 from stictionid.reports.pictures.figures import draw, figure_bytes
 from stictionid.reports.pictures.gallery import pictures
 
@@ -472,3 +472,25 @@ def test_a_headline_says_how_much_a_poor_model_explains() -> None:
     assert said.headline.startswith("What makes the loop swing is not proven, because the model explains only 19 %")
     assert "may move S out of this range" in said.then[0]
     assert "not proven" not in facts(replace(study, steps=(*study.steps[:-1], poor), adequate=True)).headline
+
+
+@pytest.mark.parametrize("bad", ["forty steps", "long names", "right to left", "effect file missing"])
+def test_a_page_of_bad_input_is_whole(bad: str, tmp_path: Path) -> None:
+    one = study_factory.modelled()
+    base, last = one.study.steps
+    names = {"long names": "A" * 200, "right to left": "مضخة שלום FIC-101 " * 11}
+    if bad == "forty steps":
+        one = replace(one, study=replace(one.study, steps=(base, *(last,) * 39)),
+                      curves=(one.curves[0], *one.curves[1:] * 39))
+    elif bad in names:
+        data = replace(one.study.data, name=names[bad], units=dict.fromkeys(one.study.data.units, names[bad]),
+                       columns=dict.fromkeys(one.study.data.columns, names[bad]))
+        one = replace(one, study=replace(one.study, data=data))
+    else:
+        written = {**last.model, "written": {"mine": {"file": "mine.py", "sha256": "0"}}}
+        one = gather(replace(one.study, steps=(base, replace(last, added="mine", effects=("mine",), model=written))))
+        assert "the effect mine of mine.py, which is not loaded" in one.missing
+    page = write_report([one], tmp_path / "r.html")[0].read_text(encoding="utf-8")
+    assert page.endswith("</html>\n") and len(page) < 3_000_000
+    assert page.count("<section") == page.count("</section>") > 8
+    assert (page.count("<figure") > 8) == (bad != "effect file missing")
