@@ -8,7 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from loops_with_effects import SMALL, small
 
+from stictionid.model.closed_loop import OPERATING_POINT
+from stictionid.model.model import Model
+from stictionid.model.spec import Spec
 from stictionid.record.loop import Finding, Loop
 from stictionid.record.study import (
     Candidate,
@@ -29,7 +33,7 @@ from stictionid.record.study import (
 )
 from stictionid.record.swing import Share, Swing
 from stictionid.record.tree import Edge, Equivalent, Gate, TreeNode
-from stictionid.reports.pictures.curves import Case
+from stictionid.reports.pictures.curves import Case, curves
 
 MADE_BY = CreatedBy("0.1.0", 7, "3.11.0", "2.4.6", "0.68.1")
 HOSTILE = ('<script>alert("x")</script>\n| a | `b` **c** [d](javascript:e) \u202egnp.exe\u202c \x1b[31mred\x07 '
@@ -178,6 +182,37 @@ def searched(samples: int = 600) -> Case:
                     equivalents=(alike,),
                     candidates=candidates, missing_reason="a stop of the valve cuts the peaks of PV")
     return replace(case, study=study)
+
+
+def modelled() -> Case:
+    """A simulated loop with a lag in the base, a sine added, causes of its swing, and models that run: no search.
+
+    The base has the true numbers, so that both effects show in its residual where they are left out.
+    """
+    lag, wave = "extra-lag", "sinusoidal-disturbance"
+    setting, loop = small(lag, wave)
+    force, most = float(loop.output[0]) - OPERATING_POINT, 0.5 * (setting.S + setting.J)
+    steps = []
+    for added, effects in ((None, (lag,)), (wave, (lag, wave))):
+        model = Model(loop, Spec(effects=effects), s_max=float(np.ptp(loop.output)), period_s=40.0)
+        at = model.vector({"S": setting.S, "J": setting.J, "dead_time_s": setting.plant.dead_time_s,
+                           "initial_residual_force": float(np.clip(force / most, -1.0, 1.0)),
+                           "time_constant_s": setting.plant.time_constant_s,
+                           f"{lag}:second_time_constant_s": SMALL[lag][2]["second_time_constant_s"],
+                           f"{wave}:period_s": SMALL[wave][2]["period_s"]})
+        rows = tuple(ParameterValue(effect, name, value, "s") for effect, name, value in (
+            (lag, "second_time_constant_s", SMALL[lag][2]["second_time_constant_s"]),
+            (wave, "period_s", SMALL[wave][2]["period_s"])) if effect in effects)
+        step = _step(None, model.evaluate(at).rmse, effects)
+        fit = 100.0 * (1.0 - step.error.rmse / float(np.std(loop.process_value)))
+        steps.append(replace(step, error=replace(step.error, fit_percent=fit), added=added,
+                             parameters=(*step.parameters, *rows), model=model.describe(at)))
+    gone = Candidate(wave, True, 0.05, 0.05, 0.05, 50.0, 20.0, -400.0, gain_beyond_noise=400.0)
+    tree = (node(0, None, "root", "base", 0.4, -100.0, "named"), node(1, 0, "add", lag, 0.3, -400.0, "named"),
+            node(2, 0, "add", "slew-limit", 0.4, -95.0, "looked"), node(3, 1, "add", wave, 0.05, -800.0, "named"))
+    study = replace(searched(240).study, data=_data("FIC21", loop.samples), steps=tuple(steps), tree=tree,
+                    candidates=(gone,), cost_map=None, adequate=False, adequate_reason="made up")
+    return Case(study, loop, tuple(curves(study, loop)))
 
 
 def doubtful(samples: int = 600) -> Case:

@@ -147,7 +147,10 @@ def test_pictures_and_pages_are_written_whole(stepped, tmp_path: Path) -> None:
     page = write_comparison(found, "a <loop>", tmp_path / "c.html")
     text = page[0].read_text()
     assert text.count("<details>") == len(drawn) and "a &lt;loop&gt;" in text and "<loop>" not in text
-    assert text.count('class="pic"') == len(drawn) + len(overview(found)) + 1
+    square = len(overview(found)) + sum(not p.wide for p in drawn.values())
+    wide = sum(p.wide for p in drawn.values())
+    assert text.count('class="pic"') == square + 1
+    assert text.count('class="pic desk"') == text.count('class="pic phone"') == wide > 0
     assert "travel-limit" in [s.effect for s in found.suspects[:2]]
     assert all(f"<b>{s.effect}</b>" in text for s in found.suspects[:MOST_SUSPECTS])
     written = write_comparison(found, "a loop", tmp_path / "c.md")

@@ -24,7 +24,7 @@ from stictionid.reports import wording
 from stictionid.reports.facts import facts
 from stictionid.reports.pages.json import report_json
 from stictionid.reports.pages.write import write_report
-from stictionid.reports.pictures.curves import Case
+from stictionid.reports.pictures.curves import Case, gather
 from stictionid.reports.pictures.figures import draw, figure_bytes
 from stictionid.reports.pictures.gallery import pictures
 
@@ -436,3 +436,61 @@ def test_the_valve_picture_shows_a_window_with_break_aways_both_ways() -> None:
     drawn = pictures(replace(one, curves=tuple(replace(c, position=resting) for c in one.curves)))["characteristic"]
     moves = np.diff(next(line for line in drawn.panels[0].lines if line.name == "inferred position").y)
     assert moves.min() < 0.0 < moves.max()
+
+
+def test_effects_of_the_base_stand_beside_the_same_model_without_them() -> None:
+    one = study_factory.modelled()
+    drawn = pictures(one)
+    for key in ("evidence-0-0", "evidence-1"):
+        without, found = drawn[key].panels[0].lines[:2]
+        assert np.std(without.y) > 1.5 * np.std(found.y)
+    assert "keeps its other numbers" in drawn["evidence-0-0"].caption
+    assert "keeps its other numbers" not in drawn["evidence-1"].caption
+    shown = [s.pictures for s in facts(one.study).sections if s.key.startswith("evidence-of")]
+    assert shown == [("evidence-0-0",), ("evidence-1",)]
+
+
+def test_candidates_name_their_step_and_earlier_steps_have_their_own() -> None:
+    study = study_factory.searched(240).study
+    first, last = study.steps
+    stop = replace(first, added="travel-limit", effects=("travel-limit",))
+    study = replace(study, steps=(first, stop, replace(last, effects=("extra-lag", "travel-limit"))))
+    now, before = next(s for s in facts(study).sections if s.key == "candidates").tables
+    assert now.caption.startswith("Effects tried at step 2, beside the base model with travel-limit")
+    assert before.caption == "Effects tried at step 1, beside the base model, the best 5 of 11"
+    assert before.rows[0][0] == "travel-limit" and before.rows[0][3] == "named"
+    assert "no full fit was made" in {row[3] for row in before.rows}
+    waiting = replace(study, steps=study.steps[:2])
+    assert "tried at step 2" in next(s for s in facts(waiting).sections if s.key == "candidates").tables[0].caption
+
+
+def test_a_headline_says_how_much_a_poor_model_explains() -> None:
+    study = study_factory.modelled().study
+    assert "These shares are rough: the model explains more than 99 % of PV" in facts(study).headline
+    poor = replace(study.steps[-1], error=replace(study.steps[-1].error, fit_percent=10.0))
+    said = facts(replace(study, steps=(*study.steps[:-1], poor)))
+    assert said.headline.startswith("What makes the loop swing is not proven, because the model explains only 19 %")
+    assert "may move S out of this range" in said.then[0]
+    assert "not proven" not in facts(replace(study, steps=(*study.steps[:-1], poor), adequate=True)).headline
+
+
+@pytest.mark.parametrize("bad", ["forty steps", "long names", "right to left", "effect file missing"])
+def test_a_page_of_bad_input_is_whole(bad: str, tmp_path: Path) -> None:
+    one = study_factory.modelled()
+    base, last = one.study.steps
+    names = {"long names": "A" * 200, "right to left": "مضخة שלום FIC-101 " * 11}
+    if bad == "forty steps":
+        one = replace(one, study=replace(one.study, steps=(base, *(last,) * 39)),
+                      curves=(one.curves[0], *one.curves[1:] * 39))
+    elif bad in names:
+        data = replace(one.study.data, name=names[bad], units=dict.fromkeys(one.study.data.units, names[bad]),
+                       columns=dict.fromkeys(one.study.data.columns, names[bad]))
+        one = replace(one, study=replace(one.study, data=data))
+    else:
+        written = {**last.model, "written": {"mine": {"file": "mine.py", "sha256": "0"}}}
+        one = gather(replace(one.study, steps=(base, replace(last, added="mine", effects=("mine",), model=written))))
+        assert "the effect mine of mine.py, which is not loaded" in one.missing
+    page = write_report([one], tmp_path / "r.html")[0].read_text(encoding="utf-8")
+    assert page.endswith("</html>\n") and len(page) < 3_000_000
+    assert page.count("<section") == page.count("</section>") > 8
+    assert (page.count("<figure") > 8) == (bad != "effect file missing")

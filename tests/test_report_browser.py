@@ -10,28 +10,48 @@ import importlib.util
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import study_factory
 
+from stictionid.comparison import compare
+from stictionid.comparison.side_by_side import side_by_side
+from stictionid.reports.pages.comparison import write_beside, write_comparison
 from stictionid.reports.pages.write import write_report
 
 _PHONE, _DESK, _A4 = 375, 1000, 794  # px; A4 at 96 dots per inch
+_PAPER = 718  # px; A4 less its margins
+_LEAST_TEXT = 11  # px
+_LARGEST = 3_000_000  # bytes of a page
+_FIRST_PAINT = 1000  # ms
 _CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 _DRIVER = shutil.which("chromedriver")
 _MISSING = [name for name, there in (("chromium", _CHROMIUM), ("chromium-driver", _DRIVER),
                                      ("selenium", importlib.util.find_spec("selenium"))) if not there]
 pytestmark = pytest.mark.skipif(bool(_MISSING), reason=f"no {', '.join(_MISSING)} on this machine")
-PAGES = ("good", "doubtful", "abstained", "hostile", "searched", "several")
+KINDS = ("good", "doubtful", "abstained", "hostile", "searched", "modelled")
+PAGES = (*KINDS, "several", "compared", "beside")
+# Smallest text of what is seen, in px on the screen: that of a picture shrinks with it.
+_SMALLEST = """return Math.min(...[...document.querySelectorAll('main *')].filter(e => e.getClientRects().length &&
+  [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim())).map(e => {
+    const svg = e.closest('svg[viewBox]');
+    const scale = svg ? Math.min(svg.getBoundingClientRect().width / svg.viewBox.baseVal.width,
+                                 svg.getBoundingClientRect().height / svg.viewBox.baseVal.height) : 1;
+    return parseFloat(getComputedStyle(e).fontSize) * scale}))"""
 
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pages")
-    for kind in PAGES[:-1]:
+    for kind in KINDS:
         write_report([getattr(study_factory, kind)()], folder / f"{kind}.html")
+    modelled = study_factory.modelled()
+    write_comparison(compare(modelled.loop, modelled.study), "compared", folder / "compared.html")
+    other = replace(modelled, study=replace(modelled.study, steps=modelled.study.steps[:1]), curves=modelled.curves[:1])
+    write_beside((other, modelled), side_by_side(other.study, modelled.study), folder / "beside.html")
     write_report([study_factory.good(), study_factory.doubtful(), study_factory.abstained()], folder / "several.html")
     return folder
 
@@ -63,6 +83,7 @@ def show(browser: Any, path: Path, *, width: int = _DESK, dark: bool = False, me
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride",
                             {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False})
     browser.get(path.as_uri())
+    browser.execute_script("for (const part of document.querySelectorAll('details')) part.open = true")
     frame(browser)
 
 
@@ -70,6 +91,16 @@ def frame(browser: Any) -> None:
     """Wait until what was asked for is drawn."""
     browser.execute_async_script("const done = arguments[0];"
                                  "requestAnimationFrame(() => requestAnimationFrame(done));")
+
+
+def nothing_serious(browser: Any) -> None:
+    """No serious or critical finding of axe on the page that is shown; skips where axe is absent."""
+    axe = pytest.importorskip("axe_core_python.selenium", reason="no axe-core-python on this machine")
+    found = axe.Axe().run(browser)
+    bad = [(v["id"], v["nodes"][0]["html"][:200]) for v in found["violations"]
+           if v["impact"] in ("serious", "critical")]
+    assert not bad
+    assert len(found["passes"]) > 15
 
 
 def trend(browser: Any) -> dict[str, str]:
@@ -91,6 +122,8 @@ def test_opens_from_disk_offline_without_a_word_on_the_console(browser: Any, pag
     loaded = browser.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
     assert not [name for name in loaded if not name.startswith("data:")]
     assert browser.execute_script("return document.documentElement.lang") == "en"
+    painted = browser.execute_script("return performance.getEntriesByType('paint').map(e => e.startTime)")
+    assert painted and max(painted) < _FIRST_PAINT and (pages / f"{page}.html").stat().st_size <= _LARGEST
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -98,12 +131,15 @@ def test_opens_from_disk_offline_without_a_word_on_the_console(browser: Any, pag
 def test_nothing_is_wider_than_the_screen(browser: Any, pages: Path, page: str, width: int) -> None:
     show(browser, pages / f"{page}.html", width=width)
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    assert browser.execute_script(_SMALLEST) >= _LEAST_TEXT
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_paper_shows_whole_static_pictures(browser: Any, pages: Path, page: str) -> None:
-    show(browser, pages / f"{page}.html", width=688, media="print")  # A4 less its margins
-    assert browser.execute_script("return document.documentElement.scrollWidth") <= 688
+    browser.execute_cdp_cmd("Emulation.setScrollbarsHidden", {"hidden": True})
+    show(browser, pages / f"{page}.html", width=_PAPER, media="print")
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= _PAPER
+    assert browser.execute_script(_SMALLEST) >= _LEAST_TEXT
     heights = browser.execute_script("return [...document.querySelectorAll('figure')].map(f => f.offsetHeight)")
     assert max(heights, default=0) < 1000  # px; a page less its margins is 1,016
     visible = browser.execute_script("return [...document.querySelectorAll('.trend')].filter(e => e.offsetHeight)"
@@ -232,6 +268,7 @@ def test_the_summary_of_a_batch_sorts_filters_and_opens_a_loops_page(browser: An
         crew.shutdown(wait=False, cancel_futures=True)
         store.close()
     show(browser, store.folder / "summary.html")
+    nothing_serious(browser)
     names = "return [...document.querySelectorAll('tbody tr')].filter(r => r.offsetHeight)" \
             ".map(r => r.cells[0].textContent)"
     browser.find_elements(By.CSS_SELECTOR, "thead button")[0].click()
@@ -249,13 +286,5 @@ def test_the_summary_of_a_batch_sorts_filters_and_opens_a_loops_page(browser: An
 @pytest.mark.parametrize(("page", "dark"), [*((page, False) for page in PAGES), ("several", True), ("hostile", True),
                                              ("searched", True)])
 def test_axe_finds_nothing_serious(browser: Any, pages: Path, page: str, dark: bool) -> None:
-    if importlib.util.find_spec("axe_core_python") is None:
-        pytest.skip("no axe-core-python on this machine")
-    from axe_core_python.selenium import Axe
-
     show(browser, pages / f"{page}.html", dark=dark)
-    found = Axe().run(browser)
-    bad = [(v["id"], v["nodes"][0]["html"][:200]) for v in found["violations"]
-           if v["impact"] in ("serious", "critical")]
-    assert not bad
-    assert len(found["passes"]) > 15
+    nothing_serious(browser)

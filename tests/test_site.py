@@ -9,6 +9,7 @@ import re
 import shlex
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,10 +50,14 @@ def test_the_schema_is_one_and_every_study_keeps_it() -> None:
     check = jsonschema.Draft202012Validator(schema)
     made_up = (study_factory.good(240), study_factory.searched(240), study_factory.doubtful(240),
                study_factory.abstained())
-    studies = [json.loads(to_json(case.study)) for case in made_up] + [json.loads(p.read_text()) for p in STUDIES]
+    by_hand = replace(made_up[1].study, steps=tuple(replace(step, supported=answer) for step, answer in
+                                                    zip(made_up[1].study.steps, (None, False), strict=True)))
+    studies = [json.loads(to_json(study)) for study in (by_hand, *(case.study for case in made_up))]
+    studies += [json.loads(p.read_text()) for p in STUDIES]
     for study in studies:
         check.validate(study)
-    for spoil in ({"schema": "stictionid.study/x"}, {"estimate": {"S": "5"}}, {"adequate": "yes"}, {"steps": {}}):
+    for spoil in ({"schema": "stictionid.study/x"}, {"estimate": {"S": "5"}}, {"adequate": "yes"}, {"steps": {}},
+                  {"swing": {"parts": 1}}, {"steps": [{**studies[0]["steps"][0], "supported": "yes"}]}):
         assert list(check.iter_errors({**studies[0], **spoil})), spoil
 
 

@@ -53,9 +53,9 @@ def agree(
 
     Records that abstain are listed with the reason; exit code 3 when fewer than two can be compared.
 
-    Example: stictionid agree sample_data/foptd_scanned.parquet --windows 3
+    Several months of one loop: give one file for each.
 
-    Several months: stictionid agree january.csv may.csv july.csv -o drift.md
+    Example: stictionid agree sample_data/foptd_scanned.parquet --windows 3
     """
     from ..errors import UsageError
     from ..fit.options import ALL_LAWS, Options

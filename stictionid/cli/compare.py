@@ -15,7 +15,8 @@ from .common.user_files import EffectsOption, LawsOption
 
 
 @app.command(epilog=outcome("the page with -o, and pictures beside markdown",
-                            json="error, findings, adequate, series"))
+                            json="error, suspects, findings, adequate, series; of two studies: statement, errors, "
+                                 "parameters"))
 def compare(
     study: StudyArgument,
     file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Another record to validate on, or the study's "
@@ -32,9 +33,9 @@ def compare(
     On another file what belongs to the plant is held (S, J, process, period of a wave). What belongs to the record is
     refitted: start state, bias, phase of a wave, time of a step.
 
-    Example: stictionid compare study.json -o compare.html
+    Two studies stand side by side with --against other.json.
 
-    Two studies side by side: stictionid compare study.json --against other.json
+    Example: stictionid compare study.json -o compare.html
     """
     from ..comparison import compare as run
     from ..reports.pages.comparison import check_place, write_comparison

@@ -15,6 +15,8 @@ from .document import Section
 
 # Most effects with a section of their own; the tables have all.
 _MOST = 8
+# Free-run error after an effect, as a share of that before it, from which the effect asks for no work. Unit: 1.
+_HARDLY = 0.95
 # Answers on an effect that was added by hand, by the code of their finding.
 _ANSWERS = {"supported": "by hand, supported", "not-supported": "by hand, not supported",
             "cannot-tell": "by hand, open"}
@@ -25,10 +27,12 @@ def sections(study: Study) -> tuple[Section, ...]:
     found: list[Section] = []
     seen: set[str] = set()
     for i, step in enumerate(study.steps):
-        for name in step.effects if not i else (effect_words.named_in(step),) * bool(step.added):
+        for k, name in enumerate(step.effects if not i else (effect_words.named_in(step),) * bool(step.added)):
             if name not in seen and (name in study.steps[-1].effects):
                 seen.add(name)
-                found.append(replace(_section(study, i, name), key=f"evidence-of-{len(found) + 1}"))
+                picture = f"evidence-{i}" if i else f"evidence-0-{k}"
+                found.append(replace(_section(study, i, name), key=f"evidence-of-{len(found) + 1}",
+                                     pictures=(picture,)))
     return tuple(found[-_MOST:])
 
 
@@ -41,11 +45,17 @@ def _section(study: Study, i: int, name: str) -> Section:
         bullets.append(f"Could also be: {'; '.join(alike)}.")
     if effect is not None and effect.settled_by:
         bullets.append(f"What settles it: {effect.settled_by}.")
-    if act := effect_words.action(study, name):
+    if (act := effect_words.action(study, name)) and not _weak(study, i):
         bullets.append(f"What to do: {act}")
     title = f"Evidence: {noun}" + (f" ({wording.name(name)})" if noun != wording.name(name) else "")
     return Section("evidence", title,
-                   (effect_words.sentence(study, name),), tuple(bullets), (), (f"evidence-{i}",) if i else ())
+                   (effect_words.sentence(study, name),), tuple(bullets))
+
+
+def _weak(study: Study, i: int) -> bool:
+    """True for a step that hardly lowers the free-run error of a model that still misses something."""
+    return i > 0 and study.adequate is False and \
+        study.steps[i].error.rmse > _HARDLY * study.steps[i - 1].error.rmse
 
 
 def by_hand(step: Step) -> Finding | None:
@@ -75,7 +85,9 @@ def _support(study: Study, i: int, name: str) -> str:
     gain = next((c.gain_beyond_noise for c in study.candidates if c.accepted and c.effect == plain), None)
     if gain is None:
         gain = next((g for n, g in added_to(study.tree, study.steps[i - 1].effects) if n.edge.what == name), None)
-    return said + (f"; it gains {wording.number(gain)} BIC beyond the best noise model." if gain is not None else ".")
+    said += f"; it gains {wording.number(gain)} BIC beyond the best noise model." if gain is not None else "."
+    return said + (" The free run hardly changes, so that this asks for no work on the valve." if _weak(study, i)
+                   else "")
 
 
 def _alike(study: Study, name: str) -> list[str]:

@@ -74,7 +74,8 @@ def valve_state(study: Study) -> str:
     size = wording.estimate(e.S, e.S_interval, e.unit)
     if study.verdict.stiction == "stiction":
         span = " of OP span" if e.unit == "%" else ""
-        return f"{word}: S is {size}{span}, {_band(e)}."
+        rough = " What the model misses may move S out of this range." if study.interval_caution else ""
+        return f"{word}: S is {size}{span}, {_band(e)}.{rough}"
     if study.verdict.stiction == "no stiction":
         return f"{word}: a model without friction does as well; with friction the best S would be {size}."
     return f"{word}: S would be {size} ({_band(e)}), but this record does not prove that the valve sticks."
@@ -152,6 +153,8 @@ def _disagreement(study: Study, e: Estimate, p: PositionEstimate) -> list[str]:
     low, high = e.S_interval or (e.S, e.S)
     if (1.0 - DIFFERS) * low <= p.S <= (1.0 + DIFFERS) * high:
         return []
+    if study.verdict.stiction == "no stiction" and high >= p.S:
+        return []  # both find no friction worth a number
     valve = [n for n in (study.steps[-1].effects if study.steps else ()) if effect_words.moves_valve(n)]
     why = (f"the position was fitted without {wording.listed([effect_words.noun(study, n) for n in valve])}" if valve
            else "the position signal may be filtered, scaled or only a demand, or the model may lack an effect")
@@ -161,7 +164,7 @@ def _disagreement(study: Study, e: Estimate, p: PositionEstimate) -> list[str]:
 
 def severity_sentences(study: Study) -> list[str]:
     """The effect of the friction on the loop (its damage, not S alone); empty where the study has none."""
-    return [wording.sentence(study.severity.statement)] if study.severity is not None else []
+    return [wording.sentence(story.simulated(study.severity.statement))] if study.severity is not None else []
 
 
 def _value_row(value: float, interval: tuple[float, float] | None, unit: str) -> tuple[str, str, str]:

@@ -107,6 +107,8 @@ def next_steps(study: Study) -> Section:
         bullets += _for_the_model(study)
     if "position" not in study.data.columns and study.estimate is not None:
         bullets.append("Log the positioner's travel feedback beside OP: S and J can then be read from it directly.")
+    if "setpoint" not in study.data.columns and study.estimate is not None:
+        bullets.append("Export the setpoint too: without it nobody can tell what a perfect valve would change.")
     if study.estimate is not None:
         compressed = [f for f in study.data.findings if "compress" in f.code or "average" in f.code]
         if compressed:

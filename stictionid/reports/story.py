@@ -12,6 +12,8 @@ from .document import PageTable, Section
 
 # Shares below this are left out of sentences, and causes from the second on call for an action. Unit: 1.
 _SHOWN, _ACTED_ON = 0.01, 0.1
+# Share of the variance of PV that a model must explain before it names a cause without a doubt in front. Unit: 1.
+_EXPLAINS = 0.5
 
 
 def cause(study: Study) -> str:
@@ -20,15 +22,41 @@ def cause(study: Study) -> str:
     if swing is None or study.estimate is None:
         return ""
     what = "makes the loop swing" if study.range.oscillating else "moves PV"
+    explained = _explained(study)
     if not swing.causes:
         why, mark, rest = swing.reason.partition("not simulated: ")
-        return wording.sentence(f"What {what} can't be told from this record: {rest}" if mark else
+        said = wording.sentence(f"What {what} can't be told from this record: "
+                                f"{rest.replace('no setpoint', 'it holds no setpoint')}" if mark else
                                 f"What {what}: {wording.clean(why)}")
+        return said + ("" if explained is None else f" The model explains {_percent(explained)} of PV and "
+                                                           "still misses something.")
     shown = sorted((s for s in swing.causes if abs(s.share) >= _SHOWN), key=lambda s: -s.share)
     said = wording.listed([f"{share} {effect_words.part(study, s.part)}"
                            for s, share in zip(shown, shares(shown), strict=True)])
-    rough = " The model still misses something, so that these shares are rough." if study.adequate is False else ""
-    return f"What {what}: {said}. {_perfect_valve(study)}{rough}"
+    told = f"What {what}: {said}. {_perfect_valve(study)}"
+    if explained is None:
+        return told
+    if explained < _EXPLAINS:
+        return (f"What {what} is not proven, because the model explains only {_percent(explained)} of PV. By this "
+                f"model: {said}. {_perfect_valve(study)}")
+    return (f"{told} These shares are rough: the model explains {_percent(explained)} of PV and still misses "
+            "something.")
+
+
+def simulated(reason: str) -> str:
+    """A reason or an outcome of the run with a perfect valve, with its subject where that run is missing."""
+    return wording.clean(reason).replace("not simulated", "the loop with a perfect valve was not simulated", 1)
+
+
+def _percent(share: float) -> str:
+    """A share in whole per cent; that of a model that misses something never reads as all."""
+    return "more than 99 %" if share > 0.99 else f"{100 * share:.0f} %"
+
+
+def _explained(study: Study) -> float | None:
+    """Share of the variance of PV that the last model explains; None where it is adequate, or nobody has judged it."""
+    fit = study.steps[-1].error.fit_percent if study.steps else None
+    return None if study.adequate is not False or fit is None else max(1.0 - (1.0 - fit / 100.0) ** 2, 0.0)
 
 
 def _perfect_valve(study: Study) -> str:
@@ -95,8 +123,7 @@ def section(study: Study) -> Section | None:
         text.append("The causes come from the same loop run again with a perfect valve: in a closed loop the parts go "
                     "together, so that the parts alone do not say what swings it.")
     else:
-        text.append("No share of the swing is given to a cause: the loop could not be run again with a perfect valve, "
-                    "or that run contradicts the verdict.")
+        text.append(wording.sentence(f"No share of the swing is given to a cause: {simulated(swing.reason)}"))
     table = PageTable("Parts of PV, and causes of its swing about the setpoint", ("part", "share of PV", "cause of the "
                       "swing"), rows, (1, 2))
     return Section("swing", "What makes the loop swing", tuple(text), (), (table,), ("contributions",))

@@ -199,7 +199,7 @@ def _why(entry: Entry, winner: str) -> str:
         if not gate.passed:
             return gate.reason
     if not entry.scored.full:
-        return "a first look gained too little to be fitted in full"
+        return f"a quick fit gained {f'less than {winner}' if winner else 'too little'}, so no full fit was made"
     return f"it helps less than {winner}" if winner else "it was not needed"
 
 

@@ -81,8 +81,11 @@ def _blocks(edge: Edge) -> str:
         return ""
     gains = block_gains(edge.parent.done, edge.child.done, edge.parent.done.good & edge.child.done.good)
     better = int((gains > 0).sum())
-    if better < edge.policy.blocks_better or float(np.median(gains)) < edge.policy.block_gain:
-        return f"the one-step error falls in {better} of {gains.size} blocks only"
+    if better < edge.policy.blocks_better:
+        return f"the one-step error falls in only {better} of {gains.size} blocks"
+    middle, least = float(np.median(gains)), edge.policy.block_gain
+    if middle < least:
+        return f"the one-step error falls by {100 * middle:.1g} % in the middle block, {100 * least:g} % name an effect"
     return ""
 
 

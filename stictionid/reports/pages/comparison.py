@@ -121,7 +121,7 @@ def _markdown(c: Comparison, title: str, drawn: dict[str, Picture], names: list[
 
 def _html(c: Comparison, title: str, drawn: dict[str, Picture]) -> str:
     """One screen with the suspects and an overview of the errors; every large picture is folded below."""
-    from .html import escaped, page_html
+    from .html import escaped, page_html, wide_figure
 
     kind = "v-free" if c.adequate else "v-sticks"
     said = "".join(f"<p>{escaped(wording.clean(s))}</p>" for s in sentences(c))
@@ -134,9 +134,10 @@ def _html(c: Comparison, title: str, drawn: dict[str, Picture]) -> str:
     points = "".join(f"<li><b>{escaped(f.severity)}</b>, {escaped(wording.sentence(f.statement))}</li>"
                      for f in (*c.findings, *c.notes)) or "<li>nothing stands out</li>"
     figures = "".join(
-        f'<details><summary>{escaped(p.title)}</summary><figure class="{"static" if p.wide else "square"}">'
-        f'<div class="pic">{svg.inline(p, f"c{i}", narrow=not p.wide)}</div>'
-        f"<figcaption>{escaped(p.alt)} {escaped(p.caption)}</figcaption></figure></details>"
+        f"<details><summary>{escaped(p.title)}</summary>"
+        + (wide_figure(p, f"c{i}", p.alt) if p.wide else
+           f'<figure class="square"><div class="pic">{svg.inline(p, f"c{i}")}</div>'
+           f"<figcaption>{escaped(p.alt)} {escaped(p.caption)}</figcaption></figure>") + "</details>"
         for i, p in enumerate(drawn.values()))
     links = "".join(f'<li><a href="#{key}">{word}</a></li>' for key, word in (
         ("who", "Suspects"), ("where", "Where it fails"), ("found", "Findings"), ("details", "Pictures")))

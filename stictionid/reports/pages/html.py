@@ -123,7 +123,7 @@ def _section(case: Case, section: Section, drawn: dict[str, Picture], prefix: st
     wide = [p for p in shown if p.wide]
     square = [p for p in shown if not p.wide]
     for picture in wide:
-        figure = _wide(picture, f"{prefix}-{picture.key}")
+        figure = wide_figure(picture, f"{prefix}-{picture.key}")
         if picture.key == "trend" and case.loop is not None:
             layer = trend_layer(case, f"{prefix}-live")
             figure = f'<div class="trends">{layer}{figure}</div>'
@@ -147,11 +147,14 @@ def escape_lines(commands: Sequence[str]) -> str:
     return "\n".join(escaped(c) for c in commands)
 
 
-def _wide(picture: Picture, prefix: str) -> str:
-    """A page-wide picture and its narrow version for phones; the style sheet shows one of them."""
+def wide_figure(picture: Picture, prefix: str, said: str = "") -> str:
+    """A page-wide picture and its narrow version for phones; the style sheet shows one of them.
+
+    `said` stands before the caption.
+    """
     return (f'<figure class="static"><div class="pic desk">{svg.inline(picture, prefix)}</div>'
             f'<div class="pic phone">{svg.inline(picture, prefix + "-n", narrow=True)}</div>'
-            f"<figcaption>{escaped(picture.caption)}</figcaption></figure>")
+            f"<figcaption>{escaped(f'{said} {picture.caption}'.strip())}</figcaption></figure>")
 
 
 def table_html(table: PageTable, name: str, *, links: Sequence[str] = ()) -> str:
@@ -175,8 +178,8 @@ def side_by_side(cases: tuple[Case, Case]) -> str:
     found = beside.side_by_side(cases[0].study, cases[1].study)
     drawn = words_beside.picture(found, cases)
     return (f'<p class="beside">{escaped(wording.sentence(found.statement))}</p>'
-            + (_wide(drawn, "beside") if drawn is not None else "")
-            + "".join(table_html(t, f"beside-{i}") for i, t in enumerate(words_beside.tables(found))))
+            + (wide_figure(drawn, "beside") if drawn is not None else "")
+            + "".join(table_html(t, f"beside-t{i}") for i, t in enumerate(words_beside.tables(found))))
 
 
 def _comparison(cases: Sequence[Case], all_facts: Sequence[Facts], drawn: Sequence[dict[str, Picture]]) -> str:

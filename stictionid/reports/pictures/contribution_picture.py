@@ -22,7 +22,8 @@ _FIXED = {Share.VALVE: "model", Share.START: "sp", Share.NOISE: "residual"}
 def contributions(study: Study, step: Step, loop: Loop) -> Picture:
     """Parts of y in the model of one step: curves about their mean, named with their shares."""
     piece, rows = described(loop, step.model)
-    parts = parts_of(*rebuild_model(piece, step.model))
+    model, values = rebuild_model(piece, step.model)
+    parts = parts_of(model, values)
     at = np.concatenate([np.arange(r.start, r.stop) for r in rows])
     window = study_pictures.window(study, loop)
     shown = (at >= window.start) & (at < window.stop) if ((at >= window.start) & (at < window.stop)).any() \
@@ -34,9 +35,11 @@ def contributions(study: Study, step: Step, loop: Loop) -> Picture:
     names = {p.name: valve if p.name == Share.VALVE else effect_words.part(study, p.name) for p in parts}
     shares = dict(zip(names, story.shares([Share(p.name, p.share) for p in parts]), strict=True))
     lines = [_line("PV", "pv", t, loop.process_value[at][shown])]
+    # Before the first sample that counts the parts may be far larger than PV and cancel.
+    counted = ~model.starting()[shown]
     free = iter(_ROLES * len(parts))
-    lines += [_line(f"{names[p.name]}, {shares[p.name]}", _FIXED.get(p.name) or next(free), t, p.curve[shown])
-              for p in parts]
+    lines += [_line(f"{names[p.name]}, {shares[p.name]}", _FIXED.get(p.name) or next(free), t,
+                    np.where(counted, p.curve[shown], np.nan)) for p in parts]
     said = wording.listed([f"{shares[p.name]} {names[p.name]}" for p in parts])
     return Picture("contributions", "Parts of PV", f"The variance of PV: {said}.",
                    "Each part of PV about its mean, with its share of the variance of PV, cov(part, PV) / var(PV). The "

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...errors import StictionidError
+from ...model.restore import rerun
 from ...record.loop import Loop
 from ...record.study import Step, Study
 from ...typing import FloatArray
@@ -32,19 +34,42 @@ _MOST_STEPS = 6
 
 
 def evidence(case: Case) -> list[Picture]:
-    """One picture for each effect that a step added, under the key "evidence-" and the number of the step."""
+    """One picture for each effect of the base, "evidence-0-" and its place, and of each step, "evidence-" and the step.
+
+    Nothing stands before the base: its effects are shown beside the same model without them.
+    """
     study, loop = case.study, case.loop
     if loop is None or len(case.curves) != len(study.steps):
         return []
     found = []
     for i, step in enumerate(study.steps):
         if i and step.added:
-            found.append(_evidence(study, loop, i, step, case.curves[i - 1], case.curves[i]))
+            found.append(_evidence(study, loop, str(i), effect_words.named_in(step), case.curves[i - 1],
+                                   case.curves[i]))
+        elif not i:
+            for k, name in enumerate(step.effects):
+                if (without := _without(loop, step, name)) is not None:
+                    found.append(_evidence(study, loop, f"0-{k}", name, without, case.curves[0]))
     return found
 
 
-def _evidence(study: Study, loop: Loop, i: int, step: Step, before: Curves, after: Curves) -> Picture:
-    name = effect_words.named_in(step)
+def _without(loop: Loop, step: Step, name: str) -> Curves | None:
+    """Curves of a model without one effect and with its other numbers; None where it does not run so.
+
+    Gain and offset are fitted again, as in every run.
+    """
+    model = step.model or {}
+    rest = [n for n in model.get("effects", ()) if n != name]
+    if len(rest) == len(model.get("effects", ())):
+        return None
+    values = {k: v for k, v in model["values"].items() if not k.startswith(f"{name}:")}
+    try:
+        return rerun(loop, {**model, "effects": rest, "values": values})
+    except StictionidError:
+        return None
+
+
+def _evidence(study: Study, loop: Loop, key: str, name: str, before: Curves, after: Curves) -> Picture:
     effect, _ = effect_words.known(name)
     over = effect.seen_over if effect is not None else "time"
     good = np.isfinite(before.residual) & np.isfinite(after.residual) & loop.used
@@ -61,8 +86,9 @@ def _evidence(study: Study, loop: Loop, i: int, step: Step, before: Curves, afte
         good &= np.isfinite(x)
         panel = Panel(label, unit, (_dots("without", "rule", x, before, good), _dots("with", "optimum", x, after, good),
                                     _mean("mean without", "guide", x, before, good)))
-    return Picture(f"evidence-{i}", title, fall,
-                   f"{said}; grey without the effect, coloured with it. {fall}", (panel,))
+    held = " Without it the model keeps its other numbers." if key.startswith("0") else ""
+    return Picture(f"evidence-{key}", title, fall,
+                   f"{said}; grey without the effect, coloured with it. {fall}{held}", (panel,))
 
 
 def _spread(curves: Curves, good: np.ndarray) -> float:

@@ -17,8 +17,9 @@ from . import legend as names
 from .axes import Axis
 from .picture import Band, Branch, Line, Panel, Picture, Rule
 
-# Sizes in px of the drawing's own grid. A wide picture fills a page, a square one half of it or a phone.
-WIDE, SQUARE, SMALL = 920, 400, 300
+# Sizes in px of the drawing's own grid. A wide picture fills a page, a square one half of it or a phone. On A4 less
+# 10 mm at each side, 718 px, text of TEXT px is 11 px or more in both.
+WIDE, SQUARE, SMALL = 780, 380, 300
 _HEIGHT_WIDE, _HEIGHT_SQUARE = 230, 350
 _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 62, 14, 12, 40, 16
 # Size of all text. Unit: px.
