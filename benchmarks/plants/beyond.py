@@ -28,11 +28,11 @@ from plants.draw import NoLoop, Plant, turns
 from plants.simulate import PARTS, START, STEP_S, Controller, FloatArray, Noise, Process, Record, Setting, Valve
 
 # Number of each process in `_change`: y is K times the first state, but for the inverse response and the drift.
-RINGS, WRONG_WAY, BY_DIRECTION, GAIN_DRIFTS, LEAKS, THIRD_ORDER = range(6)
+RINGS, WRONG_WAY, BY_DIRECTION, GAIN_DRIFTS, LEAKS, THIRD_ORDER, DELAY_DRIFTS = range(7)
 # Effects by name with their process; "clean" is a first order, and the last one is in no catalogue.
 EFFECTS = {"clean": GAIN_DRIFTS, "underdamped-process": RINGS, "inverse-response": WRONG_WAY,
            "direction-dependent-lag": BY_DIRECTION, "gain-drift": GAIN_DRIFTS, "measurement-limit": GAIN_DRIFTS,
-           "leak": LEAKS,
+           "leak": LEAKS, "dead-time-drift": DELAY_DRIFTS,
            "third-order-two-zeros": THIRD_ORDER}
 _TRIES = 60
 _FEWEST_TURNS, _SAMPLES_PER_TURN = 12, 14
@@ -83,7 +83,9 @@ def _loop(kind: int, numbers: FloatArray, gain: float, delay: int, kc: float, ti
     scans, h = setpoint.size, STEP_S
     a, b, c = numbers
     us, ys, vs = np.empty(scans), np.empty(scans), np.empty(scans)
-    queue, x = np.zeros(delay + 1), np.zeros(3)
+    # The dead time grows by b % in 1000 s where it drifts.
+    growth = delay * b * 1e-5 * h if kind == DELAY_DRIFTS else 0.0
+    sent, x = np.zeros(scans * PARTS), np.zeros(3)
     stem, total, last, before, slides = START, 0.0, START, 0.0, False
     for k in range(scans * PARTS):
         y = START + gain * _output(kind, x, a, b, c, k * h)
@@ -101,8 +103,14 @@ def _loop(kind: int, numbers: FloatArray, gain: float, delay: int, kc: float, ti
                     stem = u - np.sign(u - stem) * 0.5 * (S - J)
             last, before = u, du
             us[scan], ys[scan], vs[scan] = u, y, stem
-        queue[k % (delay + 1)] = stem - START
-        w = queue[(k + 1) % (delay + 1)] if k >= delay else 0.0
+        sent[k] = stem - START
+        late = delay + growth * k
+        older = int(math.ceil(late))
+        w = 0.0
+        if k >= older:
+            w = sent[k - older]
+            if older > late:
+                w += (older - late) * (sent[k - older + 1] - w)
         k1 = _change(kind, x, w, a, b, c)
         k2 = _change(kind, x + 0.5 * h * k1, w, a, b, c)
         k3 = _change(kind, x + 0.5 * h * k2, w, a, b, c)
@@ -174,6 +182,9 @@ def _numbers(effect: str, lag: float, samples: int, rng: np.random.Generator,
     if effect == "direction-dependent-lag":
         ratio = float(np.exp(rng.choice([-1.0, 1.0]) * u(math.log(1.4), math.log(2.5))))
         return (lag, ratio, 0.0), {"closing_ratio": ratio}, 0.0
+    if effect == "dead-time-drift":
+        drift = float(rng.choice([u(-80.0, -50.0), u(80.0, 200.0)])) * 1e3 / samples
+        return (lag, drift, 0.0), {"drift": drift}, 0.0
     if effect == "gain-drift":
         drift = float(rng.choice([u(-45.0, -20.0), u(25.0, 80.0)])) * 1e3 / samples
         return (lag, drift, 0.0), {"drift": drift}, 0.0
