@@ -105,7 +105,7 @@ def _loop(kind: int, numbers: FloatArray, gain: float, delay: int, kc: float, ti
             us[scan], ys[scan], vs[scan] = u, y, stem
         sent[k] = stem - START
         late = delay + growth * k
-        older = int(math.ceil(late))
+        older = math.ceil(late)
         w = 0.0
         if k >= older:
             w = sent[k - older]
@@ -224,7 +224,7 @@ def _line(row: dict[str, Any]) -> str:
         return f"{row['effect']} {row['seed']} -> {row.get('error') or row.get('reason')}"
     return (f"{row['effect']} {row['seed']} -> {row['right']} {'+'.join(row['answer']) or 'nothing'} {row['verdict']} "
             f"error {row['error_over_noise']:.2f} S {100 * row['S_error']:+.1f} % J {100 * row['J_error']:+.1f} % "
-            f"{row['cpu_s']:.1f} s {row['truth']['effects']}")
+            f"{row['cpu_s']:.1f} s {row['truth']['effects']} found {row['found']}")
 
 
 def _summary(rows: list[dict[str, Any]]) -> None:
