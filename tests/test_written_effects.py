@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -177,6 +178,16 @@ def test_a_candidate_without_finite_numbers_is_rejected(tmp_path: Path) -> None:
     (2, "higher order", TIME + "def tf(T):\n    return [T, 1.0], [1.0]\n"),
     (2, "don't fit", TIME + "def ss(T):\n    return [[-1.0]], [1.0, 2.0], [1.0], [0.0]\n"),
     (2, "input rests at 0", TIME + "def process(x, t, T):\n    return x + T\n"),
+    (2, "complex", WIDTH + "def valve(p, t, width):\n    return p - 1j * width\n"),
+    (1, "CONFUSED_WITH", "CONFUSED_WITH = 'extra-lag'\n" + WIDTH + "def valve(p, t, width):\n    return p - width\n"),
+    (2, "returns NaN", WIDTH + "def disturbance(t, width):\n    return t * float('nan')\n"),
+    (2, "other columns", WIDTH + "def disturbance(t, width):\n    return t[:, None].repeat(1 + (width > 1), axis=1)\n"),
+    (2, "does not settle", TIME + "def tf(T):\n    return [1.0], [-T, 1.0]\n"),
+    (2, "does not settle", TIME + "def ss(T):\n    return [[0.0]], [1.0], [1.0], [0.0]\n"),
+    (4, "names widht", WIDTH + "def valve(p, t, width):\n    return p - width\ndef guess(record):\n"
+     "    return {'widht': 3.0}\n"),
+    (5, "read-only", WIDTH + "def valve(p, t, width):\n    return p - width\ndef guess(record):\n"
+     "    record.command[:] = 0.0\n"),
     (5, "guess() fails", WIDTH + "def valve(p, t, width):\n    return p - width\ndef guess(record):\n"
      "    return record.nothing\n"),
 ])
@@ -194,6 +205,12 @@ def test_code_that_does_not_end_is_stopped_with_its_line(tmp_path: Path) -> None
     code = compile(path.read_text() + "f()\n", str(path), "exec")
     with pytest.raises(DataError, match=r"mine.py:[23]: it still runs after 0.1 s"), limited(0.1, str(path)):
         exec(code, {})
+    traced = sys.gettrace()
+    caught = "while True:\n    try:\n        sum(range(999))\n    except:\n        pass\n"
+    for text in (caught, caught.replace("except", "except Exception")):
+        with pytest.raises(DataError, match=r"mine.py:\d: it still runs after 0.1 s"), limited(0.1, str(path)):
+            exec(compile(text, str(path), "exec"), {})
+    assert sys.gettrace() is traced
 
 
 def test_a_fault_in_a_search_names_file_and_line(tmp_path: Path) -> None:
