@@ -17,14 +17,17 @@ from loops_with_effects import MOVES, PLANTS
 import stictionid.effects as room
 from stictionid.batch.command import command_for
 from stictionid.batch.task import Work
+from stictionid.cli.common.output import Progress
 from stictionid.effects import VARIABLE, catalogue, forget, get, register, use
 from stictionid.effects.contract import Context
+from stictionid.effects.written.load import SLOW
 from stictionid.errors import DataError, StictionidError, UsageError
 from stictionid.historian import ReadOptions
 from stictionid.model.closed_loop import OPERATING_POINT, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.restore import rebuild_model
 from stictionid.model.spec import Spec
+from stictionid.numerics import tally
 from stictionid.system.user_code import limited
 
 WIDTH = 'PARAMETERS = {"width": {"unit": "%", "range": (0, 20), "neutral": 0}}\n'
@@ -143,6 +146,22 @@ def test_a_function_is_called_once_for_all_candidates_only_where_that_is_the_sam
                        "return position - (width if position.mean() > 49 else 0)\n")])
     assert get("worn-trim").lanewise and not get("worn-trim").memory  # type: ignore[attr-defined]
     assert not get("scalar").lanewise and get("scalar").memory  # type: ignore[attr-defined]
+
+
+def test_a_slow_effect_is_called_slow_and_its_search_shows_that_it_goes_on(
+        worn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    use([worn, written(tmp_path, 'NAME = "slow-sensor"\n' + LOOPED)])
+    assert get("worn-trim").slower < SLOW < get("slow-sensor").slower
+    now = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    with Progress(quiet=False) as progress:
+        progress("refitting", 0.1)
+        for now[0] in (4.0, 6.0, 8.0, 12.0):
+            tally.add(1, 1)
+    tally.add(1, 1)
+    first, *lines = capsys.readouterr().err.splitlines()
+    assert "slow-sensor is plain Python" in first and "worn-trim" not in first
+    assert lines == ["refitting, 10 % after 6 s", "refitting, 10 % after 12 s"]
 
 
 def test_a_candidate_without_finite_numbers_is_rejected(tmp_path: Path) -> None:
