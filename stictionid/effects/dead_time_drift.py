@@ -2,8 +2,9 @@
 
 The dead time of the study is that at the start of the record; the drift is relative to it. A delay that follows the
 flow through its pipe drifts as that flow does. An analyser with a long line is the usual place. Beside a dead time
-that is short against the sampling step nothing shows. A stickband that grows makes slips late as well, but it also
-makes the controller swing wider. A lag that grows looks alike where the record has no moves but those of the cycle.
+that is short against the sampling step nothing shows. A stickband that grows makes slips late as well: on a loop whose
+dead time grew by 80 % it left 1.3 times the noise, the base 2.0 times. A lag that grows is in no model here; it looks
+alike where the lag is short.
 
 Equation: y answers u_v(t - L(t)), L(t) = L (1 + drift t / 100,000), drift in % per 1000 s.
 Source: variable transport delay, Shinskey, Process Control Systems, chapter 2; process/directional.py.
@@ -46,7 +47,7 @@ EFFECT = Effect(
     summary="the transport delay grows or shrinks along the record",
     equation="y answers u_v(t - L(t)), L(t) = L (1 + drift t / 100,000)",
     source="variable transport delay, Shinskey, Process Control Systems, chapter 2", parameters=(_DRIFT,),
-    confused_with=("stiction-drift", "gain-drift"), limits=_limits, dynamics=_dynamics, guess=_guess,
+    confused_with=("stiction-drift",), limits=_limits, dynamics=_dynamics, guess=_guess,
     visible=_visible,
     leaves={"stretch": 6, "valve": 9, "drift": 3},
     noun="a dead time that drifts",
@@ -57,6 +58,5 @@ EFFECT = Effect(
     told_apart={
         "stiction-drift": "the measured valve position, or a large step in manual early and late: only a delay moves "
                           "its first answer",
-        "gain-drift": "the same step in manual early and late: a delay moves its beginning, a gain its size",
     },
 )
