@@ -66,7 +66,7 @@ class Function:
             if "read-only" in words:
                 words = "the function changes its input; work on a copy, position.copy()"
             raise fault(self.file, line_in(error, self.file),
-                        f"{self.kind}() fails ({words}) for {said(values)}") from None
+                        f"{self.kind}() fails ({words}) for {said(values)}; correct this line") from None
 
     def signal(self, *signals: FloatArray, **values: Any) -> FloatArray:
         """A result of the shape of the first signal, as numbers."""
