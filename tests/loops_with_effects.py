@@ -52,7 +52,7 @@ _PARTS = 20
 _STRIDE = 5
 # Effects beyond the linear chain of first design; their loops are in benchmarks/plants/beyond.py, too.
 BEYOND = ("backlash", "direction-dependent-lag", "gain-drift", "inverse-response", "leak", "load-noise",
-          "measurement-filter", "measurement-limit", "underdamped-process")
+          "measurement-filter", "measurement-limit", "underdamped-process", "dead-time-drift")
 # What a Karnopp valve itself may be named for: it rests between scans, or jumps past its place.
 PHYSICAL = {"re-sticking", "slip-overshoot"}
 # An effect that leaves less than this share of the noise after a refit without it makes the error 8 % larger than the
@@ -81,7 +81,7 @@ def loop_of(seed: int, effect: str | None, noise: float, colour: float, samples:
     """
     rng = np.random.default_rng([seed, 77])
     # Later effects come after the others, so that loops stay as they were.
-    known = sorted(catalogue(), key=lambda name: name in BEYOND)
+    known = sorted(catalogue(), key=lambda name: BEYOND.index(name) + 1 if name in BEYOND else 0)
     at = (seed + _STRIDE * sum((1 + i) * (1 + known.index(name)) for i, name in enumerate(names_of(effect)))) \
         % (len(BEDS) * len(KINDS))
     bed, kind = BEDS[at % len(BEDS)], KINDS[at // len(BEDS)]
@@ -245,6 +245,7 @@ def sized(name: str, rng, s: Setting, T: float, clean, sd: float) -> dict:
                                          "gain": swing * u(0.05, 0.15)},
         "direction-dependent-lag": lambda: {"closing_ratio": float(np.exp(sign * u(0.35, 0.9)))},
         "gain-drift": lambda: {"drift": (u(-45.0, -20.0) if sign < 0 else u(25.0, 80.0)) * 1000 / length},
+        "dead-time-drift": lambda: {"drift": (u(-80.0, -50.0) if sign < 0 else u(60.0, 150.0)) * 1000 / length},
         "inverse-response": lambda: {"zero_s": T * u(0.2, 0.5), "lag_s": T * u(0.2, 0.5)},
         "underdamped-process": lambda: {"natural_period_s": T * u(2.5, 5.0), "damping": u(0.25, 0.6)},
         "measurement-limit": lambda: {"upper": float(np.quantile(clean.process_value, u(0.85, 0.95)))},
@@ -310,6 +311,7 @@ SMALL: dict[str, tuple[int, tuple, dict[str, float | str]]] = {
     "measured-disturbance": (1, MOVES, {"gain": 0.8, "lag_s": 8.0, "dead_time_s": 2.0}),
     "direction-dependent-lag": (1, MOVES, {"closing_ratio": 2.0}),
     "gain-drift": (1, MOVES, {"drift": -35.0}),
+    "dead-time-drift": (1, MOVES, {"drift": 90.0}),
     "inverse-response": (1, MOVES, {"zero_s": 3.0, "lag_s": 2.5}),
     "underdamped-process": (1, MOVES, {"natural_period_s": 24.0, "damping": 0.4}),
     "measurement-limit": (1, MOVES, {"upper": 53.5}),

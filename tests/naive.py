@@ -386,11 +386,12 @@ def series(position, T1, L, T2, numerator, denominator, integrating, step_s, sub
     return np.array(out)
 
 
-def directional(position, T, L, ratio, step_s, fine=4000):
-    """T x' = u(t - L) - x, with ratio T where x falls, in small Euler steps; values (n,) at the samples."""
+def directional(position, T, L, ratio, step_s, fine=4000, growth=0.0):
+    """T x' = u(t - L(t)) - x, with ratio T where x falls and L(t) = L + growth t; (n,) at the samples."""
     h, x, out = step_s / fine, 0.0, [0.0]
     for k in range((position.size - 1) * fine):
-        age = (k + 0.5) * h - L
+        at = (k + 0.5) * h
+        age = at - max(L + growth * at, 0.0)
         u = position[int(age / step_s)] - position[0] if age >= 0.0 else 0.0
         x += h * (u - x) / (T if u > x else ratio * T)
         if (k + 1) % fine == 0:

@@ -98,7 +98,7 @@ def test_only_what_u_and_y_can_tell_is_asked_for() -> None:
     asked = set(additions(Spec(), loop))
     by_hand = {name for name, effect in catalogue().items() if effect.asked != "diagnose"}
     assert by_hand == {"leak", "load-noise", *KNOWN} and not asked & by_hand
-    assert {"underdamped-process", "inverse-response", "direction-dependent-lag", "gain-drift"} <= asked
+    assert set(BEYOND) - by_hand - {"measurement-limit"} <= asked
     assert "measurement-limit" not in asked and "measurement-limit" in additions(Spec(), clipped)
 
 
@@ -124,15 +124,22 @@ def test_a_leak_belongs_to_an_integrator() -> None:
         simulate(replace(preset("foptd"), effects=(("leak", {"leak": 3.0}),)))
 
 
-@pytest.mark.parametrize("ratio", [0.4, 1.0, 2.5])
-def test_a_lag_by_direction_is_what_small_steps_make_of_it(ratio: float) -> None:
+@pytest.mark.parametrize(("ratio", "growth"), [(0.4, 0.0), (1.0, 0.0), (2.5, 0.0), (1.0, 0.02), (0.4, -0.02)])
+def test_a_lag_by_direction_and_a_delay_that_drifts_are_what_small_steps_make_of_them(ratio: float,
+                                                                                     growth: float) -> None:
     rng = np.random.default_rng(5)
     position = 50.0 + np.cumsum(rng.standard_normal((60, 1)) * (rng.random((60, 1)) < 0.2), axis=0)
     one = np.ones(1)
-    dynamics = Dynamics(7.0 * one, 2.3 * one, 0.0 * one, False, closing=ratio * one)
-    want = naive.directional(position[:, 0], 7.0, 2.3, ratio, 1.0)
-    np.testing.assert_allclose(free_run(position, dynamics, step_s=1.0)[:, 0], want, atol=2e-3)
-    if ratio == 1.0:
+    dynamics = Dynamics(7.0 * one, 2.3 * one, 0.0 * one, False, closing=ratio * one,
+                        dead_time_drift=growth / 2.3 * one if growth else None)
+    want = naive.directional(position[:, 0], 7.0, 2.3, ratio, 1.0, growth=growth)
+    np.testing.assert_allclose(free_run(position, dynamics, step_s=1.0)[:, 0], want, atol=5e-3 if growth else 2e-3)
+    # A record that begins later has the dead time of that moment.
+    later = free_run(position, replace(dynamics, since_s=20.0), step_s=1.0)
+    longer = free_run(position, replace(dynamics, dead_time_s=(2.3 + 20.0 * growth) * one,
+                                        dead_time_drift=growth / (2.3 + 20.0 * growth) * one), step_s=1.0)
+    np.testing.assert_allclose(later, longer, atol=1e-9)
+    if ratio == 1.0 and not growth:
         plain = free_run(position, replace(dynamics, closing=None), step_s=1.0)
         np.testing.assert_allclose(free_run(position, dynamics, step_s=1.0), plain, atol=1e-9)
     # Behind the lag everything is linear: two halves of a sample are the sample.

@@ -8,17 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from stictionid.effects import catalogue, leaving
+from stictionid.effects import catalogue, get, leaving
 from stictionid.effects.contract import TRACES
+from stictionid.fit.noise.completion import AUTOREGRESSIVE, RANDOM_WALK, RESONANT
+from stictionid.fit.starts.beside_effect import RESTING
+from stictionid.selection.node import BASE_EFFECTS, LAG
+from stictionid.selection.score import COLOURED, NARROW, WALKING
 from stictionid.selection.tells import settling
+from stictionid.verbs.selftest import HIDDEN
 
 PACKAGE = Path(__file__).parent.parent / "stictionid"
 FREE = ("selection", "comparison", "reports", "cli", "verdict", "fit", "methods", "model", "batch", "api", "verbs")
-# Names that are still known elsewhere. The search knows its three noises, and the two effects of its base by name
-# (a lag, a valve that rests). The self-test hides effects of its own choice.
-LEFT = {("selection/node.py", "extra-lag"), ("selection/score.py", "coloured-noise"),
-        ("selection/score.py", "narrow-band-disturbance"), ("selection/score.py", "random-walk-disturbance"),
-        ("fit/starts/beside_effect.py", "re-sticking")}
+# The self-test hides effects of its own choice, in one table.
 CHOSEN = "verbs/selftest.py"
 
 
@@ -35,7 +36,17 @@ def test_no_folder_beside_the_catalogue_knows_an_effect_by_name() -> None:
     names = set(catalogue())
     found = {(path.relative_to(PACKAGE).as_posix(), name) for room in FREE for path in (PACKAGE / room).rglob("*.py")
              for word in words_of(path) for name in (word.partition(":")[0].partition("@")[0],) if name in names}
-    assert {(path, name) for path, name in found if path != CHOSEN} == LEFT
+    assert {path for path, _ in found} == {CHOSEN}
+    hidden = {named[0] for named in HIDDEN if named}
+    words = [word for word in words_of(PACKAGE / CHOSEN) if word in names]
+    assert sorted(words) == sorted(hidden)
+
+
+def test_a_role_that_one_effect_has_is_found_by_what_the_effect_says_of_itself() -> None:
+    first = {e.name for e in catalogue().values() if e.by_itself}
+    assert first == BASE_EFFECTS == {LAG, RESTING} and get(LAG).dynamics and get(RESTING).friction
+    for name, kind in ((WALKING, RANDOM_WALK), (COLOURED, AUTOREGRESSIVE), (NARROW, RESONANT)):
+        assert get(name).noise == kind and get(name).asked == "diagnose"
 
 
 def test_every_effect_has_a_test_that_settles_it_and_traces_that_are_asked_for() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,14 +17,17 @@ from loops_with_effects import MOVES, PLANTS
 import stictionid.effects as room
 from stictionid.batch.command import command_for
 from stictionid.batch.task import Work
+from stictionid.cli.common.output import Progress
 from stictionid.effects import VARIABLE, catalogue, forget, get, register, use
 from stictionid.effects.contract import Context
+from stictionid.effects.written.load import SLOW
 from stictionid.errors import DataError, StictionidError, UsageError
 from stictionid.historian import ReadOptions
 from stictionid.model.closed_loop import OPERATING_POINT, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.restore import rebuild_model
 from stictionid.model.spec import Spec
+from stictionid.numerics import tally
 from stictionid.system.user_code import limited
 
 WIDTH = 'PARAMETERS = {"width": {"unit": "%", "range": (0, 20), "neutral": 0}}\n'
@@ -145,6 +149,22 @@ def test_a_function_is_called_once_for_all_candidates_only_where_that_is_the_sam
     assert not get("scalar").lanewise and get("scalar").memory  # type: ignore[attr-defined]
 
 
+def test_a_slow_effect_is_called_slow_and_its_search_shows_that_it_goes_on(
+        worn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    use([worn, written(tmp_path, 'NAME = "slow-sensor"\n' + LOOPED)])
+    assert get("worn-trim").slower < SLOW < get("slow-sensor").slower
+    now = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    with Progress(quiet=False) as progress:
+        progress("refitting", 0.1)
+        for now[0] in (4.0, 6.0, 8.0, 12.0):
+            tally.add(1, 1)
+    tally.add(1, 1)
+    first, *lines = capsys.readouterr().err.splitlines()
+    assert "slow-sensor is plain Python" in first and "worn-trim" not in first
+    assert lines == ["refitting, 10 % after 6 s", "refitting, 10 % after 12 s"]
+
+
 def test_a_candidate_without_finite_numbers_is_rejected(tmp_path: Path) -> None:
     use([written(tmp_path, 'NAME = "fragile"\n' + WIDTH + "import numpy as np\ndef valve(position, time_s, width):\n"
                  "    return np.where(abs(width - 7.7) < 1e-6, np.nan, position)\n")])
@@ -178,6 +198,16 @@ def test_a_candidate_without_finite_numbers_is_rejected(tmp_path: Path) -> None:
     (2, "higher order", TIME + "def tf(T):\n    return [T, 1.0], [1.0]\n"),
     (2, "don't fit", TIME + "def ss(T):\n    return [[-1.0]], [1.0, 2.0], [1.0], [0.0]\n"),
     (2, "input rests at 0", TIME + "def process(x, t, T):\n    return x + T\n"),
+    (2, "complex", WIDTH + "def valve(p, t, width):\n    return p - 1j * width\n"),
+    (1, "CONFUSED_WITH", "CONFUSED_WITH = 'extra-lag'\n" + WIDTH + "def valve(p, t, width):\n    return p - width\n"),
+    (2, "returns NaN", WIDTH + "def disturbance(t, width):\n    return t * float('nan')\n"),
+    (2, "other columns", WIDTH + "def disturbance(t, width):\n    return t[:, None].repeat(1 + (width > 1), axis=1)\n"),
+    (2, "does not settle", TIME + "def tf(T):\n    return [1.0], [-T, 1.0]\n"),
+    (2, "does not settle", TIME + "def ss(T):\n    return [[0.0]], [1.0], [1.0], [0.0]\n"),
+    (4, "names widht", WIDTH + "def valve(p, t, width):\n    return p - width\ndef guess(record):\n"
+     "    return {'widht': 3.0}\n"),
+    (5, "read-only", WIDTH + "def valve(p, t, width):\n    return p - width\ndef guess(record):\n"
+     "    record.command[:] = 0.0\n"),
     (5, "guess() fails", WIDTH + "def valve(p, t, width):\n    return p - width\ndef guess(record):\n"
      "    return record.nothing\n"),
 ])
@@ -195,6 +225,12 @@ def test_code_that_does_not_end_is_stopped_with_its_line(tmp_path: Path) -> None
     code = compile(path.read_text() + "f()\n", str(path), "exec")
     with pytest.raises(DataError, match=r"mine.py:[23]: it still runs after 0.1 s"), limited(0.1, str(path)):
         exec(code, {})
+    traced = sys.gettrace()
+    caught = "while True:\n    try:\n        sum(range(999))\n    except:\n        pass\n"
+    for text in (caught, caught.replace("except", "except Exception")):
+        with pytest.raises(DataError, match=r"mine.py:\d: it still runs after 0.1 s"), limited(0.1, str(path)):
+            exec(compile(text, str(path), "exec"), {})
+    assert sys.gettrace() is traced
 
 
 def test_a_fault_in_a_search_names_file_and_line(tmp_path: Path) -> None:

@@ -99,6 +99,8 @@ def judged(study: Any, truth: dict[str, Any]) -> dict[str, Any]:
         "S_error": S_error, "J_error": J_error, "S_good": abs(S_error) <= S_WITHIN,
         "J_good": abs(J_error) <= J_WITHIN or inside, "error_over_noise": error,
         "error_good": error <= ERROR_WITHIN, "rmse": last.error.rmse, "one_step": last.error.rmse_one_step,
+        "found": {name: {p.name: p.value for p in last.parameters if plain(p.effect or "") == name}
+                  for name in sorted(hidden & set(answer))},
         "steps": [[s.added, s.error.rmse / truth["noise_sd"]] for s in study.steps],
         "candidates": [[c.effect, c.accepted, c.delta_bic] for c in study.candidates[:5]],
     }

@@ -32,6 +32,11 @@ catalogue, get, register, forget, added, use = (_room.catalogue, _room.get, _roo
                                                 _room.use)
 
 
+def built_in(test: Callable[[Effect], bool]) -> str:
+    """Name of the built-in effect that passes a test, for the roles that only one effect has; no user's code is run."""
+    return next(effect.name for effect in _room.built_in().values() if test(effect))
+
+
 def parse(name: str) -> tuple[Effect, str]:
     """An effect as a study names it, with its variant ("step-disturbance@load"), tag ("measured-disturbance:TAG") or
     known number ("backlash:1.5").

@@ -214,7 +214,7 @@ class Effect:
     once. `visible` gives public values that plainly show in a simulated loop, the middle of those that tests find. The
     smallest size that shows is asked for at five values `tried_at` of the first searched parameter, stated for both
     parameters of a `two_sided` effect, under the public name that `known_as` gives. `file` and `sha256` are those of a
-    user-written effect.
+    user-written effect, and `slower` tells how many times longer a model takes with its function than with a kernel.
     """
 
     name: str
@@ -268,6 +268,7 @@ class Effect:
     sudden: bool = False
     file: str = ""
     sha256: str = ""
+    slower: float = 1.0
 
     @property
     def moves(self) -> bool:

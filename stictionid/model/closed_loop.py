@@ -163,7 +163,8 @@ def _fine_step(setting: Setting) -> tuple[float, int]:
 class _Process:
     """Exact step response of the plant to an input held over a fine step; deviations from the operating point."""
 
-    def __init__(self, plant: Plant, step_s: float, elements: tuple[Element, ...] = (), closing: float = 1.0) -> None:
+    def __init__(self, plant: Plant, step_s: float, elements: tuple[Element, ...], closing: float, drift: float,
+                 steps: int) -> None:
         self.gain, self.integrating, self.step = plant.gain, plant.integrating, step_s
         lags = [t for t in (plant.time_constant_s, plant.second_time_constant_s) if t > 0]
         self.decay = [math.exp(-step_s / t) for t in lags]
@@ -171,20 +172,23 @@ class _Process:
         self.lag = [0.0] * len(lags)
         self.level = 0.0
         self.elements, self.ends = [Stepped(e, step_s) for e in elements], [0.0] * (len(elements) + 1)
-        delay = plant.dead_time_s / step_s
-        self.whole = int(delay + 1e-9)
-        self.fraction = max(delay - self.whole, 0.0)
-        self.queue = [0.0] * (self.whole + 2)
+        self.delay = plant.dead_time_s / step_s
+        # Growth of the dead time in a step, in steps.
+        self.growth = plant.dead_time_s * drift
+        self.queue = [0.0] * (int(max(self.delay, self.delay + self.growth * steps) + 1e-9) + 2)
         self.at = 0
 
     def arrive(self, move: float) -> float:
         """Input of the process one dead time ago, with the present input held at `move` (deviation)."""
         queue, size = self.queue, len(self.queue)
         queue[self.at] = move
-        newer = queue[(self.at - self.whole) % size]
-        older = queue[(self.at - self.whole - 1) % size]
+        whole = int(self.delay + 1e-9)
+        newer = queue[(self.at - whole) % size]
+        older = queue[(self.at - whole - 1) % size]
         self.at = (self.at + 1) % size
-        return newer + self.fraction * (older - newer)
+        fraction = max(self.delay - whole, 0.0)
+        self.delay = max(self.delay + self.growth, 0.0)
+        return newer + fraction * (older - newer)
 
     def advance(self, x: float) -> float:
         """Output after one fine step with the delayed input held at `x` (deviation)."""
@@ -247,7 +251,9 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     friction = hidden.friction(friction, c.scan_s or fine, bool(scan))
     state = law.start(OPERATING_POINT, friction, np.zeros(1))
     process = _Process(setting.plant, fine, found.elements,
-                       1.0 if found.closing is None else float(found.closing[0]))
+                       1.0 if found.closing is None else float(found.closing[0]),
+                       0.0 if found.dead_time_drift is None else float(found.dead_time_drift[0]),
+                       samples * per_sample)
     command, place, profile = np.full(1, OPERATING_POINT), np.empty((1, 1)), np.zeros(1)
     r_fine = _setpoint(setting, np.arange(samples * per_sample, dtype=np.float64) * fine).tolist()
     r, u_rec, y_rec, v_rec = _setpoint(setting, time), np.empty(samples), np.empty(samples), np.empty(samples)

@@ -215,7 +215,8 @@ class Response:
         return command if self.spec.held else np.append(command[:1], 0.5 * (command[1:] + command[:-1]))
 
     def _dynamics(self, values: FloatArray) -> Dynamics:
-        dynamics = Dynamics(values[3], values[4], np.zeros(values.shape[1]), self.spec.process == INTEGRATOR)
+        dynamics = Dynamics(values[3], values[4], np.zeros(values.shape[1]), self.spec.process == INTEGRATOR,
+                            since_s=self.context.start_s)
         for effect, rows in zip(self.effects, self.effect_rows, strict=True):
             if effect.dynamics:
                 dynamics = effect.dynamics(dynamics, values[rows])

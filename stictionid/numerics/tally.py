@@ -6,12 +6,18 @@ every part, the least squares every sample.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 _count = [0]
+# Called after each count, such as a progress that shows that a long search still runs.
+listeners: list[Callable[[], None]] = []
 
 
 def add(candidates: int, samples: int, parts: int = 1) -> None:
     """Count so many candidates, each on so many samples of so many parts."""
     _count[0] += candidates * samples * (1 + parts) // 2
+    for heard in listeners:
+        heard()
 
 
 def spent() -> int:

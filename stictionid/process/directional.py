@@ -1,9 +1,11 @@
-"""First-order lag whose time constant depends on the direction in which it moves: exact for a held position.
+"""First-order lag whose time constant depends on direction, behind a dead time that may drift, for a held position.
 
-    T x' = u(t - L) - x,   T = T1 where x rises, closing * T1 where it falls.
+    T x' = u(t - L(t)) - x,   T = T1 where x rises, closing * T1 where it falls,   L(t) = L (1 + drift t) >= 0.
 
-A process that is heated actively and cools by itself is of this kind. Everything behind the lag is linear and runs as
-without it, on the mean of x over each part of a sample.
+A process that is heated actively and cools by itself is of the first kind, a pipe whose flow fades of the second. The
+lag is exact. A dead time that drifts is taken at the middle of each part of a sample, within which it moves by a few
+percent of the part at most. Everything behind the lag is linear and runs as without it, on the mean of x over each
+part.
 """
 
 from __future__ import annotations
@@ -11,48 +13,52 @@ from __future__ import annotations
 import numpy as np
 
 from ..numerics.jit import kernel
-from ..typing import FloatArray, IntArray
+from ..typing import FloatArray
 
 
 @kernel
-def _run(position: FloatArray, T: FloatArray, closing: FloatArray, whole: IntArray, early: FloatArray,
-         late: FloatArray, ends: FloatArray, means: FloatArray) -> None:
-    """Fill ends and means (rows, P) of x over each part; the old input lasts `early` seconds of a part, the new `late`.
-    """
+def _run(position: FloatArray, T: FloatArray, closing: FloatArray, delay: FloatArray, growth: FloatArray,
+         part_s: float, ends: FloatArray, means: FloatArray) -> None:
+    """Fill ends and means (rows, P) of x over each part; a dead time is `delay` parts and grows by `growth` a part."""
     rows, lanes = ends.shape
     shared = position.shape[1] < lanes
-    keep = np.empty((4, lanes))
+    keep = np.empty((2, lanes))
     x = np.zeros(lanes)
     for p in range(lanes):
-        keep[0, p], keep[1, p] = np.exp(-early[p] / T[p]), np.exp(-late[p] / T[p])
-        keep[2, p], keep[3, p] = np.exp(-early[p] / (closing[p] * T[p])), np.exp(-late[p] / (closing[p] * T[p]))
+        keep[0, p], keep[1, p] = np.exp(-part_s / T[p]), np.exp(-part_s / (closing[p] * T[p]))
     for k in range(rows):
         for p in range(lanes):
             q = 0 if shared else p
             start = position[0, q]
-            now = position[max(k - whole[p], 0), q] - start
-            before = position[max(k - whole[p] - 1, 0), q] - start
-            first = x[p]
-            falls = before < first
-            t1 = closing[p] * T[p] if falls else T[p]
-            mid = before + (first - before) * (keep[2, p] if falls else keep[0, p])
-            total = before * early[p] + (first - mid) * t1
+            late = max(delay[p] + growth[p] * k, 0.0)
+            whole = int(late + 1e-12)
+            now = position[max(k - whole, 0), q] - start
+            before = position[max(k - whole - 1, 0), q] - start
+            mid, total, rest = x[p], 0.0, part_s
+            if before != now:
+                # The input of the part before lasts until the new one arrives.
+                early = max(late - whole, 0.0) * part_s
+                rest = part_s - early
+                t = closing[p] * T[p] if before < mid else T[p]
+                moved = (mid - before) * (1.0 - np.exp(-early / t))
+                total = before * early + moved * t
+                mid -= moved
             falls = now < mid
-            t2 = closing[p] * T[p] if falls else T[p]
-            last = now + (mid - now) * (keep[3, p] if falls else keep[1, p])
-            total += now * late[p] + (mid - last) * t2
+            t = closing[p] * T[p] if falls else T[p]
+            last = now + (mid - now) * ((keep[1, p] if falls else keep[0, p]) if before == now else np.exp(-rest / t))
+            total += now * rest + (mid - last) * t
             x[p] = last
             ends[k, p] = last
-            means[k, p] = total / (early[p] + late[p])
+            means[k, p] = total / part_s
 
 
-def directional(position: FloatArray, T: FloatArray, L: FloatArray, closing: FloatArray,
+def directional(position: FloatArray, T: FloatArray, L: FloatArray, closing: FloatArray, growth: FloatArray,
                 part_s: float) -> tuple[FloatArray, FloatArray]:
-    """Ends and means (rows, P) over each part of the lag's response to positions (rows, P or 1) held over parts."""
-    delay = np.maximum(L, 0.0) / part_s
-    steps = np.floor(delay + 1e-12)
-    early = np.clip(delay - steps, 0.0, 1.0) * part_s
+    """Ends and means (rows, P) over each part of the lag's response to positions (rows, P or 1) held over parts.
+
+    `L` is the dead time at the middle of the first part in seconds, and `growth` its change in seconds a second.
+    """
     ends, means = (np.empty((position.shape[0], T.size)) for _ in range(2))
-    _run(np.ascontiguousarray(position), np.maximum(T, 1e-9 * part_s), closing, steps.astype(np.int64), early,
-         part_s - early, ends, means)
+    _run(np.ascontiguousarray(position), np.maximum(T, 1e-9 * part_s), closing, L / part_s, growth, part_s, ends,
+         means)
     return ends, means

@@ -43,7 +43,9 @@ class Dynamics:
     """Time constants and dead time of P candidates, each (P,), in seconds; `integrating` holds for all.
 
     `elements` of unit gain stand in series with the lags. `closing` (P,) is the first lag's time constant while it
-    falls, as a multiple of that while it rises; None is 1.
+    falls, as a multiple of that while it rises; None is 1. `dead_time_drift` (P,) is the growth of the dead time in a
+    second, as a share of `dead_time_s`, which holds at the start of the whole record; None is 0. The first sample
+    comes `since_s` seconds after that start.
     """
 
     time_constant_s: FloatArray
@@ -52,6 +54,8 @@ class Dynamics:
     integrating: bool
     elements: tuple[Element, ...] = ()
     closing: FloatArray | None = None
+    dead_time_drift: FloatArray | None = None
+    since_s: float = 0.0
 
 
 # The kernels below repeat the lines that end a sample. In a kernel of their own, called from here, these lines doubled
@@ -369,11 +373,16 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
     lanes = max(position.shape[1], dynamics.time_constant_s.size)
     T1, L = _for_each(dynamics.time_constant_s, lanes), _for_each(dynamics.dead_time_s, lanes)
     T2 = _for_each(dynamics.second_time_constant_s, lanes)
-    if dynamics.closing is not None:
+    if dynamics.closing is not None or dynamics.dead_time_drift is not None:
         part, n = step_s / substeps, position.shape[0] // substeps
-        ends, means = directional(position, T1, L - part if ahead else L, _for_each(dynamics.closing, lanes), part)
+        closing = np.ones(lanes) if dynamics.closing is None else _for_each(dynamics.closing, lanes)
+        growth = np.zeros(lanes) if dynamics.dead_time_drift is None else L * dynamics.dead_time_drift
+        # A position of a part that ended arrives one part late.
+        first = L + growth * (dynamics.since_s + 0.5 * part) - (part if ahead else 0.0)
+        ends, means = directional(position, T1, first, closing, growth, part)
         if dynamics.elements or dynamics.integrating or T2.any():
-            rest = replace(dynamics, time_constant_s=np.zeros(lanes), dead_time_s=np.zeros(lanes), closing=None)
+            rest = replace(dynamics, time_constant_s=np.zeros(lanes), dead_time_s=np.zeros(lanes), closing=None,
+                           dead_time_drift=None)
             return free_run(means, rest, step_s=step_s, substeps=substeps, room=room, lent=lent)
         response = output("response", n + room, lanes, lent)
         response[0], response[1:n] = 0.0, ends[substeps - 1:-1:substeps]

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from ..effects import catalogue, in_order, parse
-from ..effects.contract import Effect
+from ..effects import built_in, catalogue, in_order, parse
+from ..effects.contract import Effect, Place
 from ..fit.options import check_tag
 from ..fit.starts.beside_effect import RESTING
 from ..model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec
 from ..record.loop import Loop
 
-LAG = "extra-lag"
+LAG = built_in(lambda effect: effect.by_itself and effect.place is Place.PROCESS)
 # Effects that belong to the base: they neither deepen the tree nor need a rival.
 BASE_EFFECTS = frozenset({LAG, RESTING})
 

@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..effects import parse
+from ..effects import built_in, parse
+from ..effects.contract import DIAGNOSE
 from ..fit.cross_validation import Held
-from ..fit.noise.completion import Refit, better, complete, quick
+from ..fit.noise.completion import AUTOREGRESSIVE, RANDOM_WALK, RESONANT, Refit, better, complete, quick
 from ..fit.noise.whiteness import remembers
 from ..model.model import Model
 from ..model.segments import bound
@@ -20,7 +21,12 @@ from ..numerics.noise.whitener import bic_of
 from ..typing import FloatArray
 from .policy import Policy
 
-WALKING, COLOURED, NARROW = "random-walk-disturbance", "coloured-noise", "narrow-band-disturbance"
+
+def _noise_called(kind: str) -> str:
+    return built_in(lambda effect: effect.noise == kind and effect.asked == DIAGNOSE)
+
+
+WALKING, COLOURED, NARROW = map(_noise_called, (RANDOM_WALK, AUTOREGRESSIVE, RESONANT))
 
 
 @dataclass(frozen=True)

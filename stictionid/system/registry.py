@@ -41,8 +41,8 @@ class Room(Generic[Entry]):
         self._places: list[str] = []
         self._others: dict[str, Entry] = {}
 
-    def _of_folder(self) -> dict[str, Entry]:
-        """The entries of the folder by name, read once; again where the package has got another folder."""
+    def built_in(self) -> dict[str, Entry]:
+        """The entries of the folder by name, in no order, read once; again where the package has got another folder."""
         places = list(sys.modules[self._package].__path__)
         if places != self._places:
             self._own, self._places = {}, places
@@ -56,7 +56,7 @@ class Room(Generic[Entry]):
         """All entries by name, in their order."""
         if self._late is not None:
             self._late()
-        entries = sorted((*self._of_folder().values(), *self._others.values()), key=self._order)
+        entries = sorted((*self.built_in().values(), *self._others.values()), key=self._order)
         return {entry.name: entry for entry in entries}
 
     def added(self) -> dict[str, Entry]:
@@ -82,7 +82,7 @@ class Room(Generic[Entry]):
 
     def register(self, entry: Entry) -> None:
         """Add an entry, or put it in the place of an added one; UsageError where the folder has its name."""
-        if entry.name in self._of_folder():
+        if entry.name in self.built_in():
             raise UsageError(f"the name {entry.name} is that of a built-in {self._word}", "choose another name")
         self._others[entry.name] = entry
 

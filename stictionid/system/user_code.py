@@ -9,18 +9,26 @@ from __future__ import annotations
 import ast
 import re
 import signal
+import sys
 import threading
 import traceback
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from types import CodeType, FrameType, ModuleType
+from typing import Any
 
 from ..errors import DataError, UsageError
 
 # Longest time that a file may take to load and to pass its contract. Unit: s.
 LIMIT_S = 10.0
+# Time from one interruption to the next, for code that catches them, in s, and most lines that one waits.
+_AGAIN_S, _LINES_ON = 0.05, 16
 _NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+
+
+class _Over(BaseException):
+    """Interruption of a user's code, which no `except Exception` in it catches."""
 
 
 def fault(file: str, line: int, words: str) -> DataError:
@@ -66,20 +74,34 @@ def limited(seconds: float, file: str) -> Iterator[None]:
         yield
         return
 
-    def over(number: int, frame: FrameType | None) -> None:
-        line = 1
-        while frame is not None:
-            if frame.f_code.co_filename == file:
-                line = frame.f_lineno
-                break
-            frame = frame.f_back
-        raise fault(file, line, f"it still runs after {seconds:g} s; look for a loop that does not end")
+    seen: list[int] = []
 
-    before = signal.signal(signal.SIGALRM, over)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    def over(number: int, frame: FrameType | None) -> None:
+        while frame is not None and frame.f_code.co_filename != file:
+            frame = frame.f_back
+        seen.append(frame.f_lineno if frame is not None else 1)
+        if len(seen) == 1 or frame is None:
+            raise _Over
+        # A bare `except` caught the last one: the next is raised some lines on, until one falls outside its `try`.
+        left = iter(range(len(seen) % _LINES_ON))
+
+        def traced(here: FrameType, event: str, value: object) -> Any:
+            if next(left, None) is None:
+                raise _Over
+            return traced
+
+        frame.f_trace = traced
+        sys.settrace(lambda *call: None)
+
+    before, traced_before = signal.signal(signal.SIGALRM, over), sys.gettrace()
+    signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN_S)
     try:
         yield
+    except _Over:
+        raise fault(file, seen[0],
+                    f"it still runs after {seconds:g} s; look for a loop that does not end") from None
     finally:
+        sys.settrace(traced_before)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
 
@@ -99,7 +121,8 @@ def run(file: str, code: CodeType) -> ModuleType:
     module = ModuleType(Path(file).stem)
     module.__file__ = file
     try:
-        exec(code, module.__dict__)
+        with redirect_stdout(sys.stderr):
+            exec(code, module.__dict__)
     except DataError:
         raise
     except (Exception, SystemExit) as error:

@@ -136,6 +136,8 @@ _EVERY_S = 5.0
 
 class Progress:
     """Progress on stderr: a bar on a terminal after a second, elsewhere a line every few seconds, nothing when quiet.
+
+    It goes on while models are evaluated, and says first which user-written effects are slow.
     """
 
     def __init__(self, quiet: bool) -> None:
@@ -146,16 +148,21 @@ class Progress:
         self._said = self._start
         self._bar: Any = None
         self._task: Any = None
+        self._last: tuple[str, float] | None = None
+        self._warned = False
 
     def __call__(self, text: str, share: float) -> None:
+        self._last = text, share
         if self._quiet or (self._bar is None and self._clock() - self._start < 1.0):
             return
         if not self._terminal:
             if self._clock() - self._said > _EVERY_S and share < 1.0:
                 self._said = self._clock()
+                self._warn()
                 say(f"{text}, {100.0 * share:.0f} % after {self._said - self._start:.0f} s")
             return
         if self._bar is None:
+            self._warn()
             from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
             from rich.progress import Progress as Bar
 
@@ -167,10 +174,31 @@ class Progress:
             self._bar.tasks[0].start_time -= self._clock() - self._start
         self._bar.update(self._task, description=text, completed=share)
 
+    def _warn(self) -> None:
+        """Name the slow effects, once."""
+        from ...effects import added
+        from ...effects.written.load import SLOW, slowness
+
+        for effect in () if self._warned else added().values():
+            if effect.slower >= SLOW:
+                say(slowness(effect))
+        self._warned = True
+
+    def _beat(self) -> None:
+        """Show the last words again where a stage takes long."""
+        if self._last is not None and (self._bar is None or not self._terminal):
+            self(*self._last)
+
     def __enter__(self) -> Progress:
+        from ...numerics import tally
+
+        tally.listeners.append(self._beat)
         return self
 
     def __exit__(self, *_: object) -> None:
+        from ...numerics import tally
+
+        tally.listeners.remove(self._beat)
         if self._bar is not None:
             self._bar.stop()
 

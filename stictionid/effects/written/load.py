@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import math
+import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +41,9 @@ from .plain import (
 _SAMPLES = 240
 # Shares of the ranges at which functions are compared with themselves, and at which they must return numbers.
 _TRIED, _CALLED = (0.1, 0.5, 0.9), (0.0, 0.01, 0.1, 0.5, 0.9, 1.0)
+# Time of a model with a kernel for a sample of a candidate, in s (measured: 4 to 6 ns); the factor from which a
+# function is called slow; candidates of a table and times that a function is timed.
+_MODEL_S, SLOW, _LANES, _TIMED = 5e-9, 10.0, 64, 3
 # Largest difference from its input that counts as none, as a share of the largest value.
 _SAME = 1e-9
 # The same for coefficients, whose shortest lag may stand for none, at these frequencies. Units: 1, rad / s.
@@ -55,7 +59,8 @@ def load(path: Path, taken: Collection[str] = (), tell: Tell | None = None, limi
     UsageError where the file can't be read, DataError with file and line where it breaks the contract.
     """
     say = tell or (lambda words: None)
-    text = text_of(path, "the effect file", hint="give a Python file with a valve, process or disturbance function")
+    text = text_of(path, "the effect file", hint="give a Python file with a valve, process or disturbance function",
+                   encoding="utf-8-sig")
     with limited(limit_s, str(path)):
         effect = _built(str(path), text, taken, say)
     return replace(effect, file=str(path), sha256=hashlib.sha256(text.encode()).hexdigest())
@@ -71,12 +76,15 @@ def _built(file: str, text: str, taken: Collection[str], say: Tell) -> PlainEffe
     function = _function(file, module, tuple(p.name for p in parameters))
     say(f"{name}: {function.kind}() with " + (", ".join(f"{p.name} [{p.unit}] from {p.low:g} to {p.high:g}, neutral "
                                                         f"{p.neutral:g}" for p in parameters) or "no parameters"))
-    effect = _adapted(name, function, parameters, module)
+    effect = _adapted(name, function, parameters, _rivals(file, module, lines.get("CONFUSED_WITH", 1)), module)
     context = _example()
     _called(function, parameters, say)
     if function.kind in ("valve", "process"):
         effect = replace(effect, lanewise=_is_lanewise(function, parameters), memory=_has_memory(function, parameters))
+        effect = replace(effect, slower=_slower(effect, parameters))
         say("a table of candidates in one call" if effect.lanewise else "one call a candidate, as it treats one signal")
+        if effect.slower >= SLOW:
+            say(slowness(effect))
     assert effect.guess is not None
     say(f"{len(effect.guess(context))} starting points, all in range")
     return effect
@@ -125,7 +133,16 @@ def _function(file: str, module: ModuleType, names: tuple[str, ...]) -> Function
     return function
 
 
-def _adapted(name: str, function: Function, parameters: tuple[Parameter, ...], module: ModuleType) -> PlainEffect:
+def _rivals(file: str, module: ModuleType, line: int) -> tuple[str, ...]:
+    """Names of the effects that look alike."""
+    given = getattr(module, "CONFUSED_WITH", ())
+    if isinstance(given, str) or not isinstance(given, Collection) or not all(isinstance(name, str) for name in given):
+        raise fault(file, line, 'CONFUSED_WITH holds no names of effects; write CONFUSED_WITH = ("extra-lag",)')
+    return tuple(given)
+
+
+def _adapted(name: str, function: Function, parameters: tuple[Parameter, ...], rivals: tuple[str, ...],
+             module: ModuleType) -> PlainEffect:
     lines = (inspect.getdoc(module) or f"{name}, a user-written effect").strip().splitlines()
     call = getattr(module, "guess", None)
     guess = Function(function.file, "guess", call, ()) if callable(call) else None
@@ -145,12 +162,11 @@ def _adapted(name: str, function: Function, parameters: tuple[Parameter, ...], m
         kind, place, hooks = "L", Place.DISTURBANCE, disturbance_hooks(function, searched, sizes)
     elif function.kind in ("tf", "ss"):
         hooks = {"dynamics": dynamics_hook(function)}
-    rivals = getattr(module, "CONFUSED_WITH", ())
     return PlainEffect(
         name=name, kind=kind, place=place, summary=lines[0].rstrip("."),
         equation=" ".join(" ".join(lines[1:]).split()) or f"{function.kind}() of {Path(function.file).name}",
         source=f"user-written, {Path(function.file).name}", parameters=(*parameters, *sizes),
-        searched=tuple(p.name for p in parameters), confused_with=tuple(str(r) for r in rivals), guess=starts,
+        searched=tuple(p.name for p in parameters), confused_with=rivals, guess=starts,
         function=function if function.kind in ("valve", "process") else None, **hooks)
 
 
@@ -160,14 +176,23 @@ def _called(function: Function, parameters: tuple[Parameter, ...], say: Tell) ->
     points = [neutral, *({p.name: p.low + share * (p.high - p.low) for p in parameters} for share in _CALLED)]
     position, time_s = _signal()
     before = position.copy()
+    first = function.columns(time_s, **neutral) if function.kind == "disturbance" else position
     for values in points:
         if function.kind in ("tf", "ss"):
-            gain = _gain(coefficients(function, values), 0.0)
+            element = coefficients(function, values)
+            pole = np.linalg.eigvals(element.A[0]).real.max(initial=-np.inf)
+            if not pole < 0.0:
+                raise fault(function.file, function.line, f"{function.kind}() does not settle for {said(values)}: a "
+                            f"pole stands at {pole:.3g} rad/s; return coefficients whose poles are all below 0")
+            gain = _gain(element, 0.0)
             if not abs(gain - 1.0) < 1e-6:
                 raise fault(function.file, function.line, f"{function.kind}() has a gain of {gain.real:.4g} for "
                             f"{said(values)}; return coefficients of gain 1, as the gain is fitted beside them")
             continue
         signal = position if function.kind == "valve" else position - position[0]
+        if function.kind == "disturbance" and function.columns(time_s, **values).shape != first.shape:
+            raise fault(function.file, function.line, f"disturbance() returns other columns for {said(values)} than "
+                        f"for {said(neutral)}; return the same number for all values")
         found = (function.columns(time_s, **values) if function.kind == "disturbance" else
                  function.signal(signal, time_s, **values))
         again = function.columns(time_s, **values) if function.kind == "disturbance" else \
@@ -238,6 +263,26 @@ def _is_lanewise(function: Function, parameters: tuple[Parameter, ...]) -> bool:
     except DataError:
         return False
     return bool(np.array_equal(whole, one_by_one(function, table, time_s, theta)))
+
+
+def _slower(effect: PlainEffect, parameters: tuple[Parameter, ...]) -> float:
+    """Time of a model with the function, in that of one with a kernel."""
+    position, time_s = _signal()
+    lanes = _LANES if effect.lanewise else 1
+    table = (position - position[0] * (effect.place is Place.PROCESS))[:, None].repeat(lanes, axis=1)
+    theta = _inside(parameters)[:, 1:2].repeat(lanes, axis=1)
+    taken = []
+    for _ in range(_TIMED):
+        begin = time.perf_counter()
+        effect.across(table, time_s, theta)
+        taken.append(time.perf_counter() - begin)
+    return float(1.0 + min(taken) / (table.size * _MODEL_S))
+
+
+def slowness(effect: Effect) -> str:
+    """The words for an effect that slows a search down."""
+    times = float(f"{effect.slower:.1g}")
+    return f"{effect.name} is plain Python, some {times:,.0f} times slower than a kernel: a search with it takes longer"
 
 
 def _has_memory(function: Function, parameters: tuple[Parameter, ...]) -> bool:

@@ -12,8 +12,10 @@ arrays that they can't write to. A candidate whose output is not finite counts a
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from contextlib import redirect_stdout
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any
 
@@ -53,12 +55,9 @@ class Function:
 
     def __call__(self, *signals: FloatArray, **values: Any) -> Any:
         """The result of the function for signals that it can't write to."""
-        given = []
-        for signal in signals:
-            given.append(signal.view())
-            given[-1].flags.writeable = False
+        given = map(_untouchable, signals)
         try:
-            with np.errstate(all="ignore"):
+            with np.errstate(all="ignore"), redirect_stdout(sys.stderr):
                 return self.call(*given, **values)
         except StictionidError:
             raise
@@ -67,7 +66,7 @@ class Function:
             if "read-only" in words:
                 words = "the function changes its input; work on a copy, position.copy()"
             raise fault(self.file, line_in(error, self.file),
-                        f"{self.kind}() fails ({words}) for {said(values)}") from None
+                        f"{self.kind}() fails ({words}) for {said(values)}; correct this line") from None
 
     def signal(self, *signals: FloatArray, **values: Any) -> FloatArray:
         """A result of the shape of the first signal, as numbers."""
@@ -80,14 +79,24 @@ class Function:
 
     def _numbers(self, found: Any, shape: tuple[int, ...], values: Mapping[str, Any]) -> FloatArray:
         try:
+            if np.iscomplexobj(found):
+                raise TypeError
             numbers = np.asarray(found, dtype=np.float64)
         except (TypeError, ValueError):
-            raise fault(self.file, self.line, f"{self.kind}() returns {type(found).__name__} for {said(values)}; return"
-                        " an array of numbers") from None
+            what = "complex numbers" if np.iscomplexobj(found) else type(found).__name__
+            raise fault(self.file, self.line, f"{self.kind}() returns {what} for {said(values)}; return an array of "
+                        "numbers") from None
         if numbers.shape != shape:
             raise fault(self.file, self.line, f"{self.kind}() returns shape {numbers.shape} for {said(values)}; return "
                         f"shape {shape}")
         return numbers
+
+
+def _untouchable(signal: FloatArray) -> FloatArray:
+    """A view of a signal that can't be written to."""
+    view = signal.view()
+    view.flags.writeable = False
+    return view
 
 
 def said(values: Mapping[str, Any]) -> str:
@@ -220,14 +229,21 @@ def guesses(call: Function | None, parameters: tuple[Parameter, ...], context: C
     if call is None:
         return default_guess(parameters)
     try:
-        found = call.call(context)
+        arrays: dict[str, Any] = {f.name: _untouchable(getattr(context, f.name)) for f in fields(context)
+                                  if isinstance(getattr(context, f.name), np.ndarray)}
+        record = replace(context, **arrays)
+        found = call.call(record)
         points = [found] if isinstance(found, Mapping) else list(found)
+        unknown = {name for point in points for name in point} - {p.name for p in parameters}
         table = np.array([[float(point.get(p.name, p.neutral)) for p in parameters] for point in points])
     except StictionidError:
         raise
     except (Exception, SystemExit) as error:
         raise fault(call.file, max(line_in(error, call.file), call.line),
                     f"guess() fails ({type(error).__name__}: {error}); return a list of {{name: value}}") from None
+    if unknown:
+        raise fault(call.file, call.line, f"guess() names {', '.join(sorted(map(str, unknown)))}, which is not in "
+                    f"PARAMETERS; use {', '.join(p.name for p in parameters) or 'no name'}")
     if not table.size or not np.isfinite(table).all():
         raise fault(call.file, call.line, "guess() returns no finite numbers; return a list of {name: value}")
     low, high = (np.array(ends) for ends in ([p.low for p in parameters], [p.high for p in parameters]))

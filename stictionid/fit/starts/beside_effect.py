@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...effects import parse
+from ...effects import built_in, parse
 from ...effects.contract import Effect, Place
 from ...model.model import Model
 from ...model.segments import bound
@@ -42,7 +42,7 @@ _STICKBANDS = 4
 # last number is the J, as a share of S, above which it is tried in any case (J > S is a kinetic friction below 0).
 _GROWTHS, _PROMISES, _BEYOND = 3, 0.8, 0.9
 # The effect of a valve that rests between the scans of a held command.
-RESTING = "re-sticking"
+RESTING = built_in(lambda effect: effect.by_itself and effect.place is Place.FRICTION)
 # The law of a valve that rests at every sample.
 _RESTS_ALWAYS = "he"
 

@@ -42,7 +42,8 @@ def load(path: Path, taken: Collection[str] = (), tell: Tell | None = None, limi
     UsageError where the file can't be read, DataError with file and line where it breaks the contract.
     """
     say = tell or (lambda words: None)
-    text = text_of(path, "the law file", hint=f"give a Python file with def step({ARGUMENTS})")
+    text = text_of(path, "the law file", hint=f"give a Python file with def step({ARGUMENTS})",
+                   encoding="utf-8-sig")
     file = str(path)
     with limited(limit_s, file):
         tree, code = compiled(file, text)
