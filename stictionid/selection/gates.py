@@ -85,7 +85,7 @@ def _blocks(edge: Edge) -> str:
         return f"the one-step error falls in only {better} of {gains.size} blocks"
     middle, least = float(np.median(gains)), edge.policy.block_gain
     if middle < least:
-        return f"the one-step error falls by {100 * middle:.1g} % in the middle block, {100 * least:g} % name an effect"
+        return f"the one-step error falls by {middle:.2%} in the middle block, {least:.2%} name an effect"
     return ""
 
 
