@@ -501,6 +501,6 @@ def test_a_run_that_contradicts_the_record_gives_no_cause() -> None:
     why = "not told: by this model a perfect valve would make PV scatter by 5.74 instead of 3.67"
     study = replace(study, swing=replace(study.swing, causes=(), reason=why))
     found = facts(study)
-    assert found.headline.startswith("What makes the loop swing can't be told from this record: by this model a perfect")
+    assert found.headline.startswith("What makes the loop swing can't be told from this record: by this model a")
     said = next(s.text for s in found.sections if s.key == "swing")
     assert said[1].startswith("No share of the swing is given to a cause: by this model") and "not told" not in said[1]
