@@ -494,3 +494,13 @@ def test_a_page_of_bad_input_is_whole(bad: str, tmp_path: Path) -> None:
     assert page.endswith("</html>\n") and len(page) < 3_000_000
     assert page.count("<section") == page.count("</section>") > 8
     assert (page.count("<figure") > 8) == (bad != "effect file missing")
+
+
+def test_a_run_that_contradicts_the_record_gives_no_cause() -> None:
+    study = study_factory.modelled().study
+    why = "not told: by this model a perfect valve would make PV scatter by 5.74 instead of 3.67"
+    study = replace(study, swing=replace(study.swing, causes=(), reason=why))
+    found = facts(study)
+    assert found.headline.startswith("What makes the loop swing can't be told from this record: by this model a")
+    said = next(s.text for s in found.sections if s.key == "swing")
+    assert said[1].startswith("No share of the swing is given to a cause: by this model") and "not told" not in said[1]

@@ -24,7 +24,7 @@ def cause(study: Study) -> str:
     what = "makes the loop swing" if study.range.oscillating else "moves PV"
     explained = _explained(study)
     if not swing.causes:
-        why, mark, rest = swing.reason.partition("not simulated: ")
+        why, mark, rest = swing.reason.replace("not told: ", "not simulated: ", 1).partition("not simulated: ")
         said = wording.sentence(f"What {what} can't be told from this record: "
                                 f"{rest.replace('no setpoint', 'it holds no setpoint')}" if mark else
                                 f"What {what}: {wording.clean(why)}")
@@ -45,7 +45,8 @@ def cause(study: Study) -> str:
 
 def simulated(reason: str) -> str:
     """A reason or an outcome of the run with a perfect valve, with its subject where that run is missing."""
-    return wording.clean(reason).replace("not simulated", "the loop with a perfect valve was not simulated", 1)
+    said = wording.clean(reason).removeprefix("not told: ")
+    return said.replace("not simulated", "the loop with a perfect valve was not simulated", 1)
 
 
 def _percent(share: float) -> str:

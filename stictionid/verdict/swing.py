@@ -23,7 +23,8 @@ from .severity import ControllerLaw, controller_law, perfect_valve, severity, wi
 # Share of the variance of the swing, without the noise, that a perfect valve leaves: from the first the swing goes on,
 # up to the second it ends. Unit: 1; half the variance is 70 % of the amplitude, a tenth is 30 %.
 _GOES_ON, _ENDS = 0.5, 0.1
-# Valve's share of the variance from which the run contradicts another cause. Unit: 1.
+# Valve's share of the variance from which the run contradicts another cause, and below whose negative the run with a
+# perfect valve swings more than the record, so that the model fails in the closed loop. Unit: 1.
 _CONTRADICTS = 0.1
 
 
@@ -31,7 +32,8 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
     """Severity of the S and J of a fit, and what makes its loop swing.
 
     Of several segments the longest is simulated, where the loop ran on. A cause that the verdict names beside a valve
-    that is not proven contradicts a run that blames the valve: neither is then shown.
+    that is not proven contradicts a run that blames the valve: neither is then shown. Nor is a run that swings more
+    with a perfect valve than the record does.
     """
     best, rows, held = fit.best, loop.longest, fit.model.spec.between == "hold"
     parts, piece = parts_of(fit.model, fit.values), loop.longest_segment()
@@ -44,9 +46,14 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
         return found, own
     causes = _causes(piece, estimate, law, own, outside)
     other = str(verdict.evidence.get("looks_like", ""))
-    if other and causes.causes and causes.causes[0].share > _CONTRADICTS:
+    share = causes.causes[0].share if causes.causes else 0.0
+    reason = f"not simulated: {other}" if other and share > _CONTRADICTS else ""
+    if share < -_CONTRADICTS:
+        reason = other = (f"not told: by this model a perfect valve would make PV scatter by {causes.sd_perfect:.3g} "
+                          f"instead of {causes.sd:.3g}, so that the model fails in the closed loop")
+    if reason:
         return replace(found, pv_sd_repaired=None, share_of_pv_variance=None, travel_per_day_repaired=None,
-                       statement=f"not simulated: {other}"), replace(own, reason=other)
+                       statement=reason), replace(own, reason=other)
     return found, causes
 
 
