@@ -74,12 +74,13 @@ class Scouted:
 
 
 def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *, far: bool = True,
-          valves: FloatArray | None = None) -> Scouted:
+          valves: FloatArray | None = None, polish: bool = True) -> Scouted:
     """The model with effect `name` added, searched far enough to decide on a full refit.
 
     Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. Unless `far`
     is False they include swarms over valve and effect on the one-step error, and a swarm over everything. `valves`
     (k, d) are values of such valves found before; each gets a process that fits it, and they stand for the swarms.
+    Without `polish` the search ends after a descent, an eighth of the work.
     """
     model, coarse = widened_by(fit, name)
     spec = model.spec
@@ -111,14 +112,19 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     if len(fresh) and effect.friction is not None and spec.held:
         near = together(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
                                      rounds=_LOOK, population=14, settle=_SETTLED))
-    found = Scouted(coarse, model, near.points, float(near.costs[0]), neutral,
-                    name if effect.kind in "FT" else "")
+    found = Scouted(coarse, model, near.points, float(near.costs[0]), neutral, name if effect.kind in "FT" else "")
+    return closer(found, name, rng) if polish else found
+
+
+def closer(found: Scouted, name: str, rng: np.random.Generator) -> Scouted:
+    """A first look polished with a population, and beside its curve of equal cost; as it is where it gains nothing."""
+    coarse, effect = found.coarse, parse(name)[0]
     if not found.gain > _PROMISING:
         return found
-    polish = refine(coarse.costs, near.points[:_KEPT], rng, spread=spreads(coarse), rounds=_LOOK, population=14,
+    polish = refine(coarse.costs, found.points[:_KEPT], rng, spread=spreads(coarse), rounds=_LOOK, population=14,
                     settle=_SETTLED)
     points, cost = polish.points, float(polish.costs[0])
-    if effect.kind in "FT" and spec.held and cost < neutral * (1.0 - _SETTLED):
+    if effect.kind in "FT" and coarse.spec.held and cost < found.neutral * (1.0 - _SETTLED):
         # The effect helps, so the process it was fitted with may be wrong: one step along the curve of equal cost.
         beside = refine(coarse.costs, np.concatenate([along_ridge(coarse, points[:2])[:3],
                                                       across(coarse, points[0], name, 3),

@@ -8,6 +8,7 @@ section 4, traps 1 to 5; the paper's Eq. 7 to 21 for the ARX part.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -49,23 +50,25 @@ def _run(run: Run, policy: Policy) -> Outcome:
     """Base model, then the search with the small catalogue, and with the whole one where that explains nothing."""
     o = run.options
     run.tell("searching (S, J)", 0.1)
-    fit, notes = _base(run)
+    fit, notes, slow = _base(run)
     check_scans(run, fit)
     noises = noises_in(o.effects)
     if _nothing(run, fit) and samples_a_turn(run.used_y()) < SAMPLES_PER_PERIOD:
         raise _explains_nothing(run)  # nor could a valve that rests be seen
     run.tell("asking for the process and the command", 0.5)
     small = frozenset() if o.base_only else frozenset(e.name for e in catalogue().values() if e.by_itself)
-    search, found = _searched(run, fit, policy, small)
+    search, found = _searched(run, (fit, *slow), policy, small)
     if not o.base_only and _nothing_explained(run, found):
         run.tell("asking for every effect", 0.6)
-        search, found = _searched(run, fit, policy, None)
+        search, found = _searched(run, (fit, *slow), policy, None)
     if _nothing_explained(run, found):
         raise _explains_nothing(run)
     if noises or o.base_only:
         found = replace(found, noise="")
     order, rungs = ordered(search, found.winner, physical(fit.model.spec))
     steps, fits = ladder_of(run, search, found, fit, (order, rungs))
+    if slow and found.winner.spec.between == DECIMATED:
+        notes = (said_scans(run, found.winner.spec.substeps),)
     if found.unseen and not notes:
         notes = (said_unseen(run, found.missing_reason),)
     steps[0] = replace(steps[0], findings=(*notes, *steps[0].findings))
@@ -88,8 +91,11 @@ def _run(run: Run, policy: Policy) -> Outcome:
                    missing_reason=found.missing_reason, unexplained=found.shape)
 
 
-def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:
-    """The fit of the base, with the effects that were asked for, and the findings on scans between the samples."""
+def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...], tuple[Fitted, ...]]:
+    """The fit of the base with the effects asked for, findings on scans between samples, and a fit that rebuilds them.
+
+    The last is there where it does no better yet: a valve that rests may show which of the two is right.
+    """
     o = run.options
     asked = tuple(name for name in o.effects if name not in noises_in(o.effects))
     # Samples that don't count would bend every fit; a record that has none asks for no such effect.
@@ -102,7 +108,7 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:
         if slow.evaluated is None:
             raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
                              code="valve-never-moves")
-        return slow.finished(run), (said_scans(run, slow.spec.substeps),)
+        return slow.finished(run), (said_scans(run, slow.spec.substeps),), ()
     if o.between == "auto" and surely_moves(run.loop):
         spec = as_moving(spec)
     fit = run.fit(spec)
@@ -114,26 +120,28 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...]]:
         fit = one if one.best.rmse < fit.best.rmse else fit
     scans = parts_of(run.loop.step_s, o.scan_s)
     if o.between != "auto" or scans < 2 or not (ran_between(run.loop, scans) or p_law(run.loop)):
-        return fit, ()
+        return fit, (), ()
     run.tell("rebuilding the scans between samples", 0.4)
     slow = scanned(run, replace(spec, between=DECIMATED, substeps=scans))
     share = chatter(run, slow.evaluated, scans)
     if share > CHATTER:
-        return fit, (said_chatter(run, scans, share),)
+        return fit, (said_chatter(run, scans, share),), ()
     if slow.evaluated is None:
-        return fit, ()
+        return fit, (), ()
     errors = held_out(run, slow.fit(run)), held_out(run, fit)
     if not errors[0] < errors[1]:
-        return fit, ()
-    return slow.finished(run), (said_scans(run, scans, errors),)
+        return fit, (), (slow.fit(run),) if ran_between(run.loop, scans) else ()
+    return slow.finished(run), (said_scans(run, scans, errors),), ()
 
 
-def _searched(run: Run, fit: Fitted, policy: Policy, only: frozenset[str] | None) -> tuple[Search, Decision]:
-    """The search from a base, and its decision; effects that were asked for stay."""
+def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
+              only: frozenset[str] | None) -> tuple[Search, Decision]:
+    """The search from one base or several, and its decision; effects that were asked for stay."""
     search = Search(run.loop, policy, run.options.seed, 1, run.tell, only=only, commands=commands_of(run),
                     blurred=blurred(run.loop, run.options.scan_s), floor=floor_of(run))
-    search.root(fit)
-    return search, decided(search, search.run(), keep=physical(fit.model.spec))
+    for fit in bases:
+        search.root(fit)
+    return search, decided(search, search.run(), keep=physical(bases[0].model.spec))
 
 
 def _nothing_explained(run: Run, found: Decision) -> bool:

@@ -17,9 +17,10 @@ from ..fit.noise.completion import Refit, quick
 from ..model.segments import bound
 from ..typing import FloatArray, Progress
 from .crew import Crew
+from .entry import Entry
 from .looks import Ground, Packed, Task, look_at, standing
 from .node import node, with_effect
-from .search import Entry, Search
+from .search import Search
 
 
 def p_of(search: Search, parent: Entry, name: str, count: int, tell: Progress) -> float:

@@ -21,12 +21,13 @@ from ..record.loop import Loop
 from ..record.study import Candidate, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
+from .entry import ADD, DROP, SWAP, Entry
 from .gates import margin_of
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import key, other_process, physical
 from .policy import Policy
 from .score import Scored, noise_name
-from .search import ADD, DROP, SWAP, Entry, Search
+from .search import Search
 from .tells import settling
 
 
@@ -56,11 +57,11 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     done = winner.scored.done
     unseen = (search.blurred and winner.spec.between != DECIMATED
               and not winner.scored.only_noise(search.policy))
-    noise = "" if unseen or not done.white else noise_name(done, search.policy)
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in equivalents(search, winner))
     tried = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and e.parent == key(winner.spec)}
     shape = None if unseen else unexplained(done, tried)
+    noise = "" if unseen or shape is not None else noise_name(done, search.policy)
     return Decision(winner, noise, alike, missing_reason(winner, unseen, shape), unseen, shape)
 
 

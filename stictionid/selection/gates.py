@@ -41,6 +41,8 @@ class Edge:
     rest_gain: float = 0.0
     # True where the output was computed between the samples, too.
     blurred: bool = False
+    # True where the parent fails the gate of unknown scans.
+    tentative: bool = False
 
     @property
     def gain(self) -> float:
@@ -183,21 +185,24 @@ def _beyond_rest(edge: Edge) -> str:
 def _beyond_scans(edge: Edge) -> str:
     """Reject an effect that helps little under an unknown course of the output, and leaves more than noise.
 
-    Unknown scans make single slips early or late. An effect that halves the free run explains more than those.
+    Unknown scans make single slips early or late. An effect that halves the free run explains more than those. Beside
+    an effect that fails here only noise alone will do.
     """
     child, parent = edge.child, edge.parent
-    if not edge.blurred or plain(edge.name) in BASE_EFFECTS or child.only_noise(edge.policy) \
-            or child.rmse <= parent.rmse / 2:
+    if not edge.blurred or child.only_noise(edge.policy):
         return ""
-    if child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd:
+    if not edge.tentative and (plain(edge.name) in BASE_EFFECTS or child.rmse <= parent.rmse / 2):
+        return ""
+    if not edge.tentative and child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd:
         return ""
     return "the unknown course of the output between the samples may explain as much: export faster"
 
 
+SCANS = "scans"
 GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
     ("gain", _gains), ("there", _is_there), ("blocks", _blocks), ("held-out", _held_out), ("free-run", _free_run),
     ("range", _in_range), ("slip", _slip), ("kick", _kick), ("rest", _beyond_rest),
-    ("scans", _beyond_scans))
+    (SCANS, _beyond_scans))
 
 
 def judged(edge: Edge) -> tuple[Gate, ...]:

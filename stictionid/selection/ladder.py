@@ -18,9 +18,10 @@ from ..numerics.autoregression import CEILING_LAGS
 from ..record.loop import Finding
 from ..record.study import Step
 from ..typing import FloatArray
+from .entry import Entry
 from .node import key, node, physical, with_effect, without
 from .score import Scored, glanced
-from .search import Entry, Search
+from .search import Search
 
 Rung = tuple[Spec, FloatArray]
 

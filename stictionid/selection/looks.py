@@ -20,7 +20,8 @@ from ..fit.noise.completion import Refit, restored
 from ..fit.starts.basins import grown, with_process
 from ..fit.starts.beside_effect import RESTING, changes, on_valve, starting_pool, undisturbed, valves_of
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
-from ..fit.with_effect import Scouted, scout, settled, widened_by
+from ..fit.starts.niches import herded
+from ..fit.with_effect import Scouted, closer, scout, settled, widened_by
 from ..model.model import Model
 from ..model.segments import bound
 from ..model.spec import BASE, INTEGRATOR, Spec
@@ -33,8 +34,8 @@ from .score import Scored, completed, glanced
 
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
-# Stages of a task: a search for valves, a look from what is known, one with swarms.
-VALVES, NEAR, FAR = "valves", "near", "far"
+# Stages of a task: a search for valves, a look from what is known, one with swarms; then a look polished.
+VALVES, NEAR, FAR, CLOSER = "valves", "near", "far", "closer"
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +100,7 @@ def performed(ground: Ground, task: Task) -> Packed:
     """The answer to one task; one whose numbers break down says so."""
     before = tally.spent()
     try:
-        found = (_full(ground, task) if task.look is not None else
+        found = (_closer(ground, task) if task.stage == CLOSER else _full(ground, task) if task.look is not None else
                  _valves(ground, task) if task.stage == VALVES else look_at(ground, task))
     except (ModelError, np.linalg.LinAlgError) as error:
         found = Packed(task.spec, task.added, failed=f"its refit did not converge ({error})")
@@ -127,6 +128,27 @@ def look_at(ground: Ground, task: Task) -> Packed:
     # The search may run on a coarser model; the score is that of the model itself.
     done = glanced(found.model, found.values)
     return _packed(task, done, points=found.points[:8], cost=found.cost, gain=found.gain)
+
+
+def _closer(ground: Ground, task: Task) -> Packed:
+    """A look polished with a population, on the part of a long record that a search needs."""
+    look = task.look
+    assert look is not None and look.points is not None
+    rng = rng_of(ground.seed, f"{CLOSER} {key(task.spec)}", 1)
+    short = _searched(ground.fit, task.spec, ground.policy)
+    model, coarse = widened_by(short, task.added)
+    points = look.points
+    if short is not ground.fit:
+        whole = widened_by(ground.fit, task.added)[1]
+        points = coarse.cube(np.array([coarse.vector(whole.named(v)) for v in whole.values(points).T]).T)
+    neutral, cost = coarse.costs(np.concatenate([coarse.cube(coarse.vector(short.model.named(short.values))[:, None]),
+                                                 points[:1]])).tolist()
+    name = task.added if on_valve(parse(task.added)[0]) else ""
+    found = closer(Scouted(coarse, model, points, cost, neutral, name), task.added, rng)
+    if short is not ground.fit:
+        found = _on_all(found, ground.fit, task.added)
+    return _packed(task, glanced(found.model, found.values), points=found.points[:8], cost=found.cost,
+                   gain=found.gain)
 
 
 def kind_of(spec: Spec) -> str:
@@ -197,7 +219,7 @@ def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     valves = [coarse.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
               for named in known]
     found = scout(ground.fit, task.added, ground.pool, rng, far=task.stage != NEAR,
-                  valves=np.array(valves).reshape(-1, coarse.space.size))
+                  valves=np.array(valves).reshape(-1, coarse.space.size), polish=False)
     return found
 
 
@@ -259,21 +281,28 @@ def _full(ground: Ground, task: Task) -> Packed:
     return replace(_packed(task, done, cost=cost), held=held_out(done), full=True)
 
 
-def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:
-    """A node fitted once more from its own point, in levels and in the form that it has; the best of them.
+def refitted(model: Model, values: FloatArray, rng: np.random.Generator, *,
+             beside: bool = False) -> tuple[Model, FloatArray]:
+    """A model and its values (d,), fitted in full from values found beside other effects.
 
-    A slip a sample late looks like noise, and a further polish often puts it right.
+    A slip a sample late looks like noise. With `beside`, under a held command, a population in neighbouring basins puts
+    it right; a polish stops at the first sample.
     """
+    coarse = search_model(model)
+    points = with_start(coarse, coarse.cube(values[:, None]))
+    if beside and model.spec.held:
+        points = herded(coarse, points, rng).points
+    name = next((n for n in reversed(model.spec.effects) if on_valve(parse(n)[0])), "")
+    return settled(Scouted(coarse, model, points, np.inf, np.inf, name), rng)[:2]
+
+
+def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:
+    """A node fitted once more from its own point, in levels and in the form that it has; the best of them."""
     done, rng = scored.done, rng_of(seed, key(spec), 2)
     for soft in dict.fromkeys((False, done.increments)):
         model = bound(done.model.loop, node(spec, soft=soft), s_max=done.model.s_max, period_s=done.model.period_s,
                       residual=done.evaluated.left)
-        values = model.vector(done.model.named(done.values))
-        coarse = search_model(model)
-        name = next((n for n in reversed(spec.effects) if on_valve(parse(n)[0])), "")
-        model, values, cost = settled(Scouted(coarse, model, coarse.cube(values[:, None]), np.inf, np.inf, name), rng)
-        if not np.isfinite(cost):
-            continue
+        model, values = refitted(model, model.vector(done.model.named(done.values)), rng, beside=True)
         again = completed(model, values, values[None, :len(BASE)], rng, policy)
         if again.gain_over(scored.done) > 0.0:
             scored = Scored(again, True, held_out(again))

@@ -24,12 +24,13 @@ from ..record.tree import TreeNode
 from ..typing import FloatArray, Progress
 from .bootstrap import p_of
 from .decide import Decision, candidates, decided, rounded
+from .entry import ADD, ROOT, Asked, Entry
 from .ladder import Rung, fitted, ordered, said_noise, step_of, with_noise
 from .looks import rng_of
 from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
 from .score import Scored, glanced, is_noise, noise_words
-from .search import ADD, ROOT, Asked, Entry, Search
+from .search import Search
 from .steps import opened, reaching_to, with_steps
 
 # Gives a study with another last model its verdict and severity.

@@ -10,7 +10,7 @@ import numpy as np
 from ..effects import built_in, parse
 from ..effects.contract import DIAGNOSE
 from ..fit.cross_validation import Held
-from ..fit.noise.completion import AUTOREGRESSIVE, RANDOM_WALK, RESONANT, Refit, better, complete, quick
+from ..fit.noise.completion import AUTOREGRESSIVE, RANDOM_WALK, RESONANT, Refit, banded, better, complete, quick
 from ..fit.noise.whiteness import remembers
 from ..model.model import Model
 from ..model.segments import bound
@@ -109,8 +109,9 @@ def _noise(done: Refit) -> Noise:
 def noise_name(done: Refit, policy: Policy) -> str:
     """The name of the noise under the free run; empty for white noise, or for less than the margin.
 
-    The errors of an integrator's slips add up to a walk, so a walk is none of its names. A resonance of more than one
-    cycle is a narrow band.
+    The errors of an integrator's slips add up, so no noise of long memory is named there. A resonance of more than one
+    cycle is a narrow band. An autoregression can't whiten a band under white noise, so other innovations than white
+    ones name a band only, and only where the band itself gains the margin over the autoregression.
     """
     e, starts = done.evaluated, done.model.loop.starts
     residual, good = np.nan_to_num(e.residual), e.counted > 0
@@ -122,9 +123,14 @@ def noise_name(done: Refit, policy: Policy) -> str:
     best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
     if bic_of(residual, Noise(), good, starts) - best.bic < policy.noise_margin:
         return ""
+    narrow = resonance_of(still.noise, done.model.step_s) is not None
+    if not done.white:
+        band = banded(done) if narrow else None
+        return NARROW if band is not None and band.gain_over(done) >= policy.noise_margin else ""
     if best.noise.walks:
         return WALKING
-    return NARROW if resonance_of(best.noise, done.model.step_s) else COLOURED
+    slow = remembers(best.noise.plain[0][1:]) and done.model.spec.process != FIRST_ORDER
+    return NARROW if narrow else "" if slow else COLOURED
 
 
 def noise_words(done: Refit) -> str:

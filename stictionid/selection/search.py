@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
 
 import numpy as np
 
@@ -23,8 +22,23 @@ from ..record.loop import Loop
 from ..record.tree import Gate
 from ..typing import Progress
 from .crew import Crew
+from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry
 from .gates import Edge, judged
-from .looks import FAR, NEAR, VALVES, Ground, Packed, Task, kind_of, pool_of, rng_of, settled_again, standing
+from .looks import (
+    CLOSER,
+    FAR,
+    NEAR,
+    VALVES,
+    Ground,
+    Packed,
+    Task,
+    kind_of,
+    pool_of,
+    refitted,
+    rng_of,
+    settled_again,
+    standing,
+)
 from .node import (
     BASE_EFFECTS,
     additions,
@@ -40,31 +54,6 @@ from .node import (
 from .policy import Policy
 from .score import Scored, completed, glanced
 
-ROOT, ADD, DROP, SWAP = "root", "add", "drop", "swap"
-# Looks taken from a node so far: none, near ones, far ones.
-Asked = IntEnum("Asked", ("NOTHING", "BY_NEAR", "BY_FAR"), start=0)
-
-
-@dataclass(slots=True)
-class Entry:
-    """Memory of one node: specification, best fit, parent and edge, and the gates it met."""
-
-    spec: Spec
-    scored: Scored
-    parent: str | None = None
-    op: str = ROOT
-    what: str = ""
-    look: Packed | None = None
-    gates: tuple[Gate, ...] = ()
-    asked: Asked = Asked.NOTHING
-    settled: bool = False
-    failed: str = ""
-
-    @property
-    def passed(self) -> bool:
-        """True for a root, and for a full fit that passed every gate."""
-        return self.op == ROOT or (self.scored.full and all(g.passed for g in self.gates))
-
 
 @dataclass(slots=True)
 class Search:
@@ -79,6 +68,8 @@ class Search:
     commands: tuple[Spec, ...] = ()
     memo: dict[str, Entry] = field(default_factory=dict)
     valves: dict[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
+    # Nodes without one effect, by node, effect and innovations: the decision asks for the same ones several times.
+    drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
     spent: int = 0
     unasked: list[str] = field(default_factory=list)
     # True where the output was computed between the samples, too, in a way that they do not show.
@@ -112,13 +103,16 @@ class Search:
             if self.at_end(best):
                 return best
             queue = self._queue() or ([] if self.only or best.scored.white else self._other_bases())
-            queue = [e for e in queue if widths.get(depth(e.spec), 0) < self.policy.beam]
+            queue = [e for e in queue if e.asked or widths.get(depth(e.spec), 0) < self.policy.beam]
             if not queue:
                 return best
             if self.spent >= self.policy.budget:
                 self.unasked += [key(e.spec) for e in queue]
                 return best
             chosen = queue[0]
+            if chosen.asked:
+                self.expand_far(chosen)
+                continue
             widths[depth(chosen.spec)] = widths.get(depth(chosen.spec), 0) + 1
             self.expand(chosen)
 
@@ -140,9 +134,12 @@ class Search:
     def _queue(self) -> list[Entry]:
         """The nodes to expand, first those without effects beyond the base by their free run, then by BIC.
 
-        Beside a missing effect an autoregression hides which base is right; the free run does not.
+        Beside a missing effect an autoregression hides which base is right; the free run does not. A best node that was
+        asked with near looks gets its far ones before any other node, and the others after all of them.
         """
-        ranked = [e for e in self._ranked() if not e.asked and depth(e.spec) < self.policy.depth]
+        whole = [e for e in self._ranked(tentative=True) if depth(e.spec) < self.policy.depth]
+        far = [e for e in whole if e.asked == Asked.BY_NEAR]
+        ranked = [e for e in whole if not e.asked]
         if ranked and ranked[0].scored.white:
             return ranked[:1]
         bases = [e for e in self.memo.values() if not e.asked and not e.failed and e.scored.full
@@ -151,7 +148,8 @@ class Search:
         # Bases whose free runs are about as good come by BIC.
         bases.sort(key=lambda e: (e.scored.rmse > self.policy.better_base * least,
                                   e.scored.done.bic(e.scored.done.good)))
-        return [*bases, *(e for e in ranked if depth(e.spec) > 0)]
+        first = [e for e in whole[:1] if e.asked == Asked.BY_NEAR and not bases]
+        return [*bases, *first, *(e for e in ranked if depth(e.spec) > 0), *(e for e in far if e not in first)]
 
     def _other_bases(self) -> list[Entry]:
         """Bases that do not help alone, best first: beside one of them another effect may."""
@@ -163,8 +161,8 @@ class Search:
         before = self.memo.get(entry.parent or "")
         return before is None or entry.scored.rmse * self.policy.better_base < before.scored.rmse
 
-    def _ranked(self) -> list[Entry]:
-        entries = [e for e in self.memo.values() if e.passed]
+    def _ranked(self, tentative: bool = False) -> list[Entry]:
+        entries = [e for e in self.memo.values() if e.passed or (tentative and e.tentative)]
         reference = entries[0].scored.done
         gains = {key(e.spec): e.scored.done.gain_over(reference) for e in entries}
         return sorted(entries, key=lambda e: -gains[key(e.spec)])
@@ -180,15 +178,21 @@ class Search:
         if not any(on_valve(effect) for effect in fit.model.effects):
             # A valve that rests is as common as one that slides, and its basin is far from there.
             self._search_valves(ground, [t for t in tasks if t.added == RESTING])
-        self._finish(ground, entry, self._performed(ground, entry, tasks))
+        self._finish(ground, entry, self._looked(ground, entry, tasks))
         self._lighten()
         if entry.op == ROOT and (self.only is None or self.blurred):
             self._structures(entry)
-        if self._only_noise(self.best()):
-            return
+
+    def expand_far(self, entry: Entry) -> None:
+        """Look at the effects on the valve of a node once more, with swarms and the valves that fit each."""
         entry.asked = Asked.BY_FAR
+        share = min(self.spent / self.policy.budget, 1.0)
+        self.tell(f"searching valves beside {' + '.join(entry.spec.effects) or 'the base'}", share)
+        fit = standing(entry.scored, entry.spec)
+        ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
+        tasks = self._edges(entry, fit)
         self._search_valves(ground, tasks)
-        far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._on_valve(t)])
+        far = self._looked(ground, entry, [replace(t, stage=FAR) for t in tasks if self._on_valve(t)])
         self._finish(ground, entry, [a for a in far if self._better(a)])
 
     def _structures(self, entry: Entry) -> None:
@@ -206,7 +210,7 @@ class Search:
                 ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
                 asked = [t for t in tasks if t.added == RESTING or not t.added]
                 self._search_valves(ground, asked)
-                self._finish(ground, base, self._performed(ground, base, asked))
+                self._finish(ground, base, self._looked(ground, base, asked))
             for e in list(self.memo.values()):
                 if e.op == SWAP and not physical(e.spec) and not e.failed and key(e.spec) not in seen:
                     seen.add(key(e.spec))
@@ -222,17 +226,29 @@ class Search:
                     self.settle(without)
 
     def dropped(self, entry: Entry, name: str) -> Entry:
-        """The node without one effect: as it was met, or polished from an entry's values, whichever is better."""
+        """The node without one effect: as it was met, or fitted from an entry's values, whichever is better.
+
+        A lag or a rest bends the valve while an effect is missing, so that one needs a full fit.
+        """
+        asked = key(entry.spec), name, entry.scored.done.innovation_sd
+        if asked not in self.drops:
+            self.drops[asked] = self._dropped(entry, name)
+        return self.drops[asked]
+
+    def _dropped(self, entry: Entry, name: str) -> Entry:
         spec = node(without(entry.spec, (name,)), soft=entry.scored.done.increments)
         known = self.memo.get(key(spec))
         if known is not None and known.scored.full and entry.op == ADD and entry.parent == key(spec):
             return known  # it was polished from this entry's values when they were handed back
         fit = standing(entry.scored, entry.spec)
         model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
-        start = model.cube(model.vector(fit.model.named(fit.values))[:, None])
-        found = descended(model, np.concatenate([start, with_start(model, start)]))
-        done = completed(model, model.values(found.points[:1])[:, 0], fit.values[None, :len(BASE)],
-                         rng_of(self.seed, key(spec), 2), self.policy)
+        values, rng = model.vector(fit.model.named(fit.values)), rng_of(self.seed, key(spec), 2)
+        if name in BASE_EFFECTS:
+            model, values = refitted(model, values, rng)
+        else:
+            start = model.cube(values[:, None])
+            values = model.values(descended(model, np.concatenate([start, with_start(model, start)])).points[:1])[:, 0]
+        done = completed(model, values, fit.values[None, :len(BASE)], rng, self.policy)
         if known is not None and not known.failed and known.scored.done.gain_over(done) > 0.0:
             return known
         scored = Scored(done, True, held_out(done))
@@ -264,6 +280,16 @@ class Search:
 
     def _on_valve(self, task: Task) -> bool:
         return bool(task.added) and on_valve(parse(task.added)[0])
+
+    def _looked(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
+        """Looks at tasks, the most promising effects polished: the best by score and by free run."""
+        answers = self._performed(ground, entry, tasks)
+        effects = [a for a in answers if a.added and self._better(a)]
+        by_score = sorted(effects, key=lambda a: -self.memo[key(a.spec)].scored.done.gain_over(entry.scored.done))
+        by_free_run = sorted(effects, key=lambda a: self.memo[key(a.spec)].scored.rmse)
+        best = {key(a.spec): a for a in (*by_score[:2 * self.policy.finalists], *by_free_run[:self.policy.finalists])}
+        polished = self._performed(ground, entry, [Task(a.spec, a.added, CLOSER, a) for a in best.values()])
+        return [*(a for a in answers if key(a.spec) not in best), *polished]
 
     def _performed(self, ground: Ground, entry: Entry, tasks: Sequence[Task], *, always: bool = False) -> list[Packed]:
         """Answers to tasks, whatever the budget with `always`; each look is remembered where it is its node's best."""
@@ -357,8 +383,8 @@ class Search:
                 and e.scored.rmse <= self.policy.nearly * e.scored.done.innovation_sd]
 
     def settle(self, entry: Entry) -> None:
-        """Fit a node once more, where a noise model carries a part of its free run."""
-        if not entry.settled and entry.spec.effects and not entry.scored.free_run_at_noise:
+        """Fit a node with effects once more, unless it leaves white noise that is nearly all of its free run."""
+        if not entry.settled and entry.spec.effects and not entry.scored.explained(self.policy):
             entry.scored = settled_again(entry.scored, entry.spec, self.seed, self.policy)
         entry.settled = True
 
@@ -387,7 +413,7 @@ class Search:
             if e.parent != key(entry.spec) or e.failed or not e.scored.full:
                 continue
             if e.op == ADD:
-                e.gates = judged(Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred))
+                e.gates = judged(Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred, entry.tentative))
             else:
                 gain = e.scored.done.gain_over(entry.scored.done)
                 e.gates = (Gate("gain", gain >= self.policy.structure_margin,

@@ -15,7 +15,7 @@ from ...model.model import Model
 from ...model.segments import bound
 from ...model.spec import BASE, Evaluated, Spec
 from ...numerics.autoregression import autoregression, filtered
-from ...numerics.narrow_band import NUMBERS, resonance
+from ...numerics.narrow_band import NUMBERS, Resonance, resonance
 from ...numerics.population import refine
 from ...typing import BoolArray, FloatArray
 from ..fit import polish_smooth
@@ -145,6 +145,13 @@ def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, ord
     return _refit(model, values, evaluated, ar, increments, own, count)
 
 
+def banded(done: Refit) -> Refit | None:
+    """A completed model with a band of wandering phase as its noise; None where none lasts longer than its cycle."""
+    found = _as_it_is(done.model, done.values, RESONANT)
+    band = _band_of(done.model, done.evaluated, np.ones(1), None)
+    return found if band is not None and band.coherence > 1.0 else None
+
+
 def _has_levels(model: Model, noise: str) -> bool:
     """True where a model is fitted to differences of y only to help the search.
 
@@ -254,14 +261,21 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
     signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial, model.loop.starts)
     if noise == RESONANT:
-        part = model.loop.longest
-        signal, good = signal[part], good[part]
-        if model.pace >= _SPARSE:
-            signal, good = signal[good], good[good]
-        found = resonance(signal, good, rng or np.random.default_rng(0))
+        found = _band_of(model, evaluated, polynomial, rng)
         return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
     ar = autoregression(signal, good, order, model.loop.starts)
     return ar, ar.size
+
+
+def _band_of(model: Model, evaluated: Evaluated, polynomial: FloatArray,
+             rng: np.random.Generator | None) -> Resonance | None:
+    """The band in a residual that a polynomial has filtered."""
+    signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial, model.loop.starts)
+    part = model.loop.longest
+    signal, good = signal[part], good[part]
+    if model.pace >= _SPARSE:
+        signal, good = signal[good], good[good]
+    return resonance(signal, good, rng or np.random.default_rng(0))
 
 
 def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArray, increments: bool,

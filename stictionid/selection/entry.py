@@ -1,0 +1,43 @@
+"""Memory of one node of the search: its best fit, the edge that led to it, and the gates that it met."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from ..model.spec import Spec
+from ..record.tree import Gate
+from .gates import SCANS
+from .looks import Packed
+from .score import Scored
+
+ROOT, ADD, DROP, SWAP = "root", "add", "drop", "swap"
+# Looks taken from a node so far: none, near ones, far ones.
+Asked = IntEnum("Asked", ("NOTHING", "BY_NEAR", "BY_FAR"), start=0)
+
+
+@dataclass(slots=True)
+class Entry:
+    """Memory of one node: specification, best fit, parent and edge, and the gates it met."""
+
+    spec: Spec
+    scored: Scored
+    parent: str | None = None
+    op: str = ROOT
+    what: str = ""
+    look: Packed | None = None
+    gates: tuple[Gate, ...] = ()
+    asked: Asked = Asked.NOTHING
+    settled: bool = False
+    failed: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """True for a root, and for a full fit that passed every gate."""
+        return self.op == ROOT or (self.scored.full and all(g.passed for g in self.gates))
+
+    @property
+    def tentative(self) -> bool:
+        """True for a full fit that fails only where unknown scans may explain as much: what is beside it may tell."""
+        failed = [g.name for g in self.gates if not g.passed]
+        return self.scored.full and failed == [SCANS]
