@@ -21,6 +21,7 @@ import numpy as np
 from ..effects.contract import Context, Record
 from ..numerics import tally
 from ..numerics.autoregression import first_rows, linked
+from ..numerics.fixed_point import fixed_point
 from ..numerics.jit import FULL, LANES, output
 from ..numerics.varpro import REJECTED, Shared
 from ..numerics.varpro_segments import Blockwise
@@ -43,7 +44,7 @@ _SKIP_SHARE, _SKIP_PERIODS = 0.05, 0.5
 _GUIDE_FORCES = 13
 # Most rounds of the iteration for the model's own y, which some effects follow, and the change that ends it (share of
 # the error).
-_FOLLOWED, _STILL = 40, 3e-3
+_FOLLOWED, _STILL = 40, 6e-3
 # Share of its first value below which a start-up transient has decayed on all counted samples. Unit: 1. With a higher
 # share the cost has a column that the full run lacks: 24 % of the squared error with lags of 4 and 6 s.
 _DEAD = 1e-8
@@ -213,16 +214,16 @@ class Model(Response):
 
     def _following(self, values: FloatArray, behind: bool) -> Evaluated:
         """One candidate whose effects follow the model's own y; without disturbances at the output where `behind`."""
-        # The iteration starts at a constant: a guess that contains the record could become its own prediction.
-        guide = np.full(self.loop.samples, self.context.centre)
-        found = self.guided(guide)._evaluate(values)
-        for _ in range(_FOLLOWED):
-            # Half a step at a time: with whole steps a strong effect would oscillate about its own y.
-            step = 0.5 * (self._felt(found, values, behind) - guide)
-            guide = guide + step
+        def evaluate(guide: FloatArray) -> tuple[Evaluated, FloatArray]:
             found = self.guided(guide)._evaluate(values)
-            if np.sqrt(np.mean(step**2)) < _STILL * max(found.rmse, 1e-300):
-                break
+            return found, self._felt(found, values, behind)
+
+        def settled(found: Evaluated, residual: FloatArray) -> bool:
+            return bool(np.sqrt(np.mean(residual**2)) < _STILL * max(found.rmse, 1e-300))
+
+        # The iteration starts at a constant: a guess that contains the record could become its own prediction.
+        start = np.full(self.loop.samples, self.context.centre)
+        found = fixed_point(evaluate, start, settled, _FOLLOWED)
         return replace(found, followed=self._felt(found, values, behind)) if behind else found
 
     def _felt(self, found: Evaluated, values: FloatArray, behind: bool) -> FloatArray:

@@ -219,7 +219,7 @@ def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     valves = [coarse.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
               for named in known]
     found = scout(ground.fit, task.added, ground.pool, rng, far=task.stage != NEAR,
-                  valves=np.array(valves).reshape(-1, coarse.space.size), polish=False)
+                  valves=np.array(valves).reshape(-1, coarse.space.size), polish=task.stage == FAR)
     return found
 
 

@@ -102,3 +102,8 @@ def additions(spec: Spec, loop: Loop, only: Iterable[str] | None = None) -> tupl
                  and effect.asked_for(loop.process_value)
                  and not ("extra" in effect.needs and not loop.moving_extras)
                  for name in variants(effect.name, loop))
+
+
+def what_of(spec: Spec, before: Spec) -> str:
+    """A change of structure in words: the new process, or the new command between samples."""
+    return spec.process if spec.process != before.process else f"{spec.between} command"

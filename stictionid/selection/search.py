@@ -48,6 +48,7 @@ from .node import (
     other_process,
     physical,
     plain,
+    what_of,
     with_effect,
     without,
 )
@@ -148,8 +149,20 @@ class Search:
         # Bases whose free runs are about as good come by BIC.
         bases.sort(key=lambda e: (e.scored.rmse > self.policy.better_base * least,
                                   e.scored.done.bic(e.scored.done.good)))
-        first = [e for e in whole[:1] if e.asked == Asked.BY_NEAR and not bases]
-        return [*bases, *first, *(e for e in ranked if depth(e.spec) > 0), *(e for e in far if e not in first)]
+        first = [e for e in map(self._before, whole[:1]) if e.asked == Asked.BY_NEAR]
+        return [*first, *bases, *(e for e in ranked if depth(e.spec) > 0), *(e for e in far if e not in first)]
+
+    def _before(self, entry: Entry) -> Entry:
+        """The node to ask first: an entry, or its parent where the entry does not lower the free run clearly.
+
+        Of nodes without effects beyond the base it is the one with the smallest free run.
+        """
+        parent = self.memo.get(entry.parent or "")
+        if depth(entry.spec) and parent is not None and not entry.asked and parent.asked == Asked.BY_NEAR \
+                and entry.scored.rmse * self.policy.better_base > parent.scored.rmse:
+            entry = parent
+        alike = [e for e in self.memo.values() if e.asked == Asked.BY_NEAR and not e.failed and not depth(e.spec)]
+        return min(alike, key=lambda e: e.scored.rmse) if alike and not depth(entry.spec) else entry
 
     def _other_bases(self) -> list[Entry]:
         """Bases that do not help alone, best first: beside one of them another effect may."""
@@ -192,7 +205,7 @@ class Search:
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         tasks = self._edges(entry, fit)
         self._search_valves(ground, tasks)
-        far = self._looked(ground, entry, [replace(t, stage=FAR) for t in tasks if self._on_valve(t)])
+        far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._on_valve(t)])
         self._finish(ground, entry, [a for a in far if self._better(a)])
 
     def _structures(self, entry: Entry) -> None:
@@ -433,8 +446,3 @@ class Search:
         # Tests for whiteness reject every model of a long record.
         floor = self.floor(scored.done)
         return floor is not None and scored.rmse <= self.policy.carried * floor
-
-
-def what_of(spec: Spec, before: Spec) -> str:
-    """A change of structure in words: the new process, or the new command between samples."""
-    return spec.process if spec.process != before.process else f"{spec.between} command"
