@@ -22,10 +22,10 @@ Found = TypeVar("Found")
 
 def fixed_point(evaluate: Callable[[FloatArray], tuple[Found, FloatArray]], start: FloatArray,
                 settled: Callable[[Found, FloatArray], bool], turns: int) -> Found:
-    """What `evaluate` finds at the fixed point of its map, from points (n,) to what it found and the mapped point (n,).
+    """Result of `evaluate`, which maps a point (n,) to a result and a point (n,), at the map's fixed point.
 
-    The search ends where `settled` holds for what was found and the residual (n,), or after so many `turns`. Wrong
-    where the map has several fixed points: the one near `start` is found.
+    The search ends where `settled` holds for a result and its residual (n,), or after so many `turns`. Wrong where the
+    map has several fixed points: the one near `start` is found.
     """
     point = start
     found, mapped = evaluate(point)
