@@ -78,6 +78,11 @@ class Search:
     # Irreducible noise in the unit of y for a completed model; None where the record is too short.
     floor: Callable[[Refit], float | None] = lambda done: None
 
+    @property
+    def budget(self) -> float:
+        """Evaluations to spend: those of the policy, and more on a record longer than those that looks search on."""
+        return self.policy.budget * float(np.sqrt(max(self.loop.samples / self.policy.fit_samples, 1.0)))
+
     def root(self, fit: Fitted) -> Entry:
         """A fit made elsewhere as a root of the search."""
         rng = rng_of(self.seed, key(fit.model.spec), 2)
@@ -107,7 +112,7 @@ class Search:
             queue = [e for e in queue if e.asked or widths.get(depth(e.spec), 0) < self.policy.beam]
             if not queue:
                 return best
-            if self.spent >= self.policy.budget:
+            if self.spent >= self.budget:
                 self.unasked += [key(e.spec) for e in queue]
                 return best
             chosen = queue[0]
@@ -133,10 +138,9 @@ class Search:
         return self._ranked()[0]
 
     def _queue(self) -> list[Entry]:
-        """The nodes to expand, first those without effects beyond the base by their free run, then by BIC.
+        """The nodes to ask: the best one with its far looks, new bases by free run, others by BIC, then far looks.
 
-        Beside a missing effect an autoregression hides which base is right; the free run does not. A best node that was
-        asked with near looks gets its far ones before any other node, and the others after all of them.
+        Beside a missing effect an autoregression hides which base is right; the free run does not.
         """
         whole = [e for e in self._ranked(tentative=True) if depth(e.spec) < self.policy.depth]
         far = [e for e in whole if e.asked == Asked.BY_NEAR]
@@ -153,10 +157,7 @@ class Search:
         return [*first, *bases, *(e for e in ranked if depth(e.spec) > 0), *(e for e in far if e not in first)]
 
     def _before(self, entry: Entry) -> Entry:
-        """The node to ask first: an entry, or its parent where the entry does not lower the free run clearly.
-
-        Of nodes without effects beyond the base it is the one with the smallest free run.
-        """
+        """An entry, or its parent where it hardly lowers the free run; of bases that with the smallest free run."""
         parent = self.memo.get(entry.parent or "")
         if depth(entry.spec) and parent is not None and not entry.asked and parent.asked == Asked.BY_NEAR \
                 and entry.scored.rmse * self.policy.better_base > parent.scored.rmse:
@@ -181,9 +182,12 @@ class Search:
         return sorted(entries, key=lambda e: -gains[key(e.spec)])
 
     def expand(self, entry: Entry) -> None:
-        """Look at every edge of a node, fit in full what may win, and hand values back."""
-        entry.asked = Asked.BY_NEAR
-        share = min(self.spent / self.policy.budget, 1.0)
+        """Look at every edge of a node, fit in full what may win, and hand values back.
+
+        A node that is clearly better now lies in another basin than its looks, and is to be asked again.
+        """
+        entry.asked, before = Asked.BY_NEAR, entry.scored.done
+        share = min(self.spent / self.budget, 1.0)
         self.tell(f"expanding {' + '.join(entry.spec.effects) or 'the base'}", share)
         fit = standing(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
@@ -195,11 +199,13 @@ class Search:
         self._lighten()
         if entry.op == ROOT and (self.only is None or self.blurred):
             self._structures(entry)
+        if entry.scored.done.gain_over(before) > self.policy.margin:
+            entry.asked = Asked.NOTHING
 
     def expand_far(self, entry: Entry) -> None:
         """Look at the effects on the valve of a node once more, with swarms and the valves that fit each."""
         entry.asked = Asked.BY_FAR
-        share = min(self.spent / self.policy.budget, 1.0)
+        share = min(self.spent / self.budget, 1.0)
         self.tell(f"searching valves beside {' + '.join(entry.spec.effects) or 'the base'}", share)
         fit = standing(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
@@ -209,11 +215,7 @@ class Search:
         self._finish(ground, entry, [a for a in far if self._better(a)])
 
     def _structures(self, entry: Entry) -> None:
-        """Ask beside every process and command for a valve that rests, until only noise is left.
-
-        Two changes of the base may show only together: a valve that rests behind an integrator, or one under a command
-        that moves.
-        """
+        """Ask beside every process and command for a valve that rests: two changes may show only together."""
         queue, seen = [entry], {key(entry.spec)}
         while queue and not self._only_noise(self.best()):
             base = queue.pop(0)
@@ -323,7 +325,7 @@ class Search:
         """Tasks with their answers as long as the budget lasts; the others are listed as not asked."""
         answers = iter(crew.map(tasks))
         for i, task in enumerate(tasks):
-            if self.spent >= self.policy.budget and not always:
+            if self.spent >= self.budget and not always:
                 self.unasked += [key(left.spec) for left in tasks[i:]]
                 return
             answer = next(answers)
