@@ -166,7 +166,8 @@ def memory(folder: Path, options: argparse.Namespace) -> list[str]:
 
 def starts() -> list[str]:
     """From nothing to a worker that has imported what it needs, warm caches."""
-    script = ("import time\nfrom stictionid.batch.crew import Processes\nfrom stictionid.batch.worker import version\n"
+    script = ("import time\nfrom stictionid.batch.work.crew import Processes\n"
+              "from stictionid.batch.work.worker import version\n"
               "if __name__ == '__main__':\n"
               "    crew = Processes(1)\n    t = time.perf_counter()\n    crew.submit(version).result()\n"
               "    print(time.perf_counter() - t)\n    crew.shutdown()\n")
