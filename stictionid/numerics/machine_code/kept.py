@@ -15,12 +15,12 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from llvmlite.binding import parse_assembly, parse_bitcode
+from llvmlite.binding import add_symbol, parse_assembly, parse_bitcode
 from numba.core import environment
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 from numba.core.entrypoints import init_all
-from numba.core.runtime import rtsys
+from numba.core.runtime import _nrt_python
 
 from . import ahead
 from .turn import Turn
@@ -56,6 +56,13 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
 
 
 @functools.cache
+def _name_memory() -> None:
+    """Name the functions by which machine code allocates arrays; the compiler also compiles parts of them."""
+    for name, address in _nrt_python.c_helpers.items():
+        add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
+
+@functools.cache
 def _empty() -> bytes:
     return parse_assembly("").as_bitcode()  # type: ignore[no-any-return]
 
@@ -75,8 +82,7 @@ class Kept(FunctionCache):  # type: ignore[misc]
 
         Of several processes that lack a kernel one compiles it, and the others wait for it.
         """
-        # The memory of arrays that a kernel allocates is the one part that machine code needs.
-        rtsys.initialize(target_context)
+        _name_memory()
         found = self._found(sig, target_context)
         if found is not None:
             return found
