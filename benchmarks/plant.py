@@ -4,8 +4,9 @@ Run: python benchmarks/plant.py [--loops 24] [--rows 1000] [--level identify] [-
 
 Every line comes from real runs of the command on a simulated Parquet dataset. Only the site's line is extrapolated,
 from the cluster's measured rate and a small real Dask run (left out where Dask is not installed). Targets: two jobs at
-least 1.8 times one; parent under 1,000 MB, workers under 500 MB, workers at work within 2 s of their start. --cold adds
-the first run after install: two processes on one empty kernel cache, and an install that cannot be written.
+least 1.8 times one; 5 plain loops a second and core, 1.5 where each has a hidden effect; parent under 1,000 MB, workers
+under 500 MB, workers at work within 2 s of their start. --cold adds the first run after install: two processes on one
+empty kernel cache, and an install that cannot be written. A busy machine slows the rates, less the CPU time a loop.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import sys
 import tempfile
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -33,6 +34,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 _DIFFERENT, _TWO_CORES, _NODES = 12, 2, 8
+# Loops a second and core at the level identify: plain ones, and those with a hidden effect.
+_WANTED = {False: 5.0, True: 1.5}
 
 
 @dataclass
@@ -51,14 +54,18 @@ class Measured:
     counts: dict[str, int]
 
 
-def dataset(folder: Path, count: int, rows: int) -> Path:
-    """`count` loops as a long dataset in hive folders of 50 loops; a dozen simulations, each with noise of its own."""
+def dataset(folder: Path, count: int, rows: int, *, hidden: bool = False) -> Path:
+    """`count` loops as a long dataset in hive folders of 50 loops; a dozen simulations, each with noise of its own.
+
+    With `hidden` each simulation has an effect that the base model lacks, the first dozen of the catalogue.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
     from batch_files import columns, records
 
     rng = np.random.default_rng(0)
-    made = list(records(min(count, _DIFFERENT), rows).values())
+    made = _with_effects(min(count, _DIFFERENT), rows) if hidden else \
+        list(records(min(count, _DIFFERENT), rows).values())
     start = np.datetime64("2024-03-01T00:00:00", "ns")
     for first in range(0, count, 50):
         tags, times, values = [], [], []
@@ -73,6 +80,19 @@ def dataset(folder: Path, count: int, rows: int) -> Path:
         pq.write_table(pa.table({"tag": np.concatenate(tags), "timestamp": np.concatenate(times),
                                  "value": np.concatenate(values)}), place / "part-0.parquet", row_group_size=60_000)
     return folder
+
+
+def _with_effects(count: int, rows: int) -> list:
+    """Loops of sticky valves, each with another hidden effect."""
+    from loops_with_effects import SMALL, small
+
+    from stictionid.model.closed_loop import simulate
+
+    found = []
+    for name in sorted(SMALL)[:count]:
+        setting, _ = small(name)
+        found.append(simulate(replace(setting, duration_s=rows * setting.step_s), seed=7).loop)
+    return found
 
 
 def run(data: Path, out: Path, *arguments: str, cwd: Path = ROOT, environment: dict[str, str] | None = None,
@@ -129,10 +149,13 @@ def _watch(pid: int, peaks: dict[int, float], stop: threading.Event) -> None:
                 peaks[one] = max(peaks.get(one, 0.0), int(high.split()[1]) / 1024)
 
 
-def rates(folder: Path, options: argparse.Namespace) -> tuple[list[str], float]:
+def rates(folder: Path, options: argparse.Namespace, *, hidden: bool = False) -> tuple[list[str], float]:
     """Loops a second with one and two jobs; the rate of one."""
-    data = dataset(folder / "rates", options.loops, options.rows)
-    print(f"\n{options.loops} loops of {options.rows} samples, --level {options.level}, one Parquet dataset")
+    data = dataset(folder / f"rates-{hidden}", options.loops, options.rows, hidden=hidden)
+    folder = folder / f"hidden-{hidden}"
+    folder.mkdir()
+    print(f"\n{options.loops} loops of {options.rows} samples, {'each with a hidden effect' if hidden else 'plain'}, "
+          f"--level {options.level}, one Parquet dataset")
     found = {}
     for jobs in (1, 2):
         m = run(data, folder / f"out{jobs}", "--level", options.level, "--jobs", str(jobs), at_once=jobs)
@@ -145,8 +168,10 @@ def rates(folder: Path, options: argparse.Namespace) -> tuple[list[str], float]:
     same = all((folder / "out1" / n).read_bytes() == (folder / "out2" / n).read_bytes()
                for n in ("summary.csv", "summary.parquet", "summary.md", "summary.html"))
     print(f"two jobs are {ratio:.2f} times one; summaries equal byte for byte: {'yes' if same else 'NO'}")
-    return ([f"two jobs {ratio:.2f} times one"] if ratio < 1.8 else []) + ([] if same else ["summaries differ"]), \
-        found[1].rate
+    missed = [f"two jobs {ratio:.2f} times one"] if ratio < 1.8 else []
+    if options.level == "identify" and found[1].rate < _WANTED[hidden]:
+        missed.append(f"{found[1].rate:.2f} loops a second and core, wanted {_WANTED[hidden]:g}")
+    return missed + ([] if same else ["summaries differ"]), found[1].rate
 
 
 def memory(folder: Path, options: argparse.Namespace) -> list[str]:
@@ -166,7 +191,8 @@ def memory(folder: Path, options: argparse.Namespace) -> list[str]:
 
 def starts() -> list[str]:
     """From nothing to a worker that has imported what it needs, warm caches."""
-    script = ("import time\nfrom stictionid.batch.crew import Processes\nfrom stictionid.batch.worker import version\n"
+    script = ("import time\nfrom stictionid.batch.work.crew import Processes\n"
+              "from stictionid.batch.work.worker import version\n"
               "if __name__ == '__main__':\n"
               "    crew = Processes(1)\n    t = time.perf_counter()\n    crew.submit(version).result()\n"
               "    print(time.perf_counter() - t)\n    crew.shutdown()\n")
@@ -255,8 +281,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         missed += starts()
-        found, _ = rates(folder, options)
-        missed += found
+        for hidden in (False, True):
+            found, _ = rates(folder, options, hidden=hidden)
+            missed += found
         if options.memory:
             missed += memory(folder, options)
         site(folder, options)

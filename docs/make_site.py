@@ -6,12 +6,14 @@ what the package says of itself. Run: mkdocs build --strict
 
 from __future__ import annotations
 
+import importlib.util
 import inspect
 import json
 import os
 import re
 import sys
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +171,15 @@ def cannot() -> str:
     return page + "\n" + "\n".join(_table(("alike in u and y", "what tells"), rows))
 
 
+def notebooks() -> dict[str, Callable[[], str]]:
+    """The notebooks of docs/notebooks/ to be downloaded, as Jupyter stores them."""
+    spec = importlib.util.spec_from_file_location("make_notebooks", ROOT / "docs" / "make_notebooks.py")
+    assert spec and spec.loader
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    return {f"notebooks/{name}.ipynb": partial(made.as_ipynb, name) for name in made.names()}
+
+
 def _table(heads: Iterable[str], rows: Iterable[tuple[str, ...]]) -> list[str]:
     rows, heads = list(rows), list(heads)
     if not rows:
@@ -202,7 +213,7 @@ def on_files(files: Any, config: Any) -> Any:
 
     # Here, not above: mkdocs takes back what a hook does to the path while it is loaded.
     sys.path.insert(0, str(ROOT))
-    for name, make in PAGES.items():
+    for name, make in {**PAGES, **notebooks()}.items():
         files.append(File.generated(config, name, content=make()))
     return files
 

@@ -10,6 +10,8 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # Read by numpy when it is first imported, and by the processes that tests start.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
+# Workers of the suite keep all cores busy: none of them starts helpers to compile kernels.
+os.environ["STICTIONID_COMPILE_ALONE"] = "1"
 # Processes in other folders run the source under test, not an installed copy, and find the kernels compiled so far.
 os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
 

@@ -86,3 +86,16 @@ def test_a_run_is_continued(tmp_path):
     Path(given.out).write_text(json.dumps({"key": "a", "number": 7}) + "\n{\"key\": \"b\", \"num")
     rows = store.run([("a", (1,)), ("b", (2,))], _task, given)
     assert [(r["key"], r["number"]) for r in rows] == [("a", 7), ("b", 2)]
+
+
+def test_the_stages_that_are_timed_are_functions_of_the_package() -> None:
+    import importlib
+
+    import where
+
+    for _, module, function in where.STAGES:
+        assert callable(getattr(importlib.import_module(f"stictionid.{module}"), function)), (module, function)
+    page = (Path(__file__).parent.parent / "docs" / "time.md").read_text(encoding="utf-8")
+    for name in ("limit", "identify", "hidden", "diagnose", "start"):
+        body = page.partition(f"<!-- {name} -->\n```text\n")[2].partition("```")[0]
+        assert body.strip() and all(len(line) <= 110 for line in body.splitlines()), name

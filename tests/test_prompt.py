@@ -84,18 +84,17 @@ def test_the_width_stays_between_60_and_200_columns(monkeypatch: pytest.MonkeyPa
         assert width_of(terminal=False) == width
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-def test_a_terminal_sets_the_width(tmp_path: Path) -> None:
+def in_terminal(columns: int, commands: list[list[str]]) -> list[str]:
+    """Lines that commands show in a terminal of so many columns, without colours."""
     import pty
     import struct
     import termios
     from fcntl import ioctl
 
-    columns = 132
     ours, theirs = pty.openpty()
     ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
     env = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
-    code = "import sys\nfrom stictionid.cli import main\nfor words in (['laws', 'chen'], []):\n" \
+    code = f"import sys\nfrom stictionid.cli import main\nfor words in {commands!r}:\n" \
            "    sys.argv = ['stictionid', *words]\n    try:\n        main()\n    except SystemExit as e:\n" \
            "        assert not e.code"
     child = subprocess.Popen([sys.executable, "-c", code], stdin=theirs, stdout=theirs, stderr=theirs,
@@ -109,7 +108,13 @@ def test_a_terminal_sets_the_width(tmp_path: Path) -> None:
         pass  # the other end was closed
     os.close(ours)
     assert child.wait() == 0, text
-    lines = [re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", line).rstrip() for line in text.decode().splitlines()]
+    return [re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", line).rstrip() for line in text.decode().splitlines()]
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+def test_a_terminal_sets_the_width() -> None:
+    columns = 132
+    lines = in_terminal(columns, [["laws", "chen"], []])
     assert columns - 30 < max(map(len, lines)) <= columns
     assert any(line.startswith("Usage: stictionid") for line in lines)
 
@@ -121,6 +126,17 @@ def test_a_line_of_progress_comes_every_few_seconds(capsys: pytest.CaptureFixtur
     for share in (0.1, 0.2, 0.3, 0.4, 0.5):
         progress("fitting", share)
     assert capsys.readouterr().err.splitlines() == ["fitting, 30 % after 6 s", "fitting, 50 % after 12 s"]
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+@pytest.mark.parametrize("columns", [60, 80, 200])
+def test_a_command_in_a_terminal_fits_it(columns: int, tmp_path: Path) -> None:
+    """Tables of identify, range and batch; messages for scripts are lines of their own length."""
+    shown = in_terminal(columns, [["identify", str(SAMPLE), "-q", "--base-only"], ["range", str(SAMPLE), "-q"],
+                                  ["batch", str(SAMPLE.parent), "-o", str(tmp_path / "out"), "-q", "--level",
+                                   "screen"]])
+    assert max(map(len, shown)) <= columns
+    assert {"estimate", "error", "worst first"} <= set(shown) and any(line.startswith("verdict: ") for line in shown)
 
 
 def test_counts_have_their_plural() -> None:

@@ -82,7 +82,8 @@ def test_the_reference_has_every_command_option_and_public_function() -> None:
 
 
 def test_the_site_builds_without_a_warning_and_fetches_nothing(tmp_path: Path) -> None:
-    pytest.importorskip("material", reason="needs the extra docs")
+    for name in ("material", "jupytext"):
+        pytest.importorskip(name, reason="needs the extra docs")
     done = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", tmp_path],
                           cwd=ROOT, capture_output=True, text=True, timeout=60,
                           env={**os.environ, "NO_MKDOCS_2_WARNING": "1", "http_proxy": "http://127.0.0.1:9"})
@@ -92,3 +93,6 @@ def test_the_site_builds_without_a_warning_and_fetches_nothing(tmp_path: Path) -
     for name, text in pages.items():
         assert not re.search(r"<(?:script|link|img)[^>]*(?:src|href)=.?https?://", text), name
     assert json.loads((tmp_path / "study.schema.json").read_text())["title"] == "stictionid study"
+    for name in ("one_loop", "plant_month"):
+        book = json.loads((tmp_path / "notebooks" / f"{name}.ipynb").read_text())
+        assert book["nbformat"] == 4 and f'href="{name}.ipynb"' in (tmp_path / "notebooks" / f"{name}.html").read_text()

@@ -37,8 +37,9 @@ from .common.user_files import EffectsOption, LawsOption
 _SHOWN, _SKIPPED_SHOWN = 12, 5
 
 
-@app.command(epilog=outcome("in DIR one study a loop (studies/), one page a loop with --pages (pages/), summary.csv, "
-                            "summary.parquet, summary.md, summary.html, timing.csv, and failures/ with reasons",
+@app.command(epilog=outcome("in DIR one study a loop (studies/), one page a loop with --pages or --level study "
+                            "(pages/), summary.csv, summary.parquet, summary.md, summary.html, timing.csv, and "
+                            "failures/ with reasons",
                             json="schema stictionid.batch/1", strict="when loops failed or files were skipped"))
 @reads_file
 def batch(

@@ -148,10 +148,10 @@ def _book_unaligned(shaped: Shaped, aligned: Aligned, book: RowBook) -> None:
 
 def _book_blank(table: Table, book: RowBook) -> None:
     """Book lines without any content."""
-    import pyarrow.compute as pc
-
     if min(column.null_count for column in table.columns) == 0:
         return
+    import pyarrow.compute as pc
+
     empty = None
     for column in table.columns:
         null = pc.is_null(column)
@@ -162,12 +162,13 @@ def _book_blank(table: Table, book: RowBook) -> None:
 def _book_headers(table: Table, book: RowBook) -> None:
     """Book rows that repeat the header (pasted pages); their cells become empty without further work."""
     import pyarrow as pa
-    import pyarrow.compute as pc
 
     hits = None
     for name, column in zip(table.names, table.columns, strict=True):
         if not name or not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
             continue
+        import pyarrow.compute as pc  # a table of numbers goes without: this import takes as long as reading it
+
         same = pc.fill_null(pc.equal(pc.utf8_trim_whitespace(column), name), False)
         hits = same if hits is None else pc.or_(hits, same)
     if hits is not None and pc.any(hits).as_py():

@@ -6,6 +6,7 @@ changed (measured). A loop that takes a compiled function as an argument recompi
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -13,6 +14,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+try:
+    from .machine_code.kept import Kept as _Cache
+except ImportError:  # a numba that keeps its parts elsewhere: its own cache does
+    from numba.core.caching import FunctionCache as _Cache  # type: ignore[no-redef]
 
 # Largest number of candidates in one block of a kernel. So many hide the latency of each valve's recursion, and one row
 # of every state still fits in L1.
@@ -37,12 +43,17 @@ def kernel(function: Compiled) -> Compiled:
     `error_model="numpy"` lets a division by zero give inf, which the cost turns into "rejected", instead of
     raising out of a loop over many candidates.
     """
-    try:
-        compiled: Compiled = njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:
-        # A read-only install without a home folder has no place for a cache: compile in memory every time.
-        compiled = njit(error_model="numpy")(function)
+    compiled: Compiled = njit(error_model="numpy")(function)
+    # A read-only install without a home folder has no place for a cache: compile in memory every time.
+    with contextlib.suppress(RuntimeError):
+        compiled._cache = _Cache(function)  # type: ignore[attr-defined]
+        # Numba's extensions only matter to its compiler.
+        compiled._compilation_chain_init_hook = _nothing  # type: ignore[attr-defined]
     return compiled
+
+
+def _nothing() -> None:
+    pass
 
 
 def scratch(name: str, rows: int, lanes: int) -> NDArray[np.float64]:

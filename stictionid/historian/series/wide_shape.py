@@ -124,12 +124,12 @@ def _quality_for(column: int, table: Table, columns: set[int], options: ReadOpti
 
 def _loop_rows(table: Table, kinds: list[str], options: ReadOptions, book: RowBook) -> IntArray | None:
     """Rows of the wanted loop where a column names loops; None for all rows."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     column = loop_column(table, kinds)
     if column < 0:
         return None
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
     loops = loop_names(table, column)
     if not loops or (len(loops) == 1 and options.loop in (None, loops[0])):
         return None

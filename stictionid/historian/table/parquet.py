@@ -87,11 +87,12 @@ def _has_width(kind: Any) -> bool:
 def _check_words(table: Any, name: str, limits: Limits) -> None:
     """Refuse text that would fill the memory once every cell holds its own."""
     import pyarrow as pa
-    import pyarrow.compute as pc
 
     for field, column in zip(table.schema, table.columns, strict=True):
         if not pa.types.is_dictionary(field.type):
             continue
+        import pyarrow.compute as pc  # takes as long as reading a table that has no such column
+
         total = 0
         for chunk in column.chunks:
             lengths = pc.binary_length(chunk.dictionary.cast(pa.binary()))

@@ -164,7 +164,7 @@ def _numeric(column: Any, name: str, unit: str, time_format: str | None, place: 
     import pyarrow as pa
 
     if pa.types.is_integer(column.type):
-        whole, valid = integers(column.cast(pa.int64(), safe=False))
+        whole, valid = integers(column if column.type == pa.int64() else column.cast(pa.int64(), safe=False))
         numbers = whole.astype(np.float64)
     else:
         numbers = floats(column)

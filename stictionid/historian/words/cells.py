@@ -67,7 +67,6 @@ def decimal_evidence(cells: list[str]) -> tuple[str, str, str]:
 def to_numbers(column: Any, decimal: str = ".") -> Numbers:
     """A pyarrow column of any type as numbers; infinities and absurd magnitudes become NaN."""
     import pyarrow as pa
-    import pyarrow.compute as pc
 
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
@@ -79,6 +78,8 @@ def to_numbers(column: Any, decimal: str = ".") -> Numbers:
         return Numbers(np.full(len(column), np.nan))
     if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
         return Numbers(np.full(len(column), np.nan), {str(column.type): len(column)})
+    import pyarrow.compute as pc
+
     text = pc.utf8_trim_whitespace(column)
     if len(column) <= FEW_CELLS or pc.count_distinct(text).as_py() <= FEW_CELLS:
         return _few(text, decimal)
@@ -168,10 +169,11 @@ def check_thousands(column: Any, decimal: str, place: Any) -> None:
     `place` turns a row into the words for file, line and column.
     """
     import pyarrow as pa
-    import pyarrow.compute as pc
 
     if decimal != "." or not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
         return
+    import pyarrow.compute as pc
+
     commas = column.filter(pc.fill_null(pc.match_substring(column, ","), False))
     if not len(commas):
         return

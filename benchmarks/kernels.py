@@ -1,0 +1,58 @@
+"""The kernels that `identify` asks for: writes stictionid/numerics/machine_code/needed.py.
+
+Run: python benchmarks/kernels.py, after a kernel was added or its arguments changed. The loops of
+the sample data are identified in this process; each kernel's kinds of arguments are listed in the order of their use.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+ROOT = Path(__file__).resolve().parent.parent
+HOME = ROOT / "stictionid" / "numerics" / "machine_code" / "needed.py"
+HEAD = '''"""Kernels that `identify` asks for on common loops, in the order of use; written by benchmarks/kernels.py.
+
+A line is a kernel, then a word an argument: the letter of its dtype; of an array also dimensions, layout, r: read-only.
+"""
+
+from __future__ import annotations
+
+NEEDED: tuple[str, ...] = (
+'''
+FILES = ("foptd_scanned.parquet", "foptd.csv", "healthy.csv", "itptd.parquet")
+
+
+def used() -> list[str]:
+    """Lines of the list: every kernel with every kind of arguments that identifying the sample loops calls it with."""
+    from numba.core.dispatcher import Dispatcher
+
+    from stictionid.historian import read
+    from stictionid.numerics.machine_code import ahead
+    from stictionid.verbs.identify import identify
+
+    found: dict[str, None] = {}
+    first_call = Dispatcher._compile_for_args
+
+    def noted(self, *arguments, **more):  # type: ignore[no-untyped-def]
+        found[ahead.name_of(self.py_func, [self.typeof_pyval(a) for a in arguments])] = None
+        return first_call(self, *arguments, **more)
+
+    Dispatcher._compile_for_args = noted
+    try:
+        for name in FILES:
+            identify(read(str(ROOT / "sample_data" / name)).loop)
+    finally:
+        Dispatcher._compile_for_args = first_call
+    found.pop("", None)
+    return list(found)
+
+
+if __name__ == "__main__":
+    lines = used()
+    HOME.write_text(HEAD + "".join(f'    "{line}",\n' for line in lines) + ")\n", encoding="utf-8")
+    print(f"{len(lines)} kernels, {HOME.relative_to(ROOT)}")
+    sys.exit(0)
