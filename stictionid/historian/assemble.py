@@ -16,6 +16,7 @@ from .checks.spoilt import ladder, spoilt_findings
 from .checks.texture import Signals
 from .grid.align import Aligned, resample
 from .grid.grid import Frame, GridStep, driven, fill, find_step, insert_missing, place_on_grid, split
+from .grid.held import repeats
 from .grid.masks import frozen, manual, saturated, startup
 from .grid.window import cut_window, stamp_text
 from .series.shaped import Shaped
@@ -72,6 +73,7 @@ def assemble(shaped: Shaped, aligned: Aligned, options: ReadOptions, book: RowBo
     findings += notes.order_findings(shaped) + notes.tag_findings(shaped, aligned) + notes.setpoint_findings(shaped)
     findings += blank_codes(frame, options.sentinels, guesses, findings_of_words=shaped.words)
     step = _even_grid(frame, shaped, aligned, options, book, guesses, findings)
+    findings += _fresh_only(frame, step)
     unit_found = _scale(frame, shaped, options)
     if unit_found is not None:
         findings.append(unit_found)
@@ -148,6 +150,16 @@ def _thin(frame: Frame, step: GridStep, options: ReadOptions, book: RowBook, fin
     return GridStep(step.ns * every, step.kind, step.worst, step.fitting)
 
 
+def _fresh_only(frame: Frame, step: GridStep) -> list[Finding]:
+    """Take away, in place, the values of PV that only repeat an older one beside a moving OP; the finding on it."""
+    every, repeated = repeats(frame, step)
+    if every == 1:
+        return []
+    frame.values["process_value"] = np.where(repeated, np.nan, frame.values["process_value"])
+    frame.reason[repeated & (frame.reason == 0)] = CODE["repeat"]
+    return [notes.held_process_value(every, step, float(repeated.mean()))]
+
+
 def _scale(frame: Frame, shaped: Shaped, options: ReadOptions) -> Finding | None:
     """OP, SP and PV in their final units, in place; the finding when OP is no per cent."""
     units, finding = shaped.units, None
@@ -200,11 +212,11 @@ def _mask(frame: Frame, filled: BoolArray, shaped: Shaped, options: ReadOptions)
     missing = np.isnan(pv)
     if missing.any() and not missing.all():
         # A sample that does not count for another reason is none whose PV alone is missing: a placeholder says so.
-        other = missing & ~np.isin(frame.reason, [0, CODE["filled"], CODE["masked"]])
+        other = missing & ~np.isin(frame.reason, [0, CODE["filled"], CODE["masked"], CODE["repeat"]])
         if other.any():
             frame.values["process_value"] = np.where(
                 other, np.interp(np.arange(pv.size), np.flatnonzero(~missing), pv[~missing]), pv)
-        frame.reason[missing & ~other] = CODE["bad"]
+        frame.reason[missing & ~other & (frame.reason != CODE["repeat"])] = CODE["bad"]
     return unclear
 
 
@@ -236,7 +248,7 @@ def _book_missing(frame: Frame, book: RowBook, keep: IntArray) -> None:
     left_out = np.ones(codes.size, np.bool_)
     left_out[keep] = False
     codes[left_out & ~bad] = CODE["short segment"]
-    codes[bad] = CODE["bad"]
+    codes[bad & (codes != CODE["repeat"])] = CODE["bad"]
     for rows in frame.rows:
         book.mark_codes(rows, codes)
 
@@ -268,7 +280,7 @@ def _finish(
     units.setdefault("output", OTHER)
     findings += notes.short_segments(short)
     if len(starts) == 1:
-        findings += notes.sparse_output(arrays["output"], arrays["process_value"], step_s)
+        findings += notes.sparse_output(arrays["output"], arrays["process_value"], setpoint, step_s)
     signals = _measured(Signals(arrays["output"], arrays["process_value"], setpoint, step_s, tuple(starts)))
     hints = [*shaped.columns.values(), *shaped.described.values()]
     modes = shaped.modes
