@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stictionid.historian import read
+from stictionid.historian import ReadOptions, read
 from stictionid.historian.reading import Reading
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.record.loop import Loop
@@ -79,15 +79,15 @@ def test_a_held_pv_gives_s_j_and_the_dead_time(loop: Loop, tmp_path: Path) -> No
     assert e.dead_time_s == pytest.approx(10.0, abs=2.0)  # repeats taken for measurements lengthen it by 4.5 s
 
 
-def test_an_output_that_lost_its_scans_has_no_intervals(loop: Loop, tmp_path: Path) -> None:
+def test_an_output_that_lost_its_scans_sets_the_step_and_has_no_sure_answer(loop: Loop, tmp_path: Path) -> None:
     found = written(loop, tmp_path, op=10)
     said = next(f for f in found.findings if f.code == "output-sparse")
     assert "scans faster" in said.statement and said.severity == "warning"
+    assert found.loop.step_s == 10.0 and found.rows["used"] == 300 and found.rows["resampled"] == 2700
+    np.testing.assert_array_equal(found.loop.output, loop.output[::10])
+    np.testing.assert_array_equal(found.loop.process_value, loop.process_value[::10])
     study = identify(found.loop, options=Options(base_only=True))
     assert study.estimate is not None and study.estimate.S_interval is None
-    assert "output-unseen" in {f.code for f in study.steps[0].findings}
-    told = identify(found.loop, options=Options(base_only=True, scan_s=10.0))
-    assert told.estimate is not None and told.estimate.S_interval is not None
 
 
 def test_a_controller_that_scans_as_slowly_lost_nothing(tmp_path: Path) -> None:
@@ -95,3 +95,11 @@ def test_a_controller_that_scans_as_slowly_lost_nothing(tmp_path: Path) -> None:
     found = written(slow, tmp_path)
     said = [f for f in found.findings if f.code in ("output-slower", "output-sparse")]
     assert [f.code for f in said] == ["output-slower"] and "scans every 10 s" in said[0].statement
+    e = identify(found.loop, options=Options(base_only=True)).estimate
+    assert found.loop.step_s == 10.0 and e is not None and e.S_interval is not None
+    assert e.S_interval[0] <= 4.0 <= e.S_interval[1] and abs(e.J - 2.0) <= 0.2
+
+
+def test_a_step_that_is_given_keeps_the_rows_of_a_slower_output(loop: Loop, tmp_path: Path) -> None:
+    written(loop, tmp_path, op=10)
+    assert read(tmp_path / "a.csv", options=ReadOptions(step_s=1.0)).loop.step_s == 1.0

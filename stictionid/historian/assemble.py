@@ -16,7 +16,7 @@ from .checks.spoilt import ladder, spoilt_findings
 from .checks.texture import Signals
 from .grid.align import Aligned, resample
 from .grid.grid import Frame, GridStep, driven, fill, find_step, insert_missing, place_on_grid, split
-from .grid.held import repeats
+from .grid.held import repeats, slower_output
 from .grid.masks import frozen, manual, saturated, startup
 from .grid.window import cut_window, stamp_text
 from .series.shaped import Shaped
@@ -126,7 +126,7 @@ def _even_grid(
 
 
 def _thin(frame: Frame, step: GridStep, options: ReadOptions, book: RowBook, findings: list[Finding]) -> GridStep:
-    """Every k-th sample where all signals repeat k times, or where --step asks for a longer step."""
+    """Every k-th sample where all signals, or OP alone, repeat k times, or where --step asks for a longer step."""
     every, reason, phase = 1, "repeat", 0
     if options.step_s is not None and abs(options.step_s * 1e9 / step.ns - 1) > 0.01:
         every, reason = round(options.step_s * 1e9 / step.ns), "resampled"
@@ -139,9 +139,14 @@ def _thin(frame: Frame, step: GridStep, options: ReadOptions, book: RowBook, fin
         every, phase = ladder(frame)
         if every > 1:
             findings.append(notes.oversampled(every, step))
+    keep = np.arange(phase, frame.ns.size, every)
+    if every == 1 and options.step_s is None and step.kind != "irregular":
+        every, fresh, errors = slower_output(frame, step)
+        if every > 1:
+            findings.append(notes.slower_output(every, step, errors))
+            keep, reason = np.flatnonzero(fresh), "resampled"
     if every == 1:
         return step
-    keep = np.arange(phase, frame.ns.size, every)
     gone = np.ones(frame.ns.size, np.bool_)
     gone[keep] = False
     for rows in frame.rows:
@@ -279,8 +284,6 @@ def _finish(
     units = {k: v for k, v in shaped.units.items() if v and not k.startswith("extra:")}
     units.setdefault("output", OTHER)
     findings += notes.short_segments(short)
-    if len(starts) == 1:
-        findings += notes.sparse_output(arrays["output"], arrays["process_value"], setpoint, step_s)
     signals = _measured(Signals(arrays["output"], arrays["process_value"], setpoint, step_s, tuple(starts)))
     hints = [*shaped.columns.values(), *shaped.described.values()]
     modes = shaped.modes

@@ -87,7 +87,6 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     if outcome.verdict is not None:
         return Study(made_by(options), data_record(loop, piece, notes), found, capped(outcome.verdict, loop), None,
                      command=options.command)
-    outcome = _between_changes(loop, outcome, options)
     near_fit = last = outcome.fits[-1]
     if view is not None:
         outcome, note = judged(view, _run_of(piece, found, run.options, method, tell), outcome)
@@ -130,22 +129,6 @@ def _unclear(found: Range, step: Step) -> str:
     if found.reference != BY_TURNS or found.oscillating or not e.noise_sd or e.rmse < _FAR * e.noise_sd:
         return ""
     return f"{found.reason}; and the best model errs by {e.rmse / e.noise_sd:.2g} times the noise"
-
-
-def _between_changes(loop: Loop, outcome: Outcome, options: Options) -> Outcome:
-    """The outcome, with a finding that withholds the intervals where reading found the output between its changes lost.
-
-    A scan given as long as the changes are apart says that nothing is lost.
-    """
-    lost = next((f for f in loop.origin.findings if f.evidence.get("no_intervals")), None)
-    if lost is None or options.scan_s >= float(lost.evidence.get("step_s", np.inf)):
-        return outcome
-    apart = float(lost.evidence["step_s"])
-    said = Finding("output-unseen", "warning", f"the valve's moves between the changes of OP, {apart:g} s apart, are "
-                   "not known: S and J may be off, and intervals would only say how well the samples fit, so none are "
-                   f"given (--scan {apart:g} where the controller scans so)", {**lost.evidence}, (), lost.source)
-    first = outcome.steps[0]
-    return replace(outcome, steps=(replace(first, findings=(*first.findings, said)), *outcome.steps[1:]))
 
 
 def _every_law(piece: Loop, found: Range, options: Options, method: Method, policy: Policy | None,

@@ -6,7 +6,6 @@ import numpy as np
 
 from ...record.loop import Finding
 from ...system.plurals import counted
-from ...typing import FloatArray, IntArray
 from ..bytes.options import ReadOptions
 from ..grid.align import Aligned
 from ..grid.grid import Frame, GridStep
@@ -23,8 +22,6 @@ MAX_MASK = 0.5
 MAX_OFFSET_S = 1e-6
 """Offsets between tags below a microsecond are rounding."""
 
-FEWEST_MOVES, MIN_REGULAR = 20, 0.5
-"""Least number of changes of OP, and least share of regular places (of samples, for PV) at which a signal changes."""
 _OBEYS, _CLEARLY = 0.1, 0.5
 """Error of a PI law, as a share of the size of OP's changes, up to which OP obeys it, and share of another law's error
 up to which it is clearly the better one."""
@@ -319,49 +316,20 @@ def bad_findings(rows: dict[str, int]) -> list[Finding]:
     ]
 
 
-def sparse_output(output: FloatArray, process_value: FloatArray, setpoint: FloatArray | None,
-                  step_s: float) -> list[Finding]:
-    """Finding where OP changes only at every k-th sample and PV in between: OP was exported less often than PV.
+def slower_output(every: int, step: GridStep, errors: tuple[float, float]) -> Finding:
+    """Finding on an OP that changes only at every k-th sample, and PV in between.
 
-    Where a PI law holds from one change of OP to the next by the samples at the changes alone, the controller scans no
-    faster, and nothing is missing. `no_intervals` in the evidence withholds intervals otherwise.
+    `errors` are those of two PI laws: of a controller that sees only the samples at which OP changes, and of one that
+    sees all. The first says that nothing is missing, the second that OP was exported less often than it moved.
     """
-    moves = np.flatnonzero(np.abs(np.diff(output)) > 0.0) + 1
-    if moves.size < FEWEST_MOVES:
-        return []
-    every = int(np.gcd.reduce(moves - moves[0]))
-    between = np.abs(np.diff(process_value)) > 0.0
-    if every < 2 or moves.size * every < MIN_REGULAR * output.size or between.mean() < MIN_REGULAR:
-        return []
-    slow, evidence = f"{every * step_s:g} s", {"every": every, "step_s": every * step_s}
-    error = process_value if setpoint is None else process_value - setpoint
-    by_changes, by_samples = _law_errors(output, error, np.arange(moves[0], output.size, every), every)
+    slow, evidence = f"{every * step.ns / 1e9:g} s", {"every": every, "step_s": every * step.ns / 1e9}
+    said = f"OP changes only every {slow}, PV every {step.ns / 1e9:g} s: "
+    tail = f"; one of {every} rows was kept"
+    by_changes, by_samples = errors
     if by_changes < _OBEYS and by_changes < _CLEARLY * by_samples:
-        return [Finding("output-slower", "info", f"OP changes only every {slow}, PV every {step_s:g} s: its controller "
-                        f"scans every {slow}, so that no move of OP is missing", evidence)]
-    sure = by_samples < _OBEYS and by_samples < _CLEARLY * by_changes
-    why = ("its controller scans faster, so that OP was exported too seldom and the valve's moves in between are "
-           "missing" if sure else f"unless the controller scans every {slow}, OP was exported too seldom and the "
-           "valve's moves in between are missing")
-    return [Finding("output-sparse", "warning", f"OP changes only every {slow}, PV every {step_s:g} s: {why}; export "
-                    "OP as often as PV", {**evidence, "no_intervals": True})]
-
-
-def _law_errors(output: FloatArray, error: FloatArray, at: IntArray, every: int) -> tuple[float, float]:
-    """Errors of a PI law for the changes of OP, as shares of their size.
-
-    The first is that of a controller that sees only the samples `at` which OP changes, the second that of one that adds
-    up all samples in between.
-    """
-    change, law = np.diff(output[at]), np.diff(error[at])
-    summed = np.convolve(error, np.ones(every))[at[1:]]
-    found = []
-    for added in (error[at[1:]], summed):
-        columns = np.stack([np.ones(change.size), law, added], axis=1)
-        good = np.isfinite(columns).all(axis=1) & np.isfinite(change)
-        if good.sum() < FEWEST_MOVES or not np.ptp(change[good]):
-            return 1.0, 1.0
-        scale = np.maximum(np.abs(columns[good]).max(axis=0), 1e-300)
-        fit, *_ = np.linalg.lstsq(columns[good] / scale, change[good], rcond=1e-10)
-        found.append(float(np.std(change[good] - columns[good] / scale @ fit) / np.std(change[good])))
-    return found[0], found[1]
+        return Finding("output-slower", "info", f"{said}its controller scans every {slow}, so that no move of OP is "
+                       f"missing{tail}", evidence)
+    faster = by_samples < _OBEYS and by_samples < _CLEARLY * by_changes
+    why = "its controller scans faster, so that" if faster else f"unless the controller scans every {slow},"
+    return Finding("output-sparse", "warning", f"{said}{why} OP was exported too seldom and the valve's moves in "
+                   f"between are missing; export OP as often as PV{tail}", evidence)
