@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import reliability
 import rows as store
+import verdicts
 from loops import sticky
 
 scipy_io = pytest.importorskip("scipy.io")
@@ -86,3 +87,12 @@ def test_a_run_is_continued(tmp_path):
     Path(given.out).write_text(json.dumps({"key": "a", "number": 7}) + "\n{\"key\": \"b\", \"num")
     rows = store.run([("a", (1,)), ("b", (2,))], _task, given)
     assert [(r["key"], r["number"]) for r in rows] == [("a", 7), ("b", 2)]
+
+
+def test_a_row_of_verdicts_holds_its_outcome() -> None:
+    row = verdicts.row(10_002, True, 600, True)
+    again = json.loads(json.dumps(row))
+    found = verdicts.outcome_of(again)
+    assert row["truth"] == "stiction" == found.cause and found.verdict == row["verdict"]
+    assert found.groups and set(found.holds) >= {"S", "J", "gain"} and found.base_s < found.cpu_s
+    assert verdicts.verdict_table([found]) == [] and reliability.table([again]) == []
