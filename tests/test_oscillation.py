@@ -125,6 +125,15 @@ def test_uneven_turns_without_a_setpoint_give_an_answer_that_is_not_sure(seed: i
     assert study.verdict.stiction == "stiction" and abs(study.estimate.S / 2.0 - 1.0) <= 0.02
 
 
+def test_uneven_turns_of_a_setpoint_that_moves_are_no_matter_of_cycles() -> None:
+    rng = np.random.default_rng([8, 78])
+    at, size = np.sort(rng.uniform(0, 1235, 14)), rng.choice([-1.0, 1.0], 14) * rng.uniform(3.0, 8.0, 14)
+    setting = Setting(Plant(1.2, 20.0, 8.0), Controller(0.7, 20.0, scan_s=1.0), 2.0, 1.0, duration_s=1235.0,
+                      noise_sd=0.05, setpoint_moves=tuple(zip(at.tolist(), size.tolist(), strict=True)))
+    found = find_range(simulate(setting, seed=1).loop)
+    assert found.reference == "setpoint" and "uneven" not in found.reason
+
+
 @pytest.mark.parametrize("seed", [2, 13])
 def test_a_record_of_uneven_turns_that_no_model_explains_is_not_judged(seed: int) -> None:
     """Output and process value wander apart from each other: nothing is said of the valve."""

@@ -402,3 +402,12 @@ def test_friction_that_predicts_better_in_the_structure_without_it_denies_the_cl
     monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, 60.0))
     verdict = identify(loops.clean(12, "tight").loop).verdict
     assert verdict.stiction == "undecided" and "likelihood ratio 60" in verdict.reason
+
+
+def test_the_prediction_alone_is_never_sure_of_stiction() -> None:
+    from stictionid.verdict.judge import _answer
+
+    assert _answer(900.0, 5, 0.5, 0.6, 0.3)[1] > 0.95
+    assert _answer(900.0, 5, 0.005, 0.6, 0.3)[1] > 0.95  # most of the free-run error
+    assert _answer(900.0, 5, 0.005, 0.2, 0.3) == ("stiction", 0.7)
+    assert _answer(900.0, 5, 0.005, 0.02, 0.3)[0] == "undecided"

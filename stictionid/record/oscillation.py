@@ -143,8 +143,9 @@ def find_range(loop: Loop) -> Range:
             turns = max(turns, sum(swings.reversals for swings in by_turns))
             if len(cycles) < FEWEST_CYCLES:
                 near = _even(of_turns)
-                even = len(near) >= FEWEST_CYCLES
-                found, cycles, reference = by_turns, near if even else of_turns, BY_TURNS
+                alike = len(near) >= FEWEST_CYCLES
+                if alike or not _moved(loop):
+                    even, found, cycles, reference = alike, by_turns, near if alike else of_turns, BY_TURNS
     if not cycles:
         return _none(longest.reason or "the deviation never completes a cycle", unit, reference, turns)
     counted = cycles[1:] if len(cycles) > FEWEST_CYCLES else cycles
@@ -166,6 +167,11 @@ def find_range(loop: Loop) -> Range:
                      BY_TURNS: "; counted by the turning points of the output, because its mean wanders"}[reference])
     return Range(enough and regular and even, float(periods.max()), float(np.median(periods)),
                  float(max(c.u_swing for c in counted)), cycles, reason, unit, reference, turns)
+
+
+def _moved(loop: Loop) -> bool:
+    """True where the setpoint is known to move: what it does to the output then needs no cycles."""
+    return loop.setpoint is not None and bool(np.ptp(loop.setpoint[loop.used]) > 0.0)
 
 
 def _even(cycles: tuple[Cycle, ...]) -> tuple[Cycle, ...]:

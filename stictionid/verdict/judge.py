@@ -273,7 +273,10 @@ def _answer(ratio: float, won: int, explained: float, drop: float, one_step: flo
     enough = (explained >= _EXPLAINED or drop >= _MOST_OF_THE_ERROR
               or (ratio >= _CLEAR and one_step >= _CLEAR_DROP and drop >= _NOTHING_DROP))
     if ratio >= _STICKS and won >= _WON and enough:
-        return "stiction", 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
+        sure = 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
+        # Where the prediction alone speaks for friction, a sine or a neighbour's cycle may be taken for slips.
+        alone = explained < _EXPLAINED and drop < _MOST_OF_THE_ERROR
+        return "stiction", min(sure, _CAPPED_FAR) if alone else sure
     return "undecided", 0.4
 
 
