@@ -31,6 +31,7 @@ from stictionid.verdict.severity import band, controller_law
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 
 import loops
+import missing_cells
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "real_loops"
 
@@ -402,6 +403,14 @@ def test_friction_that_predicts_better_in_the_structure_without_it_denies_the_cl
     monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, 60.0))
     verdict = identify(loops.clean(12, "tight").loop).verdict
     assert verdict.stiction == "undecided" and "likelihood ratio 60" in verdict.reason
+
+
+def test_an_S_that_only_the_free_run_shows_is_not_denied(tmp_path: Path) -> None:
+    """A ramp that no model holds, and a PV of which one in five is there: the ladder alone would deny S of 4 %."""
+    loop = simulate(missing_cells.LOOPS["with-ramp"], seed=0).loop
+    missing = missing_cells.patterns(loop.samples)["4-of-5"]
+    verdict = identify(read_loop(missing_cells.write(loop, missing, tmp_path / "a.csv"))).verdict
+    assert verdict.stiction == "undecided" and verdict.evidence["S_excluded_above"] >= 4.0
 
 
 def test_the_prediction_alone_is_never_sure_of_stiction() -> None:

@@ -175,13 +175,13 @@ class _Claim:
 def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: float, in_free_run: bool) -> _Claim:
     """The support that the friction-free model and the largest possible S give to "no stiction".
 
-    `ratio` is that of the sticking model. The upper end `reach` of its S says nothing where it predicts worse by far.
-    `in_free_run` says that it lowers the free-run error by what matters.
+    `ratio` is that of the sticking model. The upper end `reach` of its S says nothing where it predicts worse by far,
+    unless it lowers the free-run error by what matters (`in_free_run`): two models that disagree decide nothing.
     """
     swing = float(np.ptp(run.loop.output[run.loop.driven]))
     possible = largest_possible(sticking, free, swing)
     bound = None if possible is None else possible.above
-    if bound is not None and ratio > -_CLEAN:
+    if bound is not None and (ratio > -_CLEAN or in_free_run):
         bound = max(bound, reach)
     ratio = ratio if possible is None else max(ratio, possible.ratio)
     taps = np.asarray(free.model.spec.taps)
