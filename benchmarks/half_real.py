@@ -1,12 +1,12 @@
 """Half-real loops: the process value of real loops as disturbance of simulated valves, sticking and healthy.
 
 Run: python benchmarks/half_real.py DIR [--free '*_D.*,*_E.*,*_L.*'] [--sticking 100] [--healthy 200] [--seed 1000]
-     [--out half_real.jsonl] [--minutes 60] [--jobs 1]
+     [--verdict-only] [--out half_real.jsonl] [--minutes 60] [--jobs 1]
 The truth of the valve is known, and the disturbance is that of a plant. Of a file that fits `--free` (a loop without
 friction) all of PV is used, of any other the quiet stretches: there the output stays within a fifth of its swing. One
 row of a record is one second of the simulation. The disturbance is scaled to a share of the swing that friction
 makes (0.1 to 1), and for a healthy valve to 1 to 6 %. Verdict and S are those of `identify`, and of
-`diagnose --apply` after it. Rows already in the file of --out are skipped.
+`diagnose --apply` after it, or with --verdict-only of `identify` alone. Rows already in the file of --out are skipped.
 
 Targets after `diagnose --apply`: S within 3 % on 85 % of the sticking, false stiction at most 1 %, undecided at most
 15 %. Exit 1 where one is missed.
@@ -117,7 +117,7 @@ def said(study: Study, S: float) -> store.Row:
             "effects": [s.added for s in study.steps if s.added], "adequate": study.adequate}
 
 
-def one(file: str, pieces: list[FloatArray], seed: int, sticks: bool) -> store.Row:
+def one(file: str, pieces: list[FloatArray], seed: int, sticks: bool, verdict_only: bool = False) -> store.Row:
     """Row of one half-real loop: truth, and what is said before and after `diagnose --apply`."""
     row: store.Row = {"file": file, "seed": seed, "truth": "stiction" if sticks else "no stiction"}
     try:
@@ -127,7 +127,7 @@ def one(file: str, pieces: list[FloatArray], seed: int, sticks: bool) -> store.R
     start = time.process_time()
     before = identify(loop)
     middle = time.process_time()
-    after = diagnose(loop, before, apply=True) if before.estimate is not None else before
+    after = before if verdict_only or before.estimate is None else diagnose(loop, before, apply=True)
     return row | {"S_true": setting.S, "J_true": setting.J, "share": share, "before": said(before, setting.S),
                   **said(after, setting.S), "identify_s": middle - start, "diagnose_s": time.process_time() - middle}
 
@@ -168,6 +168,7 @@ def main() -> int:
     parser.add_argument("--free", default="*_D.*,*_E.*,*_L.*", help="names of loops without friction; '*' for all")
     parser.add_argument("--sticking", type=int, default=100)
     parser.add_argument("--healthy", type=int, default=200)
+    parser.add_argument("--verdict-only", action="store_true", help="no diagnose --apply after identify")
     store.options(parser, out="half_real.jsonl")
     given = parser.parse_args()
     real = disturbances(given.folder, given.free.split(","))
@@ -181,7 +182,8 @@ def main() -> int:
     tasks = []
     for _, k, sticks in wanted:
         file, seed = files[k % len(files)], given.seed + k
-        tasks.append((f"{file} {seed} {'sticks' if sticks else 'healthy'}", (file, real[file], seed, sticks)))
+        word = f"{'sticks' if sticks else 'healthy'}{' by identify' if given.verdict_only else ''}"
+        tasks.append((f"{file} {seed} {word}", (file, real[file], seed, sticks, given.verdict_only)))
     keys = {key for key, _ in tasks}
     missed = table([r for r in store.run(tasks, one, given) if r["key"] in keys])
     print("targets missed: " + ("none" if not missed else "; ".join(missed)))

@@ -3,7 +3,9 @@
 Run: python benchmarks/missing_cells.py [--loops first-order,…] [--patterns every-2nd,…] [--word Bad] [--seed 0]
 Every record is simulated, written as CSV with empty PV cells (or a word in them) and read like any export; OP and SP
 stay complete. A line holds S and J in %, their difference to the intact record's in % of the intact one's, and the
-reason where the tool abstains. Exit 1 where a traceback, an S more than 2 % or a J more than 10 % away is found.
+reason where the tool abstains. The last lines count the answers inside the intact record's interval, and those whose
+interval overlaps it: a record with a tenth of its PV knows S ten times less finely. Exit 1 where a traceback, an S more
+than 2 % or a J more than 10 % away is found.
 """
 
 from __future__ import annotations
@@ -31,15 +33,34 @@ from stictionid.verbs.identify import Options, identify
 # Differences to the intact record that pass, as shares of its S and J.
 MOST_S, MOST_J = 0.02, 0.10
 
+_MOVES = tuple((150.0 * k, (-1) ** k * 4.0) for k in range(10))
 LOOPS = {
     "first-order": Setting(Plant(2.0, 12.0, 6.0), Controller(0.35, 12.0, scan_s=1.0), S=4.0, J=2.0, duration_s=1500.0,
-                           noise_sd=0.05, setpoint_moves=tuple((150.0 * k, (-1) ** k * 4.0) for k in range(10))),
+                           noise_sd=0.05, setpoint_moves=_MOVES),
     "integrating": Setting(Plant(1.0, 0.3, 1.0, integrating=True), Controller(0.1, 5.0), S=5.0, J=3.5,
                            duration_s=1500.0, noise_sd=0.05),
     "second-order": Setting(Plant(1.5, 15.0, 5.0, second_time_constant_s=6.0), Controller(0.5, 12.0, scan_s=1.0),
                             S=5.0, J=3.0, duration_s=2000.0, noise_sd=0.05),
+    "first-slow": Setting(Plant(1.2, 25.0, 10.0), Controller(0.9, 25.0, scan_s=1.0), S=2.5, J=1.5, duration_s=2000.0,
+                          noise_sd=0.04, setpoint_moves=((0.0, 3.0),)),
+    "first-smooth": Setting(Plant(0.8, 15.0, 5.0), Controller(1.2, 15.0), S=3.0, J=0.6, duration_s=1500.0,
+                            noise_sd=0.03, setpoint_moves=_MOVES),
+    "second-moves": Setting(Plant(2.5, 20.0, 6.0, second_time_constant_s=5.0), Controller(0.3, 20.0, scan_s=1.0),
+                            S=3.0, J=2.0, duration_s=1500.0, noise_sd=0.08, setpoint_moves=_MOVES),
+    "with-sine": Setting(Plant(2.0, 12.0, 6.0), Controller(0.35, 12.0, scan_s=1.0), S=4.0, J=2.0, duration_s=1500.0,
+                         noise_sd=0.05, setpoint_moves=_MOVES, effects=(
+                             ("sinusoidal-disturbance", {"period_s": 70.0, "amplitude": 0.8, "phase": 1.0}),)),
+    "with-ramp": Setting(Plant(1.5, 18.0, 6.0), Controller(0.6, 18.0, scan_s=1.0), S=4.0, J=2.5, duration_s=1500.0,
+                         noise_sd=0.05, setpoint_moves=((0.0, 3.0),), effects=(
+                             ("ramp-disturbance", {"start_s": 500.0, "rate": 0.01}),)),
+    "with-filter": Setting(Plant(2.0, 14.0, 5.0), Controller(0.4, 14.0, scan_s=1.0), S=5.0, J=3.0, duration_s=1500.0,
+                           noise_sd=0.05, setpoint_moves=_MOVES, effects=(
+                               ("measurement-filter", {"time_constant_s": 3.0}),)),
+    "with-colour": Setting(Plant(2.0, 12.0, 6.0), Controller(0.35, 12.0, scan_s=1.0), S=4.0, J=2.5, duration_s=1500.0,
+                           setpoint_moves=_MOVES, effects=(("coloured-noise", {"root": 0.8, "innovation_sd": 0.04}),)),
 }
-"""Name to the simulated loop: setpoint moves, an integrator that cycles, a limit cycle of a process with two lags."""
+"""Name to the simulated loop: processes of first and second order and an integrator, with setpoint moves and in limit
+cycles, scanned and continuous, and four with an effect that the base lacks."""
 
 
 def patterns(n: int, seed: int = 0) -> dict[str, BoolArray]:
@@ -86,6 +107,20 @@ class Told:
         mine, other = self.study.estimate, intact.study.estimate
         return mine.S / other.S - 1.0, mine.J / other.J - 1.0
 
+    def within(self, intact: Told) -> tuple[list[bool], list[bool]] | None:
+        """For S and J: inside the intact record's interval, and intervals that overlap; None without both."""
+        if self.study is None or self.study.estimate is None or intact.study is None or intact.study.estimate is None:
+            return None
+        mine, other = self.study.estimate, intact.study.estimate
+        inside, overlap = [], []
+        for value, own, whole in ((mine.S, mine.S_interval, other.S_interval),
+                                  (mine.J, mine.J_interval, other.J_interval)):
+            if own is None or whole is None:
+                return None
+            inside.append(whole[0] <= value <= whole[1])
+            overlap.append(own[0] <= whole[1] and whole[0] <= own[1])
+        return inside, overlap
+
     def passes(self, intact: Told) -> bool:
         """True where the answer is that of the intact record, or an abstention with a reason."""
         gone = self.against(intact)
@@ -111,7 +146,7 @@ def main() -> int:
     parser.add_argument("--word", default="")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
-    failed = 0
+    failed, abstained, counted = 0, 0, []
     print(f"{'loop':13}{'missing PV':14}{'S %':>8}{'J %':>8}{'dS %':>8}{'dJ %':>8}{'verdict':>14}{'s':>6}  why")
     for name in args.loops.split(","):
         loop = simulate(LOOPS[name], seed=args.seed).loop
@@ -122,6 +157,9 @@ def main() -> int:
                 found = told(write(loop, masks[pattern], Path(folder) / f"{pattern}.csv", args.word))
                 intact = intact or found
                 failed += not found.passes(intact)
+                if pattern != "none":
+                    abstained += bool(found.reason) and found.study is not None
+                    counted += [both] if (both := found.within(intact)) else []
                 gone, estimate = found.against(intact), found.study.estimate if found.study else None
                 numbers = f"{estimate.S:8.3f}{estimate.J:8.3f}" if estimate else " " * 16
                 numbers += f"{100 * gone[0]:8.2f}{100 * gone[1]:8.2f}" if gone else " " * 16
@@ -129,7 +167,10 @@ def main() -> int:
                 mark = "" if found.passes(intact) else "FAILED " if not found.reason else ""
                 print(f"{name:13}{pattern:14}{numbers}{verdict:>14}{found.seconds:6.1f}  {mark}{found.reason}",
                       flush=True)
-    print(f"{failed} failed")
+    for words, k in (("inside the intact interval", 0), ("intervals that overlap", 1)):
+        S, J = (sum(both[k][j] for both in counted) for j in (0, 1))
+        print(f"{words}: S {S}, J {J} of {len(counted)} with intervals")
+    print(f"{abstained} abstained, {failed} failed")
     return 1 if failed else 0
 
 

@@ -1,37 +1,37 @@
 """Verdicts and intervals on simulated loops whose truth is known (benchmarks/loops.py), by cause of the movement.
 
-Run: python benchmarks/verdicts.py [--loops 100] [--first 10000] [--jobs 2] [--out rows.jsonl]
+Run: python benchmarks/verdicts.py [--loops 100] [--first 10000] [--samples 1200] [--verdict-only]
+     [--out verdicts.jsonl] [--minutes 60] [--jobs 2]
 
 Half of the loops stick: --loops 600 gives intervals of 300. Target of the verdict: right or undecided in 98 %,
 undecided in at most 15 % of either half. Target of the intervals: 90 % intervals of S, J, gain, time constants and dead
 time hold the truth in 85 to 95 % of the sticking loops. Target of the time: identify takes at most 3 times the point
 estimate alone (`identify --base-only`; CPU time of one process, sticking loops). The time beyond its bare searches is
 printed, too. Thresholds were set on seeds below 1000. Every second sticking loop with a scanning controller has AR(1)
-noise of root 0.8, the others white noise. --out writes a row for each loop for reliability.py.
+noise of root 0.8, the others white noise. Rows already in the file of --out are skipped; reliability.py reads them.
+--verdict-only leaves the point estimate alone out, and --samples gives shorter records: a quarter of the time.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import reliability
+import rows as store
 from loops import CAUSES, Known, clean, sticky
 
 from stictionid.fit import context as runs
-from stictionid.methods import auto
 from stictionid.record.study import Estimate
 from stictionid.verbs.identify import Options, identify
 
@@ -40,7 +40,7 @@ COLOUR = 0.8
 NOISES = (0.01, 0.02, 0.05)
 # What identify may take, in times of the point estimate alone, and where the searches of that begin.
 SLOWEST = 3.0
-SEARCHES = ((auto, "choose"), (runs, "search"))
+SEARCHES = ((runs, "search"),)
 NUMBERS = ("S", "J", "gain", "time constants", "dead time")
 
 
@@ -105,16 +105,16 @@ def held(e: Estimate, known: Known) -> dict[str, tuple[bool, ...]]:
             for name, pairs in numbers.items()}
 
 
-def one(task: tuple[int, bool]) -> Outcome:
+def one(seed: int, sticks: bool, samples: int, verdict_only: bool) -> Outcome:
     """One loop, by seed and whether its valve sticks."""
-    seed, sticks = task
     colour = COLOUR if seed % 2 else 0.0
-    known = sticky(seed, colour=colour) if sticks else clean(seed, CAUSES[seed % len(CAUSES)])
+    known = (sticky(seed, colour=colour, samples=samples) if sticks else
+             clean(seed, CAUSES[seed % len(CAUSES)], samples=samples))
     start = time.process_time()
     study = identify(known.loop)
     cpu_s, start = time.process_time() - start, time.process_time()
     with searches() as spent:
-        if sticks:
+        if sticks and not verdict_only:
             identify(known.loop, options=Options(base_only=True))
     said = (known.cause, study.verdict.stiction, study.verdict.reason, cpu_s, time.process_time() - start, sum(spent),
             study.verdict.confidence)
@@ -127,6 +127,22 @@ def one(task: tuple[int, bool]) -> Outcome:
     return Outcome(*said, (f"{'AR(1)' if colour else 'white'}, {scan}",
                            f"noise {100 * least:g} to {100 * most:g} % of the swing"),
                    held(e, known), abs(e.S / known.S - 1.0), abs(e.J - known.J) / known.S)
+
+
+def row(seed: int, sticks: bool, samples: int, verdict_only: bool) -> store.Row:
+    """Row of one loop; without an outcome where its seed gives no loop."""
+    truth = "stiction" if sticks else "no stiction"
+    try:
+        outcome = one(seed, sticks, samples, verdict_only)
+    except RuntimeError as error:
+        return {"truth": truth, "verdict": "undecided", "confidence": 0.0, "out": str(error)}
+    return asdict(outcome) | {"truth": truth, "seed": seed}
+
+
+def outcome_of(found: store.Row) -> Outcome:
+    """The outcome that a row holds."""
+    known = {name: found[name] for name in Outcome.__dataclass_fields__}
+    return Outcome(**known | {"groups": tuple(known["groups"])})
 
 
 def verdict_table(outcomes: Iterable[Outcome]) -> list[str]:
@@ -192,21 +208,22 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--loops", type=int, default=100, help="half of them stick")
     parser.add_argument("--first", type=int, default=10_000, help="first seed")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", default="", help="file for rows, one JSON line a loop")
+    parser.add_argument("--samples", type=int, default=1200)
+    parser.add_argument("--verdict-only", action="store_true", help="no second run for the time of the point estimate")
+    store.options(parser, out="verdicts.jsonl")
     given = parser.parse_args()
-    tasks = [(given.first + i, sticks) for i in range(given.loops // 2) for sticks in (True, False)]
-    with ProcessPoolExecutor(given.jobs) as pool:
-        outcomes = list(pool.map(one, tasks))
-    for (seed, _), o in zip(tasks, outcomes, strict=True):
-        right = "stiction" if o.cause == "stiction" else "no stiction"
-        if o.verdict != right:
-            print(f"seed {seed} {o.cause}: {o.verdict}: {o.reason[:150]}")
-    rows = [{"key": f"{seed} {o.cause}", "truth": "stiction" if o.cause == "stiction" else "no stiction",
-             "verdict": o.verdict, "confidence": o.confidence} for (seed, _), o in zip(tasks, outcomes, strict=True)]
-    if given.out:
-        Path(given.out).write_text("".join(json.dumps(row) + "\n" for row in rows))
-    missed = (verdict_table(outcomes) + coverage_table(outcomes) + time_table(outcomes) + reliability.table(rows))
+    tasks = [(f"{seed} {'sticks' if sticks else 'clean'} {given.samples}",
+              (seed, sticks, given.samples, given.verdict_only))
+             for seed in range(given.first, given.first + given.loops // 2) for sticks in (True, False)]
+    keys = {key for key, _ in tasks}
+    rows = [r for r in store.run(tasks, row, given) if r["key"] in keys and "out" not in r]
+    outcomes = [outcome_of(r) for r in rows]
+    for r, o in zip(rows, outcomes, strict=True):
+        if o.verdict != r["truth"]:
+            print(f"seed {r['seed']} {o.cause}: {o.verdict}: {o.reason[:150]}")
+    missed = verdict_table(outcomes) + coverage_table(outcomes)
+    missed += [] if given.verdict_only else time_table(outcomes)
+    missed += reliability.table(rows)
     print("\ntargets missed: " + ("none" if not missed else "; ".join(missed)))
     return 1 if missed else 0
 

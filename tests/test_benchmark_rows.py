@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import reliability
 import rows as store
+import verdicts
 from loops import sticky
 
 scipy_io = pytest.importorskip("scipy.io")
@@ -99,3 +100,12 @@ def test_the_stages_that_are_timed_are_functions_of_the_package() -> None:
     for name in ("limit", "identify", "hidden", "diagnose", "start"):
         body = page.partition(f"<!-- {name} -->\n```text\n")[2].partition("```")[0]
         assert body.strip() and all(len(line) <= 110 for line in body.splitlines()), name
+
+
+def test_a_row_of_verdicts_holds_its_outcome() -> None:
+    row = verdicts.row(10_002, True, 600, True)
+    again = json.loads(json.dumps(row))
+    found = verdicts.outcome_of(again)
+    assert row["truth"] == "stiction" == found.cause and found.verdict == row["verdict"]
+    assert found.groups and set(found.holds) >= {"S", "J", "gain"} and found.base_s < found.cpu_s
+    assert verdicts.verdict_table([found]) == [] and reliability.table([again]) == []

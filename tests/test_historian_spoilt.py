@@ -67,6 +67,21 @@ def test_mode_codes_that_are_no_whole_numbers_give_averages_away(tmp_path):
     assert finding.evidence["fractions_share"] == pytest.approx(8 / 400)
 
 
+@pytest.mark.parametrize("every", [12, 30, 60])
+def test_the_digits_of_a_mean_of_snapshots_give_it_away(tmp_path, every):
+    """Snapshots of seven digits: their sum is short, and its n-th part is not."""
+    rng = np.random.default_rng(5)
+    snapshots = np.round(50.0 + np.cumsum(rng.standard_normal((120 * every, 2)), axis=0), 5)
+    for means in (True, False):
+        values = snapshots.reshape(120, every, 2)
+        # Thirds of one tag are as long: a change of its unit.
+        values = values.mean(axis=1) if means else values[:, 0] / np.array([3.0, 1.0])
+        text = "time_s,PV,OP\n" + "".join(
+            f"{every * k},{y!r},{u!r}\n" for k, (y, u) in enumerate(values.tolist()))
+        found = [f for f in _read(tmp_path, text).findings if f.code == "averaged"]
+        assert [f.evidence.get("snapshots") for f in found] == ([every] if means else [])
+
+
 def test_what_caps_the_verdict_does_cap_it(tmp_path):
     from stictionid.record.loop import Finding
     from stictionid.record.study import Verdict

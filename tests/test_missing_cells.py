@@ -238,3 +238,12 @@ def test_the_main_road_of_commands(loop, tmp_path, monkeypatch, pattern, code):
     assert compared[0] == code and (code or json.loads(compared[1])["adequate"])
     assert command("report", study, "-o", tmp_path / "a.html", monkeypatch=monkeypatch)[0] == 0
     assert command("range", file, monkeypatch=monkeypatch)[0] == 0
+
+
+def test_the_benchmark_counts_answers_inside_the_intact_interval(intact) -> None:
+    e = intact.study.estimate
+    assert intact.within(intact) == ([True, True], [True, True])
+    far = replace(e, S=2.0 * e.S, S_interval=(1.9 * e.S, 2.1 * e.S))
+    moved = replace(intact, study=replace(intact.study, estimate=far))
+    assert moved.within(intact) == ([False, True], [False, True])
+    assert replace(intact, study=replace(intact.study, estimate=None)).within(intact) is None

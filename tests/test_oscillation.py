@@ -96,8 +96,51 @@ def test_a_wandering_mean_gives_an_answer_that_is_not_sure() -> None:
     assert abs(study.estimate.S - 3.0) <= 0.1
 
 
-def test_turns_at_uneven_distances_are_no_cycles():
+def test_turns_of_a_walk_are_no_cycles() -> None:
     rng = np.random.default_rng(2)
     walk = np.cumsum(rng.standard_normal(900)) + np.linspace(0.0, 60.0, 900)
     found = find_range(Loop(output=50.0 + walk, process_value=2.0 * walk, setpoint=None, step_s=1.0))
     assert not found.oscillating and found.reference == "mean of y"
+
+
+def test_turns_on_a_ramp_that_hides_them_are_counted() -> None:
+    """The ramp moves the output over thirty cycles' swings, so that a tenth of its span is no turn."""
+    t = np.arange(1200.0)
+    found = find_range(Loop(output=40.0 + 0.03 * t + np.sin(2 * np.pi * t / 60.0),
+                            process_value=np.cos(2 * np.pi * t / 60.0), setpoint=np.zeros(t.size)))
+    assert found.reference == "setpoint" and found.oscillating and found.reversals >= 38
+
+
+@pytest.mark.parametrize("seed", [8, 22])
+def test_uneven_turns_without_a_setpoint_give_an_answer_that_is_not_sure(seed: int) -> None:
+    """Setpoint moves at random times, not exported: no two cycles are alike."""
+    rng = np.random.default_rng([seed, 78])
+    at, size = np.sort(rng.uniform(0, 1235, 14)), rng.choice([-1.0, 1.0], 14) * rng.uniform(3.0, 8.0, 14)
+    setting = Setting(Plant(1.2, 20.0, 8.0), Controller(0.7, 20.0, scan_s=1.0), 2.0, 1.0, duration_s=1235.0,
+                      noise_sd=0.05, setpoint_moves=tuple(zip(at.tolist(), size.tolist(), strict=True)))
+    study = identify(replace(simulate(setting, seed=1).loop, setpoint=None, position=None))
+    assert study.range.reference == BY_TURNS and not study.range.oscillating
+    assert "uneven distances" in study.range.reason and FEWEST_TURNS <= study.range.reversals <= 12
+    assert study.estimate is not None and study.verdict.confidence <= 0.6
+    assert study.verdict.stiction == "stiction" and abs(study.estimate.S / 2.0 - 1.0) <= 0.02
+
+
+def test_uneven_turns_of_a_setpoint_that_moves_are_no_matter_of_cycles() -> None:
+    rng = np.random.default_rng([8, 78])
+    at, size = np.sort(rng.uniform(0, 1235, 14)), rng.choice([-1.0, 1.0], 14) * rng.uniform(3.0, 8.0, 14)
+    setting = Setting(Plant(1.2, 20.0, 8.0), Controller(0.7, 20.0, scan_s=1.0), 2.0, 1.0, duration_s=1235.0,
+                      noise_sd=0.05, setpoint_moves=tuple(zip(at.tolist(), size.tolist(), strict=True)))
+    found = find_range(simulate(setting, seed=1).loop)
+    assert found.reference == "setpoint" and "uneven" not in found.reason
+
+
+@pytest.mark.parametrize("seed", [2, 13])
+def test_a_record_of_uneven_turns_that_no_model_explains_is_not_judged(seed: int) -> None:
+    """Output and process value wander apart from each other: nothing is said of the valve."""
+    rng = np.random.default_rng(seed)
+    u, y = (np.cumsum(np.convolve(x, np.hanning(30) / 15.0, "valid"))[:900] for x in rng.standard_normal((2, 2000)))
+    loop = Loop(output=50.0 + 20.0 * u / np.ptp(u), process_value=y + 0.01 * rng.standard_normal(y.size))
+    assert find_range(loop).reference == BY_TURNS
+    study = identify(loop)
+    assert study.estimate is None and study.verdict.stiction == "undecided"
+    assert "uneven distances" in study.verdict.reason and "times the noise" in study.verdict.reason

@@ -31,6 +31,7 @@ from stictionid.verdict.severity import band, controller_law
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 
 import loops
+import missing_cells
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "real_loops"
 
@@ -153,14 +154,15 @@ def test_noise_that_decays_like_the_process_does_not_let_the_start_of_the_free_r
 # Verdict -----------------------------------------------------------------------------------------------------------
 
 
-def test_friction_that_makes_most_of_the_error_is_not_denied_where_the_cycle_is_smooth() -> None:
+@pytest.mark.parametrize("seed", [1, 2])
+def test_friction_that_makes_most_of_the_error_is_told_though_the_setpoint_makes_the_swing(seed: int) -> None:
     """It explains 0.1 % of the variance of y, most of which setpoint moves make, but half of the free-run error."""
     moves = tuple((100.0 * k, 20.0 * (-1) ** k) for k in range(8))
     setting = scanned(0.76, 0.58, duration_s=800.0, setpoint_moves=moves,
                       effects=(("coloured-noise", {"root": 0.95, "innovation_sd": 0.05}),))
-    verdict = identify(replace(simulate(replace(setting, noise_sd=0.0), seed=2).loop, position=None)).verdict
+    verdict = identify(replace(simulate(replace(setting, noise_sd=0.0), seed=seed).loop, position=None)).verdict
     assert verdict.evidence["share_of_pv_variance"] < 0.005 and verdict.evidence["error_drop"] > 0.5
-    assert verdict.stiction == "undecided"
+    assert verdict.stiction == "stiction" and verdict.confidence <= 0.6
 
 
 def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
@@ -363,5 +365,58 @@ def test_the_bound_on_S_does_not_exclude_the_true_one(seed: int) -> None:
               tell=lambda text, share: None)
     fit = run.fit(Spec())
     sticking = whitened(fit.model, fit.values)
-    bound = largest_possible(sticking, friction_free(run, sticking), float(np.ptp(known.loop.output)))
-    assert bound is None or bound >= known.S
+    found = largest_possible(sticking, friction_free(run, sticking), float(np.ptp(known.loop.output)))
+    assert found is not None and (found.above is None or found.above >= known.S)
+    assert found.ratio > 40.0  # a valve that sticks: friction predicts better than none
+
+
+@pytest.mark.parametrize("seed", [50_009, 50_017, 50_019])
+def test_a_model_that_predicts_worse_than_none_does_not_keep_its_S_possible(seed: int) -> None:
+    """A wandering disturbance looks like friction in the free run: a searched S, though the next sample denies it."""
+    rng, n = np.random.default_rng(seed), 900
+    wander = np.convolve(rng.standard_normal(n + 200), np.hanning(200), "valid")[:n]
+    known = replace(simulate(scanned(0.0, 0.0, duration_s=float(n)), seed=seed,
+                             disturbance=8.0 * wander / np.ptp(wander)).loop, position=None)
+    verdict = identify(known).verdict
+    assert verdict.stiction != "stiction"
+    assert verdict.confidence <= 0.7
+
+
+def test_a_smaller_bound_makes_the_claim_surer(monkeypatch: pytest.MonkeyPatch) -> None:
+    from stictionid.verdict.excluded import Possible
+
+    loop, told = loops.clean(12, "tight").loop, []
+    swing = float(np.ptp(loop.output))
+    for share in (0.02, 0.15, 0.19, 0.3):
+        monkeypatch.setattr("stictionid.verdict.judge.largest_possible",
+                            lambda *_, s=share: Possible(s * swing, 0.0))
+        told.append(identify(loop).verdict)
+    assert [v.stiction for v in told] == ["no stiction"] * 3 + ["undecided"]
+    assert told[0].confidence > 0.8 > told[1].confidence > told[2].confidence >= 0.6
+    assert "S up to 30 % of it is not excluded" in told[3].reason
+
+
+def test_friction_that_predicts_better_in_the_structure_without_it_denies_the_claim(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    from stictionid.verdict.excluded import Possible
+
+    monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, 60.0))
+    verdict = identify(loops.clean(12, "tight").loop).verdict
+    assert verdict.stiction == "undecided" and "likelihood ratio 60" in verdict.reason
+
+
+def test_an_S_that_only_the_free_run_shows_is_not_denied(tmp_path: Path) -> None:
+    """A ramp that no model holds, and a PV of which one in five is there: the ladder alone would deny S of 4 %."""
+    loop = simulate(missing_cells.LOOPS["with-ramp"], seed=0).loop
+    missing = missing_cells.patterns(loop.samples)["4-of-5"]
+    verdict = identify(read_loop(missing_cells.write(loop, missing, tmp_path / "a.csv"))).verdict
+    assert verdict.stiction == "undecided" and verdict.evidence["S_excluded_above"] >= 4.0
+
+
+def test_the_prediction_alone_is_never_sure_of_stiction() -> None:
+    from stictionid.verdict.judge import _answer
+
+    assert _answer(900.0, 5, 0.5, 0.6, 0.3)[1] > 0.95
+    assert _answer(900.0, 5, 0.005, 0.6, 0.3)[1] > 0.95  # most of the free-run error
+    assert _answer(900.0, 5, 0.005, 0.2, 0.3) == ("stiction", 0.7)
+    assert _answer(900.0, 5, 0.005, 0.02, 0.3)[0] == "undecided"

@@ -37,8 +37,10 @@ out-of-order          warning          the time steps back; rows were sorted
 output-not-percent    warning          OP is no per cent of travel: S and J are in the unit of OP
 output-perhaps-ma     info             OP stays within 4 to 20 and was taken as %
 output-saturated      info, warning    OP stands at its limit; masked
-output-sparse         warning          OP changes at every k-th sample only, PV in between: exported less often
+output-slower         info             OP changes at every k-th sample, as its controller scans; one row of k kept
+output-sparse         warning          OP changes at every k-th sample, PV in between; one row of k was kept
 oversampled           warning          all signals repeat k times; one row of k was kept
+process-value-held    info             PV repeats between its measurements while OP moves; the cost skips repeats
 process-value-missing info, warning    PV is missing beside OP; the valve runs through, the cost skips
 quantised             warning          PV or OP moves in coarse steps
 re-ranged             serious          level and noise change by one factor: range or unit changed

@@ -16,6 +16,7 @@ from .checks.spoilt import ladder, spoilt_findings
 from .checks.texture import Signals
 from .grid.align import Aligned, resample
 from .grid.grid import Frame, GridStep, driven, fill, find_step, insert_missing, place_on_grid, split
+from .grid.held import repeats, slower_output
 from .grid.masks import frozen, manual, saturated, startup
 from .grid.window import cut_window, stamp_text
 from .series.shaped import Shaped
@@ -72,6 +73,7 @@ def assemble(shaped: Shaped, aligned: Aligned, options: ReadOptions, book: RowBo
     findings += notes.order_findings(shaped) + notes.tag_findings(shaped, aligned) + notes.setpoint_findings(shaped)
     findings += blank_codes(frame, options.sentinels, guesses, findings_of_words=shaped.words)
     step = _even_grid(frame, shaped, aligned, options, book, guesses, findings)
+    findings += _fresh_only(frame, step)
     unit_found = _scale(frame, shaped, options)
     if unit_found is not None:
         findings.append(unit_found)
@@ -124,7 +126,7 @@ def _even_grid(
 
 
 def _thin(frame: Frame, step: GridStep, options: ReadOptions, book: RowBook, findings: list[Finding]) -> GridStep:
-    """Every k-th sample where all signals repeat k times, or where --step asks for a longer step."""
+    """Every k-th sample where all signals, or OP alone, repeat k times, or where --step asks for a longer step."""
     every, reason, phase = 1, "repeat", 0
     if options.step_s is not None and abs(options.step_s * 1e9 / step.ns - 1) > 0.01:
         every, reason = round(options.step_s * 1e9 / step.ns), "resampled"
@@ -137,15 +139,30 @@ def _thin(frame: Frame, step: GridStep, options: ReadOptions, book: RowBook, fin
         every, phase = ladder(frame)
         if every > 1:
             findings.append(notes.oversampled(every, step))
+    keep = np.arange(phase, frame.ns.size, every)
+    if every == 1 and options.step_s is None and step.kind != "irregular":
+        every, fresh, errors = slower_output(frame, step)
+        if every > 1:
+            findings.append(notes.slower_output(every, step, errors))
+            keep, reason = np.flatnonzero(fresh), "resampled"
     if every == 1:
         return step
-    keep = np.arange(phase, frame.ns.size, every)
     gone = np.ones(frame.ns.size, np.bool_)
     gone[keep] = False
     for rows in frame.rows:
         book.mark(rows[gone][rows[gone] >= 0], reason)
     frame.take(keep)
     return GridStep(step.ns * every, step.kind, step.worst, step.fitting)
+
+
+def _fresh_only(frame: Frame, step: GridStep) -> list[Finding]:
+    """Take away, in place, the values of PV that only repeat an older one beside a moving OP; the finding on it."""
+    every, repeated = repeats(frame, step)
+    if every == 1:
+        return []
+    frame.values["process_value"] = np.where(repeated, np.nan, frame.values["process_value"])
+    frame.reason[repeated & (frame.reason == 0)] = CODE["repeat"]
+    return [notes.held_process_value(every, step, float(repeated.mean()))]
 
 
 def _scale(frame: Frame, shaped: Shaped, options: ReadOptions) -> Finding | None:
@@ -200,11 +217,11 @@ def _mask(frame: Frame, filled: BoolArray, shaped: Shaped, options: ReadOptions)
     missing = np.isnan(pv)
     if missing.any() and not missing.all():
         # A sample that does not count for another reason is none whose PV alone is missing: a placeholder says so.
-        other = missing & ~np.isin(frame.reason, [0, CODE["filled"], CODE["masked"]])
+        other = missing & ~np.isin(frame.reason, [0, CODE["filled"], CODE["masked"], CODE["repeat"]])
         if other.any():
             frame.values["process_value"] = np.where(
                 other, np.interp(np.arange(pv.size), np.flatnonzero(~missing), pv[~missing]), pv)
-        frame.reason[missing & ~other] = CODE["bad"]
+        frame.reason[missing & ~other & (frame.reason != CODE["repeat"])] = CODE["bad"]
     return unclear
 
 
@@ -236,7 +253,7 @@ def _book_missing(frame: Frame, book: RowBook, keep: IntArray) -> None:
     left_out = np.ones(codes.size, np.bool_)
     left_out[keep] = False
     codes[left_out & ~bad] = CODE["short segment"]
-    codes[bad] = CODE["bad"]
+    codes[bad & (codes != CODE["repeat"])] = CODE["bad"]
     for rows in frame.rows:
         book.mark_codes(rows, codes)
 
@@ -267,8 +284,6 @@ def _finish(
     units = {k: v for k, v in shaped.units.items() if v and not k.startswith("extra:")}
     units.setdefault("output", OTHER)
     findings += notes.short_segments(short)
-    if len(starts) == 1:
-        findings += notes.sparse_output(arrays["output"], arrays["process_value"], step_s)
     signals = _measured(Signals(arrays["output"], arrays["process_value"], setpoint, step_s, tuple(starts)))
     hints = [*shaped.columns.values(), *shaped.described.values()]
     modes = shaped.modes

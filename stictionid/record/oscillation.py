@@ -5,6 +5,7 @@ whole cycles count. The first one is left out when enough remain, because it sti
 counts cycles; two equations of the paper are numbered 21, this one and the tank's transfer function.
 Without a setpoint the mean of y is the reference, and the result says so. Where the mean wanders, fewer than three
 cycles cross it. Then cycles are counted from turning point to turning point of the output, and the result says so.
+Turns at uneven distances are no oscillation; their cycles are listed, because a valve that turns shows its friction.
 """
 
 from __future__ import annotations
@@ -133,12 +134,18 @@ def find_range(loop: Loop) -> Range:
     cycles = tuple(cycle for swings in found for cycle in swings.cycles)
     turns = sum(swings.reversals for swings in found)
     reference = "mean of y" if loop.setpoint is None else "setpoint"
-    if len(cycles) < FEWEST_CYCLES:
+    even = True
+    if len(cycles) < FEWEST_CYCLES or turns < FEWEST_TURNS:
+        # A mean that wanders far takes the crossings away, or makes a tenth of the output's span more than a cycle.
         by_turns = [_by_turns(part, start * loop.step_s) for part, start in zip(parts, loop.starts, strict=False)]
-        of_turns = _even(tuple(cycle for swings in by_turns for cycle in swings.cycles))
+        of_turns = tuple(cycle for swings in by_turns for cycle in swings.cycles)
         if sum(swings.reversals for swings in by_turns) >= FEWEST_TURNS and len(of_turns) >= FEWEST_CYCLES:
-            found, cycles, reference = by_turns, of_turns, BY_TURNS
-            turns = max(turns, sum(swings.reversals for swings in found))
+            turns = max(turns, sum(swings.reversals for swings in by_turns))
+            if len(cycles) < FEWEST_CYCLES:
+                near = _even(of_turns)
+                alike = len(near) >= FEWEST_CYCLES
+                if alike or not _moved(loop):
+                    even, found, cycles, reference = alike, by_turns, near if alike else of_turns, BY_TURNS
     if not cycles:
         return _none(longest.reason or "the deviation never completes a cycle", unit, reference, turns)
     counted = cycles[1:] if len(cycles) > FEWEST_CYCLES else cycles
@@ -148,6 +155,8 @@ def find_range(loop: Loop) -> Range:
     regular = scatter <= _REGULAR
     if not enough:
         reason = f"only {len(counted)} whole cycle{'s' * (len(counted) != 1)}, {FEWEST_CYCLES} are needed"
+    elif not even:
+        reason = f"the output turns {turns} times at uneven distances, and its mean wanders: no even cycles"
     elif not regular:
         reason = f"the cycles are irregular: their lengths scatter by {100 * scatter:.0f} % of the mean"
     else:
@@ -156,12 +165,17 @@ def find_range(loop: Loop) -> Range:
                   + f", lengths within {100 * scatter:.0f} % of the mean"
                   + {"setpoint": "", "mean of y": "; no setpoint, so deviations are from the mean of y",
                      BY_TURNS: "; counted by the turning points of the output, because its mean wanders"}[reference])
-    return Range(enough and regular, float(periods.max()), float(np.median(periods)),
+    return Range(enough and regular and even, float(periods.max()), float(np.median(periods)),
                  float(max(c.u_swing for c in counted)), cycles, reason, unit, reference, turns)
 
 
+def _moved(loop: Loop) -> bool:
+    """True where the setpoint is known to move: what it does to the output then needs no cycles."""
+    return loop.setpoint is not None and bool(np.ptp(loop.setpoint[loop.used]) > 0.0)
+
+
 def _even(cycles: tuple[Cycle, ...]) -> tuple[Cycle, ...]:
-    """The cycles whose length is near the median; none where too few are, for turns at any distance are no cycle.
+    """The cycles whose length is near the median; none where too few are.
 
     A mean that wanders faster than the cycle moves hides single turns, and two cycles then look like one.
     """

@@ -24,7 +24,7 @@ from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
 from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
 from ..record.loop import Finding, Loop
-from ..record.oscillation import find_range
+from ..record.oscillation import BY_TURNS, find_range
 from ..record.preconditions import check, swing_of
 from ..record.segments import chosen
 from ..record.study import (
@@ -35,6 +35,7 @@ from ..record.study import (
     LawResult,
     PositionEstimate,
     Range,
+    Step,
     Study,
     Verdict,
     intervals_withheld,
@@ -50,7 +51,9 @@ from ..verdict.swing import meaning_of
 from .long_records import excerpt, judged
 
 _MAP_S, _MAP_J = 41, 31
-
+# Free-run error, in times the noise, from which a record of uneven turns is not judged, and the advice for it.
+_FAR = 4.0
+_CLEARER = "export faster, or a stretch with setpoint moves"
 
 
 def identify(loop: Loop, *, options: Options | None = None, policy: Policy | None = None,
@@ -96,6 +99,8 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     verdict = judge(run, near_fit, loop, position)
     if verdict.stiction == "undecided" and verdict.evidence.get("code") == UNANSWERED:
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
+    if verdict.stiction == "undecided" and (unclear := _unclear(found, outcome.steps[-1])):
+        return abstained(loop, found, options, CannotTell(unclear, _CLEARER, code="no-cycles"))
     estimate = reaching_to(_estimate(last, unit, outcome, position), outcome.equivalents)
     severity, swing = meaning_of(piece, estimate, last, verdict)
     tell("done", 1.0)
@@ -116,6 +121,14 @@ def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: P
 def _outcome(method: Method, run: Run, policy: Policy | None) -> Outcome:
     """Result of the method; one that searches over models gets the policy."""
     return method.run(run, policy or Policy()) if "policy" in method.options else method.run(run)
+
+
+def _unclear(found: Range, step: Step) -> str:
+    """The reason for silence where the output turns at uneven distances and the best model is far from the noise."""
+    e = step.error
+    if found.reference != BY_TURNS or found.oscillating or not e.noise_sd or e.rmse < _FAR * e.noise_sd:
+        return ""
+    return f"{found.reason}; and the best model errs by {e.rmse / e.noise_sd:.2g} times the noise"
 
 
 def _every_law(piece: Loop, found: Range, options: Options, method: Method, policy: Policy | None,

@@ -1,18 +1,23 @@
 """Largest stickband plus deadband that a record does not exclude: what "no stiction" leaves open.
 
 S stands on a ladder up to the swing of the output, with everything else free: slip jump, initial force, process. The
-model, with its noise model, is that of the best valve with friction. A rung is excluded where its likelihood is below
-that of the best rung by more than an interval of this level allows. Wrong where a valve path on a rung is found by
-none of the starts: the bound is then too small. Source: METHODS.md section 4 (profiles); CRITICISM.md section 5.
+model, with its noise model, is that of the best valve with friction. Where the best model without friction predicts
+better, friction is put into that one: a ladder in a structure that the record rejects would exclude anything. A rung
+is excluded where its likelihood is below that of the best rung by more than an interval of this level allows. Wrong
+where a valve path on a rung is found by none of the starts: the bound is then too small. Source: METHODS.md section 4
+(profiles); CRITICISM.md section 5.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..fit.intervals.assemble import INTERVAL_THRESHOLD
 from ..fit.moves import descended, movable
-from ..fit.noise.prewhitening import Whitened
+from ..fit.noise.prewhitening import Whitened, with_taps
+from ..model.segments import bound
 from ..typing import FloatArray
 
 RUNGS = np.geomspace(0.01, 1.0, 15)
@@ -24,33 +29,56 @@ _EARLIER = (0.0, 1.0, 3.0, 8.0)
 _DESCENDED, _TURNS = 4, 6
 
 
-def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> float | None:
-    """Smallest S above which every rung is excluded, in the unit of the output; None where S is given, or none is."""
-    model = sticking.model
+@dataclass(frozen=True, slots=True)
+class Possible:
+    """Smallest S above which every rung is excluded, None where none is, and the likelihood ratio of the best rung.
+
+    The ratio is twice the log-likelihood by which that rung predicts y better than the model without friction.
+    """
+
+    above: float | None
+    ratio: float
+
+
+def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possible | None:
+    """The S that a record leaves possible, in the unit of the output; None where S is given."""
+    known = sticking if sticking.innovation_sd <= free.innovation_sd else _sticking_in(free)
+    model = known.model
     if not movable(model)[0] or swing <= 0.0:
         return None
     tops = []
     for share in RUNGS:
-        points = model.cube(_starts(sticking, free, share * swing))
+        points = model.cube(_starts(known, sticking, free, share * swing))
         tops.append(points[np.argsort(model.costs(points), kind="stable")[:_DESCENDED]])
     found = descended(model, np.concatenate(tops), held=(0,), turns=_TURNS)
-    S = np.append(model.values(found.points)[0], sticking.values[0])
-    cost = np.append(found.costs, model.costs(model.cube(sticking.values[:, None])))
-    loss = model.shared.rows * np.log(np.maximum(cost, 1e-300) / cost.min())
+    values = np.concatenate([model.values(found.points), known.values[:, None]], axis=1)
+    S, cost = values[0], np.maximum(np.append(found.costs, model.costs(model.cube(known.values[:, None]))), 1e-300)
+    loss = model.shared.rows * np.log(cost / cost.min())
     possible = float(S[loss <= INTERVAL_THRESHOLD].max())
     above = RUNGS[RUNGS * swing > possible * (1.0 + 1e-6)]
-    return float(above[0] * swing) if above.size else None
+    best = with_taps(model, values[:, int(cost.argmin())], np.asarray(model.spec.taps))
+    good = best.good & free.good
+    a, b = best.innovation[good], free.innovation[good]
+    ratio = a.size * float(np.log(max(float(b @ b), 1e-300) / max(float(a @ a), 1e-300)))
+    return Possible(float(above[0] * swing) if above.size else None, ratio)
 
 
-def _starts(sticking: Whitened, free: Whitened, S: float) -> FloatArray:
+def _sticking_in(free: Whitened) -> Whitened:
+    """The model without friction as one with friction of size 0."""
+    old = free.model
+    model = bound(old.loop, replace(old.spec, friction_free=False), s_max=old.s_max, period_s=old.period_s)
+    return with_taps(model, model.vector(old.named(free.values)), np.asarray(old.spec.taps))
+
+
+def _starts(known: Whitened, sticking: Whitened, free: Whitened, S: float) -> FloatArray:
     """Points (d, k) with this S: both processes, slip jumps, initial forces and dead times in all combinations."""
-    model = sticking.model
+    model = known.model
     lows, highs = (np.array([getattr(p, name) for p in model.space.parameters]) for name in ("low", "high"))
-    known = sticking.values.copy()
-    other = known.copy()
-    other[3:5] = free.values[3:5]  # time constant and dead time of the model without friction
+    own, other = known.values.copy(), known.values.copy()
+    # Time constant and dead time of the other model.
+    other[3:5] = (free if known is sticking else sticking).values[3:5]
     points = []
-    for values in (known, other):
+    for values in (own, other):
         for jump in _JUMPS:
             for force in _FORCES:
                 for earlier in _EARLIER:
@@ -62,4 +90,4 @@ def _starts(sticking: Whitened, free: Whitened, S: float) -> FloatArray:
     movers = movable(model) > 0
     clipped = np.clip(found, lows[:, None], highs[:, None])
     clipped[1] = np.clip(found[1], 0.0, highs[1] * clipped[0])
-    return np.where(movers[:, None], clipped, known[:, None])
+    return np.where(movers[:, None], clipped, own[:, None])

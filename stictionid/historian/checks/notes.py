@@ -6,7 +6,6 @@ import numpy as np
 
 from ...record.loop import Finding
 from ...system.plurals import counted
-from ...typing import FloatArray
 from ..bytes.options import ReadOptions
 from ..grid.align import Aligned
 from ..grid.grid import Frame, GridStep
@@ -23,8 +22,9 @@ MAX_MASK = 0.5
 MAX_OFFSET_S = 1e-6
 """Offsets between tags below a microsecond are rounding."""
 
-FEWEST_MOVES, MIN_REGULAR = 20, 0.5
-"""Least number of changes of OP, and least share of regular places (of samples, for PV) at which a signal changes."""
+_OBEYS, _CLEARLY = 0.1, 0.5
+"""Error of a PI law, as a share of the size of OP's changes, up to which OP obeys it, and share of another law's error
+up to which it is clearly the better one."""
 
 
 def order_findings(shaped: Shaped) -> list[Finding]:
@@ -194,6 +194,18 @@ def oversampled(every: int, step: GridStep) -> Finding:
     )
 
 
+def held_process_value(every: int, step: GridStep, share: float) -> Finding:
+    """Finding on a PV that is repeated between its measurements while OP moves on."""
+    return Finding(
+        "process-value-held",
+        "info",
+        f"PV changes only every {every * step.ns / 1e9:g} s, OP every {step.ns / 1e9:g} s: a PV that repeats "
+        f"({100 * share:.0f} % of the samples) is no measurement and does not count; the valve runs on by OP",
+        {"every": every, "step_s": every * step.ns / 1e9, "share": share},
+        source="HISTORIAN.md 3.15",
+    )
+
+
 def short_segments(count: int) -> list[Finding]:
     """Finding on stretches too short to use."""
     if not count:
@@ -304,18 +316,20 @@ def bad_findings(rows: dict[str, int]) -> list[Finding]:
     ]
 
 
-def sparse_output(output: FloatArray, process_value: FloatArray, step_s: float) -> list[Finding]:
-    """Finding where OP changes only at every k-th sample and PV in between: OP was exported less often than PV."""
-    moves = np.flatnonzero(np.abs(np.diff(output)) > 0.0) + 1
-    if moves.size < FEWEST_MOVES:
-        return []
-    every = int(np.gcd.reduce(moves - moves[0]))
-    between = np.abs(np.diff(process_value)) > 0.0
-    if every < 2 or moves.size * every < MIN_REGULAR * output.size or between.mean() < MIN_REGULAR:
-        return []
-    slow = f"{every * step_s:g} s"
-    return [Finding(
-        "output-sparse", "warning",
-        f"OP changes only every {slow}, PV every {step_s:g} s: unless the controller scans every {slow}, OP was "
-        "exported too seldom and the valve's moves in between are missing; export OP as often as PV",
-        {"every": every, "step_s": every * step_s})]
+def slower_output(every: int, step: GridStep, errors: tuple[float, float]) -> Finding:
+    """Finding on an OP that changes only at every k-th sample, and PV in between.
+
+    `errors` are those of two PI laws: of a controller that sees only the samples at which OP changes, and of one that
+    sees all. The first says that nothing is missing, the second that OP was exported less often than it moved.
+    """
+    slow, evidence = f"{every * step.ns / 1e9:g} s", {"every": every, "step_s": every * step.ns / 1e9}
+    said = f"OP changes only every {slow}, PV every {step.ns / 1e9:g} s: "
+    tail = f"; one of {every} rows was kept"
+    by_changes, by_samples = errors
+    if by_changes < _OBEYS and by_changes < _CLEARLY * by_samples:
+        return Finding("output-slower", "info", f"{said}its controller scans every {slow}, so that no move of OP is "
+                       f"missing{tail}", evidence)
+    faster = by_samples < _OBEYS and by_samples < _CLEARLY * by_changes
+    why = "its controller scans faster, so that" if faster else f"unless the controller scans every {slow},"
+    return Finding("output-sparse", "warning", f"{said}{why} OP was exported too seldom and the valve's moves in "
+                   f"between are missing; export OP as often as PV{tail}", evidence)

@@ -45,6 +45,10 @@ SHORT_DIGITS = 9
 """Significant digits that single-precision snapshots are written with."""
 LONG_DIGITS = 13
 """Digits beyond which a number was computed (a mean of snapshots has about 16), not recorded."""
+SCANS_S = (1.0, 2.0, 5.0, 10.0, 0.5, 0.25, 0.2, 0.1)
+"""Distances of the snapshots in a mean that are tried, seconds, the usual one first."""
+SUM_DIGITS, MIN_SUM_SHARE, MIN_LONG_SHARE = 12, 0.9, 0.5
+"""Digits of a sum of snapshots, share of the values that are such sums, and share of them that are long themselves."""
 MIN_SHORT_SHARE = 0.01
 """Share of short numbers needed beside long ones: simulated data are long throughout."""
 MAX_BLOCKS = 1000
@@ -208,11 +212,18 @@ def averaged(loop: Signals, name_hints: list[str], fractions: float = 0.0) -> Fi
         why = f"{100 * fractions:.1g} % of the mode codes are no whole numbers"
         evidence = {"fractions_share": fractions}
     if not why and loop.step_s >= MIN_AVERAGE_STEP_S:
-        share = _long_digits(loop.process_value)
+        # A change of unit makes long digits, too, but OP is in % as the controller gave it.
+        share = min(_long_digits(loop.process_value), _long_digits(loop.output))
         between = _between_levels(loop.setpoint) if loop.setpoint is not None else 0.0
-        if 0.1 < share < 0.98:
+        scans = _scans_in_a_mean(loop.process_value, loop.step_s)
+        if scans and _scans_in_a_mean(loop.output, loop.step_s) == scans:
             why, evidence = (
-                f"{100 * share:.0f} % of the PV values have more digits than a snapshot has",
+                f"times {scans} PV and OP have as few digits as snapshots, by themselves they have not",
+                {"snapshots": scans},
+            )
+        elif 0.1 < share < 0.98:
+            why, evidence = (
+                f"{100 * share:.0f} % of the values of PV and OP have more digits than a snapshot has",
                 {"long_digits_share": share},
             )
         elif between > 0.5:
@@ -241,6 +252,22 @@ def _long_digits(values: FloatArray) -> float:
         return 0.0
     long, short = (~_written_with(known, LONG_DIGITS), _written_with(known, SHORT_DIGITS))
     return float(long.mean()) if short.mean() > MIN_SHORT_SHARE else 0.0
+
+
+def _scans_in_a_mean(values: FloatArray, step_s: float) -> int:
+    """Number of snapshots in the means that the values are, by their digits; 0 where that does not show.
+
+    The sum of n short numbers is short, and its n-th part is long where n has a factor other than 2 and 5.
+    """
+    known = values[np.isfinite(values) & (values != 0)][:100_000]
+    if not known.size or _written_with(known, LONG_DIGITS).mean() > 1.0 - MIN_LONG_SHARE:
+        return 0
+    for scan in SCANS_S:
+        scans = round(step_s / scan)
+        if scans > 1 and abs(scans * scan - step_s) < 1e-6 * step_s and \
+                _written_with(known * scans, SUM_DIGITS).mean() > MIN_SUM_SHARE:
+            return scans
+    return 0
 
 
 def _written_with(values: FloatArray, digits: int) -> np.ndarray:

@@ -32,7 +32,7 @@ REASONS = (
     "blank",
 )
 """Reasons a row can have. Filled, masked, manual, start-up, saturated, other-valve and frozen rows stay in the loop,
-unused, and so do bad ones inside a stretch of OP."""
+unused, and so do bad ones and repeats of PV inside a stretch of OP."""
 
 CODE = {reason: code for code, reason in enumerate(REASONS)}
 
