@@ -11,13 +11,20 @@ import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import numba
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+# Versions of numba whose private parts are known to serve (tested: the first and the last). Any other keeps its own
+# cache, which is right everywhere and slower to read.
+_KNOWN = (0, 60), (0, 68)
+
 try:
+    if not _KNOWN[0] <= tuple(map(int, numba.__version__.split(".")[:2])) <= _KNOWN[1]:
+        raise ImportError(f"numba {numba.__version__} was not tried")
     from .machine_code.kept import Kept as _Cache
-except ImportError:  # a numba that keeps its parts elsewhere: its own cache does
+except ImportError:
     from numba.core.caching import FunctionCache as _Cache  # type: ignore[no-redef]
 
 # Largest number of candidates in one block of a kernel. So many hide the latency of each valve's recursion, and one row
