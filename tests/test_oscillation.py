@@ -143,4 +143,5 @@ def test_a_record_of_uneven_turns_that_no_model_explains_is_not_judged(seed: int
     assert find_range(loop).reference == BY_TURNS
     study = identify(loop)
     assert study.estimate is None and study.verdict.stiction == "undecided"
-    assert "uneven distances" in study.verdict.reason and "times the noise" in study.verdict.reason
+    reason = study.verdict.reason
+    assert ("uneven distances" in reason and "times the noise" in reason) or "explains nothing" in reason

@@ -60,6 +60,13 @@ class Edge:
         return local(parse(self.name)[0])
 
 
+    @property
+    def freed(self) -> bool:
+        """True where the parent needs a random walk, which hides errors in any block, and the child no noise model."""
+        return (self.parent.done.increments and self.child.free_run_at_noise
+                and self.child.rmse < self.parent.rmse)
+
+
 def _gains(edge: Edge) -> str:
     enough = edge.gain >= edge.margin
     return "" if enough else f"it gains {edge.gain:.0f} BIC beyond noise, {edge.margin:g} name an effect"
@@ -79,7 +86,7 @@ def _is_there(edge: Edge) -> str:
 
 def _blocks(edge: Edge) -> str:
     """Reject an effect that does not lower the one-step error in most blocks of the record."""
-    if edge.local:
+    if edge.local or edge.freed:
         return ""
     gains = block_gains(edge.parent.done, edge.child.done, edge.parent.done.good & edge.child.done.good)
     better = int((gains > 0).sum())
@@ -93,7 +100,7 @@ def _blocks(edge: Edge) -> str:
 
 def _held_out(edge: Edge) -> str:
     """Reject an effect that predicts held-out blocks no better."""
-    return "" if holds(edge.child.held, edge.parent.held, edge.policy, local=edge.local) else \
+    return "" if edge.freed or holds(edge.child.held, edge.parent.held, edge.policy, local=edge.local) else \
         "it predicts held-out blocks no better"
 
 
