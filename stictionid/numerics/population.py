@@ -99,7 +99,8 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
     damps = 1 + 2 * max(0.0, np.sqrt((mueff - 1) / (d + 1)) - 1) + cs
     chi = np.sqrt(d) * (1 - 1 / (4 * d) + 1 / (21 * d * d))
     constants = np.array([mueff, cc, cs, c1, cmu, damps, chi])
-    scale = np.broadcast_to(np.asarray(spread, float), d)
+    # Arrays of one kind each (writable, contiguous): a kernel is compiled for every kind that it meets.
+    scale = np.array(np.broadcast_to(np.asarray(spread, float), d))
     mean = np.ascontiguousarray(np.clip(starts, 0.0, 1.0) / scale)
     top = 1.0 / scale
     sigma = np.ones(k)
@@ -115,7 +116,7 @@ def refine(cost: Cost, starts: FloatArray, rng: np.random.Generator, *, spread: 
         _draw(live, rng.standard_normal(y.shape), mean, sigma, vectors, root, top, scale, y, trial)
         c = cost(trial.reshape(-1, d)).reshape(live.size, lam)
         spent += c.size
-        order = c.argsort(axis=1, kind="stable")[:, :mu]
+        order = np.ascontiguousarray(c.argsort(axis=1, kind="stable")[:, :mu])
         lanes = np.arange(live.size)
         first, last = c[lanes, order[:, 0]], c[lanes, order[:, -1]]
         middle[live] = last

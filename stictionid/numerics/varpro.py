@@ -50,6 +50,8 @@ def whiten(columns: FloatArray, taps: FloatArray, before: IntArray | None = None
     columns = np.ascontiguousarray(columns, dtype=np.float64)
     if taps.size == 0:
         return columns
+    if not columns.flags.writeable:
+        columns = columns.copy()  # a kernel is compiled anew for arrays that can't be written
     if before is not None:
         out = columns.copy()
         _whiten_links(out, before, np.ascontiguousarray(taps))
