@@ -204,17 +204,18 @@ class Effect:
     or follow from them. `run_means` replaces `run` for a signal of means over the parts of a sample, as under a command
     that moves within them. The effect then finds the instant inside the part. `fine` asks for parts of a sample even
     under a held command; `follows_y` is true where the kernel uses y. `reach` is the factor by which the upper limit of
-    S grows with this effect. `by_itself` says that `identify` may add the effect without a look at its rivals.
-    `natural` are the numbers in which such a valve is searched. `leaves` names the traces of the effect in a residual
-    (see TRACES), with its rank among those that leave the same one. `settled_by` is a test that shows the effect, and
-    `told_apart` one for each effect that looks alike. `noun` names the effect for a reader at the plant, `sentence`
-    says its size, `action` what to do; {name} in them stands for a parameter with its unit. `seen_over`, one of AXES,
-    is the axis over which a residual shows the effect. `of_record` names the parameters that belong to one record, such
-    as the phase of a wave; those of the plant hold in every record. `sudden` is true for a disturbance that comes at
-    once. `visible` gives public values that plainly show in a simulated loop, the middle of those that tests find. The
-    smallest size that shows is asked for at five values `tried_at` of the first searched parameter, stated for both
-    parameters of a `two_sided` effect, under the public name that `known_as` gives. `file` and `sha256` are those of a
-    user-written effect, and `slower` tells how many times longer a model takes with its function than with a kernel.
+    S grows with this effect. `slides` is true where only a valve that slides shows it. `by_itself` says that `identify`
+    may add the effect without a look at its rivals. `natural` are the numbers in which such a valve is searched.
+    `leaves` names the traces of the effect in a residual (see TRACES), with its rank among those that leave the same
+    one. `settled_by` is a test that shows the effect, and `told_apart` one for each effect that looks alike. `noun`
+    names the effect for a reader at the plant, `sentence` says its size, `action` what to do; {name} in them stands for
+    a parameter with its unit. `seen_over`, one of AXES, is the axis over which a residual shows the effect. `of_record`
+    names the parameters that belong to one record, such as the phase of a wave; those of the plant hold in every
+    record. `sudden` is true for a disturbance that comes at once. `visible` gives public values that plainly show in a
+    simulated loop, the middle of those that tests find. The smallest size that shows is asked for at five values
+    `tried_at` of the first searched parameter, stated for both parameters of a `two_sided` effect, under the public
+    name that `known_as` gives. `file` and `sha256` are those of a user-written effect, and `slower` tells how many
+    times longer a model takes with its function than with a kernel.
     """
 
     name: str
@@ -234,6 +235,7 @@ class Effect:
     asked: str = DIAGNOSE
     reach: float = 1.0
     by_itself: bool = False
+    slides: bool = False
     natural: Natural | None = None
     states: int = 0
     limits: Callable[[Context], tuple[Parameter, ...]] | None = None

@@ -68,6 +68,8 @@ EFFECT = Effect(
     equation="at the slip u_v = u_v(k-1) + K (e - sign(e) f_d)",
     source="He and Wang 2010", parameters=(_K,), friction=_friction, guess=_guess, reach=2.0,
     natural=Natural(_numbers, _valve, _longest),
+    # The longer slip of a valve that rests is that of another S and J.
+    slides=True,
     visible=_visible,
     leaves={"slip": 3, "cycle": 2, "valve": 5, "bump": 1},
     noun="slips that go past their place",

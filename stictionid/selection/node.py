@@ -94,12 +94,17 @@ def variants(effect: str, loop: Loop) -> tuple[str, ...]:
 
 
 def additions(spec: Spec, loop: Loop, only: Iterable[str] | None = None) -> tuple[str, ...]:
-    """Names under which effects of the catalogue (or of `only` these) may be added to a node, noise models left out."""
+    """Names under which effects of the catalogue (or of `only` these) may be added to a node, noise models left out.
+
+    Beside a valve that rests no effect is asked for that only a sliding one shows, nor the other way round.
+    """
     have = {plain(name) for name in physical(spec)}
+    slides = any(parse(name)[0].slides for name in have)
     asked = None if only is None else set(only)
     return tuple(name for effect in catalogue().values()
                  if effect.name not in have and effect.noise is None and (asked is None or effect.name in asked)
                  and effect.asked_for(loop.process_value)
+                 and not (effect.slides and RESTING in have) and not (slides and effect.name == RESTING)
                  and not ("extra" in effect.needs and not loop.moving_extras)
                  for name in variants(effect.name, loop))
 
