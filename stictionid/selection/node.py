@@ -109,6 +109,13 @@ def additions(spec: Spec, loop: Loop, only: Iterable[str] | None = None) -> tupl
                  for name in variants(effect.name, loop))
 
 
+def leaking(spec: Spec) -> Spec | None:
+    """A first order with a further lag for an integrator: one that leaks has a long lag and its own; None elsewhere."""
+    if spec.process != INTEGRATOR or LAG in spec.effects or spec.fixed:
+        return None
+    return node(with_effect(other_process(spec), LAG), soft=spec.increments)
+
+
 def what_of(spec: Spec, before: Spec) -> str:
     """A change of structure in words: the new process, or the new command between samples."""
     return spec.process if spec.process != before.process else f"{spec.between} command"

@@ -44,6 +44,7 @@ from .node import (
     additions,
     depth,
     key,
+    leaking,
     node,
     other_process,
     physical,
@@ -148,7 +149,7 @@ class Search:
         if ranked and ranked[0].scored.white:
             return ranked[:1]
         bases = [e for e in self.memo.values() if not e.asked and not e.failed and e.scored.full
-                 and depth(e.spec) == 0 and self._better_base(e)]
+                 and depth(e.spec) == 0 and (e is whole[0] or self._better_base(e))]
         least = min((e.scored.rmse for e in bases), default=0.0)
         # Bases whose free runs are about as good come by BIC.
         bases.sort(key=lambda e: (e.scored.rmse > self.policy.better_base * least,
@@ -182,10 +183,7 @@ class Search:
         return sorted(entries, key=lambda e: -gains[key(e.spec)])
 
     def expand(self, entry: Entry) -> None:
-        """Look at every edge of a node, fit in full what may win, and hand values back.
-
-        A node that is clearly better now lies in another basin than its looks, and is to be asked again.
-        """
+        """Look at every edge of a node, fit what may win in full, hand values back; ask again in another basin."""
         entry.asked, before = Asked.BY_NEAR, entry.scored.done
         share = min(self.spent / self.budget, 1.0)
         self.tell(f"expanding {' + '.join(entry.spec.effects) or 'the base'}", share)
@@ -241,10 +239,7 @@ class Search:
                     self.settle(without)
 
     def dropped(self, entry: Entry, name: str) -> Entry:
-        """The node without one effect: as it was met, or fitted from an entry's values, whichever is better.
-
-        A lag or a rest bends the valve while an effect is missing, so that one needs a full fit.
-        """
+        """The node without one effect: as it was met, or fitted from an entry's values, whichever is better."""
         asked = key(entry.spec), name, entry.scored.done.innovation_sd
         if asked not in self.drops:
             self.drops[asked] = self._dropped(entry, name)
@@ -258,7 +253,7 @@ class Search:
         fit = standing(entry.scored, entry.spec)
         model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
         values, rng = model.vector(fit.model.named(fit.values)), rng_of(self.seed, key(spec), 2)
-        if name in BASE_EFFECTS:
+        if name in BASE_EFFECTS:  # it bent the valve while an effect was missing
             model, values = refitted(model, values, rng)
         else:
             start = model.cube(values[:, None])
@@ -291,7 +286,12 @@ class Search:
             tasks.append(Task(other_process(spec), stage=stage))
         tasks += [Task(replace(spec, between=c.between, substeps=c.substeps), stage=stage) for c in self.commands
                   if c.between != spec.between]
-        return [t for t in tasks if key(t.spec) not in self.memo or not self.memo[key(t.spec)].scored.full]
+        tasks = [t for t in tasks if key(t.spec) not in self.memo or not self.memo[key(t.spec)].scored.full]
+        leak = leaking(spec)
+        known = self.memo.get(key(leak)) if leak else None
+        if leak and (known is None or entry.scored.done.gain_over(known.scored.done) > 0.0):
+            tasks.append(Task(leak, stage=NEAR))
+        return tasks
 
     def _on_valve(self, task: Task) -> bool:
         return bool(task.added) and on_valve(parse(task.added)[0])
