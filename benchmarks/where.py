@@ -1,4 +1,4 @@
-"""Where the time of `identify` and `diagnose` goes: stages, cost evaluations, kernels, Python.
+"""Times of `identify` and `diagnose` by stage: cost evaluations, kernels, Python.
 
 Run: python benchmarks/where.py [--page docs/time.md]
 

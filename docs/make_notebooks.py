@@ -64,7 +64,7 @@ def page(name: str, pictures: Path) -> str:
 
 
 class Shown:
-    """What the cells of one notebook print and show, as markdown; pictures are numbered."""
+    """Output of the cells of one notebook as markdown; its pictures are numbered."""
 
     def __init__(self, name: str, pictures: Path) -> None:
         self.name, self.pictures, self.count = name, pictures, 0

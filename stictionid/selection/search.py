@@ -149,7 +149,7 @@ class Search:
         if ranked and ranked[0].scored.white:
             return ranked[:1]
         bases = [e for e in self.memo.values() if not e.asked and not e.failed and e.scored.full
-                 and depth(e.spec) == 0 and (e is whole[0] or self._better_base(e))]
+                 and depth(e.spec) == 0 and ((self.only is None and e is whole[0]) or self._better_base(e))]
         least = min((e.scored.rmse for e in bases), default=0.0)
         # Bases whose free runs are about as good come by BIC.
         bases.sort(key=lambda e: (e.scored.rmse > self.policy.better_base * least,
@@ -287,7 +287,7 @@ class Search:
         tasks += [Task(replace(spec, between=c.between, substeps=c.substeps), stage=stage) for c in self.commands
                   if c.between != spec.between]
         tasks = [t for t in tasks if key(t.spec) not in self.memo or not self.memo[key(t.spec)].scored.full]
-        leak = leaking(spec)
+        leak = leaking(spec) if self.only is None else None
         known = self.memo.get(key(leak)) if leak else None
         if leak and (known is None or entry.scored.done.gain_over(known.scored.done) > 0.0):
             tasks.append(Task(leak, stage=NEAR))
