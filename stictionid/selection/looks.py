@@ -282,8 +282,8 @@ def _full(ground: Ground, task: Task) -> Packed:
 
 
 def refitted(model: Model, values: FloatArray, rng: np.random.Generator, *,
-             beside: bool = False) -> tuple[Model, FloatArray]:
-    """A model and its values (d,), fitted in full from values found beside other effects.
+             beside: bool = False) -> tuple[Model, FloatArray, float]:
+    """A model, its values (d,) and cost, fitted in full from values found beside other effects.
 
     A slip a sample late looks like noise. With `beside`, under a held command, a population in neighbouring basins puts
     it right; a polish stops at the first sample.
@@ -293,7 +293,7 @@ def refitted(model: Model, values: FloatArray, rng: np.random.Generator, *,
     if beside and model.spec.held:
         points = herded(coarse, points, rng).points
     name = next((n for n in reversed(model.spec.effects) if on_valve(parse(n)[0])), "")
-    return settled(Scouted(coarse, model, points, np.inf, np.inf, name), rng)[:2]
+    return settled(Scouted(coarse, model, points, np.inf, np.inf, name), rng)
 
 
 def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:
@@ -302,7 +302,9 @@ def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scor
     for soft in dict.fromkeys((False, done.increments)):
         model = bound(done.model.loop, node(spec, soft=soft), s_max=done.model.s_max, period_s=done.model.period_s,
                       residual=done.evaluated.left)
-        model, values = refitted(model, model.vector(done.model.named(done.values)), rng, beside=True)
+        model, values, cost = refitted(model, model.vector(done.model.named(done.values)), rng, beside=True)
+        if not np.isfinite(cost):
+            continue
         again = completed(model, values, values[None, :len(BASE)], rng, policy)
         if again.gain_over(scored.done) > 0.0:
             scored = Scored(again, True, held_out(again))

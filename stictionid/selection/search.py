@@ -254,7 +254,7 @@ class Search:
         model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
         values, rng = model.vector(fit.model.named(fit.values)), rng_of(self.seed, key(spec), 2)
         if name in BASE_EFFECTS:  # it bent the valve while an effect was missing
-            model, values = refitted(model, values, rng)
+            model, values, _ = refitted(model, values, rng)
         else:
             start = model.cube(values[:, None])
             values = model.values(descended(model, np.concatenate([start, with_start(model, start)])).points[:1])[:, 0]
