@@ -211,3 +211,24 @@ def test_an_overshooting_slip_begins_where_a_moving_command_crosses_f_s() -> Non
     here = get("chen").positions(command[fine - 1::fine], moving, share=start)[:, 0]
     late = get("chen").positions(command[fine - 1::fine], held, share=start)[:, 0]
     assert np.abs(np.diff(true)).max() > 1.59 and np.abs(here - true).max() < 1e-3 < 1e-2 < np.abs(late - true).max()
+
+
+def test_a_resting_valve_slips_where_a_moving_command_crosses_f_s() -> None:
+    parts, fine = 8, 500
+    command = 50.0 + 4.0 * np.sin(np.maximum(np.arange(400 * parts * fine) - fine, 0) / (20.0 * parts * fine))
+    effect = effect_of("re-sticking")
+    held, moving = (effect.friction(neutral_friction(3.0, 1.0), np.array([[1e6]]), 1.0, flag) for flag in (True, False))
+    start = np.zeros(1)
+    # Slips of the fine command begin up to 5e-5 % beyond f_s, and 100 of them add up.
+    true = get("chen").positions(command, held, share=start)[fine - 1::fine, 0]
+    here = get("chen").positions(command[fine - 1::fine], moving, share=start)[:, 0]
+    late = get("chen").positions(command[fine - 1::fine], held, share=start)[:, 0]
+    apart = np.abs(here - true)
+    assert np.quantile(apart, 0.98) < 0.02 < 0.04 < np.quantile(np.abs(late - true), 0.9)
+
+
+def test_a_resting_valve_slips_several_times_in_one_long_move() -> None:
+    friction = effect_of("re-sticking").friction(neutral_friction(3.0, 1.0), np.array([[1e6]]), 1.0, False)
+    there = get("chen").positions(np.array([50.0, 50.0, 54.5, 54.5]), friction)[:, 0]
+    # f_s = 2: slips of J = 1 follow at 52, 53 and 54.
+    np.testing.assert_allclose(there, [50.0, 50.0, 53.0, 53.0])

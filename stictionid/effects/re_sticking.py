@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..laws.contract import RESTICK
+from ..laws.contract import CROSSES, RESTICK
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
 from .contract import Context, Effect, Place, Scales, Values
@@ -23,6 +23,7 @@ _SPEED = Parameter("restick_speed", "% / s", 0.0, 1e4, 0.0, "slowest command a s
 def _friction(table: FloatArray, theta: FloatArray, command_step_s: float, held: bool) -> FloatArray:
     table = table.copy()
     table[RESTICK] = theta[0] * command_step_s
+    table[CROSSES] = 0.0 if held else 1.0
     return table
 
 

@@ -37,6 +37,8 @@ from .contract import (
 _POSITION, _MOVING, _COMMAND, _CHANGE = 0, 1, 2, 3
 # Rows of the working table: ten constants, the position, and the restick speed while moving (infinite while stuck).
 _WORK = 13
+# Smallest slip of a valve that rests behind each, in %; with smaller ones it slides.
+_LEAST = 1e-3
 
 
 @kernel
@@ -108,12 +110,19 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
                 # stuck: keep sticking, or slip and overshoot by `spare` = K - 1
                 # (of a command that moves within the sample: from where it crosses f_s, and slide on from there)
                 up, down = to_up + spare * (to_up - v), to_down + spare * (to_down - v)
+                rests = False
                 if work[12 * LANES + p] > 0.0:
-                    up = max(to_up, v + (1.0 + spare) * (fs_up - (work[2 * LANES + p] + fd_add)))
-                    down = min(to_down, v - (1.0 + spare) * (fs_down - (work[3 * LANES + p] + fd_add)))
+                    jump_up = (1.0 + spare) * (fs_up - (work[2 * LANES + p] + fd_add))
+                    jump_down = (1.0 + spare) * (fs_down - (work[3 * LANES + p] + fd_add))
+                    rests = abs(du) < restick and min(jump_up, jump_down) > _LEAST
+                    up, down = max(to_up, v + jump_up), min(to_down, v - jump_down)
+                    if rests:
+                        # it comes to rest behind each slip, and slips again where the command crosses f_s again
+                        up = v + jump_up * max(np.ceil((e - fs_up) / jump_up), 1.0)
+                        down = v - jump_down * max(np.ceil((-e - fs_down) / jump_down), 1.0)
                 new = up if e > fs_up else v
                 new = down if -e > fs_down else new
-                slips = (e > fs_up) | (-e > fs_down)
+                slips = e > fs_up or -e > fs_down
                 # moving: keep sliding; after an overshoot the stem waits until the command has caught up
                 ahead_up = to_up if to_up > v else v
                 ahead_down = to_down if to_down < v else v
@@ -123,7 +132,7 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
                 held = low if new < low else new
                 held = high if held > high else held
                 work[10 * LANES + p] = held
-                work[11 * LANES + p] = restick if (slips | slides) & (held == new) else np.inf
+                work[11 * LANES + p] = restick if ((slips and not rests) or slides) and held == new else np.inf
             row = position[k, first:last]
             for p in range(width):
                 row[p] = work[10 * LANES + p]

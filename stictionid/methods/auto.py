@@ -23,7 +23,7 @@ from ..fit.moves import longest_first
 from ..fit.noise.unexplained import judged_by
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout
-from ..model.spec import BASE, FIRST_ORDER, Spec
+from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
 from ..process.scan import DECIMATED, blurred, p_law, parts_of, ran_between
 from ..record.loop import Finding
 from ..record.oscillation import count_reversals
@@ -141,6 +141,10 @@ def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
                     blurred=blurred(run.loop, run.options.scan_s), floor=floor_of(run))
     for fit in bases:
         search.root(fit)
+    base = bases[0].model.spec
+    if base.process == FIRST_ORDER and not search.best().scored.white:
+        # A disturbance that is slow against the valve moves differences little, and levels into another basin.
+        search.root(run.fit(replace(base, increments=True, taps=SOFT)))
     return search, decided(search, search.run(), keep=physical(bases[0].model.spec))
 
 

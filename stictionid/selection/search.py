@@ -85,7 +85,7 @@ class Search:
         return self.policy.budget * float(np.sqrt(max(self.loop.samples / self.policy.fit_samples, 1.0)))
 
     def root(self, fit: Fitted) -> Entry:
-        """A fit made elsewhere as a root of the search."""
+        """A fit made elsewhere as a root of the search; the better one of two fits of one node."""
         rng = rng_of(self.seed, key(fit.model.spec), 2)
         spec = node(fit.model.spec)
         model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
@@ -93,9 +93,10 @@ class Search:
         values = model.vector(fit.best.values)
         pool = pool_of(as_it_stands(model, values), self.seed)
         done = completed(model, values, pool, rng, self.policy)
-        entry = Entry(spec, Scored(done, True, held_out(done)))
-        self.memo[key(spec)] = entry
-        return entry
+        known = self.memo.get(key(spec))
+        if known is None or done.gain_over(known.scored.done) > self.policy.better_fit:
+            self.memo[key(spec)] = known = Entry(spec, Scored(done, True, held_out(done)))
+        return known
 
     def run(self, *, everything: bool = False) -> Entry:
         """Expand nodes, best first, until noise is left, nothing gains, or the budget is spent; the best node.
@@ -127,9 +128,12 @@ class Search:
         """True where an entry's free run is white noise, or it was expanded and leaves white innovations.
 
         An autoregression that whitens everything is no reason to stop before the node was expanded. One of long memory
-        is none before far looks, either: it may stand for a disturbance.
+        is none before far looks, either: it may stand for a disturbance. Under a command that moves between samples a
+        valve that rests leaves a sliding one little more than noise, so it is asked for first.
         """
         scored = entry.scored
+        if not entry.asked and not entry.spec.held and RESTING in (self.only or ()) and RESTING not in entry.spec.effects:
+            return False
         if scored.white and (scored.free_run_at_noise or entry.asked == Asked.BY_FAR):
             return True
         return bool(entry.asked) and self._only_noise(entry)
