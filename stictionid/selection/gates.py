@@ -215,3 +215,9 @@ GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
 def judged(edge: Edge) -> tuple[Gate, ...]:
     """All gates of an edge, with the reasons of those that it does not pass."""
     return tuple(Gate(name, not why, why) for name, gate in GATES for why in (gate(edge),))
+
+
+def judged_change(edge: Edge) -> tuple[Gate, ...]:
+    """The gate of another process or command: its gain in BIC."""
+    enough = edge.gain >= edge.policy.structure_margin
+    return (Gate("gain", enough, "" if enough else f"it gains {edge.gain:.0f} BIC"),)

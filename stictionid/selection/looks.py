@@ -6,7 +6,7 @@ Every task has its own random generator, made from the seed and the node's key.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,8 +27,9 @@ from ..model.segments import bound
 from ..model.spec import BASE, INTEGRATOR, Spec
 from ..numerics import tally
 from ..numerics.population import together
+from ..record.loop import Loop
 from ..typing import FloatArray
-from .node import BASE_EFFECTS, key, local, node, plain
+from .node import BASE_EFFECTS, additions, key, local, node, other_process, physical, plain, with_effect
 from .policy import Policy
 from .score import Scored, completed, glanced
 
@@ -96,6 +97,17 @@ class Packed:
         return Scored(done, self.full, self.held)
 
 
+def edges(spec: Spec, loop: Loop, only: Iterable[str] | None, commands: Iterable[Spec]) -> list[Task]:
+    """The edges of a node: effects of the catalogue (or of `only` these), the other process, other commands."""
+    tasks = [Task(node(with_effect(spec, name), soft=spec.increments), name) for name in additions(spec, loop, only)]
+    # Beside effects the valve is known; without any its basin may lie elsewhere under another process or command.
+    stage = NEAR if physical(spec) else FAR
+    if not spec.fixed:
+        tasks.append(Task(other_process(spec), stage=stage))
+    return tasks + [Task(replace(spec, between=c.between, substeps=c.substeps), stage=stage) for c in commands
+                    if c.between != spec.between]
+
+
 def performed(ground: Ground, task: Task) -> Packed:
     """The answer to one task; one whose numbers break down says so."""
     before = tally.spent()
@@ -154,11 +166,13 @@ def _closer(ground: Ground, task: Task) -> Packed:
 def kind_of(spec: Spec) -> str:
     """The effects on the valve of a node, and its command between samples: nodes of one kind have the same valves.
 
-    A valve that only rests is found together with its process, so that the process belongs to its kind.
+    A valve that only rests is found together with its process, on the record less what disturbs it. So these belong to
+    its kind.
     """
     valve = sorted(n for n in spec.effects if on_valve(parse(n)[0]))
-    process = [spec.process, *(n for n in spec.effects if plain(n) in BASE_EFFECTS)] if valve == [RESTING] else []
-    return f"{' + '.join(valve)} {spec.between} {' + '.join(process)}".rstrip()
+    beside = [n for n in spec.effects if plain(n) in BASE_EFFECTS or parse(n)[0].columns]
+    words = [spec.process, *beside] if valve == [RESTING] else []
+    return f"{' + '.join(valve)} {spec.between} {' + '.join(words)}".rstrip()
 
 
 def _valves(ground: Ground, task: Task) -> Packed:
@@ -294,6 +308,31 @@ def refitted(model: Model, values: FloatArray, rng: np.random.Generator, *,
         points = herded(coarse, points, rng).points
     name = next((n for n in reversed(model.spec.effects) if on_valve(parse(n)[0])), "")
     return settled(Scouted(coarse, model, points, np.inf, np.inf, name), rng)
+
+
+def fitted_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, policy: Policy) -> Refit:
+    """A node without one of its effects (`spec`), fitted from its own values.
+
+    An effect of the base gets a fit in full: it bent the valve while an effect was missing.
+    """
+    model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
+    values = model.vector(fit.model.named(fit.values))
+    if name in BASE_EFFECTS:
+        model, values, _ = refitted(model, values, rng)
+    else:
+        start = model.cube(values[:, None])
+        values = model.values(descended(model, np.concatenate([start, with_start(model, start)])).points[:1])[:, 0]
+    return completed(model, values, fit.values[None, :len(BASE)], rng, policy)
+
+
+def handed_back(fit: Fitted, children: Sequence[Scored], policy: Policy) -> FloatArray | None:
+    """Values (d,) of a node polished from those of its children; None where they do no better."""
+    known = fit.model.named(fit.values)
+    starts = np.stack([fit.model.vector({n: v for n, v in c.done.model.named(c.done.values).items() if n in known})
+                       for c in children], axis=1)
+    values = fit.model.values(descended(fit.model, fit.model.cube(starts)).points[:1])[:, 0]
+    better = glanced(fit.model, values).gain_over(glanced(fit.model, fit.values)) > policy.better_fit
+    return values if better else None
 
 
 def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:

@@ -13,17 +13,16 @@ import numpy as np
 from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.moves import descended, with_start
 from ..fit.noise.completion import Refit
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.segments import bound
-from ..model.spec import BASE, Spec
+from ..model.spec import Spec
 from ..record.loop import Loop
 from ..record.tree import Gate
 from ..typing import Progress
 from .crew import Crew
 from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry
-from .gates import Edge, judged
+from .gates import Edge, judged, judged_change
 from .looks import (
     CLOSER,
     FAR,
@@ -32,9 +31,11 @@ from .looks import (
     Ground,
     Packed,
     Task,
+    edges,
+    fitted_without,
+    handed_back,
     kind_of,
     pool_of,
-    refitted,
     rng_of,
     settled_again,
     standing,
@@ -46,15 +47,13 @@ from .node import (
     key,
     leaking,
     node,
-    other_process,
     physical,
     plain,
     what_of,
-    with_effect,
     without,
 )
 from .policy import Policy
-from .score import Scored, completed, glanced
+from .score import Scored, completed
 
 
 @dataclass(slots=True)
@@ -73,6 +72,8 @@ class Search:
     # Nodes without one effect, by node, effect and innovations: the decision asks for the same ones several times.
     drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
     spent: int = 0
+    # Answers that slide and were asked once more for a valve that rests.
+    rested: set[str] = field(default_factory=set)
     unasked: list[str] = field(default_factory=list)
     # True where the output was computed between the samples, too, in a way that they do not show.
     blurred: bool = False
@@ -103,9 +104,16 @@ class Search:
 
         With `everything` the best node is expanded first, even where it leaves only noise.
         """
-        widths: dict[int, int] = {}
         if everything and not self.best().asked:
             self.expand(self.best())
+        while self._may_rest(best := self._walked()):
+            self.rested.add(key(best.spec))
+            self._ask(best, changes=False)
+        return best
+
+    def _walked(self) -> Entry:
+        """The best node once noise is left, nothing gains, or the budget is spent."""
+        widths: dict[int, int] = {}
         while True:
             best = self.best()
             if self.at_end(best):
@@ -117,23 +125,19 @@ class Search:
             if self.spent >= self.budget:
                 self.unasked += [key(e.spec) for e in queue]
                 return best
-            chosen = queue[0]
-            if chosen.asked:
-                self.expand_far(chosen)
-                continue
-            widths[depth(chosen.spec)] = widths.get(depth(chosen.spec), 0) + 1
-            self.expand(chosen)
+            if queue[0].asked:
+                self.expand_far(queue[0])
+            else:
+                widths[depth(queue[0].spec)] = widths.get(depth(queue[0].spec), 0) + 1
+                self.expand(queue[0])
 
     def at_end(self, entry: Entry) -> bool:
         """True where an entry's free run is white noise, or it was expanded and leaves white innovations.
 
         An autoregression that whitens everything is no reason to stop before the node was expanded. One of long memory
-        is none before far looks, either: it may stand for a disturbance. Under a command that moves between samples a
-        valve that rests leaves a sliding one little more than noise, so it is asked for first.
+        is none before far looks, either: it may stand for a disturbance.
         """
         scored = entry.scored
-        if not entry.asked and not entry.spec.held and RESTING in (self.only or ()) and RESTING not in entry.spec.effects:
-            return False
         if scored.white and (scored.free_run_at_noise or entry.asked == Asked.BY_FAR):
             return True
         return bool(entry.asked) and self._only_noise(entry)
@@ -189,12 +193,8 @@ class Search:
     def expand(self, entry: Entry) -> None:
         """Look at every edge of a node, fit what may win in full, hand values back; ask again in another basin."""
         entry.asked, before = Asked.BY_NEAR, entry.scored.done
-        share = min(self.spent / self.budget, 1.0)
-        self.tell(f"expanding {' + '.join(entry.spec.effects) or 'the base'}", share)
-        fit = standing(entry.scored, entry.spec)
-        ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
-        tasks = self._edges(entry, fit)
-        if not any(on_valve(effect) for effect in fit.model.effects):
+        ground, tasks = self._opened(entry, "expanding")
+        if not any(on_valve(effect) for effect in ground.fit.model.effects):
             # A valve that rests is as common as one that slides, and its basin is far from there.
             self._search_valves(ground, [t for t in tasks if t.added == RESTING])
         self._finish(ground, entry, self._looked(ground, entry, tasks))
@@ -207,27 +207,45 @@ class Search:
     def expand_far(self, entry: Entry) -> None:
         """Look at the effects on the valve of a node once more, with swarms and the valves that fit each."""
         entry.asked = Asked.BY_FAR
-        share = min(self.spent / self.budget, 1.0)
-        self.tell(f"searching valves beside {' + '.join(entry.spec.effects) or 'the base'}", share)
-        fit = standing(entry.scored, entry.spec)
-        ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
-        tasks = self._edges(entry, fit)
+        ground, tasks = self._opened(entry, "searching valves beside")
         self._search_valves(ground, tasks)
         far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._on_valve(t)])
         self._finish(ground, entry, [a for a in far if self._better(a)])
+
+    def _opened(self, entry: Entry, words: str) -> tuple[Ground, list[Task]]:
+        """A node as the ground of looks, and its edges; `words` say for which."""
+        self.tell(f"{words} {' + '.join(entry.spec.effects) or 'the base'}", min(self.spent / self.budget, 1.0))
+        fit = standing(entry.scored, entry.spec)
+        ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
+        return ground, self._edges(entry, fit.model.spec)
+
+    def _ask(self, entry: Entry, *, changes: bool = True) -> None:
+        """Ask beside a node for a valve that rests, and with `changes` for those of structure."""
+        ground, tasks = self._opened(entry, "asking for a rest beside")
+        asked = [t for t in tasks if t.added == RESTING or (changes and not t.added)]
+        # An answer that slides is asked for a rest whatever was spent: it takes few looks.
+        spent, self.spent = self.spent, self.spent if changes else 0
+        self._search_valves(ground, asked)
+        self._finish(ground, entry, self._looked(ground, entry, asked))
+        self.spent += 0 if changes else spent
+
+    def _may_rest(self, entry: Entry) -> bool:
+        """True where an answer slides, and a valve that rests may leave hardly less: it was not asked for beside it.
+
+        Between samples of a command that moves, both look alike. A slip jump beyond the stickband needs a friction
+        below zero.
+        """
+        values, spec = entry.scored.done.evaluated.values, entry.spec
+        return RESTING in additions(spec, self.loop, self.only) and (not spec.held or values["J"] > values["S"]) \
+            and key(spec) not in self.rested and self.spent < 2 * self.budget
 
     def _structures(self, entry: Entry) -> None:
         """Ask beside every process and command for a valve that rests: two changes may show only together."""
         queue, seen = [entry], {key(entry.spec)}
         while queue and not self._only_noise(self.best()):
             base = queue.pop(0)
-            fit = standing(base.scored, base.spec)
-            tasks = self._edges(base, fit)
             if base is not entry:
-                ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
-                asked = [t for t in tasks if t.added == RESTING or not t.added]
-                self._search_valves(ground, asked)
-                self._finish(ground, base, self._looked(ground, base, asked))
+                self._ask(base)
             for e in list(self.memo.values()):
                 if e.op == SWAP and not physical(e.spec) and not e.failed and key(e.spec) not in seen:
                     seen.add(key(e.spec))
@@ -254,15 +272,8 @@ class Search:
         known = self.memo.get(key(spec))
         if known is not None and known.scored.full and entry.op == ADD and entry.parent == key(spec):
             return known  # it was polished from this entry's values when they were handed back
-        fit = standing(entry.scored, entry.spec)
-        model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
-        values, rng = model.vector(fit.model.named(fit.values)), rng_of(self.seed, key(spec), 2)
-        if name in BASE_EFFECTS:  # it bent the valve while an effect was missing
-            model, values, _ = refitted(model, values, rng)
-        else:
-            start = model.cube(values[:, None])
-            values = model.values(descended(model, np.concatenate([start, with_start(model, start)])).points[:1])[:, 0]
-        done = completed(model, values, fit.values[None, :len(BASE)], rng, self.policy)
+        done = fitted_without(standing(entry.scored, entry.spec), spec, name, rng_of(self.seed, key(spec), 2),
+                              self.policy)
         if known is not None and not known.failed and known.scored.done.gain_over(done) > 0.0:
             return known
         scored = Scored(done, True, held_out(done))
@@ -280,17 +291,10 @@ class Search:
             for task, answer in self._within_budget(crew, asked):
                 self.valves[kind_of(task.spec)] = answer.valves
 
-    def _edges(self, entry: Entry, fit: Fitted) -> list[Task]:
-        spec = fit.model.spec
-        tasks = [Task(node(with_effect(spec, name), soft=spec.increments), name)
-                 for name in additions(spec, self.loop, self.only)]
-        # Beside effects the valve is known; without any its basin may lie elsewhere under another process or command.
-        stage = NEAR if physical(spec) else FAR
-        if not spec.fixed:
-            tasks.append(Task(other_process(spec), stage=stage))
-        tasks += [Task(replace(spec, between=c.between, substeps=c.substeps), stage=stage) for c in self.commands
-                  if c.between != spec.between]
-        tasks = [t for t in tasks if key(t.spec) not in self.memo or not self.memo[key(t.spec)].scored.full]
+    def _edges(self, entry: Entry, spec: Spec) -> list[Task]:
+        """The edges of a node whose ends are not fitted in full; `spec` is that of its search form."""
+        tasks = [t for t in edges(spec, self.loop, self.only, self.commands)
+                 if key(t.spec) not in self.memo or not self.memo[key(t.spec)].scored.full]
         leak = leaking(spec) if self.only is None else None
         known = self.memo.get(key(leak)) if leak else None
         if leak and (known is None or entry.scored.done.gain_over(known.scored.done) > 0.0):
@@ -412,14 +416,8 @@ class Search:
         fit = ground.fit
         children = [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
                     and e.spec.process == entry.spec.process and e.spec.between == entry.spec.between]
-        if not children:
-            return
-        known = fit.model.named(fit.values)
-        starts = np.stack([fit.model.vector({n: v for n, v in e.scored.done.model.named(e.scored.done.values).items()
-                                             if n in known}) for e in children], axis=1)
-        found = descended(fit.model, fit.model.cube(starts))
-        values = fit.model.values(found.points[:1])[:, 0]
-        if glanced(fit.model, values).gain_over(glanced(fit.model, fit.values)) > self.policy.better_fit:
+        values = handed_back(fit, [e.scored for e in children], self.policy) if children else None
+        if values is not None:
             done = completed(fit.model, values, ground.pool, rng_of(self.seed, key(entry.spec), 1), self.policy)
             if done.gain_over(entry.scored.done) > 0.0:
                 entry.scored = Scored(done, True, held_out(done))
@@ -431,12 +429,8 @@ class Search:
         for e in self.memo.values():
             if e.parent != key(entry.spec) or e.failed or not e.scored.full:
                 continue
-            if e.op == ADD:
-                e.gates = judged(Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred, entry.tentative))
-            else:
-                gain = e.scored.done.gain_over(entry.scored.done)
-                e.gates = (Gate("gain", gain >= self.policy.structure_margin,
-                                "" if gain >= self.policy.structure_margin else f"it gains {gain:.0f} BIC"),)
+            edge = Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred, entry.tentative)
+            e.gates = judged(edge) if e.op == ADD else judged_change(edge)
 
     def _only_noise(self, entry: Entry) -> bool:
         """True where an entry leaves noise of short memory, or is explained."""

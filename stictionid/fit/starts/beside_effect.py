@@ -45,6 +45,8 @@ _GROWTHS, _PROMISES, _BEYOND = 3, 0.8, 0.9
 RESTING = built_in(lambda effect: effect.by_itself and effect.place is Place.FRICTION)
 # The law of a valve that rests at every sample.
 _RESTS_ALWAYS = "he"
+# Above any speed of a command; a model cuts it to its own range, which is that of its part of the record. Unit: % / s.
+_ANY_SPEED = 1e9
 
 
 def valves_of(model: Model, rng: np.random.Generator) -> list[dict[str, float]]:
@@ -52,7 +54,7 @@ def valves_of(model: Model, rng: np.random.Generator) -> list[dict[str, float]]:
 
     The search begins on a tenth of the record, where the basins of a valve are wide, and goes on to longer parts. A
     valve that rests is searched with a law that has no sliding state. Where nothing else acts on it a second search
-    begins on the whole record under a held command. A valve may also slide for a while: a further search has the speed
+    begins on the whole record. A valve may also slide for a while: a further search has the speed
     at which it comes to rest.
     """
     spec = model.spec
@@ -69,9 +71,9 @@ def valves_of(model: Model, rng: np.random.Generator) -> list[dict[str, float]]:
 
     law = law_of(_RESTS_ALWAYS if resting else spec.law, always)
     found = grown(law, rng)
-    if resting and spec.held and not any(on_valve(effect) for effect in law.effects):
+    if resting and not any(on_valve(effect) for effect in law.effects):
         found = np.concatenate([search(law, rng)[0], found])
-    rests = {f"{RESTING}:{p.name}": p.high for p in parse(RESTING)[0].parameters_for(model.context)} if resting else {}
+    rests = {f"{RESTING}:{p.name}": _ANY_SPEED for p in parse(RESTING)[0].parameters} if resting else {}
     valves = [{**law.named(column), **rests} for column in law.values(found).T]
     if resting:
         slides = law_of(spec.law, own)
