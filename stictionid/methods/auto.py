@@ -109,7 +109,8 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...], tuple[Fitted, ...]]:
             raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
                              code="valve-never-moves")
         return slow.finished(run), (said_scans(run, slow.spec.substeps),), ()
-    if o.between == "auto" and surely_moves(run.loop):
+    moves = o.between == "auto" and surely_moves(run.loop)
+    if moves:
         spec = as_moving(spec)
     fit = run.fit(spec)
     if asked and not run.adequate(run.step(fit, None))[0]:
@@ -119,7 +120,7 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...], tuple[Fitted, ...]]:
             one = added(one, name, run.rng)
         fit = one if one.best.rmse < fit.best.rmse else fit
     scans = parts_of(run.loop.step_s, o.scan_s)
-    if o.between != "auto" or scans < 2 or not (ran_between(run.loop, scans) or p_law(run.loop)):
+    if o.between != "auto" or moves or scans < 2 or not (ran_between(run.loop, scans) or p_law(run.loop)):
         return fit, (), ()
     run.tell("rebuilding the scans between samples", 0.4)
     slow = scanned(run, replace(spec, between=DECIMATED, substeps=scans))

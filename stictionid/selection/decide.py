@@ -100,7 +100,7 @@ def rounded(loop: Loop, study: Study, before: Scored, found: Decision, policy: P
     if floor is None or (scored.free_run_at_noise and scored.white) or scored.rmse <= error / 2 or sharper:
         return ""
     moved = moved_by_rounding(loop, last.model, seed)
-    if not moved > 0.0 or error > policy.rounding * float(np.hypot(floor, moved)):
+    if not moved > 0.0 or error > float(np.hypot(floor, policy.rounding * moved)):
         return ""
     return (f"the free-run error {error:.4g} may be no more than rounding: the output is recorded in steps of "
             f"{step_of(loop.output):.3g} {loop.unit('output', '%')}, which moves the model's process value by "

@@ -192,11 +192,11 @@ def _beyond_rest(edge: Edge) -> str:
 def _beyond_scans(edge: Edge) -> str:
     """Reject an effect that helps little under an unknown course of the output, and leaves more than noise.
 
-    Unknown scans make single slips early or late. An effect that halves the free run explains more than those. Beside
-    an effect that fails here only noise alone will do.
+    Unknown scans make single slips early or late. An effect that halves the free run explains more than those, and so
+    does one without which the free run walks. Beside an effect that fails here only noise alone will do.
     """
     child, parent = edge.child, edge.parent
-    if not edge.blurred or child.only_noise(edge.policy):
+    if not edge.blurred or child.only_noise(edge.policy) or (edge.freed and not edge.tentative):
         return ""
     if not edge.tentative and (plain(edge.name) in BASE_EFFECTS or child.rmse <= parent.rmse / 2):
         return ""

@@ -52,7 +52,7 @@ class Policy:
     nearly: float = _number(1.3, "1", "free run over innovations up to which one more fit may do", _PLANTS)
     beyond_scans: float = _number(0.1, "1", "fall of the one-step error beyond unknown scans between samples", _PLANTS)
     kick_samples: float = _number(3.0, "samples", "distance of a step from a setpoint move", _PLANTS)
-    rounding: float = _number(3.0, "1", "free-run error over noise and rounding that rounding explains", _PLANTS)
+    rounding: float = _number(3.0, "1", "error beyond noise, over that of rounding, that it explains", _PLANTS)
     chance: float = _number(0.01, "1", "bootstrap p above which nothing is named", _CRITICISM)
     periods: float = _number(12.0, "periods", "length of the record in which valves are searched", _PLANTS, least=1)
     valve_samples: int = _number(1_000, "samples", "least length of that record", _PLANTS, least=1)
