@@ -9,6 +9,7 @@ from ..model.spec import Spec
 from ..record.tree import Gate
 from .gates import SCANS
 from .looks import Packed
+from .policy import Policy
 from .score import Scored
 
 ROOT, ADD, DROP, SWAP = "root", "add", "drop", "swap"
@@ -41,3 +42,14 @@ class Entry:
         """True for a full fit that fails only where unknown scans may explain as much: what is beside it may tell."""
         failed = [g.name for g in self.gates if not g.passed]
         return self.scored.full and failed == [SCANS]
+
+    def nearly(self, parent: str, before: Scored, policy: Policy) -> bool:
+        """True for a full child of a node (its key and score) that gains, and nearly is the noise, but is not settled.
+
+        Its innovations are white, or its free run has no noise model; that model carries a little of the free run.
+        """
+        scored = self.scored
+        return (self.parent == parent and scored.full and not self.failed and not self.settled
+                and (scored.white or scored.free_run_at_noise)
+                and scored.done.gain_over(before.done) >= policy.structure_margin
+                and scored.rmse <= policy.nearly * scored.done.innovation_sd)

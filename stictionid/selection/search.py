@@ -208,8 +208,13 @@ class Search:
         """Look at the effects on the valve of a node once more, with swarms and the valves that fit each."""
         entry.asked = Asked.BY_FAR
         ground, tasks = self._opened(entry, "searching valves beside")
-        self._search_valves(ground, tasks)
-        far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks if self._on_valve(t)])
+        # A few at a time, the most promising first: what a spent budget leaves out is the least.
+        known = {t.added: self.memo.get(key(t.spec), entry).scored.done for t in tasks}
+        tasks = sorted(filter(self._on_valve, tasks), key=lambda t: -known[t.added].gain_over(entry.scored.done))
+        far, some = [], self.policy.finalists
+        for part in (tasks[i:i + some] for i in range(0, len(tasks), some)):
+            self._search_valves(ground, part)
+            far += self._performed(ground, entry, [replace(t, stage=FAR) for t in part])
         self._finish(ground, entry, [a for a in far if self._better(a)])
 
     def _opened(self, entry: Entry, words: str) -> tuple[Ground, list[Task]]:
@@ -247,7 +252,8 @@ class Search:
             if base is not entry:
                 self._ask(base)
             for e in list(self.memo.values()):
-                if e.op == SWAP and not physical(e.spec) and not e.failed and key(e.spec) not in seen:
+                if e.op == SWAP and not physical(e.spec) and not e.failed and key(e.spec) not in seen \
+                        and e.scored.done.gain_over(self.best().scored.done) > -self.policy.within:
                     seen.add(key(e.spec))
                     queue.append(e)
 
@@ -392,18 +398,11 @@ class Search:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
                 if self._explained(self.memo[name]):
                     break
-        for child in self._nearly(entry):
-            self.settle(child)
+        for child in list(self.memo.values()):
+            if child.nearly(key(entry.spec), entry.scored, self.policy) and not self._explained(child):
+                self.settle(child)
         self._hand_back(ground, entry)
         self._judge(entry)
-
-    def _nearly(self, entry: Entry) -> list[Entry]:
-        """Full children that gain, whose innovations are white, and whose noise model carries a little of the free run.
-        """
-        return [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
-                and not e.settled and not self._explained(e) and e.scored.white
-                and e.scored.done.gain_over(entry.scored.done) >= self.policy.structure_margin
-                and e.scored.rmse <= self.policy.nearly * e.scored.done.innovation_sd]
 
     def settle(self, entry: Entry) -> None:
         """Fit a node with effects once more, unless it leaves white noise that is nearly all of its free run."""

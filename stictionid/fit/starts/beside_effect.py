@@ -89,8 +89,7 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     base = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
     # Swarms on the one-step error, and a search that assumes no process: they fail on different records.
     plain = undisturbed(base, model, values)
-    open_valves = grown_valves(plain, _valve_of(base, ()), rng)
-    far = np.concatenate([basins(plain, rng)[:_SWARMED], open_valves[:_GROWN], _other_size(plain, open_valves)])
+    far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, _valve_of(base, ()), rng)[:_GROWN]])
     fresh = base.values(with_process(base, far))[:len(BASE)].T
     friction = tuple(x.name for x in model.effects if x.friction is not None)
     if friction:
@@ -100,15 +99,6 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
         found = with_process(own, grown_valves(plain, _valve_of(plain, friction), rng)[:_GROWN])
         fresh = np.concatenate([own.values(found)[:len(BASE)].T, fresh])
     return np.concatenate([values[None, :len(BASE)], fresh])
-
-
-def _other_size(model: Model, points: FloatArray) -> FloatArray:
-    """The best of some valves (k, d) whose S is twice that of the best one or more, or half and less; (0 or 1, d).
-
-    A missing effect may make a valve of quite another size the best.
-    """
-    apart = np.abs(np.log2(model.values(points)[0] / model.values(points[:1])[0, 0])) >= 1.0
-    return points[apart][:1]
 
 
 def _valve_of(model: Model, names: Sequence[str]) -> list[int]:
