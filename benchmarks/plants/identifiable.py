@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 from stictionid.effects import get
 from stictionid.fit.fit import one_run
@@ -55,6 +56,31 @@ def error_with_scans(plant: Plant) -> float | None:
         return None
     loop = loop_of(plant)
     fitted = _fitted(loop, plant, _true_effects(plant), search=False, command=plant.record.command)
+    return fitted[0].evaluate(fitted[1]).rmse / max(float(plant.record.noise.std()), plant.truth["noise_sd"])
+
+
+def error_without_hidden_noise(plant: Plant) -> float | None:
+    """Error over the noise of the true model under the true command less what noise at unseen scans did to it.
+
+    No rebuilding of the scans can do better: that noise is in no sample. None for a command that moves, one exported
+    at its scans, and a controller with a gap, which is not linear.
+    """
+    setting, controller = plant.setting, plant.setting.controller
+    if setting.moving or setting.export == 1 or controller.gap:
+        return None
+    scan = np.arange(setting.setpoint.size)
+    seen = scan % setting.export == 0
+    lost = np.where(seen, 0.0, plant.record.scan_noise - np.interp(scan, scan[seen], plant.record.scan_noise[seen]))
+    did = controller.gain * lost
+    if controller.integral_time_s:
+        did += controller.gain * np.cumsum(lost) / controller.integral_time_s
+    if controller.derivative_time_s:
+        keep = np.exp(-1.0 / controller.filter_s)
+        smooth = lfilter([1.0 - keep], [1.0, -keep], lost)
+        did += controller.gain * controller.derivative_time_s * np.diff(smooth, prepend=0.0)
+    # The samples show the output itself, so that what is left of it begins and ends there.
+    did -= np.interp(scan, scan[seen], did[seen])
+    fitted = _fitted(loop_of(plant), plant, _true_effects(plant), search=False, command=plant.record.command + did)
     return fitted[0].evaluate(fitted[1]).rmse / max(float(plant.record.noise.std()), plant.truth["noise_sd"])
 
 

@@ -55,12 +55,12 @@ def one(kind: str, number: int, seed: int, levels: dict[str, str], effects: tupl
     except NoLoop as error:
         return {**row, "out": "no loop", "error": str(error)}
     if check:
-        from plants.identifiable import MARGIN, error_with_scans, losses
+        from plants.identifiable import MARGIN, error_with_scans, error_without_hidden_noise, losses
 
         begin = time.process_time()
         try:
             row["losses"], row["true_error"] = losses(plant)
-            row["scans_error"] = error_with_scans(plant)
+            row["scans_error"], row["rebuilt_error"] = error_with_scans(plant), error_without_hidden_noise(plant)
         except Exception as error:
             row["losses_error"] = f"{type(error).__name__}: {error}"
         row["check_s"] = time.process_time() - begin

@@ -115,7 +115,7 @@ class Record:
     """Exported samples (n,): time, setpoint, output, process value, true stem; `tag` is a measured disturbance.
 
     `noise` (n,) is all noise in y, effects of that kind included; `noise_sd` is that of measurement noise and rounding
-    alone. `command` (scans,) is the output at every scan.
+    alone. `command` (scans,) is the output at every scan, `scan_noise` (scans,) the measurement noise in y there.
     """
 
     t: FloatArray
@@ -127,6 +127,7 @@ class Record:
     noise: FloatArray
     noise_sd: float
     command: FloatArray
+    scan_noise: FloatArray
 
 
 @njit(cache=True)
@@ -389,7 +390,7 @@ def simulate(setting: Setting) -> Record:
         shown_u, shown_y = (np.round(a / setting.rounding) * setting.rounding for a in (shown_u, shown_y))
     sd = math.sqrt(float(np.var(noise[::n])) + setting.rounding**2 / 12.0)
     return Record(np.arange(shown_u.size) * float(n), setting.setpoint[::n].copy(), shown_u, shown_y, x[::n].copy(),
-                  None if tag is None else tag[::n].copy(), (noise + random)[::n], sd, u)
+                  None if tag is None else tag[::n].copy(), (noise + random)[::n], sd, u, noise)
 
 
 def innovation_sd(setting: Setting) -> float:

@@ -49,9 +49,12 @@ def wilson(hits: int, total: int) -> tuple[float, float]:
 
 
 def families(rows: Iterable[Row]) -> list[tuple[str, list[Row]]]:
-    """All rows, those of each level of each factor, and those of each hidden effect."""
+    """All rows, those whose true model comes to the noise or not, of each level of a factor, and of each effect."""
     rows = list(rows)
     out = [("all", rows)]
+    checked = [r for r in rows if r.get("true_error")]
+    out += [("true model at the noise", [r for r in checked if r["true_error"] <= _AT_NOISE]),
+            ("true model above it", [r for r in checked if r["true_error"] > _AT_NOISE])]
     for factor, levels in FACTORS.items():
         out += [(f"{factor} {level}", [r for r in rows if r["levels"][factor] == level]) for level in levels]
     hidden = sorted({plain(name) for r in rows for name in r["hidden"]})
@@ -76,6 +79,11 @@ def print_table(rows: list[Row], say: Callable[[str], None] = print) -> None:
     for name, members in families(rows):
         if members:
             say(_family(name, members))
+    rebuilt = [r["rebuilt_error"] for r in rows if r.get("rebuilt_error")]
+    if rebuilt:
+        say(f"held commands exported slower than the scan, no gap: the true model under the true command, less what "
+            f"noise between samples did to it: {np.median(rebuilt):.2f} times the noise (median of {len(rebuilt)}), "
+            f"{sum(e <= _AT_NOISE for e in rebuilt)} within {_AT_NOISE:g}")
     wrong = [r for r in scored(rows) if r["right"] == "wrong"]
     for r in wrong:
         said = "+".join(r["answer"]) or r.get("error") or ("abstained: " + r.get("reason", "") if r.get("abstained")
