@@ -79,12 +79,39 @@ def autocovariance(signal: FloatArray, good: BoolArray, lags: int, starts: Start
     Pairs lie in one segment; `starts` are the segments' first samples. Across a short gap the lag counts the samples
     that are there.
     """
-    links = linked(good, starts)
-    parts = (np.split(np.where(good, signal, 0.0), starts[1:]) if links is None else
-             np.split(signal[links.rows], np.flatnonzero(links.depth == 0)[1:]))
-    count = max(int(good.sum()), 1)
+    parts, count = _chains(signal, good, starts), max(int(good.sum()), 1)
     return np.array([sum(float(x[lag:] @ x[:x.size - lag]) for x in parts if x.size > lag) / count
                      for lag in range(lags + 1)])
+
+
+def _chains(signal: FloatArray, good: BoolArray, starts: Starts) -> list[FloatArray]:
+    """The samples of a signal (n,) that count, in chains of which each follows on the one before."""
+    links = linked(good, starts)
+    if links is not None:
+        return np.split(signal[links.rows], np.flatnonzero(links.depth == 0)[1:])
+    return [x[keep] for x, keep in zip(np.split(signal, starts[1:]), np.split(good, starts[1:]), strict=True)]
+
+
+def predicted_covariance(signal: FloatArray, good: BoolArray, lags: int, starts: Starts = (0,)) -> FloatArray:
+    """Autocovariances at lags 0..lags of the autoregression that predicts a signal (n,) best forwards and backwards.
+
+    Products of samples alone take the ends of a smooth signal for noise: its roots near 1 come out too small, and
+    its innovations too large. Source: Burg 1975.
+    """
+    parts = _chains(signal, good, starts)
+    ahead, behind = [x[1:] for x in parts], [x[:-1] for x in parts]
+    found = np.zeros(lags + 1)
+    found[0] = variance = sum(float(x @ x) for x in parts) / max(int(good.sum()), 1)
+    taps = np.empty(0)
+    for order in range(1, lags + 1):
+        power = sum(float(f @ f) + float(b @ b) for f, b in zip(ahead, behind, strict=True))
+        reflection = -2.0 * sum(float(f @ b) for f, b in zip(ahead, behind, strict=True)) / power if power else 0.0
+        found[order] = -reflection * variance - taps @ found[order - 1:0:-1]
+        taps = np.concatenate([taps + reflection * taps[::-1], [reflection]])
+        variance *= 1.0 - reflection**2
+        ahead, behind = ([(f + reflection * b)[1:] for f, b in zip(ahead, behind, strict=True)],
+                         [(b + reflection * f)[:-1] for f, b in zip(ahead, behind, strict=True)])
+    return found
 
 
 def chi_square_z(value: float, freedom: float) -> float:
@@ -163,7 +190,7 @@ def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, sta
 
     `starts` are the first samples of the segments; `missing` are autocovariances (largest + 1,) to be added.
     """
-    r = autocovariance(residual, good, largest, starts) + missing
+    r = predicted_covariance(residual, good, largest, starts) + missing
     n = float(good.sum())
     if r[0] <= 0.0 or n < 10 * largest:
         return np.empty(0)

@@ -27,7 +27,18 @@ from ..fit.context import Run
 from ..fit.cross_validation import held_out_of
 from ..fit.fit import Fitted
 from ..fit.moves import descended, search_model
-from ..fit.noise.prewhitening import SETTLE, TURNS, WORTH, Whitened, noise_taps, whitened, with_taps, without_noise
+from ..fit.noise.prewhitening import (
+    SETTLE,
+    STARTS,
+    TURNS,
+    WORTH,
+    Whitened,
+    noise_taps,
+    whitened,
+    with_noise_of,
+    with_taps,
+    without_noise,
+)
 from ..fit.noise.whiteness import passes_tests
 from ..fit.starts.basins import process_grid
 from ..model.model import Model
@@ -49,8 +60,6 @@ _STICKS, _CLEAN, _WON = 40.0, 15.0, 4
 _EXPLAINED, _CLEAR, _CLEAR_DROP, _MOST_OF_THE_ERROR = 0.03, 200.0, 0.08, 0.5
 # Below these shares of the variance and of the free-run error friction explains nothing that matters.
 _NOTHING, _NOTHING_DROP = 0.02, 0.05
-# Ranks of the processes of a grid that are polished: neighbours of the best one would end where it does.
-_STARTS = (0, 3, 10)
 # Number of the grid's best processes that are compared again under a noise model.
 _NEAREST = 64
 # Turns of a first descent, and the factor on the least cost up to which a start goes on.
@@ -105,6 +114,7 @@ def compared(run: Run, sticking: Whitened, reach: float = 0.0) -> Verdict:
     `reach` is the upper end of the interval of S, where there is one.
     """
     free = friction_free(run, sticking)
+    sticking, free = with_noise_of(sticking, free), with_noise_of(free, sticking)
     ratio, won, explained, drop, one_step = _measured(run, sticking, free)
     gain = _held_out_gain(sticking, free)
     evidence: dict[str, Any] = {
@@ -303,7 +313,7 @@ def friction_free(run: Run, sticking: Whitened) -> Whitened:
     spec = sticking.model.spec
     effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" and name != LAG)
     lag = () if spec.fixed else (LAG,)
-    tried = []
+    tried: list[Whitened] = []
     for process in dict.fromkeys((FIRST_ORDER, spec.process)):
         bare = replace(spec, process=process, effects=(*effects, *lag), friction_free=True, taps=(),
                        increments=process == INTEGRATOR or (spec.increments and process == spec.process))
@@ -355,7 +365,8 @@ def _whitened_free(run: Run, spec: Spec, sticking: Whitened) -> Whitened:
         if now.innovation_sd > WORTH * best.innovation_sd:
             break
         best = replace(now, rmse=best.rmse)
-    return best
+    walks = spec.increments and spec.process != INTEGRATOR
+    return replace(best, rmse=min(best.rmse, without_noise(best.model, best.values))) if walks else best
 
 
 def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = None,
@@ -366,17 +377,18 @@ def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = N
     another noise model. The polish then starts from them and from the best of the grid's points `near`.
     """
     model = run.model(spec)
+    start, found = np.full(model.space.size, 0.5), model.cube(
+        model.vector(sticking.model.named(sticking.values))[:, None])[0]
+    start[:3] = found[:3] = 0.0
     if known is not None and near is not None:
-        starts = np.stack([model.cube(known[:, None])[0], near[model.costs(near).argmin()]])
+        starts = np.stack([model.cube(known[:, None])[0], near[model.costs(near).argmin()], found])
         return model, _descended(model, starts), near
-    start = np.full(model.space.size, 0.5)
-    start[:3] = 0.0
-    found = model.cube(model.vector(sticking.model.named(sticking.values))[:, None])[0]
     for rows in (model.rows_of(name) for name in model.names if name in sticking.model.names):
         start[rows] = found[rows]
     points, costs = process_grid(search_model(model), start)
     points = points[np.argsort(costs, kind="stable")[:_NEAREST]]
-    return model, _descended(model, points[list(_STARTS)]), points
+    # The process of the sticking model, too: what another process does better is not friction's.
+    return model, _descended(model, np.concatenate([points[list(STARTS)], found[None]])), points
 
 
 def _descended(model: Model, starts: FloatArray) -> FloatArray:
