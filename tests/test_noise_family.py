@@ -6,7 +6,9 @@ import naive
 import numpy as np
 import pytest
 from noise_family import simulated
+from scipy.signal import lfilter
 
+from stictionid.numerics.autoregression import autocovariance, autoregression, levinson, predicted_covariance
 from stictionid.numerics.noise.family import AUTOREGRESSION, MEASURED, WALK, WHITE, Noise, resonance_of
 from stictionid.numerics.noise.fit import WALK_MARGIN, fit_noise, fits_of
 from stictionid.numerics.noise.whitener import Whitener, bic_of, likelihood
@@ -262,3 +264,32 @@ def test_units_do_not_matter() -> None:
     for kind in one:
         assert other[kind].bic - one[kind].bic == pytest.approx((good.sum() - 1) * np.log(1e12), abs=0.05)
         assert other[kind].noise.theta == pytest.approx(one[kind].noise.theta, abs=1e-2)
+
+
+def test_the_autoregression_predicts_forwards_and_backwards() -> None:
+    rng, n = np.random.default_rng(2), 90
+    x = rng.standard_normal(n)
+    for k in range(2, n):
+        x[k] += 1.7 * x[k - 1] - 0.8 * x[k - 2]
+    good = np.ones(n, bool)
+    good[:3] = good[40:52] = False
+    for starts, chains in (((0,), (x[3:40], x[52:])), ((0, 30), (x[3:30], x[30:40], x[52:]))):
+        covariance, taps, variance = naive.burg(chains, 5)
+        found = predicted_covariance(x, good, 5, starts)
+        np.testing.assert_allclose(found, covariance, rtol=1e-9)
+        *_, (last, left) = levinson(found)
+        np.testing.assert_allclose(last, taps, rtol=1e-7)
+        assert left == pytest.approx(variance)
+
+
+def test_a_smooth_disturbance_keeps_its_innovations() -> None:
+    # Roots of 0.98 and 0.9, 600 samples: products of samples alone leave innovations a tenth too large.
+    rng, n, taps = np.random.default_rng(4), 600, np.poly([0.98, 0.9])
+    ratios = []
+    for _ in range(40):
+        x = lfilter([1.0], taps, rng.standard_normal(n + 400))[400:]
+        own = [np.std(lfilter(np.concatenate([[1.0], a]), [1.0], x)[8:]) for a in (
+            autoregression(x, np.ones(n, bool), 2), list(levinson(autocovariance(x, np.ones(n, bool), 2)))[-1][0])]
+        ratios.append([r / np.std(lfilter(taps, [1.0], x)[8:]) for r in own])
+    own, plain = np.mean(ratios, axis=0)
+    assert abs(own - 1.0) < 0.01 < plain - 1.0

@@ -185,22 +185,22 @@ def levinson(covariance: FloatArray) -> Iterator[tuple[FloatArray, float]]:
 
 
 def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, starts: Starts = (0,),
-                   missing: FloatArray | float = 0.0) -> FloatArray:
+                   missing: FloatArray | float = 0.0, *, long: bool = False) -> FloatArray:
     """Taps of an AR model (coefficients after the leading 1) whose order 0..largest BIC chooses.
 
-    `starts` are the first samples of the segments; `missing` are autocovariances (largest + 1,) to be added.
+    `starts` are the first samples of the segments; `missing` are autocovariances (largest + 1,) to be added. With
+    `long` AIC chooses the order where BIC chooses any: no autoregression of finite order is the noise of a plant.
     """
     r = predicted_covariance(residual, good, largest, starts) + missing
     n = float(good.sum())
     if r[0] <= 0.0 or n < 10 * largest:
         return np.empty(0)
-    best, best_bic = np.empty(0), n * np.log(r[0])
-    for taps, variance in levinson(r):
-        if variance <= 0.0:
+    orders = [(np.empty(0), float(r[0])), *((taps, v) for taps, v in levinson(r))]
+    orders = orders[:next((i for i, (_, v) in enumerate(orders) if v <= 0.0), len(orders))]
+    for price in (np.log(n), 2.0)[:1 + long]:
+        best = min(orders, key=lambda o: n * np.log(o[1]) + price * o[0].size + 1e-9 * o[0].size)[0]
+        if not best.size:
             break
-        score = n * np.log(variance) + taps.size * np.log(n)
-        if score < best_bic - 1e-9:
-            best, best_bic = taps, score
     return best
 
 

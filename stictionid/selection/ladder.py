@@ -91,9 +91,10 @@ def in_colour(model: Model, values: FloatArray, scored: Scored) -> Rung:
     if model.spec.process != FIRST_ORDER or model.spec.increments:
         return model.spec, values
     starts = values, model.vector(scored.done.model.named(scored.done.values))
-    found = min((whitened(model, start) for start in starts), key=lambda w: w.innovation_sd)
-    lost = found.evaluated.rmse > 2 * model.evaluate(values).rmse
-    return (model.spec, values) if lost or not found.order else (found.model.spec, found.values)
+    most = 2 * model.evaluate(values).rmse
+    found = [w for w in (whitened(model, start) for start in starts) if w.order and w.evaluated.rmse <= most]
+    best = min(found, key=lambda w: w.innovation_sd, default=None)
+    return (model.spec, values) if best is None else (best.model.spec, best.values)
 
 
 def with_noise(scored: Scored, name: str, spec: Spec) -> Model:

@@ -43,6 +43,7 @@ from ..fit.noise.whiteness import passes_tests
 from ..fit.starts.basins import process_grid
 from ..model.model import Model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from ..numerics.heavy_tails import likelihood_ratio
 from ..numerics.varpro import SAME, axes
 from ..record.loop import Loop
 from ..record.oscillation import BY_TURNS
@@ -298,7 +299,7 @@ def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int,
     """
     good = sticking.good & free.good
     a, b = sticking.innovation[good], free.innovation[good]
-    ratio = a.size * float(np.log(max(float(b @ b), 1e-300) / max(float(a @ a), 1e-300)))
+    ratio = likelihood_ratio(a, b)
     won = sum(float(b[p] @ b[p]) > float(a[p] @ a[p]) for p in np.array_split(np.arange(a.size), _BLOCKS))
     variance = float(np.var(run.used_y()))
     # A free run that leaves y is no rival: no valve at all leaves only the scatter of y.

@@ -20,8 +20,8 @@ from ..moves import descended, search_model
 from ..starts.basins import along_ridge, process_grid
 from .bias_correction import noise_of
 
-# Largest order of the autoregression, by BIC: disturbances of real plants remember more than 8 samples. Turns of noise
-# and refit.
+# Largest order of the autoregression: disturbances of real plants remember more than 8 samples. Turns of noise and
+# refit.
 ORDER, TURNS = 24, 4
 # A descent has settled when the cost falls by less than this share: a tenth of a likelihood ratio on 1,000 samples.
 SETTLE = 1e-4
