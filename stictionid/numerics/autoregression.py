@@ -13,6 +13,8 @@ from ..typing import BoolArray, FloatArray, IntArray
 Starts = tuple[int, ...]
 # Lags of the free model that estimates the irreducible noise (CRITICISM.md section 7, step 9).
 CEILING_LAGS = 20
+# Samples for every tap of an autoregression, at least.
+_ROWS_A_TAP = 10
 # Rows that are brought to triangular form at once.
 PIECE = 50_000
 # A filter starts anew behind a gap of more than this many usual distances between samples that count. Unit: 1.
@@ -191,9 +193,10 @@ def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, sta
     `starts` are the first samples of the segments; `missing` are autocovariances (largest + 1,) to be added. With
     `long` AIC chooses the order where BIC chooses any: no autoregression of finite order is the noise of a plant.
     """
-    r = predicted_covariance(residual, good, largest, starts) + missing
     n = float(good.sum())
-    if r[0] <= 0.0 or n < 10 * largest:
+    lags = min(largest, int(n / _ROWS_A_TAP))
+    r = predicted_covariance(residual, good, lags, starts) + np.resize(missing, lags + 1)
+    if r[0] <= 0.0:
         return np.empty(0)
     orders = [(np.empty(0), float(r[0])), *((taps, v) for taps, v in levinson(r))]
     orders = orders[:next((i for i, (_, v) in enumerate(orders) if v <= 0.0), len(orders))]

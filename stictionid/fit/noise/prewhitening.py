@@ -62,10 +62,8 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
         if np.array_equal(taps, best.model.spec.taps):
             break
         white = bound(model.loop, replace(model.spec, taps=tuple(taps)), s_max=model.s_max, period_s=model.period_s)
-        starts = white.cube(best.values[:, None])
-        if best.order != taps.size:
-            starts = np.concatenate([starts, _elsewhere(white, starts[0])])
-        found = descended(white, starts, settle=SETTLE)
+        start = white.cube(best.values[:, None])
+        found = descended(white, np.concatenate([start, _elsewhere(white, start[0])]), settle=SETTLE)
         now = with_taps(white, white.values(found.points[:1])[:, 0], taps)
         if now.innovation_sd > WORTH * best.innovation_sd:
             break
