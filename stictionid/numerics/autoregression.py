@@ -14,7 +14,7 @@ Starts = tuple[int, ...]
 # Lags of the free model that estimates the irreducible noise (CRITICISM.md section 7, step 9).
 CEILING_LAGS = 20
 # Samples for every tap of an autoregression, at least.
-_ROWS_A_TAP = 10
+_ROWS_A_TAP = 25
 # Rows that are brought to triangular form at once.
 PIECE = 50_000
 # A filter starts anew behind a gap of more than this many usual distances between samples that count. Unit: 1.

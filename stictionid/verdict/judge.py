@@ -73,6 +73,8 @@ _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 # "No stiction" needs an S excluded from this share of the output's swing on. From the second number on the reason
 # begins with the free-run error of the model without friction in times its noise; the last number caps the confidence.
 _SMALL, _MANY, _CAPPED_FAR = 0.2, 2.0, 0.7
+# Share of the variance of y that a model without friction may leave and still deny a friction that predicts better.
+_POOR = 0.5
 # Code of a verdict on a record that cannot tell, and the advice for it.
 UNANSWERED = "valve-hardly-moves"
 ASK = "give a record in which the output moves further, or one with setpoint moves; check that OP drives this PV"
@@ -130,7 +132,8 @@ def compared(run: Run, sticking: Whitened, reach: float = 0.0) -> Verdict:
     said = (f"friction lowers the free-run error from {free.rmse:.4g} to {sticking.rmse:.4g}{share}" if drop > 0 else
             f"friction does not lower the free-run error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
     said += f"; {_predicts(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
-    answer, confidence = _answer(ratio, won, explained, drop, one_step)
+    walks = sticking.model.spec.increments and sticking.model.spec.process != INTEGRATOR
+    answer, confidence = _answer(ratio, won, explained, drop, one_step, walks)
     if answer == "stiction" and ((gain is not None and not gain.share > 0.0) or (leaves and ratio < _CLEAR)):
         answer, confidence = "undecided", 0.4
     instead = looks_like(run.loop, free) if answer != "stiction" else ""
@@ -200,7 +203,9 @@ def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: fl
                          free.good)
     errs = 1.0 if white else free.rmse / max(free.innovation_sd, 1e-300)
     lack = ""
-    if ratio >= _STICKS:
+    # A model that leaves most of y without the valve's part denies nothing that predicts better.
+    poor = free.rmse**2 > _POOR * float(np.var(run.used_y()))
+    if ratio >= (_CLEAN if poor else _STICKS):
         lack = f"some friction predicts y better than none (likelihood ratio {ratio:.0f})"
     elif bound is None or bound > _SMALL * swing:
         left = "no S is excluded" if bound is None else f"S up to {100 * bound / swing:.0f} % of it is not excluded"
@@ -277,12 +282,17 @@ def capped(verdict: Verdict, loop: Loop) -> Verdict:
                    confidence=min(verdict.confidence, 0.4), evidence={**verdict.evidence, "capped_by": why.code})
 
 
-def _answer(ratio: float, won: int, explained: float, drop: float, one_step: float) -> tuple[str, float]:
-    """The answer "stiction" or "undecided", and its confidence, from the evidence."""
+def _answer(ratio: float, won: int, explained: float, drop: float, one_step: float,
+            walks: bool = False) -> tuple[str, float]:
+    """The answer "stiction" or "undecided", and its confidence, from the evidence.
+
+    Where y `walks` the free run is the walk's, and the prediction alone speaks for friction.
+    """
+    explained = 0.0 if walks else explained
     # A model whose free run drifts away (slips of an integrator add up) may still predict a step well, and so may one
     # that takes a slip for the edge of a disturbance: that proves no valve.
     enough = (explained >= _EXPLAINED or drop >= _MOST_OF_THE_ERROR
-              or (ratio >= _CLEAR and one_step >= _CLEAR_DROP and drop >= _NOTHING_DROP))
+              or ((walks or ratio >= _CLEAR) and one_step >= _CLEAR_DROP and drop >= _NOTHING_DROP))
     if ratio >= _STICKS and won >= _WON and enough:
         sure = 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
         # Where the prediction alone speaks for friction, a sine or a neighbour's cycle may be taken for slips.
