@@ -158,8 +158,9 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
             continue
         searched = study is None and key(first.model.spec) == key(spec) \
             and _as_good(first, run, spec, values, search.policy.neutral)
-        full, values = in_colour(run.model(spec), first.values if searched else values, found.winner.scored) if final \
-            else (spec, values)
+        values, full = first.values if searched else values, spec
+        if final and not run.options.base_only:
+            full, values = in_colour(run.model(spec), values, found.winner.scored)
         said = _said(found, study) if final else ()
         if searched and full.taps == first.model.spec.taps:
             fits.append(first)
@@ -170,9 +171,8 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
             said = (*said, said_noise(run, fit))
         if searched:
             fit = replace(fit, runs=first.runs, agree=first.agree, searched=first.searched)
-            steps.append(run.step_again(run.step(first, name), fit))
-        else:
-            steps.append(step_of(run, fit, name, said))
+        step = run.step_again(run.step(first, name), fit) if searched else step_of(run, fit, name)
+        steps.append(replace(step, findings=(*step.findings, *said)))
         fits.append(fit)
     if found.noise:
         model = with_noise(found.winner.scored, found.noise, found.winner.spec)

@@ -18,7 +18,7 @@ from ..fit.intervals.assemble import INTERVAL_THRESHOLD
 from ..fit.moves import descended, movable
 from ..fit.noise.prewhitening import Whitened, with_taps
 from ..model.segments import bound
-from ..numerics.heavy_tails import likelihood_ratio
+from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..typing import FloatArray
 
 RUNGS = np.geomspace(0.01, 1.0, 15)

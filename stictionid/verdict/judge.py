@@ -43,7 +43,7 @@ from ..fit.noise.whiteness import passes_tests
 from ..fit.starts.basins import process_grid
 from ..model.model import Model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
-from ..numerics.heavy_tails import likelihood_ratio
+from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..numerics.varpro import SAME, axes
 from ..record.loop import Loop
 from ..record.oscillation import BY_TURNS

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import gammaln
 
-from ..typing import FloatArray
+from ...typing import FloatArray
 
 FREEDOMS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 100.0)
 """Degrees of freedom looked at; beyond the last one a Student distribution is a normal one."""
