@@ -421,3 +421,18 @@ def burg(chains, lags):
         covariance.append(-sum(a * covariance[order - i] for i, a in enumerate(taps) if i))
         variance *= 1.0 - reflection**2
     return np.array(covariance), np.array(taps[1:]), variance
+
+
+def student_log_likelihood(values, freedom):
+    """Greatest log-likelihood of a Student distribution over its scale, by nested grids of the density itself."""
+    def whole(scale):
+        head = math.lgamma((freedom + 1.0) / 2.0) - math.lgamma(freedom / 2.0) - 0.5 * math.log(freedom * math.pi)
+        return sum(head - math.log(scale) - (freedom + 1.0) / 2.0 * math.log(1.0 + (x / scale) ** 2 / freedom)
+                   for x in values)
+
+    low, high = -12.0, 12.0
+    for _ in range(40):
+        grid = [low + (high - low) * i / 20 for i in range(21)]
+        best = max(range(21), key=lambda i: whole(math.exp(grid[i])))
+        low, high = grid[max(best - 1, 0)], grid[min(best + 1, 20)]
+    return whole(math.exp(0.5 * (low + high)))

@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from stictionid.numerics.autoregression import autocovariance, autoregression, levinson, predicted_covariance
 from stictionid.numerics.noise.family import AUTOREGRESSION, MEASURED, WALK, WHITE, Noise, resonance_of
 from stictionid.numerics.noise.fit import WALK_MARGIN, fit_noise, fits_of
+from stictionid.numerics.noise.heavy_tails import likelihood_ratio, log_likelihood
 from stictionid.numerics.noise.whitener import Whitener, bic_of, likelihood
 from stictionid.numerics.varpro import whiten
 
@@ -293,3 +294,25 @@ def test_a_smooth_disturbance_keeps_its_innovations() -> None:
         ratios.append([r / np.std(lfilter(taps, [1.0], x)[8:]) for r in own])
     own, plain = np.mean(ratios, axis=0)
     assert abs(own - 1.0) < 0.01 < plain - 1.0
+
+
+@pytest.mark.parametrize("freedom", [2.5, 4.0, 20.0])
+def test_the_student_likelihood_is_that_of_its_density(freedom: float) -> None:
+    e = 0.03 * np.random.default_rng(3).standard_t(freedom, 40)
+    assert log_likelihood(e, freedom) == pytest.approx(naive.student_log_likelihood(e.tolist(), freedom), abs=1e-6)
+
+
+def test_a_jump_that_one_model_meets_by_chance_is_no_evidence() -> None:
+    rng = np.random.default_rng(5)
+    plainer = rng.standard_t(3.0, 1000)
+    fuller = plainer.copy()
+    fuller[np.argsort(np.abs(plainer))[-3:]] *= 0.2
+    normal = 1000 * float(np.log((plainer @ plainer) / (fuller @ fuller)))
+    assert normal > 100.0 and likelihood_ratio(fuller, plainer) < 0.3 * normal
+    # Normal innovations have the normal ratio, and errors at slips that only one model has are no tails.
+    noise = rng.standard_normal(1000)
+    slips = noise.copy()
+    slips[::40] += 4.0
+    ratio = 1000 * float(np.log((slips @ slips) / (noise @ noise)))
+    assert likelihood_ratio(noise, slips) == pytest.approx(ratio, rel=0.2)
+    assert likelihood_ratio(noise, 1.1 * noise) == pytest.approx(2000 * np.log(1.1), rel=1e-6)
