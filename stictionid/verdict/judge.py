@@ -5,7 +5,8 @@ The reason: a friction-free model with coloured noise explains every smooth osci
 tuning) as well as a valve does. Only the slips of a sticking valve stay unpredicted. The friction-free model has a
 second lag more, so that friction is not confused with a process of higher order, and a structure of its own.
 
-Four quantities are compared. First the log likelihood ratio of the one-step errors on common samples; second the number
+Each model gets the noise of either, so that no noise model speaks for friction. Four quantities are compared. First the
+log likelihood ratio of the one-step errors on common samples, whose tails may be heavy; second the number
 of five blocks on which the error falls. Third are the one-step errors on blocks held out of both models: without a gain
 there the verdict is not stiction. A record too short to hold blocks out is judged by the rest and trusted less. Fourth
 is the part of the free-run error that friction explains. "No stiction" is a claim of its own: no friction may predict y
