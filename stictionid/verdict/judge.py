@@ -42,7 +42,9 @@ from ..fit.noise.prewhitening import (
 )
 from ..fit.noise.whiteness import passes_tests
 from ..fit.starts.basins import process_grid
+from ..fit.starts.beside_effect import RESTING
 from ..model.model import Model
+from ..model.segments import bound
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..numerics.varpro import SAME, axes
@@ -53,6 +55,7 @@ from ..selection.node import LAG
 from ..typing import FloatArray
 from .causes import looks_like
 from .excluded import largest_possible
+from .severity import controller_law
 
 _BLOCKS = 5
 # Likelihood ratio and blocks won above which friction is in the record, and ratio below which nothing speaks for it.
@@ -135,12 +138,18 @@ def compared(run: Run, sticking: Whitened, reach: float = 0.0) -> Verdict:
     said += f"; {_predicts(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
     walks = sticking.model.spec.increments and sticking.model.spec.process != INTEGRATOR
     answer, confidence = _answer(ratio, won, explained, drop, one_step, walks)
+    if answer == "stiction" and (plain := _plain(sticking)) is not None and _measured(run, plain, free)[0] < _STICKS:
+        answer, confidence, said = "undecided", 0.4, f"S and J alone predict hardly better than no friction; {said}"
     if answer == "stiction" and ((gain is not None and not gain.share > 0.0) or (leaves and ratio < _CLEAR)):
         answer, confidence = "undecided", 0.4
     instead = looks_like(run.loop, free) if answer != "stiction" else ""
-    claim, in_free_run = None, explained >= _NOTHING and drop >= _NOTHING_DROP
+    most = drop >= _MOST_OF_THE_ERROR and not walks and not leaves
+    claim, in_free_run = None, most or (explained >= _NOTHING and drop >= _NOTHING_DROP)
     if answer != "stiction":
         claim = _claim(run, sticking, free, ratio, reach, in_free_run)
+        if most and not claim.open:
+            claim = replace(claim, open="friction explains most of the free-run error, though it predicts no better",
+                            confidence=0.4)
         answer, confidence = "undecided" if claim.open else "no stiction", claim.confidence
         first = [f"the model without friction errs by {claim.errs:.2g} times its noise"] if claim.errs > _MANY else []
         quiet = (ratio < _CLEAN or won < _WON) and not in_free_run
@@ -302,6 +311,21 @@ def _answer(ratio: float, won: int, explained: float, drop: float, one_step: flo
     return "undecided", 0.4
 
 
+def _plain(sticking: Whitened) -> Whitened | None:
+    """The sticking model without effects on its friction, a rest left aside; None where it has none.
+
+    A valve that sticks otherwise up and down, or more and more, sticks: an effect alone may be a neighbour's cycle.
+    """
+    spec = sticking.model.spec
+    effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" or name == RESTING)
+    if effects == spec.effects:
+        return None
+    model = bound(sticking.model.loop, replace(spec, effects=effects), s_max=sticking.model.s_max,
+                  period_s=sticking.model.period_s)
+    found = descended(model, model.cube(model.vector(sticking.model.named(sticking.values))[:, None]), settle=SETTLE)
+    return whitened(model, model.values(found.points[:1])[:, 0])
+
+
 def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int, float, float, float]:
     """Evidence for friction: likelihood ratio, blocks won, share of the variance of y explained, falls of both errors.
 
@@ -322,7 +346,10 @@ def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int,
 
 def friction_free(run: Run, sticking: Whitened) -> Whitened:
     """The best model without friction: first order or the structure of the sticking one, whichever predicts better."""
-    spec = sticking.model.spec
+    spec, law = sticking.model.spec, controller_law(run.loop.longest_segment(), held=sticking.model.spec.held)
+    # A command that moves with y between samples predicts y by the controller's law turned round: a gain of the wrong
+    # sign. That is no process.
+    acts = 0.0 if law is None or law.gain * sticking.evaluated.gain <= 0.0 else float(np.sign(law.gain))
     effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" and name != LAG)
     lag = () if spec.fixed else (LAG,)
     tried: list[Whitened] = []
@@ -331,17 +358,17 @@ def friction_free(run: Run, sticking: Whitened) -> Whitened:
                        increments=process == INTEGRATOR or (spec.increments and process == spec.process))
         held = replace(bare, between="hold", substeps=1)
         if spec.held:
-            tried.append(_whitened_free(run, held, sticking))
+            tried.append(_whitened_free(run, held, sticking, acts))
             continue
         # Under a command that moves between samples, the friction-free model gets the same command.
-        tried.append(_whitened_free(run, bare, sticking))
-        other = _held_beside(run, held, tried[-1], sticking)
+        tried.append(_whitened_free(run, bare, sticking, acts))
+        other = _held_beside(run, held, tried[-1], sticking, acts)
         if other is not None:
             tried.append(other)
     return min(tried, key=lambda w: w.innovation_sd)
 
 
-def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) -> Whitened | None:
+def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened, acts: float) -> Whitened | None:
     """The friction-free rival with a held command beside the searched one with a moving command, or None if it is none.
 
     It is no rival where friction has lost already, since another rival can only take more from it. Nor is it one where
@@ -360,19 +387,19 @@ def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) -> 
     if near.innovation_sd > _NEAR * moving.innovation_sd:
         return None
     if _measured(run, sticking, near)[0] < _NO_DOUBT:
-        return _whitened_free(run, spec, sticking)
+        return _whitened_free(run, spec, sticking, acts)
     return replace(near, rmse=min(near.rmse, moving.rmse))
 
 
-def _whitened_free(run: Run, spec: Spec, sticking: Whitened) -> Whitened:
+def _whitened_free(run: Run, spec: Spec, sticking: Whitened, acts: float) -> Whitened:
     """The friction-free model, prewhitened and searched in turns: a wrong noise model would bend its process."""
-    model, values, near = _free(run, spec, sticking)
+    model, values, near = _free(run, spec, sticking, acts)
     best = with_taps(model, values, np.empty(0))
     for _ in range(TURNS):
         taps = noise_taps(best)
         if np.array_equal(taps, best.model.spec.taps):
             break
-        model, values, _ = _free(run, replace(spec, taps=tuple(taps)), sticking, best.values, near)
+        model, values, _ = _free(run, replace(spec, taps=tuple(taps)), sticking, acts, best.values, near)
         now = with_taps(model, values, taps)
         if now.innovation_sd > WORTH * best.innovation_sd:
             break
@@ -381,9 +408,11 @@ def _whitened_free(run: Run, spec: Spec, sticking: Whitened) -> Whitened:
     return replace(best, rmse=min(best.rmse, without_noise(best.model, best.values))) if walks else best
 
 
-def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = None,
+def _free(run: Run, spec: Spec, sticking: Whitened, acts: float, known: FloatArray | None = None,
           near: FloatArray | None = None) -> tuple[Model, FloatArray, FloatArray]:
     """The friction-free model of a spec, its best values (d,), and the best points (m, d) of its process grid.
+
+    `acts` is the sign of its gain, 0 where that is not known.
 
     Effects start as in the `sticking` model: both models know the same disturbances. `known` (d,) are the values under
     another noise model. The polish then starts from them and from the best of the grid's points `near`.
@@ -394,20 +423,23 @@ def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = N
     start[:3] = found[:3] = 0.0
     if known is not None and near is not None:
         starts = np.stack([model.cube(known[:, None])[0], near[model.costs(near).argmin()], found])
-        return model, _descended(model, starts), near
+        return model, _descended(model, starts, acts), near
     for rows in (model.rows_of(name) for name in model.names if name in sticking.model.names):
         start[rows] = found[rows]
     points, costs = process_grid(search_model(model), start)
     points = points[np.argsort(costs, kind="stable")[:_NEAREST]]
     # The process of the sticking model, too: what another process does better is not friction's.
-    return model, _descended(model, np.concatenate([points[list(STARTS)], found[None]])), points
+    return model, _descended(model, np.concatenate([points[list(STARTS)], found[None]]), acts), points
 
 
-def _descended(model: Model, starts: FloatArray) -> FloatArray:
-    """The best values (d,) of descents from several starts (k, d)."""
+def _descended(model: Model, starts: FloatArray, acts: float) -> FloatArray:
+    """The best values (d,) of descents from several starts (k, d), with a gain of the sign `acts` where one has it."""
     first = descended(model, starts, turns=_GLANCE, settle=SETTLE)
     # The other starts have come to the same optimum or are far from it.
     other = (first.costs > first.costs[0] * (1.0 + SETTLE)) & (first.costs < _RIVAL * first.costs[0])
     other[0] = True
-    found = descended(model, first.points[other])
-    return model.values(found.points[:1])[:, 0]
+    if acts:
+        signed = np.array([acts * model.evaluate(v).gain > 0.0 for v in model.values(first.points).T])
+        other = other & signed if (other & signed).any() else signed if signed.any() else other
+    ends = model.values(descended(model, first.points[other]).points)
+    return next((v for v in ends.T if acts * model.evaluate(v).gain > 0.0), ends[:, 0])
