@@ -397,3 +397,42 @@ def directional(position, T, L, ratio, step_s, fine=4000, growth=0.0):
         if (k + 1) % fine == 0:
             out.append(x)
     return np.array(out)
+
+
+def burg(chains, lags):
+    """Autocovariances of the autoregression with the least squared errors of prediction forwards and backwards.
+
+    Burg 1975: one reflection coefficient at a time, Levinson's taps, every sum taken over the samples of each chain.
+    """
+    count = sum(len(x) for x in chains)
+    variance = sum(value**2 for x in chains for value in x) / count
+    taps, covariance = [1.0], [variance]
+    for order in range(1, lags + 1):
+        both, power = 0.0, 0.0
+        for x in chains:
+            for k in range(order, len(x)):
+                ahead = sum(a * x[k - i] for i, a in enumerate(taps))
+                behind = sum(a * x[k - order + i] for i, a in enumerate(taps))
+                both, power = both + ahead * behind, power + ahead**2 + behind**2
+        reflection = -2.0 * both / power
+        longer = [*taps, 0.0]
+        taps = [a + reflection * b for a, b in zip(longer, longer[::-1], strict=True)]
+        # Yule and Walker: the taps of this order have no covariance with the past of this order.
+        covariance.append(-sum(a * covariance[order - i] for i, a in enumerate(taps) if i))
+        variance *= 1.0 - reflection**2
+    return np.array(covariance), np.array(taps[1:]), variance
+
+
+def student_log_likelihood(values, freedom):
+    """Greatest log-likelihood of a Student distribution over its scale, by nested grids of the density itself."""
+    def whole(scale):
+        head = math.lgamma((freedom + 1.0) / 2.0) - math.lgamma(freedom / 2.0) - 0.5 * math.log(freedom * math.pi)
+        return sum(head - math.log(scale) - (freedom + 1.0) / 2.0 * math.log(1.0 + (x / scale) ** 2 / freedom)
+                   for x in values)
+
+    low, high = -12.0, 12.0
+    for _ in range(40):
+        grid = [low + (high - low) * i / 20 for i in range(21)]
+        best = max(range(21), key=lambda i: whole(math.exp(grid[i])))
+        low, high = grid[max(best - 1, 0)], grid[min(best + 1, 20)]
+    return whole(math.exp(0.5 * (low + high)))

@@ -6,9 +6,12 @@ import naive
 import numpy as np
 import pytest
 from noise_family import simulated
+from scipy.signal import lfilter
 
+from stictionid.numerics.autoregression import autocovariance, autoregression, levinson, predicted_covariance
 from stictionid.numerics.noise.family import AUTOREGRESSION, MEASURED, WALK, WHITE, Noise, resonance_of
 from stictionid.numerics.noise.fit import WALK_MARGIN, fit_noise, fits_of
+from stictionid.numerics.noise.heavy_tails import likelihood_ratio, log_likelihood
 from stictionid.numerics.noise.whitener import Whitener, bic_of, likelihood
 from stictionid.numerics.varpro import whiten
 
@@ -262,3 +265,54 @@ def test_units_do_not_matter() -> None:
     for kind in one:
         assert other[kind].bic - one[kind].bic == pytest.approx((good.sum() - 1) * np.log(1e12), abs=0.05)
         assert other[kind].noise.theta == pytest.approx(one[kind].noise.theta, abs=1e-2)
+
+
+def test_the_autoregression_predicts_forwards_and_backwards() -> None:
+    rng, n = np.random.default_rng(2), 90
+    x = rng.standard_normal(n)
+    for k in range(2, n):
+        x[k] += 1.7 * x[k - 1] - 0.8 * x[k - 2]
+    good = np.ones(n, bool)
+    good[:3] = good[40:52] = False
+    for starts, chains in (((0,), (x[3:40], x[52:])), ((0, 30), (x[3:30], x[30:40], x[52:]))):
+        covariance, taps, variance = naive.burg(chains, 5)
+        found = predicted_covariance(x, good, 5, starts)
+        np.testing.assert_allclose(found, covariance, rtol=1e-9)
+        *_, (last, left) = levinson(found)
+        np.testing.assert_allclose(last, taps, rtol=1e-7)
+        assert left == pytest.approx(variance)
+
+
+def test_a_smooth_disturbance_keeps_its_innovations() -> None:
+    # Roots of 0.98 and 0.9, 600 samples: products of samples alone leave innovations a tenth too large.
+    rng, n, taps = np.random.default_rng(4), 600, np.poly([0.98, 0.9])
+    ratios = []
+    for _ in range(40):
+        x = lfilter([1.0], taps, rng.standard_normal(n + 400))[400:]
+        own = [np.std(lfilter(np.concatenate([[1.0], a]), [1.0], x)[8:]) for a in (
+            autoregression(x, np.ones(n, bool), 2), list(levinson(autocovariance(x, np.ones(n, bool), 2)))[-1][0])]
+        ratios.append([r / np.std(lfilter(taps, [1.0], x)[8:]) for r in own])
+    own, plain = np.mean(ratios, axis=0)
+    assert abs(own - 1.0) < 0.01 < plain - 1.0
+
+
+@pytest.mark.parametrize("freedom", [2.5, 4.0, 20.0])
+def test_the_student_likelihood_is_that_of_its_density(freedom: float) -> None:
+    e = 0.03 * np.random.default_rng(3).standard_t(freedom, 40)
+    assert log_likelihood(e, freedom) == pytest.approx(naive.student_log_likelihood(e.tolist(), freedom), abs=1e-6)
+
+
+def test_a_jump_that_one_model_meets_by_chance_is_no_evidence() -> None:
+    rng = np.random.default_rng(5)
+    plainer = rng.standard_t(3.0, 1000)
+    fuller = plainer.copy()
+    fuller[np.argsort(np.abs(plainer))[-3:]] *= 0.2
+    normal = 1000 * float(np.log((plainer @ plainer) / (fuller @ fuller)))
+    assert normal > 100.0 and likelihood_ratio(fuller, plainer) < 0.3 * normal
+    # Normal innovations have the normal ratio, and errors at slips that only one model has are no tails.
+    noise = rng.standard_normal(1000)
+    slips = noise.copy()
+    slips[::40] += 4.0
+    ratio = 1000 * float(np.log((slips @ slips) / (noise @ noise)))
+    assert likelihood_ratio(noise, slips) == pytest.approx(ratio, rel=0.2)
+    assert likelihood_ratio(noise, 1.1 * noise) == pytest.approx(2000 * np.log(1.1), rel=1e-6)

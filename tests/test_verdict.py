@@ -9,12 +9,13 @@ from pathlib import Path
 import naive
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from stictionid.errors import UsageError
 from stictionid.fit.cross_validation import Held
-from stictionid.fit.noise.prewhitening import whitened
+from stictionid.fit.noise.prewhitening import whitened, with_noise_of, with_taps
 from stictionid.historian import read_loop
-from stictionid.model.closed_loop import Controller, Plant, preset, simulate, with_stiction
+from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
 from stictionid.numerics.autoregression import first_rows
@@ -123,6 +124,53 @@ def test_whitened_innovations_are_white_and_smaller() -> None:
     x = done.innovation[done.good]
     assert done.order >= 1 and done.innovation_sd < 0.6 * done.rmse
     assert abs(float(x[1:] @ x[:-1] / (x @ x))) < 0.2  # AR(1) residuals of the same model have 0.9
+
+
+def test_a_root_next_to_1_does_not_lose_the_level() -> None:
+    """The innovations are blind to the level; the free run is not."""
+    loop = simulate(scanned(5.0, 3.0), seed=2).loop
+    values = {"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 5.0, "dead_time_s": 5.0}
+    plain, blind = (Model(loop, Spec(taps=taps), s_max=7.0, period_s=60.0) for taps in ((), (-0.999999,)))
+    level, same = (m.evaluate(m.vector(values)) for m in (plain, blind))
+    assert abs(np.mean(same.residual[same.counted > 0])) < 1e-6
+    assert same.rmse < 1.1 * level.rmse
+
+
+def test_both_models_get_the_noise_of_either() -> None:
+    noise = ("coloured-noise", {"root": 0.9, "innovation_sd": 0.1})
+    loop = simulate(replace(scanned(5.0, 3.0, effects=(noise,)), noise_sd=0.0), seed=2).loop
+    model = Model(loop, Spec(), s_max=7.0, period_s=60.0)
+    values = model.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 5.0,
+                           "dead_time_s": 5.0})
+    rich = whitened(model, values)
+    poor = with_taps(model, rich.values, np.empty(0))
+    helped = with_noise_of(poor, rich)
+    assert helped.order == rich.order and helped.innovation_sd < 1.01 * rich.innovation_sd
+    assert with_noise_of(rich, poor) is rich  # white noise predicts worse here
+
+
+def test_an_unnamed_colour_does_not_bend_S() -> None:
+    """A band of wandering phase under white noise: no autoregression whitens it, so it has no name."""
+    errors = []
+    for seed in (1, 2, 3):
+        rng, n = np.random.default_rng(seed), 1200
+        taps = np.poly(0.985 * np.exp(np.array([1j, -1j]) * 2 * np.pi / 33)).real
+        band = lfilter([1.0], taps, rng.standard_normal(n + 500))[500:]
+        loop = simulate(replace(scanned(3.0, 1.5, duration_s=float(n)), noise_sd=0.03), seed=seed,
+                        disturbance=4.0 * band / np.ptp(band)).loop
+        loop = replace(loop, position=None)
+        errors.append([abs(identify(loop, options=Options(base_only=only)).estimate.S / 3.0 - 1.0)
+                       for only in (False, True)])
+    own, plain = np.max(errors, axis=0)
+    assert own < 0.02 and own < 0.5 * plain
+
+
+def test_a_walk_proves_no_valve_by_its_free_run() -> None:
+    from stictionid.verdict.judge import _answer
+
+    assert _answer(60.0, 5, 0.4, 0.3, 0.02)[0] == "stiction"
+    assert _answer(60.0, 5, 0.4, 0.3, 0.02, True)[0] == "undecided"
+    assert _answer(60.0, 5, 0.4, 0.3, 0.12, True)[0] == "stiction"
 
 
 @pytest.mark.parametrize("roots", [[0.9], [0.95, -0.3], [0.8, 0.7, -0.5, 0.2]])
@@ -420,3 +468,56 @@ def test_the_prediction_alone_is_never_sure_of_stiction() -> None:
     assert _answer(900.0, 5, 0.005, 0.6, 0.3)[1] > 0.95  # most of the free-run error
     assert _answer(900.0, 5, 0.005, 0.2, 0.3) == ("stiction", 0.7)
     assert _answer(900.0, 5, 0.005, 0.02, 0.3)[0] == "undecided"
+
+
+def test_the_controller_turned_round_is_no_process() -> None:
+    """A command that moves with y between samples tells y by the controller's law, with a gain of the wrong sign."""
+    from stictionid.verdict.judge import _descended
+
+    rng, n = np.random.default_rng(3), 900
+    wander = np.convolve(rng.standard_normal(n + 40), np.hanning(40), "valid")[:n]
+    setting = Setting(Plant(0.65, 24.7, 6.0), Controller(3.0, 24.0), 0.0, 0.0, duration_s=float(n))
+    loop = replace(simulate(setting, seed=3, disturbance=2.0 * wander / np.ptp(wander)).loop, position=None)
+    spec = Spec(between="corner", substeps=8, friction_free=True, taps=(-0.999,))
+    model = Model(loop, spec, s_max=7.0, period_s=60.0)
+    right = {"S": 0.0, "J": 0.0, "initial_residual_force": 0.0, "time_constant_s": 24.7, "dead_time_s": 6.0}
+    starts = model.cube(np.stack([model.vector(right | more) for more in (
+        {}, {"time_constant_s": 0.05, "dead_time_s": 0.0})], axis=1))
+    gains = [model.evaluate(_descended(model, starts, acts)).gain for acts in (0.0, 1.0)]
+    assert gains[0] == pytest.approx(-1.0 / 3.0, rel=0.2)
+    assert gains[1] > 0.0
+
+
+def test_an_effect_alone_is_no_valve(monkeypatch: pytest.MonkeyPatch) -> None:
+    from stictionid.verdict import judge
+
+    loop = simulate(scanned(5.0, 3.0), seed=5).loop
+    assert identify(replace(loop, position=None)).verdict.stiction == "stiction"
+    monkeypatch.setattr(judge, "_plain", lambda sticking: replace(sticking, innovation=3.0 * sticking.innovation))
+    verdict = identify(replace(loop, position=None)).verdict
+    assert verdict.stiction == "undecided" and "S and J alone" in verdict.reason
+
+
+def test_the_plain_valve_of_a_model_keeps_a_rest() -> None:
+    from stictionid.verdict.judge import _plain
+
+    loop, values = simulate(scanned(5.0, 3.0), seed=5).loop, {"S": 5.0, "J": 3.0, "time_constant_s": 5.0,
+                                                             "dead_time_s": 5.0, "initial_residual_force": 0.5}
+    found = []
+    for effects in ((), ("re-sticking",), ("asymmetric-stiction",)):
+        model = Model(loop, Spec(effects=effects), s_max=7.0, period_s=60.0)
+        found.append(_plain(whitened(model, model.vector(values))))
+    assert found[0] is found[1] is None and found[2] is not None and found[2].model.spec.effects == ()
+
+
+def test_friction_that_explains_most_of_the_free_run_is_not_denied(monkeypatch: pytest.MonkeyPatch) -> None:
+    from stictionid.verdict import judge
+    from stictionid.verdict.excluded import Possible
+
+    monkeypatch.setattr(judge, "largest_possible", lambda *_: Possible(0.01, -200.0))
+    told = []
+    for drop in (0.03, 0.9):
+        monkeypatch.setattr(judge, "_measured", lambda *_, d=drop: (-200.0, 0, 0.001, d, -0.1))
+        told.append(identify(loops.clean(12, "tight").loop).verdict)
+    assert [v.stiction for v in told] == ["no stiction", "undecided"]
+    assert "most of the free-run error" in told[1].reason

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..effects import parse, walks
+from ..effects import noises_in, parse, walks
 from ..errors import CannotTell
 from ..model.model import Model, skipped
 from ..model.segments import bound
@@ -170,7 +170,8 @@ class Run:
             return True, (f"the free-run error {error:.4g} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible "
                           f"noise {floor:.4g}: nothing is left to explain")
         one_step = step.error.rmse_one_step
-        modelled = step.model.get("taps") or walks(step.effects)
+        modelled = ((step.model.get("taps") and (step.model.get("increments") or noises_in(step.effects)))
+                    or walks(step.effects))
         if step.model and modelled and one_step is not None and one_step <= ADEQUATE * floor:
             left = ("nothing is left to explain" if error <= _CONDITIONAL * floor else
                     f"what is left, {error / floor:.2g} times that noise in the free run, is carried by the noise "

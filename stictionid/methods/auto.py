@@ -20,6 +20,7 @@ from ..fit.context import CONDITIONAL, Run, parameters
 from ..fit.fit import Fitted, reaching
 from ..fit.intervals.assemble import outline, region
 from ..fit.moves import longest_first
+from ..fit.noise.prewhitening import without_noise
 from ..fit.noise.unexplained import judged_by
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout
@@ -153,8 +154,8 @@ def _nothing_explained(run: Run, found: Decision) -> bool:
     done = found.winner.scored.done
     if done.increments and done.model.spec.process == FIRST_ORDER:
         return False
-    e = done.evaluated
-    return e.rmse > _NOTHING * float(np.std(run.used_y())) and not (
+    e, scatter = done.evaluated, _NOTHING * float(np.std(run.used_y()))
+    return e.rmse > scatter and without_noise(done.model, done.values) > scatter and not (
         done.increments and e.sse < _CHANGES * done.model.shared.target_energy)
 
 

@@ -266,13 +266,16 @@ class Model(Response):
                                      free, target, filtered[w], goal[w])
         coefficients = np.concatenate([[fixed_gain], solution]) if fixed_gain is not None else solution
         model = design @ coefficients
-        if self.taps.size and self.spec.increments:
+        if self.taps.size:
             # Differences carry no information on the level: offset and drift are fitted to y itself.
             level_w = self._level_weight() > 0
             rest = (y - own @ coefficients[:k])[level_w]
             tail, *_ = np.linalg.lstsq(shared[level_w], rest, rcond=1e-12)
-            coefficients = np.concatenate([coefficients[:k], tail])
-            model = design @ coefficients
+            levelled = np.concatenate([coefficients[:k], tail])
+            if self.spec.increments or self._as_likely(levelled[coefficients.size - solution.size:] - solution,
+                                                       filtered[w], innovation[w]):
+                coefficients = levelled
+                model = design @ coefficients
         # A decayed transient is shown as the step from the model to the first measured value of its segment.
         for piece, first in enumerate(self.loop.starts if len(self.pieces) > 1 else (0,)):
             mine = [i for i in dead if (i - k + lags) % len(self.pieces) == piece]
@@ -286,6 +289,15 @@ class Model(Response):
                          np.where(np.isfinite(self.loop.process_value), y - model, np.nan),
                          innovation, sampled, means, int(w.sum()), sse, self._level_weight(),
                          starts=self.loop.starts)
+
+    @staticmethod
+    def _as_likely(change: FloatArray, white: FloatArray, innovation: FloatArray) -> bool:
+        """True where a change of the coefficients (c,) costs less than a parameter does: the noise hides the level.
+
+        `white` (m, c) are the filtered columns. An autoregression with a root next to 1 takes any level for noise.
+        """
+        left, before = innovation - white @ change, float(innovation @ innovation)
+        return innovation.size * float(np.log(max(float(left @ left), 1e-300) / max(before, 1e-300))) < 1.0
 
     def _started(self, solution: FloatArray, starts: slice, design: FloatArray, y: FloatArray, white: FloatArray,
                  goal: FloatArray) -> FloatArray:

@@ -11,6 +11,7 @@ from ..fit.add_effect import polished
 from ..fit.context import CONDITIONAL, Run
 from ..fit.fit import Fitted, finish
 from ..fit.moves import descended
+from ..fit.noise.prewhitening import whitened
 from ..model.model import Model
 from ..model.segments import bound
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
@@ -78,6 +79,22 @@ def step_of(run: Run, fit: Fitted, added: str | None, findings: Sequence[Finding
     """A fit as a step of its own; the finding on conditional intervals is that of this fit."""
     step = run.step(replace(fit, runs=1, agree=1), added)
     return replace(step, findings=(*step.findings, *(f for f in findings if f.code != CONDITIONAL)))
+
+
+def in_colour(model: Model, values: FloatArray, scored: Scored) -> Rung:
+    """A first order in levels under the autoregression of its residual; as it is where the residual is white.
+
+    Least squares take a coloured residual for white and bend process and slips to it, whether that colour has a name
+    or not. The values of the completed node are a start, too. An integrator has its errors in differences already. A
+    noise model with a root near 1 may lose the level: then the free run says so, and the model stays as it is.
+    """
+    if model.spec.process != FIRST_ORDER or model.spec.increments:
+        return model.spec, values
+    starts = values, model.vector(scored.done.model.named(scored.done.values))
+    most = 2 * model.evaluate(values).rmse
+    found = [w for w in (whitened(model, start) for start in starts) if w.order and w.evaluated.rmse <= most]
+    best = min(found, key=lambda w: w.innovation_sd, default=None)
+    return (model.spec, values) if best is None else (best.model.spec, best.values)
 
 
 def with_noise(scored: Scored, name: str, spec: Spec) -> Model:

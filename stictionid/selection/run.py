@@ -25,7 +25,7 @@ from ..typing import FloatArray, Progress
 from .bootstrap import p_of
 from .decide import Decision, candidates, decided, rounded
 from .entry import ADD, ROOT, Asked, Entry
-from .ladder import Rung, fitted, ordered, said_noise, step_of, with_noise
+from .ladder import Rung, fitted, in_colour, ordered, said_noise, step_of, with_noise
 from .looks import rng_of
 from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
@@ -156,13 +156,24 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
                 and _is_rung(run, study.steps[i], spec):
             steps.append(study.steps[i])
             continue
-        if study is None and key(first.model.spec) == key(spec) \
-                and _as_good(first, run, spec, values, search.policy.neutral):
+        searched = study is None and key(first.model.spec) == key(spec) \
+            and _as_good(first, run, spec, values, search.policy.neutral)
+        values, full = first.values if searched else values, spec
+        if final and not run.options.base_only:
+            full, values = in_colour(run.model(spec), values, found.winner.scored)
+        said = _said(found, study) if final else ()
+        if searched and full.taps == first.model.spec.taps:
             fits.append(first)
             steps.append(run.step(first, name))
             continue
-        fits.append(fitted(run.model(spec), values, rng_of(search.seed, key(spec), 2), last=final))
-        steps.append(step_of(run, fits[-1], name, _said(found, study) if final else ()))
+        fit = fitted(run.model(full), values, rng_of(search.seed, key(spec), 2), last=final)
+        if full.taps != spec.taps:
+            said = (*said, said_noise(run, fit))
+        if searched:
+            fit = replace(fit, runs=first.runs, agree=first.agree, searched=first.searched)
+        step = run.step_again(run.step(first, name), fit) if searched else step_of(run, fit, name)
+        steps.append(replace(step, findings=(*step.findings, *said)))
+        fits.append(fit)
     if found.noise:
         model = with_noise(found.winner.scored, found.noise, found.winner.spec)
         values = model.vector(found.winner.scored.done.model.named(found.winner.scored.done.values))

@@ -99,7 +99,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     verdict = judge(run, near_fit, loop, position)
     if verdict.stiction == "undecided" and verdict.evidence.get("code") == UNANSWERED:
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
-    if verdict.stiction == "undecided" and (unclear := _unclear(found, outcome.steps[-1])):
+    if unclear := _unclear(found, outcome.steps[-1]):
         return abstained(loop, found, options, CannotTell(unclear, _CLEARER, code="no-cycles"))
     estimate = reaching_to(_estimate(last, unit, outcome, position), outcome.equivalents)
     severity, swing = meaning_of(piece, estimate, last, verdict)

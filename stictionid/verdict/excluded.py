@@ -18,6 +18,7 @@ from ..fit.intervals.assemble import INTERVAL_THRESHOLD
 from ..fit.moves import descended, movable
 from ..fit.noise.prewhitening import Whitened, with_taps
 from ..model.segments import bound
+from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..typing import FloatArray
 
 RUNGS = np.geomspace(0.01, 1.0, 15)
@@ -58,9 +59,8 @@ def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possib
     above = RUNGS[RUNGS * swing > possible * (1.0 + 1e-6)]
     best = with_taps(model, values[:, int(cost.argmin())], np.asarray(model.spec.taps))
     good = best.good & free.good
-    a, b = best.innovation[good], free.innovation[good]
-    ratio = a.size * float(np.log(max(float(b @ b), 1e-300) / max(float(a @ a), 1e-300)))
-    return Possible(float(above[0] * swing) if above.size else None, ratio)
+    return Possible(float(above[0] * swing) if above.size else None,
+                    likelihood_ratio(best.innovation[good], free.innovation[good]))
 
 
 def _sticking_in(free: Whitened) -> Whitened:

@@ -5,7 +5,8 @@ The reason: a friction-free model with coloured noise explains every smooth osci
 tuning) as well as a valve does. Only the slips of a sticking valve stay unpredicted. The friction-free model has a
 second lag more, so that friction is not confused with a process of higher order, and a structure of its own.
 
-Four quantities are compared. First the log likelihood ratio of the one-step errors on common samples; second the number
+Each model gets the noise of either, so that no noise model speaks for friction. Four quantities are compared. First the
+log likelihood ratio of the one-step errors on common samples, whose tails may be heavy; second the number
 of five blocks on which the error falls. Third are the one-step errors on blocks held out of both models: without a gain
 there the verdict is not stiction. A record too short to hold blocks out is judged by the rest and trusted less. Fourth
 is the part of the free-run error that friction explains. "No stiction" is a claim of its own: no friction may predict y
@@ -27,11 +28,25 @@ from ..fit.context import Run
 from ..fit.cross_validation import held_out_of
 from ..fit.fit import Fitted
 from ..fit.moves import descended, search_model
-from ..fit.noise.prewhitening import SETTLE, TURNS, WORTH, Whitened, noise_taps, whitened, with_taps, without_noise
+from ..fit.noise.prewhitening import (
+    SETTLE,
+    STARTS,
+    TURNS,
+    WORTH,
+    Whitened,
+    noise_taps,
+    whitened,
+    with_noise_of,
+    with_taps,
+    without_noise,
+)
 from ..fit.noise.whiteness import passes_tests
 from ..fit.starts.basins import process_grid
+from ..fit.starts.beside_effect import RESTING
 from ..model.model import Model
+from ..model.segments import bound
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..numerics.varpro import SAME, axes
 from ..record.loop import Loop
 from ..record.oscillation import BY_TURNS
@@ -40,6 +55,7 @@ from ..selection.node import LAG
 from ..typing import FloatArray
 from .causes import looks_like
 from .excluded import largest_possible
+from .severity import controller_law
 
 _BLOCKS = 5
 # Likelihood ratio and blocks won above which friction is in the record, and ratio below which nothing speaks for it.
@@ -49,8 +65,6 @@ _STICKS, _CLEAN, _WON = 40.0, 15.0, 4
 _EXPLAINED, _CLEAR, _CLEAR_DROP, _MOST_OF_THE_ERROR = 0.03, 200.0, 0.08, 0.5
 # Below these shares of the variance and of the free-run error friction explains nothing that matters.
 _NOTHING, _NOTHING_DROP = 0.02, 0.05
-# Ranks of the processes of a grid that are polished: neighbours of the best one would end where it does.
-_STARTS = (0, 3, 10)
 # Number of the grid's best processes that are compared again under a noise model.
 _NEAREST = 64
 # Turns of a first descent, and the factor on the least cost up to which a start goes on.
@@ -63,6 +77,8 @@ _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 # "No stiction" needs an S excluded from this share of the output's swing on. From the second number on the reason
 # begins with the free-run error of the model without friction in times its noise; the last number caps the confidence.
 _SMALL, _MANY, _CAPPED_FAR = 0.2, 2.0, 0.7
+# Share of the variance of y that a model without friction may leave and still deny a friction that predicts better.
+_POOR = 0.5
 # Code of a verdict on a record that cannot tell, and the advice for it.
 UNANSWERED = "valve-hardly-moves"
 ASK = "give a record in which the output moves further, or one with setpoint moves; check that OP drives this PV"
@@ -105,6 +121,7 @@ def compared(run: Run, sticking: Whitened, reach: float = 0.0) -> Verdict:
     `reach` is the upper end of the interval of S, where there is one.
     """
     free = friction_free(run, sticking)
+    sticking, free = with_noise_of(sticking, free), with_noise_of(free, sticking)
     ratio, won, explained, drop, one_step = _measured(run, sticking, free)
     gain = _held_out_gain(sticking, free)
     evidence: dict[str, Any] = {
@@ -119,13 +136,20 @@ def compared(run: Run, sticking: Whitened, reach: float = 0.0) -> Verdict:
     said = (f"friction lowers the free-run error from {free.rmse:.4g} to {sticking.rmse:.4g}{share}" if drop > 0 else
             f"friction does not lower the free-run error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
     said += f"; {_predicts(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
-    answer, confidence = _answer(ratio, won, explained, drop, one_step)
+    walks = sticking.model.spec.increments and sticking.model.spec.process != INTEGRATOR
+    answer, confidence = _answer(ratio, won, explained, drop, one_step, walks)
+    if answer == "stiction" and (plain := _plain(sticking)) is not None and _measured(run, plain, free)[0] < _STICKS:
+        answer, confidence, said = "undecided", 0.4, f"S and J alone predict hardly better than no friction; {said}"
     if answer == "stiction" and ((gain is not None and not gain.share > 0.0) or (leaves and ratio < _CLEAR)):
         answer, confidence = "undecided", 0.4
     instead = looks_like(run.loop, free) if answer != "stiction" else ""
-    claim, in_free_run = None, explained >= _NOTHING and drop >= _NOTHING_DROP
+    most = drop >= _MOST_OF_THE_ERROR and not walks and not leaves
+    claim, in_free_run = None, most or (explained >= _NOTHING and drop >= _NOTHING_DROP)
     if answer != "stiction":
         claim = _claim(run, sticking, free, ratio, reach, in_free_run)
+        if most and not claim.open:
+            claim = replace(claim, open="friction explains most of the free-run error, though it predicts no better",
+                            confidence=0.4)
         answer, confidence = "undecided" if claim.open else "no stiction", claim.confidence
         first = [f"the model without friction errs by {claim.errs:.2g} times its noise"] if claim.errs > _MANY else []
         quiet = (ratio < _CLEAN or won < _WON) and not in_free_run
@@ -189,7 +213,9 @@ def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: fl
                          free.good)
     errs = 1.0 if white else free.rmse / max(free.innovation_sd, 1e-300)
     lack = ""
-    if ratio >= _STICKS:
+    # A model that leaves most of y without the valve's part denies nothing that predicts better.
+    poor = free.rmse**2 > _POOR * float(np.var(run.used_y()))
+    if ratio >= (_CLEAN if poor else _STICKS):
         lack = f"some friction predicts y better than none (likelihood ratio {ratio:.0f})"
     elif bound is None or bound > _SMALL * swing:
         left = "no S is excluded" if bound is None else f"S up to {100 * bound / swing:.0f} % of it is not excluded"
@@ -266,18 +292,38 @@ def capped(verdict: Verdict, loop: Loop) -> Verdict:
                    confidence=min(verdict.confidence, 0.4), evidence={**verdict.evidence, "capped_by": why.code})
 
 
-def _answer(ratio: float, won: int, explained: float, drop: float, one_step: float) -> tuple[str, float]:
-    """The answer "stiction" or "undecided", and its confidence, from the evidence."""
+def _answer(ratio: float, won: int, explained: float, drop: float, one_step: float,
+            walks: bool = False) -> tuple[str, float]:
+    """The answer "stiction" or "undecided", and its confidence, from the evidence.
+
+    Where y `walks` the free run is the walk's, and the prediction alone speaks for friction.
+    """
+    explained = 0.0 if walks else explained
     # A model whose free run drifts away (slips of an integrator add up) may still predict a step well, and so may one
     # that takes a slip for the edge of a disturbance: that proves no valve.
     enough = (explained >= _EXPLAINED or drop >= _MOST_OF_THE_ERROR
-              or (ratio >= _CLEAR and one_step >= _CLEAR_DROP and drop >= _NOTHING_DROP))
+              or ((walks or ratio >= _CLEAR) and one_step >= _CLEAR_DROP and drop >= _NOTHING_DROP))
     if ratio >= _STICKS and won >= _WON and enough:
         sure = 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
         # Where the prediction alone speaks for friction, a sine or a neighbour's cycle may be taken for slips.
         alone = explained < _EXPLAINED and drop < _MOST_OF_THE_ERROR
         return "stiction", min(sure, _CAPPED_FAR) if alone else sure
     return "undecided", 0.4
+
+
+def _plain(sticking: Whitened) -> Whitened | None:
+    """The sticking model without effects on its friction, a rest left aside; None where it has none.
+
+    A valve that sticks otherwise up and down, or more and more, sticks: an effect alone may be a neighbour's cycle.
+    """
+    spec = sticking.model.spec
+    effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" or name == RESTING)
+    if effects == spec.effects:
+        return None
+    model = bound(sticking.model.loop, replace(spec, effects=effects), s_max=sticking.model.s_max,
+                  period_s=sticking.model.period_s)
+    found = descended(model, model.cube(model.vector(sticking.model.named(sticking.values))[:, None]), settle=SETTLE)
+    return whitened(model, model.values(found.points[:1])[:, 0])
 
 
 def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int, float, float, float]:
@@ -288,7 +334,7 @@ def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int,
     """
     good = sticking.good & free.good
     a, b = sticking.innovation[good], free.innovation[good]
-    ratio = a.size * float(np.log(max(float(b @ b), 1e-300) / max(float(a @ a), 1e-300)))
+    ratio = likelihood_ratio(a, b)
     won = sum(float(b[p] @ b[p]) > float(a[p] @ a[p]) for p in np.array_split(np.arange(a.size), _BLOCKS))
     variance = float(np.var(run.used_y()))
     # A free run that leaves y is no rival: no valve at all leaves only the scatter of y.
@@ -300,26 +346,29 @@ def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int,
 
 def friction_free(run: Run, sticking: Whitened) -> Whitened:
     """The best model without friction: first order or the structure of the sticking one, whichever predicts better."""
-    spec = sticking.model.spec
+    spec, law = sticking.model.spec, controller_law(run.loop.longest_segment(), held=sticking.model.spec.held)
+    # A command that moves with y between samples predicts y by the controller's law turned round: a gain of the wrong
+    # sign. That is no process.
+    acts = 0.0 if law is None or law.gain * sticking.evaluated.gain <= 0.0 else float(np.sign(law.gain))
     effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" and name != LAG)
     lag = () if spec.fixed else (LAG,)
-    tried = []
+    tried: list[Whitened] = []
     for process in dict.fromkeys((FIRST_ORDER, spec.process)):
         bare = replace(spec, process=process, effects=(*effects, *lag), friction_free=True, taps=(),
                        increments=process == INTEGRATOR or (spec.increments and process == spec.process))
         held = replace(bare, between="hold", substeps=1)
         if spec.held:
-            tried.append(_whitened_free(run, held, sticking))
+            tried.append(_whitened_free(run, held, sticking, acts))
             continue
         # Under a command that moves between samples, the friction-free model gets the same command.
-        tried.append(_whitened_free(run, bare, sticking))
-        other = _held_beside(run, held, tried[-1], sticking)
+        tried.append(_whitened_free(run, bare, sticking, acts))
+        other = _held_beside(run, held, tried[-1], sticking, acts)
         if other is not None:
             tried.append(other)
     return min(tried, key=lambda w: w.innovation_sd)
 
 
-def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) -> Whitened | None:
+def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened, acts: float) -> Whitened | None:
     """The friction-free rival with a held command beside the searched one with a moving command, or None if it is none.
 
     It is no rival where friction has lost already, since another rival can only take more from it. Nor is it one where
@@ -338,52 +387,59 @@ def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened) -> 
     if near.innovation_sd > _NEAR * moving.innovation_sd:
         return None
     if _measured(run, sticking, near)[0] < _NO_DOUBT:
-        return _whitened_free(run, spec, sticking)
+        return _whitened_free(run, spec, sticking, acts)
     return replace(near, rmse=min(near.rmse, moving.rmse))
 
 
-def _whitened_free(run: Run, spec: Spec, sticking: Whitened) -> Whitened:
+def _whitened_free(run: Run, spec: Spec, sticking: Whitened, acts: float) -> Whitened:
     """The friction-free model, prewhitened and searched in turns: a wrong noise model would bend its process."""
-    model, values, near = _free(run, spec, sticking)
+    model, values, near = _free(run, spec, sticking, acts)
     best = with_taps(model, values, np.empty(0))
     for _ in range(TURNS):
         taps = noise_taps(best)
         if np.array_equal(taps, best.model.spec.taps):
             break
-        model, values, _ = _free(run, replace(spec, taps=tuple(taps)), sticking, best.values, near)
+        model, values, _ = _free(run, replace(spec, taps=tuple(taps)), sticking, acts, best.values, near)
         now = with_taps(model, values, taps)
         if now.innovation_sd > WORTH * best.innovation_sd:
             break
         best = replace(now, rmse=best.rmse)
-    return best
+    walks = spec.increments and spec.process != INTEGRATOR
+    return replace(best, rmse=min(best.rmse, without_noise(best.model, best.values))) if walks else best
 
 
-def _free(run: Run, spec: Spec, sticking: Whitened, known: FloatArray | None = None,
+def _free(run: Run, spec: Spec, sticking: Whitened, acts: float, known: FloatArray | None = None,
           near: FloatArray | None = None) -> tuple[Model, FloatArray, FloatArray]:
     """The friction-free model of a spec, its best values (d,), and the best points (m, d) of its process grid.
+
+    `acts` is the sign of its gain, 0 where that is not known.
 
     Effects start as in the `sticking` model: both models know the same disturbances. `known` (d,) are the values under
     another noise model. The polish then starts from them and from the best of the grid's points `near`.
     """
     model = run.model(spec)
+    start, found = np.full(model.space.size, 0.5), model.cube(
+        model.vector(sticking.model.named(sticking.values))[:, None])[0]
+    start[:3] = found[:3] = 0.0
     if known is not None and near is not None:
-        starts = np.stack([model.cube(known[:, None])[0], near[model.costs(near).argmin()]])
-        return model, _descended(model, starts), near
-    start = np.full(model.space.size, 0.5)
-    start[:3] = 0.0
-    found = model.cube(model.vector(sticking.model.named(sticking.values))[:, None])[0]
+        starts = np.stack([model.cube(known[:, None])[0], near[model.costs(near).argmin()], found])
+        return model, _descended(model, starts, acts), near
     for rows in (model.rows_of(name) for name in model.names if name in sticking.model.names):
         start[rows] = found[rows]
     points, costs = process_grid(search_model(model), start)
     points = points[np.argsort(costs, kind="stable")[:_NEAREST]]
-    return model, _descended(model, points[list(_STARTS)]), points
+    # The process of the sticking model, too: what another process does better is not friction's.
+    return model, _descended(model, np.concatenate([points[list(STARTS)], found[None]]), acts), points
 
 
-def _descended(model: Model, starts: FloatArray) -> FloatArray:
-    """The best values (d,) of descents from several starts (k, d)."""
+def _descended(model: Model, starts: FloatArray, acts: float) -> FloatArray:
+    """The best values (d,) of descents from several starts (k, d), with a gain of the sign `acts` where one has it."""
     first = descended(model, starts, turns=_GLANCE, settle=SETTLE)
     # The other starts have come to the same optimum or are far from it.
     other = (first.costs > first.costs[0] * (1.0 + SETTLE)) & (first.costs < _RIVAL * first.costs[0])
     other[0] = True
-    found = descended(model, first.points[other])
-    return model.values(found.points[:1])[:, 0]
+    if acts:
+        signed = np.array([acts * model.evaluate(v).gain > 0.0 for v in model.values(first.points).T])
+        other = other & signed if (other & signed).any() else signed if signed.any() else other
+    ends = model.values(descended(model, first.points[other]).points)
+    return next((v for v in ends.T if acts * model.evaluate(v).gain > 0.0), ends[:, 0])

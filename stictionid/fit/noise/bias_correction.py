@@ -29,13 +29,13 @@ _MOST = 0.25
 
 
 def noise_of(model: Model, evaluated: Evaluated, polynomial: FloatArray, largest: int) -> FloatArray:
-    """Taps of the noise under a fit's residual, of an order 0..largest that BIC chooses.
+    """Taps of the noise under a fit's residual, of an order 0..largest: none by BIC, or a length that AIC chooses.
 
     `polynomial` is the prewhitening applied before the noise is estimated (differences), the leading 1 included.
     """
     starts, counted = model.loop.starts, evaluated.counted > 0
     signal, good = filtered(evaluated.residual, counted, polynomial, starts)
-    first = autoregression(signal, good, largest, starts)
+    first = autoregression(signal, good, largest, starts, long=True)
     if not first.size:
         return first
     columns = np.stack([filtered(x, counted, polynomial, starts)[0] for x in slopes_of(model, evaluated).T], axis=1)
@@ -53,7 +53,7 @@ def noise_of(model: Model, evaluated: Evaluated, polynomial: FloatArray, largest
     # A residual that is mostly misfit says nothing of the noise that a fit followed.
     if missing[0] > _MOST * np.mean(signal[good]**2):
         return first
-    return autoregression(signal, good, largest, starts, missing)
+    return autoregression(signal, good, largest, starts, missing, long=True)
 
 
 def slopes_of(model: Model, evaluated: Evaluated) -> FloatArray:

@@ -24,7 +24,7 @@ from ..starts.basins import along_ridge
 from .whiteness import noise_alone, passes_tests
 
 AUTOREGRESSIVE, RANDOM_WALK, RESONANT = "autoregressive", "random-walk", "resonant"
-LARGEST_ORDER = 8
+LARGEST_ORDER = 24
 # Rounds of noise model and refit; the second rarely matters.
 _COMPLETIONS = 2
 BLOCKS = 5

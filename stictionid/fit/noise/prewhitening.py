@@ -13,17 +13,23 @@ import numpy as np
 
 from ...model.model import Model
 from ...model.segments import bound
-from ...model.spec import Evaluated
+from ...model.spec import INTEGRATOR, Evaluated
 from ...numerics.autoregression import filtered
 from ...typing import BoolArray, FloatArray
-from ..moves import descended
+from ..moves import descended, search_model
+from ..starts.basins import along_ridge, process_grid
 from .bias_correction import noise_of
 
-ORDER, TURNS = 8, 4
+# Largest order of the autoregression: disturbances of real plants remember more than 8 samples. Turns of noise and
+# refit.
+ORDER, TURNS = 24, 4
 # A descent has settled when the cost falls by less than this share: a tenth of a likelihood ratio on 1,000 samples.
 SETTLE = 1e-4
 # A further turn must lower the innovations to this share of their size before.
 WORTH = 0.999
+# Ranks of the processes of a grid that are polished: neighbours of the best one would end where it does. Then the
+# most neighbours under a held command.
+STARTS, _RIDGE = (0, 3, 10), 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +62,8 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
         if np.array_equal(taps, best.model.spec.taps):
             break
         white = bound(model.loop, replace(model.spec, taps=tuple(taps)), s_max=model.s_max, period_s=model.period_s)
-        found = descended(white, white.cube(best.values[:, None]), settle=SETTLE)
+        start = white.cube(best.values[:, None])
+        found = descended(white, np.concatenate([start, _elsewhere(white, start[0])]), settle=SETTLE)
         now = with_taps(white, white.values(found.points[:1])[:, 0], taps)
         if now.innovation_sd > WORTH * best.innovation_sd:
             break
@@ -64,9 +71,35 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
     return replace(best, rmse=rmse)
 
 
+def _elsewhere(white: Model, point: FloatArray) -> FloatArray:
+    """Starts (k, d) with the valve of a point (d,) and another process, or another dead time and break-away.
+
+    The free run may have taken a coloured disturbance for the process, from where no descent leads back.
+    """
+    coarse = search_model(white)
+    points, costs = process_grid(coarse, point)
+    found = points[np.argsort(costs, kind="stable")[list(STARTS)]]
+    return found if not white.spec.held else np.concatenate([found, along_ridge(coarse, point[None])[:_RIDGE]])
+
+
+def with_noise_of(w: Whitened, other: Whitened) -> Whitened:
+    """A model refitted under the noise model of another one, where that predicts better: equal freedom for both."""
+    taps, spec = np.asarray(other.model.spec.taps), w.model.spec
+    if spec.increments != other.model.spec.increments or np.array_equal(taps, spec.taps):
+        return w
+    model = bound(w.model.loop, replace(spec, taps=tuple(taps)), s_max=w.model.s_max, period_s=w.model.period_s)
+    found = descended(model, model.cube(w.values[:, None]), settle=SETTLE)
+    now = with_taps(model, model.values(found.points[:1])[:, 0], taps)
+    return replace(now, rmse=w.rmse) if now.innovation_sd < w.innovation_sd else w
+
+
 def without_noise(model: Model, values: FloatArray) -> float:
-    """The free-run error (in the unit of y) of a model with a noise model, after a descent without that noise model."""
-    white = bound(model.loop, replace(model.spec, taps=()), s_max=model.s_max, period_s=model.period_s)
+    """The free-run error (in the unit of y) of a model with a noise model, after a descent without that noise model.
+
+    A first order is fitted in levels: differences, in which a walk is fitted, say nothing of them.
+    """
+    spec = replace(model.spec, taps=(), increments=model.spec.increments and model.spec.process == INTEGRATOR)
+    white = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
     found = descended(white, white.cube(values[:, None]))
     return white.evaluate(white.values(found.points[:1])[:, 0]).rmse
 
