@@ -26,11 +26,16 @@ from .starts.continuation import distinct, even
 _SCAN, _PERIODS, _GROWTH, _LEFT = 120_000, 3.0, 1.25, (250, 8)
 # Best points of the scan that get a descent, for each that the first part leaves, and their distance (share of a range).
 _DESCENDED, _APART, _NEAR = 4, 0.03, 0.004
-_TURNS, _ROUNDS, _POPULATION, _SPREAD, _SETTLED = 6, 20, 14, 0.4, 1e-3
+_TURNS, _ROUNDS, _POPULATION, _SPREAD, _SETTLED = 6, 40, 14, 0.4, 1e-3
+# Most searches of a record. Another one follows where the last left more than this multiple of the error of its first
+# part, but less than this share of the squared error without the effect.
+_SEARCHES, _OUT_OF_STEP, _PROMISING = 3, 1.3, 0.5
+# Periods from which a part without a better valve than without the effect ends a search.
+_ENOUGH = 8.0
 # Candidates of the scan that are evaluated at once.
 _BLOCK = 10_000
-# The seed of a scan is fixed, so that no answer depends on what was asked before; answers that are kept.
-_SEED, _REMEMBERED = 0, 16
+# Number of answers that are kept. The seeds of a search are fixed, so that no answer depends on what was asked before.
+_REMEMBERED = 16
 _known: dict[str, FloatArray] = {}
 
 
@@ -47,9 +52,11 @@ def scanned_starts(model: Model, name: str, values: FloatArray, far: bool) -> Fl
     here = model.pieces[at].named(model.of(at, values))
     question = _question(small, name, here if far else {})
     if question not in _known:
-        _known[question] = _through_parts(small, name, small.vector(here), np.random.default_rng(_SEED))
+        _known[question] = _searched(small, name, small.vector(here), _without(model.pieces[at]))
         while len(_known) > _REMEMBERED:
             _known.pop(next(iter(_known)), None)
+    if not len(_known[question]):
+        return np.empty((0, model.space.size))
     found = [{**here, **small.named(column)} for column in small.values(_known[question]).T]
     piece = model.pieces[at]
     points = piece.cube(np.stack([piece.vector(named) for named in found], axis=1))
@@ -71,8 +78,42 @@ def _question(model: Model, name: str, values: Mapping[str, float]) -> str:
     return found.hexdigest()
 
 
-def _through_parts(model: Model, name: str, values: FloatArray, rng: np.random.Generator) -> FloatArray:
-    samples = model.loop.samples
+def _without(model: Model) -> FloatArray:
+    """Residual (n,) of the model without the effect; infinite where none is known."""
+    left = model.context.residual
+    return np.full(model.loop.samples, np.inf) if left is None else left
+
+
+def _searched(model: Model, name: str, values: FloatArray, without: FloatArray) -> FloatArray:
+    """The best points of up to three searches; none where a model with residual `without` (n,) does better."""
+    best, cost = np.empty((0, model.space.size)), np.inf
+    for seed in range(_SEARCHES):
+        points, first = _through_parts(model, name, values, without, np.random.default_rng(seed))
+        if not len(points):
+            break
+        now = float(model.costs(points[:1])[0])
+        if now < cost:
+            best, cost = points, now
+        error = np.sqrt(cost / model.shared.rows)
+        if error < _OUT_OF_STEP * first or cost > _PROMISING * _cost_of(model, without):
+            break
+    return best
+
+
+def _cost_of(part: Model, without: FloatArray) -> float:
+    """Squared error of a residual (n,) on a part of the record, in the form in which the part's model is fitted."""
+    every = max(without.size // part.loop.samples, 1) if part.thinned else 1
+    left = without[::every][:part.loop.samples]
+    if not np.isfinite(left).all():
+        return np.inf
+    whole = part.filtered(left[:, None])[:, 0]
+    return float(np.sum(part.weight[:whole.size] * whole**2))
+
+
+def _through_parts(model: Model, name: str, values: FloatArray, without: FloatArray,
+                   rng: np.random.Generator) -> tuple[FloatArray, float]:
+    """The best points of the whole record, and the error that the first part left."""
+    samples, least = model.loop.samples, np.inf
     first = min((model.skip + _PERIODS * model.period_s / model.step_s) / samples, 1.0)
     count = max(int(np.ceil(-np.log(first) / np.log(_GROWTH))), 1) + 1
     points = np.empty((0, model.space.size))
@@ -82,9 +123,13 @@ def _through_parts(model: Model, name: str, values: FloatArray, rng: np.random.G
             points = _scanned(part, name, values, int(left), rng)
         found = refine(part.costs, points, rng, spread=spreads(part, _SPREAD), rounds=_ROUNDS, population=_POPULATION,
                        settle=_SETTLED)
-        points = descended(part, found.points, turns=_TURNS).points
-        points = points[distinct(points, int(left), _NEAR)]
-    return points
+        near = descended(part, found.points, turns=_TURNS)
+        points = near.points[distinct(near.points, int(left), _NEAR)]
+        least = min(least, float(np.sqrt(near.costs[0] / part.shared.rows)))
+        long = part.loop.samples * part.step_s > _ENOUGH * part.period_s
+        if long and near.costs[0] > _cost_of(part, without):
+            return points[:0], least
+    return points, least
 
 
 def _scanned(part: Model, name: str, values: FloatArray, left: int, rng: np.random.Generator) -> FloatArray:
