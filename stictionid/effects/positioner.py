@@ -77,7 +77,7 @@ EFFECT = Effect(
     source="PI control of the stem in a digital positioner (IEC 61514)",
     parameters=(_RATE, _START), limits=_limits, friction=_friction, guess=_guess, reach=2.0, scan=_scan,
     visible=_visible, of_record=("start",),
-    leaves={"stick": 1, "slip": 5, "own line": 3, "line": 3},
+    leaves={"stick": 5, "slip": 6, "own line": 5, "line": 4},
     noun="a positioner that integrates and hunts",
     sentence="The positioner pushes a stuck stem on at {integral_rate} times its error until it slips.",
     seen_over="time",

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..effects import parse
 from ..model.model import Model
+from ..numerics import tally
 from ..numerics.population import refine
 from ..typing import FloatArray
 from .moves import as_held, descended, lifted, longest_piece, spreads, thinned, thinning
@@ -29,7 +30,7 @@ _DESCENDED, _APART, _NEAR = 4, 0.03, 0.004
 _TURNS, _ROUNDS, _POPULATION, _SPREAD, _SETTLED = 6, 40, 14, 0.4, 1e-3
 # Most searches of a record. Another one follows where the last left more than this multiple of the error of its first
 # part, but less than this share of the squared error without the effect.
-_SEARCHES, _OUT_OF_STEP, _PROMISING = 3, 1.3, 0.5
+_SEARCHES, _OUT_OF_STEP, _PROMISING = 3, 2.0, 0.5
 # Periods from which a part without a better valve than without the effect ends a search.
 _ENOUGH = 8.0
 # Candidates of the scan that are evaluated at once.
@@ -52,7 +53,9 @@ def scanned_starts(model: Model, name: str, values: FloatArray, far: bool) -> Fl
     here = model.pieces[at].named(model.of(at, values))
     question = _question(small, name, here if far else {})
     if question not in _known:
+        before = tally.spent()
         _known[question] = _searched(small, name, small.vector(here), _without(model.pieces[at]))
+        tally.take_back(before)
         while len(_known) > _REMEMBERED:
             _known.pop(next(iter(_known)), None)
     if not len(_known[question]):

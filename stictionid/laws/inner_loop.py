@@ -16,7 +16,7 @@ import numpy as np
 from ..numerics.jit import kernel
 from ..typing import FloatArray
 
-# Most slips in one part, and the shortest of them in %: beyond them the stem slides.
+# Most slips in one part, and the shortest of them in %: beyond them the stem slides. So much more than f_s a force needs.
 _MOST, _SHORTEST = 16, 1e-9
 # States: position and w of every lane, last command.
 STATES = 3
@@ -41,7 +41,7 @@ def run_inner(command: FloatArray, forces: FloatArray, profile: FloatArray, movi
                 slope = rise + rate * (pull - v)
                 # Share of the part until the force leaves the band of static friction.
                 share = left
-                if e > fs_up or -e > fs_down:
+                if e > fs_up + _SHORTEST or -e > fs_down + _SHORTEST:
                     share = 0.0
                 elif slope > 0.0:
                     share = min((fs_up - e) / slope, left)
