@@ -19,7 +19,7 @@ from ..numerics.parameters import Parameter
 from ..process.linear import Dynamics
 from ..process.state_space import element_of
 from ..typing import FloatArray
-from .contract import BY_HAND, Context, Effect, Place, Scales, Values
+from .contract import Context, Effect, Place, Scales, Values
 
 _LEAK = Parameter("leak", "1 / (1000 s)", 0.0, 1e5, 0.0, "share of the level that leaks away in 1000 s")
 # Largest leak, as a share of one that empties the level in a period. Unit: 1.
@@ -52,7 +52,7 @@ EFFECT = Effect(
     summary="the level of an integrator regulates itself a little",
     equation="y' = K x - leak y / 1000, x the position behind lag and dead time",
     source="self-regulating level, Shinskey, Process Control Systems, chapter 1", parameters=(_LEAK,),
-    confused_with=("extra-lag",), needs=("integrator",), asked=BY_HAND, limits=_limits, dynamics=_dynamics,
+    confused_with=("extra-lag",), needs=("integrator",), limits=_limits, dynamics=_dynamics,
     guess=_guess,
     visible=_visible,
     noun="a level that regulates itself",

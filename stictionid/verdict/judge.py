@@ -31,7 +31,7 @@ from ..fit.noise.prewhitening import SETTLE, TURNS, WORTH, Whitened, noise_taps,
 from ..fit.noise.whiteness import passes_tests
 from ..fit.starts.basins import process_grid
 from ..model.model import Model
-from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited
 from ..numerics.varpro import SAME, axes
 from ..record.loop import Loop
 from ..record.oscillation import BY_TURNS
@@ -305,7 +305,7 @@ def friction_free(run: Run, sticking: Whitened) -> Whitened:
     lag = () if spec.fixed else (LAG,)
     tried = []
     for process in dict.fromkeys((FIRST_ORDER, spec.process)):
-        bare = replace(spec, process=process, effects=(*effects, *lag), friction_free=True, taps=(),
+        bare = replace(spec, process=process, effects=(*suited(effects, process), *lag), friction_free=True, taps=(),
                        increments=process == INTEGRATOR or (spec.increments and process == spec.process))
         held = replace(bare, between="hold", substeps=1)
         if spec.held:
