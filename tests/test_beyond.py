@@ -11,7 +11,7 @@ from loops_with_effects import BEYOND, NOISE, SMALL, small
 
 from stictionid.effects import catalogue, get, parse
 from stictionid.errors import ModelError, UsageError
-from stictionid.fit.moves import behind_valve
+from stictionid.fit.moves import behind_valve, descended
 from stictionid.fit.options import check_tag
 from stictionid.fit.own_scan import scanned_starts
 from stictionid.fit.public_values import values_of
@@ -109,8 +109,9 @@ def test_only_what_u_and_y_can_tell_is_asked_for() -> None:
     loop, clipped = small("extra-lag")[1], small("measurement-limit")[1]
     asked = set(additions(Spec(), loop))
     by_hand = {name for name, effect in catalogue().items() if effect.asked != "diagnose"}
-    assert by_hand == {"leak", "load-noise", *KNOWN} and not asked & by_hand
-    assert set(BEYOND) - by_hand - {"measurement-limit"} <= asked
+    assert by_hand == {"load-noise", *KNOWN} and not asked & by_hand
+    assert set(BEYOND) - by_hand - {"leak", "measurement-limit"} <= asked
+    assert "leak" not in asked and "leak" in additions(Spec(process=INTEGRATOR, increments=True), loop)
     assert "measurement-limit" not in asked and "measurement-limit" in additions(Spec(), clipped)
 
 

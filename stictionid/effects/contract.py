@@ -205,9 +205,8 @@ class Effect:
     that moves within them. The effect then finds the instant inside the part. `fine` asks for parts of a sample even
     under a held command; `follows_y` is true where the kernel uses y. `reach` is the factor by which the upper limit of
     S grows with this effect. `slides` is true where only a valve that slides shows it. `scan(shares, context)`
-    (5 + k, P) spreads valves, their processes and the effect over where they lie, for a search of its own (fit/own_scan.py).
-    `by_itself` says that `identify`
-    may add the effect without a look at its rivals. `natural` are the numbers in which such a valve is searched.
+    spreads shares (5 + k, P) over where valves, their processes and the effect lie, for a search of its own
+    (fit/own_scan.py). `by_itself` says that `identify` may add the effect without a look at its rivals. `natural` are the numbers in which such a valve is searched.
     `leaves` names the traces of the effect in a residual (see TRACES), with its rank among those that leave the same
     one. `settled_by` is a test that shows the effect, and `told_apart` one for each effect that looks alike. `noun`
     names the effect for a reader at the plant, `sentence` says its size, `action` what to do; {name} in them stands for

@@ -1,7 +1,7 @@
 """Leak at an integrator: the level regulates itself a little, as by an outflow that grows with the head.
 
-An integrator with a leak is a first order with a long time constant, 1000 / leak seconds, and a second lag. In u and y
-it can't be told from that, so `diagnose` does not ask for it: it asks for the other process, and for an extra lag.
+An integrator with a leak is a first order with a long time constant, 1000 / leak seconds, and a second lag: in u and y
+it can't be told from that. `diagnose` asks for it beside an integrator, whose fit has the slips and the lag already.
 Where the time constant exceeds the record, the leak shows as no more than a drift of the level.
 
 Equation: y' = K x - leak y / 1000, x the position behind lag and dead time; leak in 1 / (1000 s).

@@ -58,7 +58,7 @@ def _scan(shares: FloatArray, context: Context) -> FloatArray:
     """Values of the valve, its process and the effect: a positioner that hunts does so about as fast as its loop."""
     low, high = np.array(_SCANNED).T[:, :, None]
     s_max, period = context.s_max, context.period_s
-    values = low + (high - low) * shares
+    values: FloatArray = low + (high - low) * shares
     at = _LOGARITHMIC
     values[at] = low[at] * (high[at] / low[at]) ** shares[at]
     values *= np.array([s_max, 1.0, 1.0, period, period, 1.0 / period, s_max])[:, None]
@@ -77,7 +77,7 @@ EFFECT = Effect(
     source="PI control of the stem in a digital positioner (IEC 61514)",
     parameters=(_RATE, _START), limits=_limits, friction=_friction, guess=_guess, reach=2.0, scan=_scan,
     visible=_visible, of_record=("start",),
-    leaves={"stick": 5, "slip": 6, "own line": 5, "line": 4},
+    leaves={"stick": 5, "slip": 6, "own line": 5, "line": 3},
     noun="a positioner that integrates and hunts",
     sentence="The positioner pushes a stuck stem on at {integral_rate} times its error until it slips.",
     seen_over="time",

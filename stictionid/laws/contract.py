@@ -142,7 +142,7 @@ class Law:
 
 
 def inner_start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
-    """State (states, P) of valves behind a positioner that integrates, at rest with residual force share (P,) of f_s."""
+    """State (states, P) of valves behind a positioner that integrates, at rest with residual force share * f_s."""
     state = np.empty((STATES, friction.shape[1]))
     force = share * np.where(share > 0.0, friction[FS_UP], friction[FS_DOWN])
     state[0] = np.clip(command0 + friction[INNER] - force, friction[LOWER], friction[UPPER])

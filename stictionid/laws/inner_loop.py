@@ -11,12 +11,10 @@ Source: METHODS.md section 2 (He's law) and a PI controller of the stem, integra
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..numerics.jit import kernel
 from ..typing import FloatArray
 
-# Most slips in one part, and the shortest of them in %: beyond them the stem slides. So much more than f_s a force needs.
+# Most slips in one part; then the shortest slip, and the excess over f_s that makes one, in %. Else the stem slides.
 _MOST, _SHORTEST = 16, 1e-9
 # States: position and w of every lane, last command.
 STATES = 3
@@ -57,7 +55,7 @@ def run_inner(command: FloatArray, forces: FloatArray, profile: FloatArray, movi
                 slips += 1
                 behind = forces[2, p] + fd_add if e > 0.0 else -(forces[3, p] + fd_add)
                 place = min(max(v + K * (e - behind), low), high)
-                if (place == low and e < 0.0 or place == high and e > 0.0) and place == v:
+                if place == v and ((place == low and e < 0.0) or (place == high and e > 0.0)):
                     total += left * v
                     break
                 if slips > _MOST or abs(place - v) < _SHORTEST:
