@@ -206,9 +206,10 @@ class Effect:
     under a held command; `follows_y` is true where the kernel uses y. `reach` is the factor by which the upper limit of
     S grows with this effect. `slides` is true where only a valve that slides shows it. `scan(shares, context)`
     spreads shares (5 + k, P) over where valves, their processes and the effect lie, for a search of its own
-    (fit/own_scan.py). `by_itself` says that `identify` may add the effect without a look at its rivals. `natural` are the numbers in which such a valve is searched.
-    `leaves` names the traces of the effect in a residual (see TRACES), with its rank among those that leave the same
-    one. `settled_by` is a test that shows the effect, and `told_apart` one for each effect that looks alike. `noun`
+    (fit/own_scan.py). `by_itself` says that `identify` may add the effect without a look at its rivals. `natural` are
+    the numbers in which such a valve is searched. `leaves` names the traces of the effect in a residual (see TRACES),
+    with its rank among those that leave the same one. `settled_by` is a test that shows the effect, and `told_apart`
+    one for each effect that looks alike. `noun`
     names the effect for a reader at the plant, `sentence` says its size, `action` what to do; {name} in them stands for
     a parameter with its unit. `seen_over`, one of AXES, is the axis over which a residual shows the effect. `of_record`
     names the parameters that belong to one record, such as the phase of a wave; those of the plant hold in every

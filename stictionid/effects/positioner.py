@@ -5,6 +5,11 @@ place is pushed on until it slips, mostly past it; then it is pulled back. Frict
 own, whatever the controller does. The stem then moves under a resting command, so S is larger than the swing of the
 command shows. Under it the stem rests between slips, as in He's law at every instant (laws/inner_loop.py).
 
+At both ends of the integral time u and y can't tell it from a valve that rests between scans. Measured on three loops
+each with the true numbers: from 8 periods of the loop on re-sticking leaves 1.01 to 1.27 times the noise. At
+0.02 to 0.07 periods the stem follows the command, and any small S leaves as much as the positioner does, within 11 %.
+From 0.1 to 5 periods re-sticking leaves 2.7 to 14 times the noise. A measured position separates them.
+
 The integral part at the start is one more unknown, beside the residual force. Segments of a record share it, so that a
 record with gaps is best cut. Physical laws have forces of their own and refuse a positioner; a user-written law is
 replaced by He's.
@@ -83,4 +88,5 @@ EFFECT = Effect(
     seen_over="time",
     action="Switch off or slow down the positioner's integral part; its dead zone should exceed the slip jump.",
     settled_by="the measured valve position: the stem moves while the command rests",
+    told_apart={"re-sticking": "the measured valve position: only a positioner moves the stem while the command rests"},
 )
