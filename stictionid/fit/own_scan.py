@@ -28,10 +28,14 @@ _SCAN, _PERIODS, _GROWTH, _LEFT = 120_000, 3.0, 1.25, (250, 8)
 # Best points of the scan that get a descent, for each that the first part leaves; their distance, and that of points
 # that are kept (shares of a range).
 _DESCENDED, _APART, _NEAR = 4, 0.03, 0.004
-_TURNS, _ROUNDS, _POPULATION, _SPREAD, _SETTLED = 6, 40, 14, 0.4, 1e-3
+_TURNS, _ROUNDS, _POPULATION, _SPREAD, _SETTLED = 6, 20, 14, 0.4, 1e-3
+# Steps of the draws about the best points (share), points, draws about each, distance of those that get a descent; then
+# steps of the dead time (periods) and of the effect (share of its range) for a step of 1.
+_STEPS, _ABOUT, _DRAWS, _CLOSE = (0.08, 0.05, 0.03, 0.02, 0.012, 0.008, 0.005, 0.003), 6, 600, 0.002
+_LATE, _OWN = 0.07, 0.3
 # Most searches of a record. Another one follows where the last left more than this multiple of the error of its first
 # part, but less than this share of the squared error without the effect.
-_SEARCHES, _OUT_OF_STEP, _PROMISING = 3, 2.0, 0.5
+_SEARCHES, _OUT_OF_STEP, _PROMISING = 3, 1.6, 0.5
 # Periods from which a part without a better valve than without the effect ends a search.
 _ENOUGH = 8.0
 # Candidates of the scan that are evaluated at once.
@@ -95,6 +99,7 @@ def _searched(model: Model, name: str, values: FloatArray, without: FloatArray) 
         points, first = _through_parts(model, name, values, without, np.random.default_rng(seed))
         if not len(points):
             break
+        points = _scattered(model, name, points, np.random.default_rng(seed))
         now = float(model.costs(points[:1])[0])
         if now < cost:
             best, cost = points, now
@@ -134,6 +139,36 @@ def _through_parts(model: Model, name: str, values: FloatArray, without: FloatAr
         if long and near.costs[0] > _cost_of(part, without):
             return points[:0], least
     return points, least
+
+
+def _scattered(model: Model, name: str, points: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Points (k, d) after draws about the best of them, in ever smaller steps, each turn with a descent.
+
+    S, J and the effect go up and down together in most of them: slips of a larger force come at the same times where a
+    faster effect builds it up. No descent crosses the slips that come a sample early or late on the way.
+    """
+    rows = model.rows_of(name)
+    for step in _STEPS:
+        values = model.values(points[:_ABOUT]).repeat(_DRAWS, axis=1)
+        draws = rng.standard_normal((len(values) + 1, values.shape[1]))
+        # Steps of very different size, and the points themselves.
+        draws *= step * np.minimum(1.0, np.abs(rng.standard_cauchy(values.shape[1])))
+        draws[:, ::_DRAWS] = 0.0
+        force, common = model.forces[longest_piece(model)], draws[-1]
+        values[0] *= np.exp(draws[0] + 2.0 * common)
+        values[1] *= np.exp(draws[0] + draws[1] + 3.0 * common)
+        values[rows] *= np.exp(2.0 * common)
+        values[3] *= np.exp(draws[3])
+        values[4] += _LATE * model.period_s * draws[4]
+        cube = model.cube(values)
+        cube[:, force] += draws[force]
+        cube[:, rows] += _OWN * draws[rows].T
+        cube = np.clip(cube, 0.0, 1.0)
+        costs = np.concatenate([model.costs(cube[a:a + _BLOCK]) for a in range(0, len(cube), _BLOCK)])
+        cube = cube[np.argsort(costs, kind="stable")[:_DRAWS]]
+        near = cube[distinct(cube, 3 * _ABOUT, _CLOSE)]
+        points = descended(model, near, turns=_TURNS).points
+    return points
 
 
 def _scanned(part: Model, name: str, values: FloatArray, left: int, rng: np.random.Generator) -> FloatArray:
