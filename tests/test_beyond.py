@@ -18,6 +18,7 @@ from stictionid.fit.public_values import values_of
 from stictionid.model.closed_loop import OPERATING_POINT, preset, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from stictionid.numerics import tally
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.selection.node import additions
 from stictionid.verbs.identify import Options, identify
@@ -80,6 +81,24 @@ def test_a_positioner_comes_back_from_its_own_simulation_with_nothing_known() ->
     assert model.evaluate(best).rmse <= 1.05 * NOISE
     assert named["S"] == pytest.approx(setting.S, rel=0.02) and named["J"] == pytest.approx(setting.J, rel=0.03)
     assert named["positioner:integral_rate"] == pytest.approx(SMALL["positioner"][2]["integral_rate"], rel=0.05)
+
+
+def test_a_search_for_a_positioner_ends_where_the_model_without_it_leaves_less() -> None:
+    _setting, loop = small()
+    alone = Model(loop, Spec(), s_max=float(np.ptp(loop.output)), period_s=40.0)
+    noise = np.random.default_rng(3).normal(0.0, 0.5 * NOISE, loop.samples)
+    model = Model(loop, Spec(effects=("positioner",)), s_max=alone.s_max, period_s=40.0, residual=noise)
+    before = tally.spent()
+    assert len(scanned_starts(model, "positioner", model.vector(model.named(np.ones(7))), True)) == 0
+    # It has limits of its own, and takes nothing from the budget of the search around it.
+    assert tally.spent() == before
+
+
+def test_a_law_with_forces_of_its_own_refuses_a_positioner() -> None:
+    setting, _ = small("positioner")
+    with pytest.raises(UsageError, match="karnopp has forces of its own, and no positioner") as refusal:
+        simulate(replace(setting, law="karnopp"))
+    assert "leave the positioner out" in refusal.value.hint
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN))
