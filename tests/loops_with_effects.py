@@ -52,7 +52,7 @@ _PARTS = 20
 _STRIDE = 5
 # Effects beyond the linear chain of first design; their loops are in benchmarks/plants/beyond.py, too.
 BEYOND = ("backlash", "direction-dependent-lag", "gain-drift", "inverse-response", "leak", "load-noise",
-          "measurement-filter", "measurement-limit", "underdamped-process", "dead-time-drift")
+          "measurement-filter", "measurement-limit", "underdamped-process", "dead-time-drift", "positioner")
 # What a Karnopp valve itself may be named for: it rests between scans, or jumps past its place.
 PHYSICAL = {"re-sticking", "slip-overshoot"}
 # An effect that leaves less than this share of the noise after a refit without it makes the error 8 % larger than the
@@ -250,6 +250,7 @@ def sized(name: str, rng, s: Setting, T: float, clean, sd: float) -> dict:
         "underdamped-process": lambda: {"natural_period_s": T * u(2.5, 5.0), "damping": u(0.25, 0.6)},
         "measurement-limit": lambda: {"upper": float(np.quantile(clean.process_value, u(0.85, 0.95)))},
         "measurement-filter": lambda: {"time_constant_s": T * u(0.2, 0.5)},
+        "positioner": lambda: {"integral_rate": 1.0 / (T * u(0.7, 3.0))},
         "backlash": lambda: {"play": s.S * u(0.1, 0.4)},
         "leak": lambda: {"leak": 1e3 / (T * u(20.0, 40.0))},
         "load-noise": lambda: {"root": u(0.5, 0.9), "innovation_sd": 2.0 * sd / abs(s.plant.gain)},
@@ -318,6 +319,7 @@ SMALL: dict[str, tuple[int, tuple, dict[str, float | str]]] = {
     "measurement-filter": (1, MOVES, {"time_constant_s": 4.0}),
     "backlash": (1, MOVES, {"play": 1.0}),
     "leak": (4, MOVES, {"leak": 8.0}),
+    "positioner": (1, MOVES, {"integral_rate": 0.1, "start": 0.5}),
     "load-noise": (1, MOVES, {"root": 0.7, "innovation_sd": 0.05}),
 }
 

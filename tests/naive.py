@@ -74,6 +74,34 @@ def chen(command, S, J, v=None):
     return np.array(out)
 
 
+def behind_positioner(command, S, J, rate, w=0.0, share=0.0, *, moving=False, stops=(-math.inf, math.inf), K=1.0,
+                      fine=2000):
+    """Mean positions under a positioner that adds rate times the integral of its error, in steps of 1/fine of a part.
+
+    The stem rests until the force u + w - u_v exceeds f_s, and slips to where it is f_d, K times as far. The part that
+    a row of a held command begins, or of a moving one ends, has the mean.
+    """
+    f_s, f_d = forces(S, J)
+    v = min(max(command[0] + w - share * f_s, stops[0]), stops[1])
+    before, out = command[0], []
+    for u in command:
+        total = 0.0
+        for i in range(fine):
+            now = before + (i + 0.5) / fine * (u - before) if moving else u
+            e = now + w - v
+            if abs(e) > f_s:
+                slip = min(max(v + K * (e - sign(e) * f_d), stops[0]), stops[1])
+                # At a stop the integral waits.
+                w += rate / fine * (now - slip) * (slip != v or J == 0.0)
+                v = slip
+            else:
+                w += rate / fine * (now - v)
+            total += v / fine
+        out.append(total)
+        before = u
+    return np.array(out)
+
+
 def kano(command, S, J, d=1):
     """Kano 2004 from a friction-consistent start, u_v(0) = u_s - d f_d with u_v(0) = u(0)."""
     f_d = forces(S, J)[1]

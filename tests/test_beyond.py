@@ -11,18 +11,20 @@ from loops_with_effects import BEYOND, NOISE, SMALL, small
 
 from stictionid.effects import catalogue, get, parse
 from stictionid.errors import ModelError, UsageError
-from stictionid.fit.moves import behind_valve
+from stictionid.fit.moves import behind_valve, descended
 from stictionid.fit.options import check_tag
+from stictionid.fit.own_scan import scanned_starts
 from stictionid.fit.public_values import values_of
 from stictionid.model.closed_loop import OPERATING_POINT, preset, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from stictionid.numerics import tally
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.selection.node import additions
 from stictionid.verbs.identify import Options, identify
 
 KNOWN = {"measurement-filter": "time_constant_s", "backlash": "play"}
-SEARCHED = sorted(set(BEYOND) - {"load-noise", *KNOWN})
+SEARCHED = sorted(set(BEYOND) - {"load-noise", "positioner", *KNOWN})
 
 
 def spelt(name: str) -> str:
@@ -70,6 +72,35 @@ def test_parameters_come_back_from_their_own_simulation(name: str) -> None:
         assert said[key] == pytest.approx(value, rel=0.1), (key, said)
 
 
+def test_a_positioner_comes_back_from_its_own_simulation_with_nothing_known() -> None:
+    setting, loop = small("positioner")
+    model = Model(loop, Spec(effects=("positioner",)), s_max=float(np.ptp(loop.output)), period_s=40.0)
+    found = scanned_starts(model, "positioner", model.vector(model.named(np.ones(model.space.size))), True)
+    best = model.values(descended(model, found).points[:1])[:, 0]
+    named = model.named(best)
+    assert model.evaluate(best).rmse <= 1.05 * NOISE
+    assert named["S"] == pytest.approx(setting.S, rel=0.02) and named["J"] == pytest.approx(setting.J, rel=0.03)
+    assert named["positioner:integral_rate"] == pytest.approx(SMALL["positioner"][2]["integral_rate"], rel=0.05)
+
+
+def test_a_search_for_a_positioner_ends_where_the_model_without_it_leaves_less() -> None:
+    _setting, loop = small()
+    alone = Model(loop, Spec(), s_max=float(np.ptp(loop.output)), period_s=40.0)
+    noise = np.random.default_rng(3).normal(0.0, 0.5 * NOISE, loop.samples)
+    model = Model(loop, Spec(effects=("positioner",)), s_max=alone.s_max, period_s=40.0, residual=noise)
+    before = tally.spent()
+    assert len(scanned_starts(model, "positioner", model.vector(model.named(np.ones(7))), True)) == 0
+    # It has limits of its own, and takes nothing from the budget of the search around it.
+    assert tally.spent() == before
+
+
+def test_a_law_with_forces_of_its_own_refuses_a_positioner() -> None:
+    setting, _ = small("positioner")
+    with pytest.raises(UsageError, match="karnopp has forces of its own, and no positioner") as refusal:
+        simulate(replace(setting, law="karnopp"))
+    assert "leave the positioner out" in refusal.value.hint
+
+
 @pytest.mark.parametrize("name", sorted(KNOWN))
 def test_a_known_number_is_held_and_the_rest_is_that_of_the_loop(name: str) -> None:
     model, at = near_truth(name, 0.0)
@@ -97,8 +128,9 @@ def test_only_what_u_and_y_can_tell_is_asked_for() -> None:
     loop, clipped = small("extra-lag")[1], small("measurement-limit")[1]
     asked = set(additions(Spec(), loop))
     by_hand = {name for name, effect in catalogue().items() if effect.asked != "diagnose"}
-    assert by_hand == {"leak", "load-noise", *KNOWN} and not asked & by_hand
-    assert set(BEYOND) - by_hand - {"measurement-limit"} <= asked
+    assert by_hand == {"load-noise", *KNOWN} and not asked & by_hand
+    assert set(BEYOND) - by_hand - {"leak", "measurement-limit"} <= asked
+    assert "leak" not in asked and "leak" in additions(Spec(process=INTEGRATOR, increments=True), loop)
     assert "measurement-limit" not in asked and "measurement-limit" in additions(Spec(), clipped)
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from stictionid.effects import get as effect_of
 from stictionid.errors import ModelError, UsageError
 from stictionid.laws import catalogue, get
-from stictionid.laws.contract import LOWER, RESTICK, neutral_friction
+from stictionid.laws.contract import CROSSES, INNER, INTEGRAL, LOWER, OVERSHOOT, RESTICK, UPPER, neutral_friction
 
 rng = np.random.default_rng(5)
 T = np.arange(600)
@@ -232,3 +232,51 @@ def test_a_resting_valve_slips_several_times_in_one_long_move() -> None:
     there = get("chen").positions(np.array([50.0, 50.0, 54.5, 54.5]), friction)[:, 0]
     # f_s = 2: slips of J = 1 follow at 52, 53 and 54.
     np.testing.assert_allclose(there, [50.0, 50.0, 53.0, 53.0])
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("law", ["chen", "kano", "stenman"])
+def test_a_positioner_that_integrates_is_its_twin_under_any_law(law: str, moving: bool) -> None:
+    command = SIGNALS["sine"][:90] + 0.3 * SIGNALS["noisy sine"][:90] - 0.3 * SIGNALS["noisy sine"][0]
+    if moving:  # within a part of a moving command w grows with the middle of the part, so the parts are short
+        command = np.interp(np.arange(0.0, 45.0, 1.0 / 8.0), np.arange(90.0), command)
+    cases = [(3.0, 1.5, 0.05, 0.4, 0.3), (3.0, 2.5, 0.3, -0.5, -0.9), (1.0, 0.0, 0.1, 0.0, 0.0)]
+    S, J, rate, w, share = np.array(cases).T
+    table = get(law).friction(S, J)
+    parts = 8.0 if moving else 1.0
+    table[INTEGRAL], table[INNER], table[CROSSES] = rate / parts, w, float(moving)
+    ours = get(law).positions(command, table, share=share)
+    for p, (s, j, r, start, force) in enumerate(cases):
+        want = naive.behind_positioner(command, s, s if law == "stenman" else j, r / parts, start, force,
+                                       moving=moving)
+        np.testing.assert_allclose(ours[:, p], want, atol=0.03, err_msg=str(cases[p]))
+
+
+def test_a_positioner_waits_at_a_stop_and_takes_an_overshoot() -> None:
+    command = 50.0 + 6.0 * np.sin(T[:120] / 9.0)
+    table = neutral_friction(3.0, 2.0)
+    table[INTEGRAL], table[UPPER], table[OVERSHOOT] = 0.2, 52.5, 1.4
+    want = naive.behind_positioner(command, 3.0, 2.0, 0.2, stops=(-np.inf, 52.5), K=1.4)
+    got = get("chen").positions(command, table)[:, 0]
+    np.testing.assert_allclose(got, want, atol=0.03)
+    assert want.max() == pytest.approx(52.5) and (got == 52.5).sum() > 20
+
+
+@pytest.mark.parametrize("law", SEARCHED, ids=lambda law: law.name)
+def test_lanes_without_a_positioner_keep_every_bit_beside_one_that_has_it(law) -> None:
+    command = SIGNALS["noisy sine"]
+    table = law.friction(np.array([3.0, 2.0, 4.0]), np.array([1.0, 2.0, 0.5]))
+    plain = law.positions(command, table)
+    table[INTEGRAL, 1] = 0.1
+    beside = law.positions(command, table)
+    assert (beside[:, [0, 2]] == plain[:, [0, 2]]).all() and not np.allclose(beside[:, 1], plain[:, 1])
+
+
+def test_a_positioner_moves_the_stem_under_a_resting_command() -> None:
+    command = np.concatenate([np.full(5, 50.0), np.full(300, 51.8)])
+    table = neutral_friction(3.0, 1.5)
+    assert np.ptp(get("chen").positions(command, table)) == 0.0
+    table[INTEGRAL] = 0.05
+    stem = get("chen").positions(command, table)[:, 0]
+    assert np.ptp(stem[100:]) == pytest.approx(1.5, abs=1e-9)  # it hunts by the slip jump, to and fro
+    assert stem[100:].min() < 51.8 < stem[100:].max()

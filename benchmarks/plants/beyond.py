@@ -201,7 +201,7 @@ def _numbers(effect: str, lag: float, samples: int, rng: np.random.Generator,
         return (0.3 * lag, 25.0 * lag, 0.0), {"leak": 1e3 / (25.0 * lag)}, 0.15 * lag
     if effect == "positioner":
         seconds = float(u(10.0, 60.0))
-        return (lag, seconds, 0.0), {"integral_s": seconds}, 0.0
+        return (lag, seconds, 0.0), {"integral_rate": 1.0 / seconds}, 0.0
     if effect == "third-order-two-zeros":
         return (lag, 0.6 * lag, 0.35 * lag), {}, lag
     return (lag, 0.0, 0.0), {}, 0.0

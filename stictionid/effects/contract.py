@@ -204,10 +204,13 @@ class Effect:
     or follow from them. `run_means` replaces `run` for a signal of means over the parts of a sample, as under a command
     that moves within them. The effect then finds the instant inside the part. `fine` asks for parts of a sample even
     under a held command; `follows_y` is true where the kernel uses y. `reach` is the factor by which the upper limit of
-    S grows with this effect. `slides` is true where only a valve that slides shows it. `by_itself` says that `identify`
-    may add the effect without a look at its rivals. `natural` are the numbers in which such a valve is searched.
-    `leaves` names the traces of the effect in a residual (see TRACES), with its rank among those that leave the same
-    one. `settled_by` is a test that shows the effect, and `told_apart` one for each effect that looks alike. `noun`
+    S grows with this effect. `slides` is true where only a valve that slides shows it. `scan(shares, context)`
+    spreads shares (5 + k, P) over where valves, their processes and the effect lie, for a search of its own
+    (fit/own_scan.py). Such an effect is asked for where nothing else explains a record. `by_itself` says that
+    `identify` may add the effect without a look at its rivals. `natural` are the numbers in which such a valve is
+    searched. `leaves` names the traces of the effect in a residual (see TRACES),
+    with its rank among those that leave the same one. `settled_by` is a test that shows the effect, and `told_apart`
+    one for each effect that looks alike. `noun`
     names the effect for a reader at the plant, `sentence` says its size, `action` what to do; {name} in them stands for
     a parameter with its unit. `seen_over`, one of AXES, is the axis over which a residual shows the effect. `of_record`
     names the parameters that belong to one record, such as the phase of a wave; those of the plant hold in every
@@ -237,6 +240,7 @@ class Effect:
     by_itself: bool = False
     slides: bool = False
     natural: Natural | None = None
+    scan: Callable[[FloatArray, Context], FloatArray] | None = None
     states: int = 0
     limits: Callable[[Context], tuple[Parameter, ...]] | None = None
     friction: Friction | None = None
@@ -276,6 +280,11 @@ class Effect:
     def moves(self) -> bool:
         """True where the effect transforms the valve position."""
         return self.run is not None
+
+    @property
+    def asked_last(self) -> bool:
+        """True for an effect with a search of its own, which takes longer than all others together."""
+        return self.asked == DIAGNOSE and self.scan is not None
 
     def asked_for(self, process_value: FloatArray) -> bool:
         """True where a search tries the effect on a record with this y (n,)."""

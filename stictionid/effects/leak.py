@@ -1,7 +1,7 @@
 """Leak at an integrator: the level regulates itself a little, as by an outflow that grows with the head.
 
-An integrator with a leak is a first order with a long time constant, 1000 / leak seconds, and a second lag. In u and y
-it can't be told from that, so `diagnose` does not ask for it: it asks for the other process, and for an extra lag.
+An integrator with a leak is a first order with a long time constant, 1000 / leak seconds, and a second lag: in u and y
+it can't be told from that. `diagnose` asks for it beside an integrator, whose fit has the slips and the lag already.
 Where the time constant exceeds the record, the leak shows as no more than a drift of the level.
 
 Equation: y' = K x - leak y / 1000, x the position behind lag and dead time; leak in 1 / (1000 s).
@@ -19,7 +19,7 @@ from ..numerics.parameters import Parameter
 from ..process.linear import Dynamics
 from ..process.state_space import element_of
 from ..typing import FloatArray
-from .contract import BY_HAND, Context, Effect, Place, Scales, Values
+from .contract import Context, Effect, Place, Scales, Values
 
 _LEAK = Parameter("leak", "1 / (1000 s)", 0.0, 1e5, 0.0, "share of the level that leaks away in 1000 s")
 # Largest leak, as a share of one that empties the level in a period. Unit: 1.
@@ -52,7 +52,7 @@ EFFECT = Effect(
     summary="the level of an integrator regulates itself a little",
     equation="y' = K x - leak y / 1000, x the position behind lag and dead time",
     source="self-regulating level, Shinskey, Process Control Systems, chapter 1", parameters=(_LEAK,),
-    confused_with=("extra-lag",), needs=("integrator",), asked=BY_HAND, limits=_limits, dynamics=_dynamics,
+    confused_with=("extra-lag",), needs=("integrator",), limits=_limits, dynamics=_dynamics,
     guess=_guess,
     visible=_visible,
     noun="a level that regulates itself",

@@ -19,6 +19,7 @@ from ..typing import FloatArray
 from .fit import Fitted, polish_smooth
 from .moves import descended, search_model, spreads, with_start
 from .noise.completion import has_noise, quick
+from .own_scan import scanned_starts
 from .starts.basins import along_ridge, with_other_start, with_process
 from .starts.beside_effect import RESTING, across, on_valve, stickbands, valve_basins
 from .starts.continuation import distinct
@@ -103,9 +104,11 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     fresh = roam = np.empty((0, model.space.size))
     if valves is not None and len(valves):
         fresh = np.concatenate([coarse.cube(valves.T), with_process(coarse, coarse.cube(valves.T))])
+    if effect.scan is not None:
+        fresh = np.concatenate([scanned_starts(coarse, name, coarse.vector(others), far), fresh])
     if far:
         if valves is None and effect.kind in "FT" and guesses.size:
-            fresh = valve_basins(coarse, name, guesses, fit, rng)
+            fresh = np.concatenate([fresh, valve_basins(coarse, name, guesses, fit, rng)])
         roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM,
                      scouts=_SCOUTS).points[:_ROAM]
     near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam])), turns=_GLANCE, settle=_GLANCED)

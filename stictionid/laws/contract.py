@@ -25,6 +25,7 @@ from ..errors import ModelError
 from ..numerics.jit import kernel, output
 from ..numerics.parameters import Parameter
 from ..typing import FloatArray
+from .inner_loop import STATES, run_inner
 
 # Rows of the friction table. Forces are in % of travel: f_s at break-away, f_d while sliding (paper Eq. 1).
 FS_UP, FS_DOWN, FD_UP, FD_DOWN = 0, 1, 2, 3  # per direction of travel, %
@@ -33,7 +34,9 @@ RESTICK = 6  # a sliding valve sticks when the command moves less than this, % p
 OVERSHOOT = 7  # He & Wang's K at the slip, 1 = none
 LOWER, UPPER = 8, 9  # hard stops, %
 CROSSES = 10  # 1 where the command moves within its samples: a slip begins where it crosses f_s, not where it ends
-ROWS = 11
+INTEGRAL = 11  # rate of a positioner's integral part, 1 per valve step, 0 = none (see inner_loop.py)
+INNER = 12  # its integral part at the start, %
+ROWS = 13
 
 # Break-away needs |e| to exceed f_s by this much, so that quantised commands which tie with f_s hold. Unit: %.
 TIE = 1e-9
@@ -129,7 +132,29 @@ class Law:
         state = self.start(float(command[0]), friction, shares)
         position = output("law", command.size, lanes, lent)
         self.run(command, friction, profile, state, position)
+        inner = np.flatnonzero(friction[INTEGRAL])
+        if inner.size:
+            own = np.ascontiguousarray(friction[:, inner])
+            moved = np.empty((command.size, inner.size))
+            inner_loop(command, own, profile, inner_start(float(command[0]), own, shares[inner]), moved)
+            position[:, inner] = moved
         return position
+
+
+def inner_start(command0: float, friction: FloatArray, share: FloatArray) -> FloatArray:
+    """State (states, P) of valves behind a positioner that integrates, at rest with residual force share * f_s."""
+    state = np.empty((STATES, friction.shape[1]))
+    force = share * np.where(share > 0.0, friction[FS_UP], friction[FS_DOWN])
+    state[0] = np.clip(command0 + friction[INNER] - force, friction[LOWER], friction[UPPER])
+    state[1], state[2] = friction[INNER], command0
+    return state
+
+
+def inner_loop(command: FloatArray, friction: FloatArray, profile: FloatArray, state: FloatArray,
+               position: FloatArray) -> None:
+    """Advance valves behind a positioner that integrates, as `Law.run` does; all lanes have a rate."""
+    used = [FS_UP, FS_DOWN, FD_UP, FD_DOWN, FS_DRIFT, FD_DRIFT, OVERSHOOT, LOWER, UPPER, INTEGRAL]
+    run_inner(command, friction[used], profile, bool(friction[CROSSES, 0]), state, position)
 
 
 def neutral_friction(stickband: FloatArray | float, slip_jump: FloatArray | float) -> FloatArray:

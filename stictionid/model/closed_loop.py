@@ -18,6 +18,7 @@ import numpy as np
 from ..effects.contract import Place
 from ..errors import UsageError
 from ..laws import get as get_law
+from ..laws.contract import INTEGRAL, inner_loop, inner_start
 from ..process.linear import Dynamics
 from ..process.state_space import Element, Stepped
 from ..record.loop import Loop, Origin
@@ -268,7 +269,13 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
     base = hidden.move(OPERATING_POINT, 0.0, 0.0, 1e9)
     gains = any(effect.place is Place.PROCESS for effect, _ in hidden.movers)
     y, u, total, e_last = 0.0, OPERATING_POINT, 0.0, 0.0
-    run_law, due = law.run, False
+    run_law, dynamic, due = law.run, law.dynamic, False
+    if friction[INTEGRAL].any():
+        if dynamic:
+            raise UsageError(f"the law {law.name} has forces of its own, and no positioner that integrates",
+                             "leave the positioner out, or simulate with --law chen")
+        friction[INTEGRAL] *= fine / (c.scan_s or fine)
+        run_law, dynamic, state = inner_loop, True, inner_start(OPERATING_POINT, friction, np.zeros(1))
     run_law(command, friction, profile, state, place)
     for k in range(samples * per_sample):
         sample, part = divmod(k, per_sample)
@@ -292,7 +299,7 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
             e_last = e
             command[0] = u
             due = True
-        if due or law.dynamic:
+        if due or dynamic:
             profile[0] = hidden.drift(k * fine)
             run_law(command, friction, profile, state, place)
             due = False

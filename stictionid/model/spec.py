@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..effects import parse
 from ..record.loop import bridged
 from ..typing import FloatArray
 
@@ -17,6 +18,11 @@ BASE = ("S", "J", "initial_residual_force", "time_constant_s", "dead_time_s")
 # on continuous itptd, S = 5, J = 3, noise 0.5 to 1 % of the swing of y: S within 0.8 and J within 1.1 %, against 4.3
 # and 8.8 % with plain differences, 4 and 5 % with a first-order process of long lag.
 SOFT = tuple(0.8**k for k in range(1, 15))
+
+
+def suited(names: tuple[str, ...], process: str) -> tuple[str, ...]:
+    """Those effects that a process may have: some belong to an integrator."""
+    return tuple(name for name in names if process == INTEGRATOR or "integrator" not in parse(name)[0].needs)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,8 @@ from enum import IntEnum
 from ..model.spec import Spec
 from ..record.tree import Gate
 from .gates import SCANS
-from .looks import Packed
+from .looks import Packed, Task
+from .node import key, what_of
 from .policy import Policy
 from .score import Scored
 
@@ -53,3 +54,10 @@ class Entry:
                 and (scored.white or scored.free_run_at_noise)
                 and scored.done.gain_over(before.done) >= policy.structure_margin
                 and scored.rmse <= policy.nearly * scored.done.innovation_sd)
+
+
+def broken(parent: Entry, task: Task, answer: Packed) -> Entry:
+    """Memory of an edge whose fit failed."""
+    what = task.added or what_of(task.spec, parent.spec)
+    return Entry(task.spec, parent.scored, key(parent.spec), ADD if task.added else SWAP, what, failed=answer.failed,
+                 gates=(Gate("fit", False, answer.failed),))

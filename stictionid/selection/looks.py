@@ -62,6 +62,11 @@ class Task:
     # Number of a replicate of the record, for a p-value.
     draw: int = 0
 
+    @property
+    def on_valve(self) -> bool:
+        """True where the effect added acts on the valve."""
+        return bool(self.added) and on_valve(parse(self.added)[0])
+
 
 @dataclass(frozen=True, slots=True)
 class Packed:
@@ -97,9 +102,14 @@ class Packed:
         return Scored(done, self.full, self.held)
 
 
+def adding(spec: Spec, name: str) -> Task:
+    """The edge that adds an effect to a node."""
+    return Task(node(with_effect(spec, name), soft=spec.increments), name)
+
+
 def edges(spec: Spec, loop: Loop, only: Iterable[str] | None, commands: Iterable[Spec]) -> list[Task]:
     """The edges of a node: effects of the catalogue (or of `only` these), the other process, other commands."""
-    tasks = [Task(node(with_effect(spec, name), soft=spec.increments), name) for name in additions(spec, loop, only)]
+    tasks = [adding(spec, name) for name in additions(spec, loop, only)]
     # Beside effects the valve is known; without any its basin may lie elsewhere under another process or command.
     stage = NEAR if physical(spec) else FAR
     if not spec.fixed:
@@ -155,7 +165,7 @@ def _closer(ground: Ground, task: Task) -> Packed:
         points = coarse.cube(np.array([coarse.vector(whole.named(v)) for v in whole.values(points).T]).T)
     neutral, cost = coarse.costs(np.concatenate([coarse.cube(coarse.vector(short.model.named(short.values))[:, None]),
                                                  points[:1]])).tolist()
-    name = task.added if on_valve(parse(task.added)[0]) else ""
+    name = task.added if task.on_valve else ""
     found = closer(Scouted(coarse, model, points, cost, neutral, name), task.added, rng)
     if short is not ground.fit:
         found = _on_all(found, ground.fit, task.added)
@@ -227,7 +237,7 @@ def _with_effect(ground: Ground, task: Task, rng: np.random.Generator) -> Scoute
 
 def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     _, coarse = widened_by(ground.fit, task.added)
-    known = ground.valves.get(kind_of(task.spec), ()) if on_valve(parse(task.added)[0]) else ()
+    known = ground.valves.get(kind_of(task.spec), ()) if task.on_valve else ()
     here = ground.fit.model.named(ground.fit.values)
     mine = {n for n in coarse.names if on_valve(parse(n)[0])}
     valves = [coarse.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
@@ -276,7 +286,7 @@ def _full(ground: Ground, task: Task) -> Packed:
     assert task.look is not None and task.look.points is not None and task.look.residual is not None
     rng = rng_of(ground.seed, key(task.spec), 2)
     model = _bound(ground.fit, task.spec)
-    name = task.added if task.added and on_valve(parse(task.added)[0]) else ""
+    name = task.added if task.on_valve else ""
     look = Scouted(search_model(model), model, task.look.points, task.look.cost, np.inf, name)
     short = _searched(as_it_stands(model, look.values), task.spec, ground.policy)
     if short.model is model:

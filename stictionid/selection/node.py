@@ -9,7 +9,7 @@ from ..effects import built_in, catalogue, in_order, parse
 from ..effects.contract import Effect, Place
 from ..fit.options import check_tag
 from ..fit.starts.beside_effect import RESTING
-from ..model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec
+from ..model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec, suited
 from ..record.loop import Loop
 
 LAG = built_in(lambda effect: effect.by_itself and effect.place is Place.PROCESS)
@@ -78,8 +78,9 @@ def without(spec: Spec, names: Iterable[str]) -> Spec:
 
 
 def other_process(spec: Spec) -> Spec:
-    """The node with an integrator for a first order, or the other way."""
-    return node(replace(spec, process=FIRST_ORDER if spec.process == INTEGRATOR else INTEGRATOR, guides=()))
+    """The node with an integrator for a first order, or the other way without what only an integrator has."""
+    process = FIRST_ORDER if spec.process == INTEGRATOR else INTEGRATOR
+    return node(replace(spec, process=process, effects=suited(spec.effects, process), guides=()))
 
 
 def variants(effect: str, loop: Loop) -> tuple[str, ...]:
@@ -93,18 +94,20 @@ def variants(effect: str, loop: Loop) -> tuple[str, ...]:
     return tuple(f"{found.name}@{v}" for v in found.variants) or (found.name,)
 
 
-def additions(spec: Spec, loop: Loop, only: Iterable[str] | None = None) -> tuple[str, ...]:
+def additions(spec: Spec, loop: Loop, only: Iterable[str] | None = None, *, last: bool = False) -> tuple[str, ...]:
     """Names under which effects of the catalogue (or of `only` these) may be added to a node, noise models left out.
 
-    Beside a valve that rests no effect is asked for that only a sliding one shows, nor the other way round.
+    Beside a valve that rests no effect is asked for that only a sliding one shows, nor the other way round. Those that
+    are asked for `last` are left out, or are the only ones.
     """
     have = {plain(name) for name in physical(spec)}
     slides = any(parse(name)[0].slides for name in have)
     asked = None if only is None else set(only)
     return tuple(name for effect in catalogue().values()
                  if effect.name not in have and effect.noise is None and (asked is None or effect.name in asked)
-                 and effect.asked_for(loop.process_value)
+                 and effect.asked_for(loop.process_value) and effect.asked_last == last
                  and not (effect.slides and RESTING in have) and not (slides and effect.name == RESTING)
+                 and suited((effect.name,), spec.process)
                  and not ("extra" in effect.needs and not loop.moving_extras)
                  for name in variants(effect.name, loop))
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import Refit
@@ -18,10 +17,9 @@ from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.segments import bound
 from ..model.spec import Spec
 from ..record.loop import Loop
-from ..record.tree import Gate
 from ..typing import Progress
 from .crew import Crew
-from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry
+from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry, broken
 from .gates import Edge, judged, judged_change
 from .looks import (
     CLOSER,
@@ -31,6 +29,7 @@ from .looks import (
     Ground,
     Packed,
     Task,
+    adding,
     edges,
     fitted_without,
     handed_back,
@@ -108,7 +107,12 @@ class Search:
             self.expand(self.best())
         while self._may_rest(best := self._walked()):
             self.rested.add(key(best.spec))
-            self._ask(best, changes=False)
+            self._ask(best, (RESTING,))
+        base = next(iter(self.memo.values()))
+        late = additions(base.spec, self.loop, self.only, last=True)
+        if late and self.only is None and not self.blurred and not best.scored.only_noise(self.policy):
+            self._ask(base, late)
+            best = self._walked()
         return best
 
     def _walked(self) -> Entry:
@@ -207,10 +211,12 @@ class Search:
     def expand_far(self, entry: Entry) -> None:
         """Look at the effects on the valve of a node once more, with swarms and the valves that fit each."""
         entry.asked = Asked.BY_FAR
-        ground, tasks = self._opened(entry, "searching valves beside")
+        ground, _ = self._opened(entry, "searching valves beside")
+        # Near looks end in the basin of a wrong valve, fitted in full or not.
+        tasks = [t for t in edges(ground.fit.model.spec, self.loop, self.only, ()) if t.on_valve]
         # A few at a time, the most promising first: what a spent budget leaves out is the least.
         known = {t.added: self.memo.get(key(t.spec), entry).scored.done for t in tasks}
-        tasks = sorted(filter(self._on_valve, tasks), key=lambda t: -known[t.added].gain_over(entry.scored.done))
+        tasks.sort(key=lambda t: -known[t.added].gain_over(entry.scored.done))
         far, some = [], self.policy.finalists
         for part in (tasks[i:i + some] for i in range(0, len(tasks), some)):
             self._search_valves(ground, part)
@@ -224,13 +230,13 @@ class Search:
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         return ground, self._edges(entry, fit.model.spec)
 
-    def _ask(self, entry: Entry, *, changes: bool = True) -> None:
-        """Ask beside a node for a valve that rests, and with `changes` for those of structure."""
-        ground, tasks = self._opened(entry, "asking for a rest beside")
-        asked = [t for t in tasks if t.added == RESTING or (changes and not t.added)]
-        # An answer that slides is asked for a rest whatever was spent: it takes few looks.
-        spent, self.spent = self.spent, self.spent if changes else 0
-        self._search_valves(ground, asked)
+    def _ask(self, entry: Entry, names: Sequence[str], *, changes: bool = False) -> None:
+        """Ask beside a node for effects that are not fitted yet, and with `changes` for those of structure."""
+        ground, tasks = self._opened(entry, f"asking for {names[0]} beside")
+        asked = [adding(ground.fit.model.spec, name) for name in names]
+        asked = [*filter(self._unfitted, asked), *(t for t in tasks if changes and not t.added)]
+        spent, self.spent = self.spent, self.spent if changes else 0  # (a last question takes few looks)
+        self._search_valves(ground, [t for t in asked if t.added == RESTING])
         self._finish(ground, entry, self._looked(ground, entry, asked))
         self.spent += 0 if changes else spent
 
@@ -250,7 +256,7 @@ class Search:
         while queue and not self._only_noise(self.best()):
             base = queue.pop(0)
             if base is not entry:
-                self._ask(base)
+                self._ask(base, (RESTING,), changes=True)
             for e in list(self.memo.values()):
                 if e.op == SWAP and not physical(e.spec) and not e.failed and key(e.spec) not in seen \
                         and e.scored.done.gain_over(self.best().scored.done) > -self.policy.within:
@@ -292,23 +298,22 @@ class Search:
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet."""
         asked = [replace(t, stage=VALVES) for t in tasks
-                 if self._on_valve(t) and kind_of(t.spec) not in self.valves]
+                 if t.on_valve and kind_of(t.spec) not in self.valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self._within_budget(crew, asked):
                 self.valves[kind_of(task.spec)] = answer.valves
 
     def _edges(self, entry: Entry, spec: Spec) -> list[Task]:
         """The edges of a node whose ends are not fitted in full; `spec` is that of its search form."""
-        tasks = [t for t in edges(spec, self.loop, self.only, self.commands)
-                 if key(t.spec) not in self.memo or not self.memo[key(t.spec)].scored.full]
+        tasks = list(filter(self._unfitted, edges(spec, self.loop, self.only, self.commands)))
         leak = leaking(spec) if self.only is None else None
         known = self.memo.get(key(leak)) if leak else None
         if leak and (known is None or entry.scored.done.gain_over(known.scored.done) > 0.0):
             tasks.append(Task(leak, stage=NEAR))
         return tasks
 
-    def _on_valve(self, task: Task) -> bool:
-        return bool(task.added) and on_valve(parse(task.added)[0])
+    def _unfitted(self, task: Task) -> bool:
+        return key(task.spec) not in self.memo or not self.memo[key(task.spec)].scored.full
 
     def _looked(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Looks at tasks, the most promising effects polished: the best by score and by free run."""
@@ -327,7 +332,7 @@ class Search:
             for task, answer in self._within_budget(crew, tasks, always):
                 if answer.failed:
                     if key(task.spec) not in self.memo:
-                        self.memo[key(task.spec)] = self._failed(entry, task, answer)
+                        self.memo[key(task.spec)] = broken(entry, task, answer)
                     continue
                 scored = answer.scored(ground.fit)
                 self._keep(entry, task, answer, scored)
@@ -345,11 +350,6 @@ class Search:
             answer = next(answers)
             self.spent += answer.spent
             yield task, answer
-
-    def _failed(self, entry: Entry, task: Task, answer: Packed) -> Entry:
-        return Entry(task.spec, entry.scored, key(entry.spec), ADD if task.added else SWAP,
-                     task.added or what_of(task.spec, entry.spec), failed=answer.failed,
-                     gates=(Gate("fit", False, answer.failed),))
 
     def _keep(self, entry: Entry, task: Task, answer: Packed, scored: Scored) -> None:
         """Put an answer in the memo where it is better than what is known of its node."""

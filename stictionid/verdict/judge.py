@@ -45,7 +45,7 @@ from ..fit.starts.basins import process_grid
 from ..fit.starts.beside_effect import RESTING
 from ..model.model import Model
 from ..model.segments import bound
-from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited
 from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..numerics.varpro import SAME, axes
 from ..record.loop import Loop
@@ -354,7 +354,7 @@ def friction_free(run: Run, sticking: Whitened) -> Whitened:
     lag = () if spec.fixed else (LAG,)
     tried: list[Whitened] = []
     for process in dict.fromkeys((FIRST_ORDER, spec.process)):
-        bare = replace(spec, process=process, effects=(*effects, *lag), friction_free=True, taps=(),
+        bare = replace(spec, process=process, effects=(*suited(effects, process), *lag), friction_free=True, taps=(),
                        increments=process == INTEGRATOR or (spec.increments and process == spec.process))
         held = replace(bare, between="hold", substeps=1)
         if spec.held:
