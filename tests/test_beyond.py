@@ -126,7 +126,9 @@ def test_a_known_play_is_part_of_the_band_and_nothing_else_shows() -> None:
 
 def test_only_what_u_and_y_can_tell_is_asked_for() -> None:
     loop, clipped = small("extra-lag")[1], small("measurement-limit")[1]
-    asked = set(additions(Spec(), loop))
+    late = set(additions(Spec(), loop, last=True))
+    asked = set(additions(Spec(), loop)) | late
+    assert late == {"positioner"}
     by_hand = {name for name, effect in catalogue().items() if effect.asked != "diagnose"}
     assert by_hand == {"load-noise", *KNOWN} and not asked & by_hand
     assert set(BEYOND) - by_hand - {"leak", "measurement-limit"} <= asked

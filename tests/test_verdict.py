@@ -453,12 +453,14 @@ def test_friction_that_predicts_better_in_the_structure_without_it_denies_the_cl
     assert verdict.stiction == "undecided" and "likelihood ratio 60" in verdict.reason
 
 
-def test_an_S_that_only_the_free_run_shows_is_not_denied(tmp_path: Path) -> None:
-    """A ramp that no model holds, and a PV of which one in five is there: the ladder alone would deny S of 4 %."""
+def test_a_ramp_and_a_pv_that_is_mostly_missing_hide_no_stiction(tmp_path: Path) -> None:
+    """Levels alone would deny S of 4 %, differences of y show it."""
     loop = simulate(missing_cells.LOOPS["with-ramp"], seed=0).loop
     missing = missing_cells.patterns(loop.samples)["4-of-5"]
-    verdict = identify(read_loop(missing_cells.write(loop, missing, tmp_path / "a.csv"))).verdict
-    assert verdict.stiction != "no stiction" and verdict.confidence <= 0.7
+    study = identify(read_loop(missing_cells.write(loop, missing, tmp_path / "a.csv")))
+    assert study.verdict.stiction == "stiction" and study.estimate is not None
+    assert study.estimate.S_interval is not None and abs(study.estimate.S - 4.0) < 0.12
+    assert study.estimate.S_interval[0] < 4.0 < study.estimate.S_interval[1]
 
 
 def test_the_prediction_alone_is_never_sure_of_stiction() -> None:
