@@ -243,7 +243,7 @@ def _answered(free: Whitened) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Gain:
-    """Share by which friction lowers the one-step error on held-out blocks, and the number of blocks won."""
+    """Share by which friction lowers the one-step error of the middle held-out block, and the number of blocks won."""
 
     share: float
     won: int
@@ -255,8 +255,9 @@ def _held_out_gain(sticking: Whitened, free: Whitened) -> _Gain | None:
     a, b = (held_out_of(w.model, w.values, w.evaluated) for w in (sticking, free))
     if a is None or b is None or not b.rmse_one_step > 0.0:
         return None
-    won = a.one_step / a.rows < b.one_step / b.rows
-    return _Gain(1.0 - a.rmse_one_step / b.rmse_one_step, int(won.sum()), won.size)
+    # The middle block: one bad block would ruin the mean (CRITICISM.md section 7, step 6).
+    ratio = a.blocks / np.maximum(b.blocks, 1e-300)
+    return _Gain(1.0 - float(np.median(ratio)), int((ratio < 1.0).sum()), ratio.size)
 
 
 def _predicts(one_step: float, won: int, gain: _Gain | None) -> str:
