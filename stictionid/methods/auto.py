@@ -30,7 +30,7 @@ from ..record.loop import Finding
 from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..selection.decide import Decision, decided
-from ..selection.ladder import ordered
+from ..selection.ladder import ordered, with_levels
 from ..selection.node import LAG, physical
 from ..selection.policy import Policy
 from ..selection.run import commands_of, floor_of, ladder_of, tree_of
@@ -85,6 +85,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
     if fits[-1].sse < last.sse:
         # Another step of S does better than the search did.
         steps[-1] = run.step_again(steps[-1], fits[-1])
+    fits[-1] = with_levels(run, fits[-1], run.rng)
     steps[-1] = replace(steps[-1], parameters=parameters(fits[-1]))
     adequate, why = judged_by(found.shape, *run.adequate(steps[-1]))
     return Outcome(tuple(steps), tuple(fits), adequate, why, tree=tree_of(search, found, order),

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..effects import noises_in
 from ..fit.add_effect import polished
 from ..fit.context import CONDITIONAL, Run
 from ..fit.fit import Fitted, finish
@@ -95,6 +96,20 @@ def in_colour(model: Model, values: FloatArray, scored: Scored) -> Rung:
     found = [w for w in (whitened(model, start) for start in starts) if w.order and w.evaluated.rmse <= most]
     best = min(found, key=lambda w: w.innovation_sd, default=None)
     return (model.spec, values) if best is None else (best.model.spec, best.values)
+
+
+def with_levels(run: Run, fit: Fitted, rng: np.random.Generator) -> Fitted:
+    """A fit under a noise model without a name, its intervals as wide as levels of y alone would have them, too.
+
+    Innovations of a wrong model are far smaller than its error, so that intervals from them alone would be too narrow.
+    """
+    spec = fit.model.spec
+    if not spec.taps or spec.increments or noises_in(spec.effects):
+        return fit
+    levels = fitted(run.model(replace(spec, taps=())), fit.values, rng, last=True).intervals
+    both = {name: (min(low, levels[name][0]), max(high, levels[name][1]))
+            for name, (low, high) in fit.intervals.items() if name in levels}
+    return replace(fit, intervals={**fit.intervals, **both})
 
 
 def with_noise(scored: Scored, name: str, spec: Spec) -> Model:

@@ -25,7 +25,7 @@ from ..typing import FloatArray, Progress
 from .bootstrap import p_of
 from .decide import Decision, candidates, decided, rounded
 from .entry import ADD, ROOT, Asked, Entry
-from .ladder import Rung, fitted, in_colour, ordered, said_noise, step_of, with_noise
+from .ladder import Rung, fitted, in_colour, ordered, said_noise, step_of, with_levels, with_noise
 from .looks import rng_of
 from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
@@ -167,6 +167,8 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
             steps.append(run.step(first, name))
             continue
         fit = fitted(run.model(full), values, rng_of(search.seed, key(spec), 2), last=final)
+        if final and study is not None:
+            fit = with_levels(run, fit, rng_of(search.seed, key(spec), 1))
         if full.taps != spec.taps:
             said = (*said, said_noise(run, fit))
         if searched:
