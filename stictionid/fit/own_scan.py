@@ -35,9 +35,10 @@ _TURNS, _ROUNDS, _POPULATION, _SPREAD, _SETTLED = 6, 20, 14, 0.4, 1e-3
 _STEPS, _ABOUT, _DRAWS, _CLOSE = (0.08, 0.05, 0.03, 0.02, 0.012, 0.008, 0.005, 0.003), 6, 600, 0.002
 _LATE, _OWN = 0.07, 0.3
 # Most searches of a record. Another one follows where the last left more than this multiple of the error of its first
-# part, but less than this share of the squared error without the effect.
+# part, but less than this share of the squared error without the effect. The first part must leave less than that, too:
+# its many numbers fit a few periods better in any case.
 _SEARCHES, _OUT_OF_STEP, _PROMISING = 3, 1.6, 0.5
-# Periods from which a part without a better valve than without the effect ends a search.
+# Periods from which a part that is no better than without the effect ends a search.
 _ENOUGH = 8.0
 # Candidates of the scan that are evaluated at once.
 _BLOCK = 10_000
@@ -137,7 +138,8 @@ def _through_parts(model: Model, name: str, values: FloatArray, without: FloatAr
         points = near.points[distinct(near.points, int(left), _NEAR)]
         least = min(least, float(np.sqrt(near.costs[0] / part.shared.rows)))
         long = part.loop.samples * part.step_s > _ENOUGH * part.period_s
-        if long and near.costs[0] > _cost_of(part, without):
+        most = _PROMISING if share == first else 1.0 if long else np.inf
+        if near.costs[0] > most * _cost_of(part, without):
             return points[:0], least
     return points, least
 
