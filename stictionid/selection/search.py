@@ -167,6 +167,8 @@ class Search:
         bases.sort(key=lambda e: (e.scored.rmse > self.policy.better_base * least,
                                   e.scored.done.bic(e.scored.done.good)))
         first = [e for e in map(self._before, whole[:1]) if e.asked == Asked.BY_NEAR]
+        if first and bases and bases[0].scored.done.gain_over(first[0].scored.done) > 0.0:
+            first, bases = bases[:1], [*first, *bases[1:]]
         return [*first, *bases, *(e for e in ranked if depth(e.spec) > 0), *(e for e in far if e not in first)]
 
     def _before(self, entry: Entry) -> Entry:
