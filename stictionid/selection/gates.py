@@ -162,9 +162,12 @@ def _slip(edge: Edge) -> str:
 def _kick(edge: Edge) -> str:
     """Reject a step near a setpoint move that kicked an output which moves between samples.
 
-    The valve may have stopped elsewhere: what the output did just before and after lies between the samples.
+    The valve may have stopped elsewhere: what the output did just before and after lies between the samples. It stays
+    there until its next slip, so that such a stop explains no walk through the rest of the record.
     """
     done = edge.child.done
+    if edge.parent.done.increments and edge.child.rmse <= edge.policy.at_noise * done.innovation_sd:
+        return ""
     model = done.model
     if model.spec.held or not parse(edge.name)[0].sudden:
         return ""

@@ -27,7 +27,7 @@ from .decide import Decision, candidates, decided, rounded
 from .entry import ADD, ROOT, Asked, Entry
 from .ladder import Rung, fitted, in_colour, ordered, said_noise, step_of, with_levels, with_noise
 from .looks import rng_of
-from .node import additions, key, node, physical, plain, spec_of, structure
+from .node import additions, key, node, physical, plain, spec_of, structure, without
 from .policy import Policy
 from .score import Scored, glanced, is_noise, noise_words
 from .search import Search
@@ -49,7 +49,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     policy, tell = policy or Policy(), progress or (lambda text, share: None)
     run, fit = opened(loop, study, seed)
     search = Search(run.loop, policy, seed, jobs, tell, commands=commands_of(run),
-                    blurred=blurred(run.loop, run.options.scan_s), floor=floor_of(run))
+                    blurred=unseen_scans(run), floor=floor_of(run))
     _replant(search, run, study, fit, policy)
     found = decided(search, search.run(everything=everything))
     before = physical(node(fit.model.spec))
@@ -94,6 +94,11 @@ def floor_of(run: Run) -> Callable[[Refit], float | None]:
         return run.floor(e.position_means, e.values["dead_time_s"], known)
 
     return floor
+
+
+def unseen_scans(run: Run) -> bool:
+    """True where a controller moved the output at scans between the samples; not where the output itself is smooth."""
+    return blurred(run.loop, run.options.scan_s) and not surely_moves(run.loop)
 
 
 def commands_of(run: Run) -> tuple[Spec, ...]:
@@ -222,9 +227,8 @@ def _ranking(search: Search, found: Decision, order: Sequence[str], new: Sequenc
     last = next((name for name in reversed(order) if name in new), "")
     if not last:
         return candidates(search, found.winner, "", ())
-    parent = next((e for e in search.memo.values() if e.asked and set(physical(e.spec)) ==
-                   set(order[:order.index(last)])), None)
-    parent = parent or search.memo[next(iter(search.memo))]
+    before = node(without(found.winner.spec, order[order.index(last):]), soft=found.winner.spec.increments)
+    parent = search.memo.get(key(before)) or search.memo[next(iter(search.memo))]
     alike = tuple(dict.fromkeys(plain(n) for e in found.equivalents for n in e.effects
                                 if n not in order))
     return candidates(search, parent, last, alike)

@@ -21,13 +21,14 @@ from ..fit.with_effect import together_on_valve
 from ..model.model import Model
 from ..model.segments import bound
 from ..numerics.population import refine
-from ..process.scan import DECIMATED, blurred
+from ..process.scan import DECIMATED
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of
 from ..record.study import Study
 from ..selection.ladder import step_of
 from ..selection.node import plain, variants
 from ..selection.policy import Policy
+from ..selection.run import unseen_scans
 from ..selection.steps import opened, with_steps
 from ..typing import FloatArray, Progress
 from ..verdict.from_position import from_position
@@ -76,7 +77,7 @@ def asked_anew(loop: Loop, study: Study, seed: int) -> Study:
     """
     study = judged_anew(loop, study, seed)
     run, fit = opened(loop, study, seed)
-    if blurred(run.loop, run.options.scan_s) and fit.model.spec.between != DECIMATED:
+    if unseen_scans(run) and fit.model.spec.between != DECIMATED:
         return replace(study, unexplained=None)
     done = quick(fit.model, fit.values)
     shape = unexplained(done)
