@@ -184,8 +184,12 @@ def _kick(edge: Edge) -> str:
 
 
 def _beyond_rest(edge: Edge) -> str:
-    """Reject a drift of friction that explains hardly more than a valve that rests: under a held command it rests."""
-    if parse(edge.name)[0].profile is None or not edge.child.done.model.spec.held:
+    """Reject a drift of friction, or an effect asked last, that explains hardly more than a valve that rests.
+
+    Under a held command a drifting valve rests, and so does one that an inner loop moves slowly.
+    """
+    effect = parse(edge.name)[0]
+    if (effect.profile is None and not effect.asked_last) or not edge.child.done.model.spec.held:
         return ""
     if edge.rest_gain > (1.0 - edge.policy.drift_alone) * edge.gain:
         return f"{RESTING} alone explains nearly as much"
