@@ -21,7 +21,7 @@ from .moves import descended, search_model, spreads, with_start
 from .noise.completion import has_noise, quick
 from .own_scan import scanned_starts
 from .starts.basins import along_ridge, with_other_start, with_process
-from .starts.beside_effect import RESTING, across, on_valve, stickbands, valve_basins
+from .starts.beside_effect import RESTING, across, guessed_valves, on_valve, stickbands, valve_basins
 from .starts.continuation import distinct
 from .starts.niches import ALONE, PATIENCE, beyond_rest, herded
 from .starts.reparametrised import followed, ridge_of
@@ -79,9 +79,9 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     """The model with effect `name` added, searched far enough to decide on a full refit.
 
     Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. Unless `far`
-    is False they include swarms over valve and effect on the one-step error, and a swarm over everything. `valves`
-    (k, d) are values of such valves found before; each gets a process that fits it, and they stand for the swarms.
-    Without `polish` the search ends after a descent, an eighth of the work.
+    is False they include swarms over valve and effect on the one-step error, and a swarm over everything.
+    `valves` (k, d) are values of such valves found before; each gets a process that fits it. Then a scan of all valves
+    stands for the swarms over the valve. Without `polish` the search ends after a descent, an eighth of the work.
     """
     model, coarse = widened_by(fit, name)
     spec = model.spec
@@ -104,6 +104,9 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     fresh = roam = np.empty((0, model.space.size))
     if valves is not None and len(valves):
         fresh = np.concatenate([coarse.cube(valves.T), with_process(coarse, coarse.cube(valves.T))])
+    if (valves is not None or not far) and on_valve(effect) and guesses.size and effect.scan is None:
+        valve = guessed_valves(coarse, name, guesses, coarse.vector(others), far)
+        fresh = np.concatenate([fresh, valve, with_process(coarse, valve)])
     if effect.scan is not None:
         fresh = np.concatenate([scanned_starts(coarse, name, coarse.vector(others), far), fresh])
     if far:

@@ -109,15 +109,27 @@ def rounded(loop: Loop, study: Study, before: Scored, found: Decision, policy: P
 
 
 def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
-    """The winner without each effect whose loss costs less than its margin, one after the other."""
+    """The winner without each effect whose loss costs less than its margin, one after the other.
+
+    Under another process or command an effect may not be needed, so nodes known without it count, too.
+    """
     while True:
-        losses = {name: search.dropped(winner, name) for name in physical(winner.spec) if name not in keep}
+        done = winner.scored.done
+        losses = {name: min((search.dropped(winner, name), *_known_without(search, winner, name)),
+                            key=lambda e: done.gain_over(e.scored.done))
+                  for name in physical(winner.spec) if name not in keep}
         cheap = {name: e for name, e in losses.items()
-                 if winner.scored.done.gain_over(e.scored.done) < margin_of(name, search.policy)}
+                 if done.gain_over(e.scored.done) < margin_of(name, search.policy)}
         if not cheap:
             return winner
-        name = min(cheap, key=lambda n: winner.scored.done.gain_over(cheap[n].scored.done))
-        winner = cheap[name]
+        winner = min(cheap.values(), key=lambda e: done.gain_over(e.scored.done))
+
+
+def _known_without(search: Search, winner: Entry, name: str) -> list[Entry]:
+    """Nodes known in full under another process or command that have only the winner's effects, less one."""
+    rest = set(physical(winner.spec)) - {name}
+    return [e for e in search.memo.values() if e.passed and not e.failed and set(physical(e.spec)) <= rest
+            and (e.spec.process, e.spec.between) != (winner.spec.process, winner.spec.between)]
 
 
 def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:

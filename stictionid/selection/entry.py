@@ -7,9 +7,9 @@ from enum import IntEnum
 
 from ..model.spec import Spec
 from ..record.tree import Gate
-from .gates import SCANS
+from .gates import FREE_RUN, SCANS
 from .looks import Packed, Task
-from .node import key, what_of
+from .node import depth, key, what_of
 from .policy import Policy
 from .score import Scored
 
@@ -40,9 +40,12 @@ class Entry:
 
     @property
     def tentative(self) -> bool:
-        """True for a full fit that fails only where unknown scans may explain as much: what is beside it may tell."""
+        """True for a full fit that fails only where what is beside it may tell: no answer, but a node to ask.
+
+        Unknown scans may explain as much. A missing load bends the free run of another base more than its slips do.
+        """
         failed = [g.name for g in self.gates if not g.passed]
-        return self.scored.full and failed == [SCANS]
+        return self.scored.full and (failed == [SCANS] or (failed == [FREE_RUN] and not depth(self.spec)))
 
     def nearly(self, parent: str, before: Scored, policy: Policy) -> bool:
         """True for a full child of a node (its key and score) that gains, and nearly is the noise, but is not settled.
@@ -52,8 +55,7 @@ class Entry:
         scored = self.scored
         return (self.parent == parent and scored.full and not self.failed and not self.settled
                 and (scored.white or scored.free_run_at_noise)
-                and scored.done.gain_over(before.done) >= policy.structure_margin
-                and scored.rmse <= policy.nearly * scored.done.innovation_sd)
+                and scored.done.gain_over(before.done) >= policy.structure_margin and scored.nearly(policy))
 
 
 def broken(parent: Entry, task: Task, answer: Packed) -> Entry:

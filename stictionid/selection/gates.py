@@ -43,6 +43,8 @@ class Edge:
     blurred: bool = False
     # True where the parent fails the gate of unknown scans.
     tentative: bool = False
+    # Free-run error of the last node before that passed every gate, in the unit of y.
+    free_run: float = np.inf
 
     @property
     def gain(self) -> float:
@@ -58,7 +60,6 @@ class Edge:
     def local(self) -> bool:
         """True for an effect that acts at a place of the record: a disturbance, or friction that changes with time."""
         return local(parse(self.name)[0])
-
 
     @property
     def freed(self) -> bool:
@@ -122,13 +123,13 @@ def _free_run(edge: Edge) -> str:
 
     A walk implies any error. It excuses none where the parent needs no walk, or where the error grows by much.
     """
-    child, parent = edge.child, edge.parent
+    child, before = edge.child, min(edge.parent.rmse, edge.free_run)
     excused = child.white
     if child.done.increments:
-        excused = parent.done.increments and child.rmse <= edge.policy.nearly * parent.rmse
-    if child.rmse <= edge.policy.free_run * parent.rmse or excused:
+        excused = edge.parent.done.increments and child.rmse <= edge.policy.nearly * before
+    if child.rmse <= edge.policy.free_run * before or excused:
         return ""
-    return f"its free run is worse than without it ({child.rmse:.4g} for {parent.rmse:.4g})"
+    return f"its free run is worse than without it ({child.rmse:.4g} for {before:.4g})"
 
 
 def _in_range(edge: Edge) -> str:
@@ -212,9 +213,9 @@ def _beyond_scans(edge: Edge) -> str:
     return "the unknown course of the output between the samples may explain as much: export faster"
 
 
-SCANS = "scans"
+SCANS, FREE_RUN = "scans", "free-run"
 GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
-    ("gain", _gains), ("there", _is_there), ("blocks", _blocks), ("held-out", _held_out), ("free-run", _free_run),
+    ("gain", _gains), ("there", _is_there), ("blocks", _blocks), ("held-out", _held_out), (FREE_RUN, _free_run),
     ("range", _in_range), ("slip", _slip), ("kick", _kick), ("rest", _beyond_rest),
     (SCANS, _beyond_scans))
 

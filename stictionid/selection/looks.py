@@ -244,6 +244,11 @@ def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
               for named in known]
     found = scout(ground.fit, task.added, ground.pool, rng, far=task.stage != NEAR,
                   valves=np.array(valves).reshape(-1, coarse.space.size), polish=task.stage == FAR)
+    for _ in range(2 if task.stage == FAR else 0):
+        before = found.gain
+        found = closer(found, task.added, rng)
+        if found.gain - before < ground.policy.margin:
+            break
     return found
 
 

@@ -60,6 +60,10 @@ class Scored:
         """True where noise of short memory is left, or white innovations that are nearly all of the free run."""
         return self.noise_alone or self.explained(policy)
 
+    def nearly(self, policy: Policy) -> bool:
+        """True where a noise model carries only a little of the free run."""
+        return self.rmse <= policy.nearly * self.done.innovation_sd
+
     @property
     def free_run_at_noise(self) -> bool:
         """True where the noise model carries next to nothing."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import Refit
@@ -53,6 +54,7 @@ from .node import (
 )
 from .policy import Policy
 from .score import Scored, completed
+from .waiting import better_base, ranked, waiting
 
 
 @dataclass(slots=True)
@@ -105,9 +107,9 @@ class Search:
         """
         if everything and not self.best().asked:
             self.expand(self.best())
-        while self._may_rest(best := self._walked()):
+        while doubted := self._doubted(best := self._walked()):
             self.rested.add(key(best.spec))
-            self._ask(best, (RESTING,))
+            self._ask(*doubted)
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True)
         if late and self.only is None and not self.blurred and not best.scored.only_noise(self.policy):
@@ -122,7 +124,7 @@ class Search:
             best = self.best()
             if self.at_end(best):
                 return best
-            queue = self._queue() or ([] if self.only or best.scored.white else self._other_bases())
+            queue = waiting(self.memo, self.policy, only_some=self.only is not None)
             queue = [e for e in queue if e.asked or widths.get(depth(e.spec), 0) < self.policy.beam]
             if not queue:
                 return best
@@ -148,53 +150,7 @@ class Search:
 
     def best(self) -> Entry:
         """The entry with the best BIC among those that passed all gates."""
-        return self._ranked()[0]
-
-    def _queue(self) -> list[Entry]:
-        """The nodes to ask: the best one with its far looks, new bases by free run, others by BIC, then far looks.
-
-        Beside a missing effect an autoregression hides which base is right; the free run does not.
-        """
-        whole = [e for e in self._ranked(tentative=True) if depth(e.spec) < self.policy.depth]
-        far = [e for e in whole if e.asked == Asked.BY_NEAR]
-        ranked = [e for e in whole if not e.asked]
-        if ranked and ranked[0].scored.white:
-            return ranked[:1]
-        bases = [e for e in self.memo.values() if not e.asked and not e.failed and e.scored.full
-                 and depth(e.spec) == 0 and ((self.only is None and e is whole[0]) or self._better_base(e))]
-        least = min((e.scored.rmse for e in bases), default=0.0)
-        # Bases whose free runs are about as good come by BIC.
-        bases.sort(key=lambda e: (e.scored.rmse > self.policy.better_base * least,
-                                  e.scored.done.bic(e.scored.done.good)))
-        first = [e for e in map(self._before, whole[:1]) if e.asked == Asked.BY_NEAR]
-        if first and bases and bases[0].scored.done.gain_over(first[0].scored.done) > 0.0:
-            first, bases = bases[:1], [*first, *bases[1:]]
-        return [*first, *bases, *(e for e in ranked if depth(e.spec) > 0), *(e for e in far if e not in first)]
-
-    def _before(self, entry: Entry) -> Entry:
-        """An entry, or its parent where it hardly lowers the free run; of bases that with the smallest free run."""
-        parent = self.memo.get(entry.parent or "")
-        if depth(entry.spec) and parent is not None and not entry.asked and parent.asked == Asked.BY_NEAR \
-                and entry.scored.rmse * self.policy.better_base > parent.scored.rmse:
-            entry = parent
-        alike = [e for e in self.memo.values() if e.asked == Asked.BY_NEAR and not e.failed and not depth(e.spec)]
-        return min(alike, key=lambda e: e.scored.rmse) if alike and not depth(entry.spec) else entry
-
-    def _other_bases(self) -> list[Entry]:
-        """Bases that do not help alone, best first: beside one of them another effect may."""
-        bases = [e for e in self.memo.values() if not e.asked and not e.failed and depth(e.spec) == 0]
-        return sorted(bases, key=lambda e: e.scored.done.bic(e.scored.done.good))
-
-    def _better_base(self, entry: Entry) -> bool:
-        """True for a root, and for a node whose free run is clearly better than its parent's."""
-        before = self.memo.get(entry.parent or "")
-        return before is None or entry.scored.rmse * self.policy.better_base < before.scored.rmse
-
-    def _ranked(self, tentative: bool = False) -> list[Entry]:
-        entries = [e for e in self.memo.values() if e.passed or (tentative and e.tentative)]
-        reference = entries[0].scored.done
-        gains = {key(e.spec): e.scored.done.gain_over(reference) for e in entries}
-        return sorted(entries, key=lambda e: -gains[key(e.spec)])
+        return ranked(self.memo)[0]
 
     def expand(self, entry: Entry) -> None:
         """Look at every edge of a node, fit what may win in full, hand values back; ask again in another basin."""
@@ -214,15 +170,13 @@ class Search:
         """Look at the effects on the valve of a node once more, with swarms and the valves that fit each."""
         entry.asked = Asked.BY_FAR
         ground, _ = self._opened(entry, "searching valves beside")
-        # Near looks end in the basin of a wrong valve, fitted in full or not.
-        tasks = [t for t in edges(ground.fit.model.spec, self.loop, self.only, ()) if t.on_valve]
-        # A few at a time, the most promising first: what a spent budget leaves out is the least.
-        known = {t.added: self.memo.get(key(t.spec), entry).scored.done for t in tasks}
-        tasks.sort(key=lambda t: -known[t.added].gain_over(entry.scored.done))
-        far, some = [], self.policy.finalists
-        for part in (tasks[i:i + some] for i in range(0, len(tasks), some)):
-            self._search_valves(ground, part)
-            far += self._performed(ground, entry, [replace(t, stage=FAR) for t in part])
+        # A near look ends in the basin of a wrong valve, but its scan of all valves shows where another one helps.
+        known = {key(e.spec): e.scored for e in self.memo.values() if not e.failed}
+        tasks = [t for t in edges(ground.fit.model.spec, self.loop, self.only, ()) if t.on_valve
+                 and (key(t.spec) not in known or known[key(t.spec)].rmse * self.policy.free_run < entry.scored.rmse)]
+        tasks.sort(key=lambda t: -known.get(key(t.spec), entry.scored).done.gain_over(entry.scored.done))
+        self._search_valves(ground, [t for t in tasks if RESTING in t.spec.effects])
+        far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks])
         self._finish(ground, entry, [a for a in far if self._better(a)])
 
     def _opened(self, entry: Entry, words: str) -> tuple[Ground, list[Task]]:
@@ -242,15 +196,23 @@ class Search:
         self._finish(ground, entry, self._looked(ground, entry, asked))
         self.spent += 0 if changes else spent
 
-    def _may_rest(self, entry: Entry) -> bool:
-        """True where an answer slides, and a valve that rests may leave hardly less: it was not asked for beside it.
+    def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
+        """A node and effects to ask for beside it, once, where an answer may be another kind of valve; or None.
 
-        Between samples of a command that moves, both look alike. A slip jump beyond the stickband needs a friction
-        below zero.
+        Between samples of a command that moves, a valve that rests and one that slides look alike. A slip jump beyond
+        the stickband needs a friction below zero: the valve rests, or one that slides jumps past its place.
         """
         values, spec = entry.scored.done.evaluated.values, entry.spec
-        return RESTING in additions(spec, self.loop, self.only) and (not spec.held or values["J"] > values["S"]) \
-            and key(spec) not in self.rested and self.spent < 2 * self.budget
+        odd = values["J"] > values["S"]
+        if key(spec) in self.rested or self.spent >= 2 * self.budget or not (odd or not spec.held):
+            return None
+        if RESTING in additions(spec, self.loop, self.only):
+            return entry, (RESTING,)
+        if not odd or RESTING not in spec.effects or self._only_noise(entry):
+            return None
+        slides = self.dropped(entry, RESTING)
+        names = tuple(n for n in additions(slides.spec, self.loop, self.only) if parse(n)[0].slides)
+        return (slides, names) if names else None
 
     def _structures(self, entry: Entry) -> None:
         """Ask beside every process and command for a valve that rests: two changes may show only together."""
@@ -298,9 +260,13 @@ class Search:
         return known
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
-        """Find the valves of every kind that is not known yet."""
+        """Find the valves of every kind that is not known yet and has them in narrow basins.
+
+        Under a command that is held a valve that rests has a basin for each sample of a slip. It takes a search on
+        growing parts of the record; elsewhere the scan of every look finds as much.
+        """
         asked = [replace(t, stage=VALVES) for t in tasks
-                 if t.on_valve and kind_of(t.spec) not in self.valves]
+                 if t.on_valve and t.spec.held and kind_of(t.spec) not in self.valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self._within_budget(crew, asked):
                 self.valves[kind_of(task.spec)] = answer.valves
@@ -387,8 +353,9 @@ class Search:
         best, count = -np.inf, 0
         for name in queue:
             answer = answers[name]
-            structural = depth(answer.spec) == 0 and self._better_base(self.memo[name])
-            late = count >= self.policy.finalists or gains[name] < max(best - self.policy.within, 0.0)
+            structural = depth(answer.spec) == 0 and better_base(self.memo, self.memo[name], self.policy)
+            freer = self.memo[name].scored.rmse * self.policy.better_base < entry.scored.rmse
+            late = count >= self.policy.finalists or gains[name] < max(0.0 if freer else best - self.policy.within, 0.0)
             # Beside noise alone a look that gains nothing is no lead.
             least = 0.0 if entry.scored.noise_alone else -self.policy.within
             if ((late and count) or gains[name] < least) and not structural:
@@ -427,10 +394,14 @@ class Search:
         rest = max((e.scored.done.gain_over(entry.scored.done) for e in self.memo.values()
                     if e.parent == key(entry.spec) and e.op == ADD and plain(e.what) == RESTING and not e.failed),
                    default=0.0)
+        passed = entry
+        while not passed.passed and passed.parent in self.memo:
+            passed = self.memo[passed.parent]
         for e in self.memo.values():
             if e.parent != key(entry.spec) or e.failed or not e.scored.full:
                 continue
-            edge = Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred, entry.tentative)
+            edge = Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred, entry.tentative,
+                        passed.scored.rmse)
             e.gates = judged(edge) if e.op == ADD else judged_change(edge)
 
     def _only_noise(self, entry: Entry) -> bool:

@@ -19,7 +19,7 @@ from ...model.spec import BASE, INTEGRATOR, Spec
 from ...numerics.population import swarm, together
 from ...typing import FloatArray
 from ..fit import Fitted, search
-from ..moves import longest_piece, search_model, with_start
+from ..moves import first_distinct, longest_piece, search_model, with_start
 from ..noise.completion import at_noise, own_taps, quick
 from .basins import basins, grown, valve_costs, with_process
 from .continuation import distinct, grown_beside, grown_valves
@@ -36,6 +36,10 @@ _ACROSS_J, _ACROSS_EFFECT = np.array([0.7, 0.85, 1.0, 1.15, 1.35]), np.array([-0
 _BAND_S, _BAND_J = np.exp(0.004 * np.arange(-30, 31)), np.array([0.97, 0.985, 1.0, 1.015, 1.03])
 # Rounds and scouts of the swarm over the valve for each guess of an effect, and most guesses that get a swarm.
 _SWARM, _SCOUTS, _GUESSES = 14, 250, 6
+# A scan of every valve with each guess of an effect: S from this share of its limit, and J as shares of S. A quick one
+# and a long one have so many S, valves that get a start of their own, and valves kept, apart in S or J by a share.
+_ALL_S, _ALL_J, _ALL_APART = 0.08, np.array([0.1, 0.3, 0.5, 0.7, 0.9, 1.1]), 0.02
+_QUICK_SCAN, _LONG_SCAN = (40, 12, 2), (80, 60, 16)
 # Valves with another S beside a point.
 _STICKBANDS = 4
 # Searches along a curve of equal cost. Another one needs a first cost below this share of that of the model so far. The
@@ -231,6 +235,26 @@ def across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray
     trial[:, rows] = np.clip(trial[:, rows] + moves[E.ravel()], 0.0, 1.0)
     order = np.argsort(model.costs(trial), kind="stable")
     return trial[order[distinct(S.ravel()[order, None], count, 1.5 * _ACROSS_STEP)]]
+
+
+def guessed_valves(model: Model, name: str, guesses: FloatArray, known: FloatArray, far: bool) -> FloatArray:
+    """The best few valves (k, d) of an even scan, each with the best guess of the effect; the process is a known one.
+
+    A missing effect bends S and J far, but the process little: values `known` (d,) are those of the model so far. A far
+    look takes a finer scan, and more valves of it.
+    """
+    steps, started, kept = _LONG_SCAN if far else _QUICK_SCAN
+    S, share, k = (g.ravel() for g in np.meshgrid(np.geomspace(_ALL_S, 1.0, steps), _ALL_J, np.arange(len(guesses)),
+                                                  indexing="ij"))
+    grid = known[:, None].repeat(S.size, axis=1)
+    grid[0] = model.s_max * S
+    grid[1] = grid[0] * share
+    grid[model.rows_of(name)] = guesses[k].T
+    found = model.cube(grid)
+    found = found[np.argsort(model.costs(found), kind="stable")]
+    found = with_start(model, found[first_distinct(found, started, _ALL_APART)])
+    found = found[np.argsort(model.costs(found), kind="stable")]
+    return found[first_distinct(found, kept, _ALL_APART)]
 
 
 def stickbands(model: Model, point: FloatArray) -> FloatArray:
