@@ -24,7 +24,7 @@ from ..record.unexplained import Unexplained
 from .entry import ADD, DROP, SWAP, Entry
 from .gates import margin_of
 from .looks import Ground, Task, performed, pool_of, standing
-from .node import key, other_process, physical
+from .node import LAG, key, other_process, physical, without
 from .policy import Policy
 from .score import Scored, noise_name
 from .search import Search
@@ -66,7 +66,10 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
 
 
 def _integrating(search: Search, winner: Entry) -> Entry:
-    """The winner with an integrator for a lag of many periods, where that does as well: such a lag has no level."""
+    """The winner with an integrator for a lag of many periods, where that does as well: such a lag has no level.
+
+    A further lag is then the integrator's own.
+    """
     done = winner.scored.done
     lag = done.evaluated.values["time_constant_s"]
     if done.model.spec.process != FIRST_ORDER or winner.spec.fixed \
@@ -75,7 +78,7 @@ def _integrating(search: Search, winner: Entry) -> Entry:
     fit = standing(winner.scored, winner.spec)
     ground = Ground(fit, np.concatenate([fit.values[None, :len(BASE)], pool_of(fit, search.seed)]), search.seed,
                     search.policy)
-    spec = other_process(winner.spec)
+    spec = other_process(without(winner.spec, (LAG,)))
     look = performed(ground, Task(spec))
     full = look if look.failed else performed(ground, Task(spec, look=look))
     if full.failed:
