@@ -16,7 +16,7 @@ from ..model.restore import rebuild_model
 from ..record.loop import Loop
 from ..record.oscillation import find_range
 from ..record.segments import described
-from ..record.study import Estimate, Step, Study, intervals_withheld, without_intervals
+from ..record.study import Estimate, Step, Study, intervals_withheld, with_ranges, without_intervals
 from ..record.tree import Equivalent
 
 
@@ -36,7 +36,7 @@ def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -
     """The study with new steps: main values and adequacy are those of the last step's fit."""
     adequate, why = judged(run, steps[-1], after)
     main = estimate(study, after)
-    if intervals_withheld(study.steps):
+    if intervals_withheld(study.steps, study.data.findings):
         steps = without_intervals(steps)
     return replace(study, steps=steps, estimate=main, adequate=adequate, adequate_reason=why, missing=())
 
@@ -54,11 +54,12 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
     if study.estimate is None:
         return None
     v = fit.best.values
-    if intervals_withheld(study.steps):
+    if intervals_withheld(study.steps, study.data.findings):
         fit = replace(fit, intervals={})
     spans = fit.intervals
-    return replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),
-                   initial_residual_force=v["initial_residual_force"], **process_numbers(fit))
+    found = replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),
+                    initial_residual_force=v["initial_residual_force"], **process_numbers(fit))
+    return with_ranges(found, study.steps)
 
 
 def reaching_to(found: Estimate, equivalents: Sequence[Equivalent]) -> Estimate:

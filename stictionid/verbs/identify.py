@@ -39,6 +39,7 @@ from ..record.study import (
     Study,
     Verdict,
     intervals_withheld,
+    with_ranges,
     without_intervals,
 )
 from ..selection.policy import Policy
@@ -91,7 +92,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     if view is not None:
         outcome, note = judged(view, _run_of(piece, found, run.options, method, tell), outcome)
         last, notes = outcome.fits[-1], (*notes, note)
-    if intervals_withheld(outcome.steps):
+    if intervals_withheld(outcome.steps, loop.origin.findings):
         outcome, last = replace(outcome, steps=without_intervals(outcome.steps)), replace(last, intervals={})
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),
@@ -101,7 +102,8 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
     if unclear := _unclear(found, outcome.steps[-1]):
         return abstained(loop, found, options, CannotTell(unclear, _CLEARER, code="no-cycles"))
-    estimate = reaching_to(_estimate(last, unit, outcome, position), outcome.equivalents)
+    estimate = with_ranges(_estimate(last, unit, outcome, position), outcome.steps)
+    estimate = reaching_to(estimate, outcome.equivalents)
     severity, swing = meaning_of(piece, estimate, last, verdict)
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
