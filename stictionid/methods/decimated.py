@@ -20,7 +20,6 @@ from ..model.spec import Evaluated, Spec
 from ..process.scan import DECIMATED, drawn, parts_of, pi_law
 from ..record.loop import Finding
 from ..record.preconditions import SAMPLES_PER_PERIOD
-from ..record.study import intervals_withheld
 from ..typing import FloatArray
 
 # Noise of the scans in between, as a share of the pace of the output, beyond which S and J come out wrong. Measured
@@ -166,8 +165,8 @@ def ranges(run: Run, tried: Rebuilt, fit: Fitted) -> tuple[tuple[float, float], 
     """
     e = tried.evaluated
     floor = run.floor(e.position_means, e.values["dead_time_s"]) if e is not None else None
-    if e is None or floor is None or intervals_withheld((), run.loop.origin.findings):
-        return None
+    if e is None or floor is None or any(f.code == "averaged" for f in run.loop.origin.findings):
+        return None  # no draws of snapshots make a mean
     scans, plain = tried.spec.substeps, run.model(tried.spec)
     found = [(e.values["S"], e.values["J"], e.rmse), (fit.best.values["S"], fit.best.values["J"], fit.best.rmse)]
     for seed in range(_DRAWS):

@@ -422,9 +422,9 @@ def _hints(kind: Any) -> dict[str, Any]:
     return _HINTS[kind]
 
 
-def intervals_withheld(steps: Iterable[Step], findings: Iterable[Finding] = ()) -> bool:
-    """True where a finding, of the record or of some step, withholds the intervals (`no_intervals` in its evidence)."""
-    return any(f.evidence.get("no_intervals") for f in (*findings, *(f for step in steps for f in step.findings)))
+def intervals_withheld(steps: Iterable[Step]) -> bool:
+    """True where a finding of some step withholds the intervals (`no_intervals` in its evidence)."""
+    return any(finding.evidence.get("no_intervals") for step in steps for finding in step.findings)
 
 
 def with_ranges(found: Estimate, steps: Iterable[Step]) -> Estimate:

@@ -36,7 +36,7 @@ def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -
     """The study with new steps: main values and adequacy are those of the last step's fit."""
     adequate, why = judged(run, steps[-1], after)
     main = estimate(study, after)
-    if intervals_withheld(study.steps, study.data.findings):
+    if intervals_withheld(study.steps):
         steps = without_intervals(steps)
     return replace(study, steps=steps, estimate=main, adequate=adequate, adequate_reason=why, missing=())
 
@@ -54,7 +54,7 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
     if study.estimate is None:
         return None
     v = fit.best.values
-    if intervals_withheld(study.steps, study.data.findings):
+    if intervals_withheld(study.steps):
         fit = replace(fit, intervals={})
     spans = fit.intervals
     found = replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),

@@ -92,7 +92,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     if view is not None:
         outcome, note = judged(view, _run_of(piece, found, run.options, method, tell), outcome)
         last, notes = outcome.fits[-1], (*notes, note)
-    if intervals_withheld(outcome.steps, loop.origin.findings):
+    if intervals_withheld(outcome.steps):
         outcome, last = replace(outcome, steps=without_intervals(outcome.steps)), replace(last, intervals={})
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),

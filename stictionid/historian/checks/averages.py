@@ -86,9 +86,8 @@ def averaged(loop: Signals, name_hints: list[str], fractions: float = 0.0) -> Fi
         "warning",
         f"values look like averages over {loop.step_s:g} s, not snapshots ({why}): slips are smeared, "
         "J comes out too small, and whether a stamp means the begin or the end of its interval is not known: a dead "
-        f"time is uncertain by {loop.step_s:g} s; intervals would only say how well the averages fit, so none are "
-        "given",
-        {**evidence, "caps_verdict": caps, "no_intervals": True},
+        f"time is uncertain by {loop.step_s:g} s",
+        {**evidence, "caps_verdict": caps},
         source="HISTORIAN.md 3.14",
     )
 
