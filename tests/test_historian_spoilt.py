@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from historian_files import R_STAMP, Record, iso, record, wide
 
-from stictionid.historian import ReadOptions, read
+from stictionid.historian import ReadOptions, read, read_loop
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 
 R = record(rows=400)
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_data"
@@ -80,6 +81,20 @@ def test_the_digits_of_a_mean_of_snapshots_give_it_away(tmp_path, every):
             f"{every * k},{y!r},{u!r}\n" for k, (y, u) in enumerate(values.tolist()))
         found = [f for f in _read(tmp_path, text).findings if f.code == "averaged"]
         assert [f.evidence.get("snapshots") for f in found] == ([every] if means else [])
+
+
+@pytest.mark.parametrize("means", [True, False])
+def test_the_noise_that_a_pi_law_leaves_gives_means_of_ten_short_numbers_away(tmp_path, means):
+    """The tenth part of a sum of decimal numbers is no longer than they are: digits do not tell."""
+    setting = Setting(Plant(1.2, 25.0, 10.0), Controller(0.9, 25.0, scan_s=1.0), S=2.5, J=1.5, duration_s=4000.0,
+                      noise_sd=0.04, setpoint_moves=((0.0, 3.0),))
+    loop = simulate(setting, seed=3).loop
+    values = np.round(np.stack([loop.setpoint, loop.process_value, loop.output], axis=1), 4).reshape(-1, 10, 3)
+    rows = (values.mean(axis=1) if means else values[:, 0]).tolist()
+    path = tmp_path / "export.csv"
+    path.write_text("time_s,SP,PV,OP\n" + "".join(f"{10 * k},{r!r},{y!r},{u!r}\n" for k, (r, y, u) in enumerate(rows)))
+    found = [f for f in read_loop(path).origin.findings if f.code == "averaged"]
+    assert [f.evidence["law_leaves_correlated"] < -0.45 for f in found] == ([True] if means else [])
 
 
 def test_what_caps_the_verdict_does_cap_it(tmp_path):

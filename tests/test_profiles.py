@@ -204,6 +204,16 @@ def test_s_moves_along_with_an_effect_that_has_a_share_in_the_thresholds() -> No
     assert not len(ridges(plain, plain.cube(plain.vector(true)[:, None])[0]))
 
 
+def test_plateaus_that_are_possible_count_with_both_ends() -> None:
+    S = np.array([1.0, 1.099, 1.1, 1.9, 2.0, 2.01, 2.02, 3.0])
+    cost = np.exp(np.array([9.0, 9.0, 0.0, 0.0, 9.0, 1.0, 9.0, 9.0]) / 100.0)
+    found = Plateaus(S, cost, np.empty((0, 5)), np.empty(0))
+    low, high = found.interval(100.0, 0.9)
+    # A share of the likelihood leaves out the ends of a wide plateau and a narrow one that is nearly as good.
+    assert 1.1 < low < high < 1.99
+    assert found.possible(100.0, 3.8) == (1.1, 2.01) and found.possible(100.0, 0.5) == (1.1, 1.9)
+
+
 def test_the_process_numbers_reach_as_far_as_their_profiles_allow(fitted) -> None:
     model, cube, cost = fitted
     best = model.evaluate(model.values(cube[[cost.argmin()]])[:, 0])

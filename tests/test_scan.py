@@ -13,7 +13,7 @@ from stictionid.fit.starts.intersample import surely_moves, surely_scanned
 from stictionid.methods.option_check import check_options
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.restore import rebuild_model, rerun
-from stictionid.process.scan import MOST_PARTS, parts_of, pi_law, ran_between, ran_with_samples, scanned
+from stictionid.process.scan import MOST_PARTS, drawn, parts_of, pi_law, ran_between, ran_with_samples, scanned
 from stictionid.record.loop import Loop
 from stictionid.record.study import study_from_json, to_json
 from stictionid.verbs.identify import Options, identify
@@ -94,11 +94,24 @@ def test_noise_between_samples_is_said_and_ends_in_an_abstention() -> None:
     warning = next(f for f in told.steps[0].findings if f.code == "scans-too-noisy")
     assert warning.evidence["noise_to_pace"] > warning.evidence["limit"]
     assert told.steps[0].model["between"] != "decimated"
-    # What the samples can't show bends S beyond any interval that they would give.
-    assert told.estimate.S_interval is None and told.estimate.J_interval is None
+    # What the samples can't show bends S beyond any interval that they would give: draws of it give one.
+    for name, true in (("S", 3.0), ("J", 1.5)):
+        low, high = getattr(told.estimate, f"{name}_interval")
+        drawn = warning.evidence[f"{name}_range"]
+        assert low < drawn[0] <= drawn[1] < high and low <= true <= high
+    assert told.estimate.S_interval[1] < 2.0 * 3.0
     assert all(p.interval is None for p in told.steps[0].parameters)
     asked = identify(loop, options=Options(base_only=True, between="decimated"))
     assert asked.estimate is None and asked.verdict.evidence["code"] == "moves-between-samples"
+
+
+def test_draws_add_the_noise_of_the_law_at_the_scans_between_the_samples() -> None:
+    loop, _ = thinned(5)
+    plain, law = scanned(loop, 5), pi_law(loop, 5)
+    noise = (drawn(loop, plain, 5, 0.3, np.random.default_rng(1)) - plain).reshape(-1, 5)
+    assert np.all(noise[:, 0] == 0.0)
+    assert np.std(noise[:, 1:]) == pytest.approx(0.3 * abs(law.gain), rel=0.05)
+    assert np.all(drawn(loop, plain, 5, 0.0, np.random.default_rng(1)) == plain)
 
 
 def test_options_that_do_not_fit_are_refused() -> None:

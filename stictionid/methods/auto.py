@@ -37,7 +37,19 @@ from ..selection.run import commands_of, floor_of, ladder_of, tree_of, unseen_sc
 from ..selection.search import Search
 from ..typing import FloatArray
 from .contract import Method, Outcome
-from .decimated import CHATTER, chatter, check_scans, held_out, said_chatter, said_scans, said_unseen, scanned, scans_of
+from .decimated import (
+    CHATTER,
+    SCANS_UNKNOWN,
+    chatter,
+    check_scans,
+    held_out,
+    ranges,
+    said_chatter,
+    said_scans,
+    said_unseen,
+    scanned,
+    scans_of,
+)
 
 # A free-run error beyond this share of the scatter of y explains nothing. An integrator is excepted if it leaves less
 # than the other share of the variance of the differences: 3 to 17 % with a hidden effect.
@@ -69,7 +81,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
     order, rungs = ordered(search, found.winner, physical(fit.model.spec))
     steps, fits = ladder_of(run, search, found, fit, (order, rungs))
     if slow and found.winner.spec.between == DECIMATED:
-        notes = (said_scans(run, found.winner.spec.substeps),)
+        notes = (said_scans(run, found.winner.spec.substeps), *notes)
     if found.unseen and not notes:
         notes = (said_unseen(run, found.missing_reason),)
     steps[0] = replace(steps[0], findings=(*notes, *steps[0].findings))
@@ -127,14 +139,13 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...], tuple[Fitted, ...]]:
     run.tell("rebuilding the scans between samples", 0.4)
     slow = scanned(run, replace(spec, between=DECIMATED, substeps=scans))
     share = chatter(run, slow.evaluated, scans)
-    if share > CHATTER:
-        return fit, (said_chatter(run, scans, share),), ()
-    if slow.evaluated is None:
-        return fit, (), ()
+    said = () if share <= CHATTER else (said_chatter(run, scans, share, ranges(run, slow, fit)),)
+    if slow.evaluated is None or (said and scans >= SCANS_UNKNOWN):
+        return fit, said, ()
     errors = held_out(run, slow.fit(run)), held_out(run, fit)
     if not errors[0] < errors[1]:
-        return fit, (), (slow.fit(run),) if ran_between(run.loop, scans) else ()
-    return slow.finished(run), (said_scans(run, scans, errors),), ()
+        return fit, said, (slow.fit(run),) if ran_between(run.loop, scans) else ()
+    return slow.finished(run), (said_scans(run, scans, errors), *said), ()
 
 
 def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,

@@ -14,15 +14,20 @@ from ..fit.context import Run
 from ..fit.fit import Fitted, as_it_stands, held_out_error, one_run
 from ..fit.moves import descended, search_model, with_start
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS
+from ..model.rounding import step_of
+from ..model.segments import bound
 from ..model.spec import Evaluated, Spec
-from ..process.scan import DECIMATED, parts_of, pi_law
+from ..process.scan import DECIMATED, drawn, parts_of, pi_law
 from ..record.loop import Finding
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..typing import FloatArray
 
 # Noise of the scans in between, as a share of the pace of the output, beyond which S and J come out wrong. Measured
 # with every third to tenth of the 1 s scans exported: up to 0.3 S within 3 %, from 0.4 on off by 10 to 20 %. Unit: 1.
-CHATTER, _SCANS_UNKNOWN = 0.35, 3
+CHATTER, SCANS_UNKNOWN = 0.35, 3
+# Draws of that noise, each with a search of its own; the factor on their least error up to which a draw counts; and the
+# share of S by which the ranges are widened for what few draws miss. Unit: 1.
+_DRAWS, _AS_GOOD, _WIDER = 8, 1.5, 0.05
 # Searches with the course of y between samples taken from the one before. Measured on loops with a 1 s scan exported
 # every 5 s: S off by up to 5, 3 and 0.5 % with none, one and two; every 10 s, J by up to 40, 8 and 3 %.
 _GUIDED = 2
@@ -138,26 +143,62 @@ def said_scans(run: Run, scans: int, errors: tuple[float, float] | None = None) 
 def chatter(run: Run, e: Evaluated | None, scans: int) -> float:
     """The noise of u from scan to scan as a share of the pace of u; 0 where that can be rebuilt.
 
-    Every second scan exported tells the one in between exactly, noise and all.
+    Every second scan exported tells the one in between, noise and all, as far as u and y are not rounded.
     """
     law = pi_law(run.loop, scans)
     floor = run.floor(e.position_means, e.values["dead_time_s"]) if e is not None else None
     pace = float(np.median(np.abs(np.diff(run.loop.output[run.loop.driven])))) / scans
-    if law is None or floor is None or scans < _SCANS_UNKNOWN or not pace > 0.0:
+    if law is None or floor is None or not pace > 0.0:
         return 0.0
-    return abs(law.gain) * floor / pace
+    told = 0.0
+    if scans < SCANS_UNKNOWN:
+        rounding = np.hypot(step_of(run.loop.output), law.gain * step_of(run.loop.process_value)) / np.sqrt(6.0)
+        told = 1.0 / (1.0 + (float(rounding) / (abs(law.per_scan) * floor))**2) if law.per_scan else 0.0
+    return abs(law.gain) * floor / pace * float(np.sqrt(1.0 - told))
 
 
-def said_chatter(run: Run, scans: int, share: float) -> Finding:
-    """The finding on scans between the samples that nothing can rebuild."""
+def ranges(run: Run, tried: Rebuilt, fit: Fitted) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Ranges of S and J under draws of the noise that the scans between the samples had; None without that noise.
+
+    A valve stops and goes with noise that no sample shows. Each draw has noise of the right size at the wrong scans, so
+    that its search ends at an S that another record of the same valve might have given. `fit` has a held command.
+    """
+    e = tried.evaluated
+    floor = run.floor(e.position_means, e.values["dead_time_s"]) if e is not None else None
+    if e is None or floor is None or any(f.code == "averaged" for f in run.loop.origin.findings):
+        return None  # no draws of snapshots make a mean
+    scans, plain = tried.spec.substeps, run.model(tried.spec)
+    found = [(e.values["S"], e.values["J"], e.rmse), (fit.best.values["S"], fit.best.values["J"], fit.best.rmse)]
+    for seed in range(_DRAWS):
+        rng = np.random.default_rng([run.options.seed, seed])
+        command = drawn(run.loop, plain.context.command, scans, floor, rng)
+        model = search_model(bound(run.loop, tried.spec, s_max=run.s_max, period_s=run.period_s, command=command))
+        point, cost = one_run(model, rng, None, run.basins(tried.spec))
+        if np.isfinite(cost):
+            again = model.evaluate(model.values(point[None])[:, 0])
+            found.append((again.values["S"], again.values["J"], again.rmse))
+    S, J, rmse = np.array(found).T
+    good = rmse <= _AS_GOOD * rmse.min()
+    good[:2] = True
+    return (float(S[good].min()), float(S[good].max())), (float(J[good].min()), float(J[good].max()))
+
+
+def said_chatter(run: Run, scans: int, share: float,
+                 reach: tuple[tuple[float, float], tuple[float, float]] | None) -> Finding:
+    """The finding on scans between the samples that nothing can rebuild; `reach` holds ranges of S and J."""
     step = run.loop.step_s
+    evidence: dict[str, object] = {"scans": scans, "noise_to_pace": share, "limit": CHATTER, "no_intervals": True}
+    how = "intervals would only say how well the samples fit, so none are given"
+    if reach is not None:
+        unit = run.loop.unit("output", "%")
+        evidence |= {"S_range": list(reach[0]), "J_range": list(reach[1]), "wider": _WIDER, "draws": _DRAWS}
+        how = (f"{_DRAWS} searches with such noise drawn at the unseen scans, and two without, end at S from "
+               f"{reach[0][0]:.3g} to {reach[0][1]:.3g} {unit}: the intervals of S and J are {100 * _WIDER:.0f} % of S "
+               "wider than these ranges")
     return Finding("scans-too-noisy", "warning",
                    f"if the controller scans every {step / scans:.3g} s, one scan in {scans} was exported; in "
                    f"between, noise moves the output {share:.2g} times as far as it goes anyway: the valve stops and "
-                   "starts unseen: S may be off by a fifth, J is hardly known, and intervals would only say how well "
-                   "the samples fit, so none are given",
-                   {"scans": scans, "noise_to_pace": share, "limit": CHATTER, "no_intervals": True}, (),
-                   "benchmarks/decimation.py")
+                   f"starts unseen: J is hardly known; {how}", evidence, (), "benchmarks/slow_exports.py")
 
 
 def said_unseen(run: Run, words: str) -> Finding:
@@ -174,7 +215,7 @@ def check_scans(run: Run, fit: Fitted) -> None:
         return
     scans, values = model.spec.substeps, fit.values
     share = chatter(run, fit.best, scans)
-    if share > CHATTER:
+    if share > CHATTER and scans >= SCANS_UNKNOWN:
         raise CannotTell(
             f"the valve moves several times between samples: noise moves the output {share:.2g} times as far from "
             f"scan to scan as it goes anyway ({CHATTER:g} is the most), and one scan in {scans} was exported",

@@ -16,7 +16,7 @@ from ..model.restore import rebuild_model
 from ..record.loop import Loop
 from ..record.oscillation import find_range
 from ..record.segments import described
-from ..record.study import Estimate, Step, Study, intervals_withheld, without_intervals
+from ..record.study import Estimate, Step, Study, intervals_withheld, with_ranges, without_intervals
 from ..record.tree import Equivalent
 
 
@@ -57,8 +57,9 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
     if intervals_withheld(study.steps):
         fit = replace(fit, intervals={})
     spans = fit.intervals
-    return replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),
-                   initial_residual_force=v["initial_residual_force"], **process_numbers(fit))
+    found = replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),
+                    initial_residual_force=v["initial_residual_force"], **process_numbers(fit))
+    return with_ranges(found, study.steps)
 
 
 def reaching_to(found: Estimate, equivalents: Sequence[Equivalent]) -> Estimate:

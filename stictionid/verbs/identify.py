@@ -39,6 +39,7 @@ from ..record.study import (
     Study,
     Verdict,
     intervals_withheld,
+    with_ranges,
     without_intervals,
 )
 from ..selection.policy import Policy
@@ -101,7 +102,8 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
     if unclear := _unclear(found, outcome.steps[-1]):
         return abstained(loop, found, options, CannotTell(unclear, _CLEARER, code="no-cycles"))
-    estimate = reaching_to(_estimate(last, unit, outcome, position), outcome.equivalents)
+    estimate = with_ranges(_estimate(last, unit, outcome, position), outcome.steps)
+    estimate = reaching_to(estimate, outcome.equivalents)
     severity, swing = meaning_of(piece, estimate, last, verdict)
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,

@@ -71,6 +71,11 @@ class Plateaus:
         low, high = np.interp(0.5 + np.array([-0.5, 0.5]) * level, share / share[-1], edges)
         return float(low), float(high)
 
+    def possible(self, rows: float, threshold: float) -> tuple[float, float]:
+        """The least and the most S of a plateau within `threshold` of the best one's likelihood, ends included."""
+        S = self.S[rows * np.log(self.cost / self.cost.min()) <= threshold]
+        return float(S.min()), float(S.max())
+
 
 def plateaus(model: Model, point: FloatArray) -> Plateaus | None:
     """The plateaus beside an optimum (d,); None where S is given or no slip shows the speed of the command."""

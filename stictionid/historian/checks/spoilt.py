@@ -7,7 +7,8 @@ import numpy as np
 from ...record.loop import Finding
 from ...typing import FloatArray
 from ..grid.grid import Frame
-from .texture import Signals, averaged, clipped, compressed, identical, quantised, re_ranged, swapped
+from .averages import averaged
+from .texture import Signals, clipped, compressed, identical, quantised, re_ranged, swapped
 
 MIN_LADDER_CHANGES = 20
 """Changes needed before "always at the same phase" means anything."""

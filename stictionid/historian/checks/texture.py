@@ -1,4 +1,4 @@
-"""Tests of signals for compression, averaging, quantisation, clipping, swapped columns and a changed range.
+"""Tests of signals for compression, quantisation, clipping, swapped columns and a changed range.
 
 Each test returns a finding with its share and its effect on S and J, or None.
 """
@@ -39,18 +39,6 @@ CAPPING_CLIPPED_SHARE = 0.2
 """Share of clipped samples from which no verdict is sure."""
 MAX_CLIPPED_SHARE = 0.02
 """Share of samples at the highest or lowest value above which PV is clipped."""
-MIN_AVERAGE_STEP_S = 10.0
-"""Sampling step from which averages instead of snapshots are looked for, seconds."""
-SHORT_DIGITS = 9
-"""Significant digits that single-precision snapshots are written with."""
-LONG_DIGITS = 13
-"""Digits beyond which a number was computed (a mean of snapshots has about 16), not recorded."""
-SCANS_S = (1.0, 2.0, 5.0, 10.0, 0.5, 0.25, 0.2, 0.1)
-"""Distances of the snapshots in a mean that are tried, seconds, the usual one first."""
-SUM_DIGITS, MIN_SUM_SHARE, MIN_LONG_SHARE = 12, 0.9, 0.5
-"""Digits of a sum of snapshots, share of the values that are such sums, and share of them that are long themselves."""
-MIN_SHORT_SHARE = 0.01
-"""Share of short numbers needed beside long ones: simulated data are long throughout."""
 MAX_BLOCKS = 1000
 """Blocks of 100 samples from which the median of a long record is taken."""
 MIN_RANGE_RATIO = 1.4
@@ -61,7 +49,6 @@ MAX_SETPOINT_MOVES, MIN_PV_MOVES = 0.05, 0.5
 """Shares of samples at which a setpoint at most, and a measurement at least, changes."""
 MIN_CROSSED_FIT, MAX_RIGHT_FIT = 0.98, 0.9
 """R² of the controller's law with OP and PV crossed, and as they are named, from which they look swapped."""
-_AVERAGE_WORDS = ("avg", "average", "mean", "moyenne", "mittel", "среднее", "平均", "hourly", "min-mean", "aggregat")
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +91,7 @@ def compressed(loop: Signals) -> Finding | None:
 def _straight(values: FloatArray, starts: tuple[int, ...]) -> tuple[float, float]:
     """Share of samples on sloping straight lines of four or more points, and number of different slopes per line."""
     steps, bends = np.diff(values), np.diff(values, 2)
-    resolution = _resolution(values)
+    resolution = resolution_of(values)
     moving = np.abs(steps[steps != 0])
     if not moving.size or float(np.median(moving)) < RESOLVED * resolution:
         return 0.0, 0.0
@@ -123,7 +110,7 @@ def _straight(values: FloatArray, starts: tuple[int, ...]) -> tuple[float, float
     return float((end - first)[lines].sum()) / values.size, float(different)
 
 
-def _resolution(values: FloatArray) -> float:
+def resolution_of(values: FloatArray) -> float:
     """The smallest step between two values that occur, in the unit of the signal; 0 for full precision."""
     levels = np.unique(values[np.isfinite(values)][:200_000])
     if levels.size < 2:
@@ -201,90 +188,6 @@ def _obeys(output: FloatArray, measured: FloatArray, setpoint: FloatArray | None
     scale = np.maximum(np.abs(design[good]).max(axis=0), 1e-300)
     solution, *_ = np.linalg.lstsq(design[good] / scale, du[good], rcond=1e-10)
     return 1.0 - float(np.var(du[good] - design[good] / scale @ solution)) / variance
-
-
-def averaged(loop: Signals, name_hints: list[str], fractions: float = 0.0) -> Finding | None:
-    """Finding on averages over the interval instead of snapshots; `fractions` is the share of fractional mode codes."""
-    named = next((n for n in name_hints if any(w in n.lower() for w in _AVERAGE_WORDS)), None)
-    evidence: dict[str, object] = {"named": named} if named else {}
-    why = f"{shown(named)} names an average" if named else ""
-    if not why and fractions > 0:
-        why = f"{100 * fractions:.1g} % of the mode codes are no whole numbers"
-        evidence = {"fractions_share": fractions}
-    if not why and loop.step_s >= MIN_AVERAGE_STEP_S:
-        # A change of unit makes long digits, too, but OP is in % as the controller gave it.
-        share = min(_long_digits(loop.process_value), _long_digits(loop.output))
-        between = _between_levels(loop.setpoint) if loop.setpoint is not None else 0.0
-        scans = _scans_in_a_mean(loop.process_value, loop.step_s)
-        if scans and _scans_in_a_mean(loop.output, loop.step_s) == scans:
-            why, evidence = (
-                f"times {scans} PV and OP have as few digits as snapshots, by themselves they have not",
-                {"snapshots": scans},
-            )
-        elif 0.1 < share < 0.98:
-            why, evidence = (
-                f"{100 * share:.0f} % of the values of PV and OP have more digits than a snapshot has",
-                {"long_digits_share": share},
-            )
-        elif between > 0.5:
-            why, evidence = (
-                f"{100 * between:.0f} % of the setpoint steps pass through a value in between",
-                {"between_share": between},
-            )
-    if not why:
-        return None
-    caps = loop.step_s >= 60.0
-    return Finding(
-        "averaged",
-        "warning",
-        f"values look like averages over {loop.step_s:g} s, not snapshots ({why}): slips are smeared, "
-        "J comes out too small, and whether a stamp means the begin or the end of its interval is not known: a dead "
-        f"time is uncertain by {loop.step_s:g} s",
-        {**evidence, "caps_verdict": caps},
-        source="HISTORIAN.md 3.14",
-    )
-
-
-def _long_digits(values: FloatArray) -> float:
-    """Share of values with more digits than any snapshot; 0 unless the others are as short as snapshots are."""
-    known = values[np.isfinite(values) & (values != 0)][:100_000]
-    if not known.size:
-        return 0.0
-    long, short = (~_written_with(known, LONG_DIGITS), _written_with(known, SHORT_DIGITS))
-    return float(long.mean()) if short.mean() > MIN_SHORT_SHARE else 0.0
-
-
-def _scans_in_a_mean(values: FloatArray, step_s: float) -> int:
-    """Number of snapshots in the means that the values are, by their digits; 0 where that does not show.
-
-    The sum of n short numbers is short, and its n-th part is long where n has a factor other than 2 and 5.
-    """
-    known = values[np.isfinite(values) & (values != 0)][:100_000]
-    if not known.size or _written_with(known, LONG_DIGITS).mean() > 1.0 - MIN_LONG_SHARE:
-        return 0
-    for scan in SCANS_S:
-        scans = round(step_s / scan)
-        if scans > 1 and abs(scans * scan - step_s) < 1e-6 * step_s and \
-                _written_with(known * scans, SUM_DIGITS).mean() > MIN_SUM_SHARE:
-            return scans
-    return 0
-
-
-def _written_with(values: FloatArray, digits: int) -> np.ndarray:
-    """True where a value is a decimal number of at most so many significant digits."""
-    scale = 10.0 ** np.clip(digits - 1 - np.floor(np.log10(np.abs(values))), -300, 300)
-    scaled = values * scale
-    return np.asarray(np.abs(scaled - np.rint(scaled)) <= 4 * np.finfo(float).eps * np.abs(scaled))
-
-
-def _between_levels(setpoint: FloatArray) -> float:
-    """Share of the setpoint's steps that take exactly two samples in one direction."""
-    moves = np.flatnonzero(np.diff(setpoint) != 0)
-    if moves.size < 6 or moves.size > 0.1 * setpoint.size:
-        return 0.0
-    steps = np.diff(setpoint)[moves]
-    pairs = (np.diff(moves) == 1) & (np.sign(steps[1:]) == np.sign(steps[:-1]))
-    return 2.0 * float(pairs.sum()) / moves.size
 
 
 def quantised(loop: Signals) -> list[Finding]:
