@@ -45,6 +45,8 @@ class Edge:
     tentative: bool = False
     # Free-run error of the last node before that passed every gate, in the unit of y.
     free_run: float = np.inf
+    # The best model without an effect beyond the base, where it is known.
+    base: Scored | None = None
 
     @property
     def gain(self) -> float:
@@ -201,9 +203,12 @@ def _beyond_scans(edge: Edge) -> str:
     """Reject an effect that helps little under an unknown course of the output, and leaves more than noise.
 
     Unknown scans make single slips early or late. An effect that halves the free run explains more than those, and so
-    does one without which the free run walks. Beside an effect that fails here only noise alone will do.
+    does one without which the free run walks. Beside an effect that fails here only noise alone will do. A better base
+    than the parent sets the measure: scans that were taken wrong look like an effect beside a wrong base.
     """
     child, parent = edge.child, edge.parent
+    if edge.base is not None and plain(edge.name) not in BASE_EFFECTS and edge.base.done.gain_over(parent.done) > 0.0:
+        parent = edge.base
     if not edge.blurred or child.only_noise(edge.policy) or (edge.freed and not edge.tentative):
         return ""
     if not edge.tentative and (plain(edge.name) in BASE_EFFECTS or child.rmse <= parent.rmse / 2):

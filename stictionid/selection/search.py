@@ -397,11 +397,12 @@ class Search:
         passed = entry
         while not passed.passed and passed.parent in self.memo:
             passed = self.memo[passed.parent]
+        base = next((e.scored for e in ranked(self.memo) if not depth(e.spec)), None)
         for e in self.memo.values():
             if e.parent != key(entry.spec) or e.failed or not e.scored.full:
                 continue
             edge = Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred, entry.tentative,
-                        passed.scored.rmse)
+                        passed.scored.rmse, base)
             e.gates = judged(edge) if e.op == ADD else judged_change(edge)
 
     def _only_noise(self, entry: Entry) -> bool:
