@@ -82,9 +82,9 @@ def test_a_base_that_bends_the_free_run_is_asked_but_is_no_answer() -> None:
 
 def test_an_effect_that_another_process_does_not_need_is_pruned() -> None:
     root = entry((), 0.0, 9.0)
-    best = entry(("ramp-disturbance@load", "sinusoidal-disturbance"), -300.0, 1.0, parent=root.spec)
-    less = entry(("ramp-disturbance@load",), -290.0, 1.0, parent=root.spec, process=INTEGRATOR)
-    alone = entry(("ramp-disturbance@load",), -220.0, 2.0)
+    best = entry(("travel-limit", "gain-nonlinearity"), -300.0, 1.0, parent=root.spec)
+    less = entry(("travel-limit",), -290.0, 1.0, parent=root.spec, process=INTEGRATOR)
+    alone = entry(("travel-limit",), -220.0, 2.0)
     search: Any = SimpleNamespace(memo=memo_of(root, best, less), policy=POLICY, dropped=lambda e, name: alone)
     assert pruned(search, best) is less
     search.memo = memo_of(root, best)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import parse
+from ..fit.noise.completion import Refit, banded
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
 from ..fit.starts.beside_effect import RESTING
@@ -120,14 +121,25 @@ def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
     """
     while True:
         done = winner.scored.done
-        losses = {name: min((search.dropped(winner, name), *_known_without(search, winner, name)),
-                            key=lambda e: done.gain_over(e.scored.done))
-                  for name in physical(winner.spec) if name not in keep}
-        cheap = {name: e for name, e in losses.items()
-                 if done.gain_over(e.scored.done) < margin_of(name, search.policy)}
+        cheap = []
+        for name in (n for n in physical(winner.spec) if n not in keep):
+            known = (search.dropped(winner, name), *_known_without(search, winner, name))
+            loss, least = min(((_loss(done, e, name), e) for e in known), key=lambda found: found[0])
+            if loss < margin_of(name, search.policy):
+                cheap.append((loss, least))
         if not cheap:
             return winner
-        winner = min(cheap.values(), key=lambda e: done.gain_over(e.scored.done))
+        winner = min(cheap, key=lambda found: found[0])[1]
+
+
+def _loss(done: Refit, without: Entry, name: str) -> float:
+    """BIC that a model costs by losing an effect; of a disturbance at most what it costs beside a narrow band.
+
+    A band of wandering phase looks like a sine for a few cycles, and an autoregression does not hold it.
+    """
+    loss = done.gain_over(without.scored.done)
+    band = banded(without.scored.done) if parse(name)[0].columns is not None else None
+    return loss if band is None else min(loss, done.gain_over(band))
 
 
 def _known_without(search: Search, winner: Entry, name: str) -> list[Entry]:
