@@ -19,6 +19,7 @@ from stictionid.selection.decide import pruned
 from stictionid.selection.entry import ADD, ROOT, Asked, Entry
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
+from stictionid.selection.search import Search
 from stictionid.selection.waiting import waiting
 
 POLICY = Policy()
@@ -89,6 +90,17 @@ def test_an_effect_that_another_process_does_not_need_is_pruned() -> None:
     assert pruned(search, best) is less
     search.memo = memo_of(root, best)
     assert pruned(search, best) is best
+
+
+def test_nodes_that_are_each_others_parents_are_judged() -> None:
+    root = entry((), 0.0, 9.0)
+    one = entry(("re-sticking",), -300.0, 20.0, parent=Spec(effects=("extra-lag",)), failed="free-run")
+    other = entry(("extra-lag",), -310.0, 21.0, parent=one.spec, failed="free-run")
+    other.failed = "its refit did not converge"
+    loop: Any = None
+    search = Search(loop, POLICY, 0, 1, lambda words, share: None, memo=memo_of(root, one, other))
+    search._judge(one)
+    assert other.gates and not one.passed
 
 
 def test_the_scan_of_all_valves_finds_the_one_beside_a_drift_from_a_wrong_one() -> None:

@@ -394,8 +394,10 @@ class Search:
         rest = max((e.scored.done.gain_over(entry.scored.done) for e in self.memo.values()
                     if e.parent == key(entry.spec) and e.op == ADD and plain(e.what) == RESTING and not e.failed),
                    default=0.0)
-        passed = entry
-        while not passed.passed and passed.parent in self.memo:
+        passed, met = entry, {key(entry.spec)}
+        # Two nodes may be each other's parents: one was fitted again without what led to the other.
+        while not passed.passed and passed.parent in self.memo and passed.parent not in met:
+            met.add(passed.parent)
             passed = self.memo[passed.parent]
         base = next((e.scored for e in ranked(self.memo) if not depth(e.spec)), None)
         for e in self.memo.values():
