@@ -168,8 +168,8 @@ def _kick(edge: Edge) -> str:
     The valve may have stopped elsewhere: what the output did just before and after lies between the samples. It stays
     there until its next slip, so that such a stop explains no walk through the rest of the record.
     """
-    done = edge.child.done
-    if edge.parent.done.increments and edge.child.rmse <= edge.policy.at_noise * done.innovation_sd:
+    done, halved = edge.child.done, edge.child.rmse <= edge.parent.rmse / 2
+    if edge.parent.done.increments and not done.increments and halved:
         return ""
     model = done.model
     if model.spec.held or not parse(edge.name)[0].sudden:
