@@ -175,7 +175,6 @@ class Search:
         tasks = [t for t in edges(ground.fit.model.spec, self.loop, self.only, ()) if t.on_valve
                  and (key(t.spec) not in known or known[key(t.spec)].rmse * self.policy.free_run < entry.scored.rmse)]
         tasks.sort(key=lambda t: -known.get(key(t.spec), entry.scored).done.gain_over(entry.scored.done))
-        self._search_valves(ground, [t for t in tasks if RESTING in t.spec.effects])
         far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks])
         self._finish(ground, entry, [a for a in far if self._better(a)])
 

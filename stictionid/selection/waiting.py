@@ -41,7 +41,7 @@ def waiting(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
              and ((not only_some and e is whole[0]) or better_base(memo, e, policy))]
     least = min((e.scored.rmse for e in bases), default=0.0)
     # Bases whose free runs are about as good come by BIC.
-    bases.sort(key=lambda e: (e.scored.rmse > policy.better_base * least, _bic(e)))
+    bases.sort(key=lambda e: (e.scored.rmse > 2 * least, _bic(e)))
     first = [e for e in (_before(memo, e, policy) for e in whole[:1]) if e.asked == Asked.BY_NEAR]
     if first and bases and bases[0].scored.done.gain_over(first[0].scored.done) > 0.0:
         first, bases = bases[:1], [*first, *bases[1:]]
