@@ -16,6 +16,7 @@ from stictionid.fit.intervals.assemble import effective_rows
 from stictionid.fit.moves import thinned
 from stictionid.fit.starts import continuation
 from stictionid.fit.starts.basins import grown
+from stictionid.fit.starts.beside_effect import narrow
 from stictionid.fit.starts.continuation import grown_valves
 from stictionid.fit.starts.reparametrised import as_natural, as_valves
 from stictionid.fit.with_effect import scout, settled
@@ -26,6 +27,8 @@ from stictionid.numerics.filter_bank import LagBank
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
+from stictionid.selection.looks import VALVES, Ground, adding, kind_of, performed, pool_of
+from stictionid.selection.policy import Policy
 from stictionid.selection.steps import opened
 from stictionid.verbs.identify import Options, identify
 
@@ -88,6 +91,23 @@ def test_a_valve_that_overshoots_is_followed_along_its_ridge() -> None:
     again, possible = as_valves(model, as_natural(model, cube))
     assert possible.all()
     assert np.allclose(again, cube, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [337, 338])
+def test_a_near_look_has_the_valves_that_overshoot(seed: int) -> None:
+    """An even scan of S and J ended at S 4.3 for 3.9 (an integrator) and at 2.3 for 3.0 (a tank)."""
+    setting, loop, (kind, _), _ = loop_of(seed, "slip-overshoot", 0.01, 0.0, 1500)
+    assert kind == "scan"
+    _, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
+    task = adding(fit.model.spec, "slip-overshoot")
+    ground = Ground(fit, pool_of(fit, 0), 0, Policy())
+    assert narrow(task.added)
+    without = performed(ground, task)
+    valves = performed(ground, replace(task, stage=VALVES)).valves
+    look = performed(replace(ground, valves={kind_of(task.spec): valves}), task)
+    assert look.gain > 3 * without.gain
+    assert look.values is not None
+    assert look.values[0] == pytest.approx(setting.S, rel=0.08)
 
 
 def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another(

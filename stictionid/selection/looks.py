@@ -12,13 +12,23 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..effects import parse
+from ..effects.contract import Place
 from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended, longest_piece, search_model, with_start
 from ..fit.noise.completion import Refit, restored
 from ..fit.starts.basins import grown, with_process
-from ..fit.starts.beside_effect import RESTING, changes, on_valve, starting_pool, undisturbed, valves_of
+from ..fit.starts.beside_effect import (
+    RESTING,
+    changes,
+    narrow,
+    on_valve,
+    starting_pool,
+    undisturbed,
+    valve_basins,
+    valves_of,
+)
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
 from ..fit.starts.niches import herded
 from ..fit.with_effect import Scouted, closer, scout, settled, widened_by
@@ -35,6 +45,8 @@ from .score import Scored, completed, glanced
 
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
+# Valves kept of those that were followed along a curve of equal cost.
+_FOLLOWED = 2
 # Stages of a task: a search for valves, a look from what is known, one with swarms; then a look polished.
 VALVES, NEAR, FAR, CLOSER = "valves", "near", "far", "closer"
 
@@ -177,11 +189,12 @@ def kind_of(spec: Spec) -> str:
     """The effects on the valve of a node, and its command between samples: nodes of one kind have the same valves.
 
     A valve that only rests is found together with its process, on the record less what disturbs it. So these belong to
-    its kind.
+    its kind. To that of one that overshoots its process belongs.
     """
     valve = sorted(n for n in spec.effects if on_valve(parse(n)[0]))
+    process = [spec.process, *(n for n in spec.effects if parse(n)[0].place is Place.PROCESS)]
     beside = [n for n in spec.effects if plain(n) in BASE_EFFECTS or parse(n)[0].columns]
-    words = [spec.process, *beside] if valve == [RESTING] else []
+    words = [spec.process, *beside] if valve == [RESTING] else process if any(map(narrow, valve)) else []
     return f"{' + '.join(valve)} {spec.between} {' + '.join(words)}".rstrip()
 
 
@@ -195,8 +208,11 @@ def _valves(ground: Ground, task: Task) -> Packed:
         max(int(policy.periods * model.period_s / model.step_s), policy.valve_samples)
     fit = ground.fit if any(changes(name) for name in task.spec.effects) else _beginning(ground.fit, samples)
     _, coarse = widened_by(fit, task.added)
-    return Packed(task.spec, task.added, valves=tuple(valves_of(undisturbed(coarse, fit.model, fit.values),
-                                                                rng_of(ground.seed, kind_of(task.spec), 1))))
+    rng = rng_of(ground.seed, kind_of(task.spec), 1)
+    if parse(task.added)[0].natural is not None:
+        found = valve_basins(coarse, task.added, np.zeros((1, 0)), fit, rng)
+        return Packed(task.spec, task.added, valves=tuple(coarse.named(v) for v in coarse.values(found[:_FOLLOWED]).T))
+    return Packed(task.spec, task.added, valves=tuple(valves_of(undisturbed(coarse, fit.model, fit.values), rng)))
 
 
 def _beginning(fit: Fitted, samples: int) -> Fitted:

@@ -14,7 +14,7 @@ from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import Refit
-from ..fit.starts.beside_effect import RESTING, on_valve
+from ..fit.starts.beside_effect import RESTING, narrow, on_valve
 from ..model.segments import bound
 from ..model.spec import Spec
 from ..record.loop import Loop
@@ -157,8 +157,9 @@ class Search:
         entry.asked, before = Asked.BY_NEAR, entry.scored.done
         ground, tasks = self._opened(entry, "expanding")
         if not any(on_valve(effect) for effect in ground.fit.model.effects):
-            # A valve that rests is as common as one that slides, and its basin is far from there.
-            self._search_valves(ground, [t for t in tasks if t.added == RESTING])
+            # A valve that rests is as common as one that slides, and its basin is far from there. So is that of one
+            # that overshoots.
+            self._search_valves(ground, [t for t in tasks if narrow(t.added)])
         self._finish(ground, entry, self._looked(ground, entry, tasks))
         self._lighten()
         if entry.op == ROOT and (self.only is None or self.blurred):
@@ -167,7 +168,7 @@ class Search:
             entry.asked = Asked.NOTHING
 
     def expand_far(self, entry: Entry) -> None:
-        """Look at the effects on the valve of a node once more, with swarms and the valves that fit each."""
+        """Look at the effects on the valve of a node once more, with a finer scan of valves and a swarm."""
         entry.asked = Asked.BY_FAR
         ground, _ = self._opened(entry, "searching valves beside")
         # A near look ends in the basin of a wrong valve, but its scan of all valves shows where another one helps.

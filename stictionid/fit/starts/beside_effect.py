@@ -126,6 +126,14 @@ def undisturbed(model: Model, before: Model, values: FloatArray) -> Model:
                  s_max=model.s_max, period_s=model.period_s)
 
 
+def narrow(name: str) -> bool:
+    """True where an effect has its valves in basins that no even scan of S and J meets under a held command.
+
+    A valve that rests has a basin for each sample of a slip; one that overshoots has an oblique curve.
+    """
+    return bool(name) and (name == RESTING or parse(name)[0].natural is not None)
+
+
 def changes(name: str) -> bool:
     """True where an effect is friction that changes along the record."""
     return parse(name)[0].profile is not None
