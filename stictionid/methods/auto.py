@@ -34,6 +34,7 @@ from ..selection.ladder import ordered, with_levels
 from ..selection.node import LAG, physical
 from ..selection.policy import Policy
 from ..selection.run import commands_of, floor_of, ladder_of, tree_of, unseen_scans
+from ..selection.score import beyond_noise
 from ..selection.search import Search
 from ..typing import FloatArray
 from .contract import Method, Outcome
@@ -71,10 +72,10 @@ def _run(run: Run, policy: Policy) -> Outcome:
     run.tell("asking for the process and the command", 0.5)
     small = frozenset() if o.base_only else frozenset(e.name for e in catalogue().values() if e.by_itself)
     search, found = _searched(run, (fit, *slow), policy, small)
-    if not o.base_only and _nothing_explained(run, found):
+    if not o.base_only and _nothing_explained(run, found, policy):
         run.tell("asking for every effect", 0.6)
         search, found = _searched(run, (fit, *slow), policy, None)
-    if _nothing_explained(run, found):
+    if _nothing_explained(run, found, policy):
         raise _explains_nothing(run)
     if noises or o.base_only:
         found = replace(found, noise="")
@@ -162,13 +163,13 @@ def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
     return search, decided(search, search.run(), keep=physical(bases[0].model.spec))
 
 
-def _nothing_explained(run: Run, found: Decision) -> bool:
+def _nothing_explained(run: Run, found: Decision, policy: Policy) -> bool:
     done = found.winner.scored.done
     if done.increments and done.model.spec.process == FIRST_ORDER:
         return False
     e, scatter = done.evaluated, _NOTHING * float(np.std(run.used_y()))
     return e.rmse > scatter and without_noise(done.model, done.values) > scatter and not (
-        done.increments and e.sse < _CHANGES * done.model.shared.target_energy)
+        done.increments and beyond_noise(done) >= policy.margin)
 
 
 def _nothing(run: Run, fit: Fitted) -> bool:

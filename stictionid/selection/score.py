@@ -110,6 +110,13 @@ def _noise(done: Refit) -> Noise:
     return fit_noise(np.nan_to_num(e.residual), e.counted > 0, done.model.loop.starts)
 
 
+def beyond_noise(done: Refit) -> float:
+    """BIC of a completed model over y without one, completed with noise of the same family."""
+    y, good = done.model.loop.process_value, done.good
+    alone = fits_of(np.nan_to_num(y - np.mean(y[good])), good, done.model.loop.starts)
+    return min(f.bic for f in alone.values()) - done.bic(good)
+
+
 def noise_name(done: Refit, policy: Policy) -> str:
     """The name of the noise under the free run; empty for white noise, or for less than the margin.
 
