@@ -112,7 +112,7 @@ class Search:
             self._ask(*doubted)
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True)
-        if late and self.only is None and not self.blurred and not best.scored.only_noise(self.policy):
+        if late and self.only is None and not self.blurred and not best.scored.explained(self.policy):
             self._ask(base, late)
             best = self._walked()
         return best
