@@ -192,7 +192,7 @@ class Search:
         asked = [adding(ground.fit.model.spec, name) for name in names]
         asked = [*filter(self._unfitted, asked), *(t for t in tasks if changes and not t.added)]
         spent, self.spent = self.spent, self.spent if changes else 0  # (a last question takes few looks)
-        self._search_valves(ground, [t for t in asked if t.added == RESTING])
+        self._search_valves(ground, [t for t in asked if narrow(t.added)])
         self._finish(ground, entry, self._looked(ground, entry, asked))
         self.spent += 0 if changes else spent
 
