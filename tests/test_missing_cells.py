@@ -247,3 +247,11 @@ def test_the_benchmark_counts_answers_inside_the_intact_interval(intact) -> None
     moved = replace(intact, study=replace(intact.study, estimate=far))
     assert moved.within(intact) == ([False, True], [False, True])
     assert replace(intact, study=replace(intact.study, estimate=None)).within(intact) is None
+
+
+def test_s_is_inside_its_interval_where_the_fit_ends_beside_a_step_of_the_jump() -> None:
+    setting = missing_cells.LOOPS["with-ramp"]
+    estimate = identify(simulate(setting, seed=0).loop).estimate
+    assert estimate is not None and estimate.S_interval is not None
+    low, high = estimate.S_interval
+    assert low <= setting.S <= high and high - low < 0.01 * setting.S

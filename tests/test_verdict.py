@@ -15,6 +15,7 @@ from stictionid.errors import UsageError
 from stictionid.fit.cross_validation import Held
 from stictionid.fit.noise.prewhitening import whitened, with_noise_of, with_taps
 from stictionid.historian import read_loop
+from stictionid.methods import auto
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -295,6 +296,16 @@ def test_real_records_that_cannot_tell_say_why(name, code) -> None:
 
 
 # What moves it instead ---------------------------------------------------------------------------------------------
+
+
+def test_intervals_under_a_load_that_wanders_allow_for_a_second_lag(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The free run is far from the noise, but the noise model explains the distance."""
+    study = identify(loops.wandering(30003).loop)
+    assert study.adequate and "extra-lag" not in study.steps[-1].effects
+    assert any(f.code == "intervals-conditional" for f in study.steps[-1].findings)
+    monkeypatch.setattr(auto, "_whatever_the_order", lambda run, fit: auto.reaching(fit, run.rng))
+    narrow = identify(loops.wandering(30003).loop)
+    assert study.estimate.J_interval[1] > 1.05 * narrow.estimate.J_interval[1]
 
 
 def test_a_steady_sine_holds_its_variance_and_a_wandering_wave_does_not() -> None:
