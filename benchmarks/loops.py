@@ -110,6 +110,24 @@ def sticky(seed: int, *, colour: float = 0.0, samples: int = 1200) -> Known:
     raise RuntimeError(f"seed {seed} gives no loop with {FEWEST} cycles")
 
 
+def walk(rng: np.random.Generator, samples: int, scale_s: float) -> FloatArray:
+    """A load (samples,) that wanders, of swing 1: AR(1) with a memory of 0.5 to 3 times the lags of the process."""
+    root = float(np.exp(-1.0 / (scale_s * rng.uniform(0.5, 3.0))))
+    found = np.zeros(samples)
+    for k in range(1, samples):
+        found[k] = root * found[k - 1] + rng.standard_normal()
+    return found / np.ptp(found)
+
+
+def wandering(seed: int, *, samples: int = 1200) -> Known:
+    """A sticking loop under a load that wanders by 0.1 to 0.5 of the swing of y."""
+    known, rng = sticky(seed, samples=samples), np.random.default_rng([seed, 99])
+    load = walk(rng, samples, known.setting.plant.time_constant_s)
+    size = float(np.ptp(known.loop.process_value[samples // 10:]) * np.exp(rng.uniform(np.log(0.1), np.log(0.5))))
+    loop = simulate(known.setting, seed=seed, disturbance=size * load).loop
+    return replace(known, loop=replace(loop, position=None))
+
+
 def clean(seed: int, cause: str, *, samples: int = 1200) -> Known:
     """A loop whose valve does not stick and that moves for another reason."""
     rng = np.random.default_rng([seed, 23, CAUSES.index(cause)])
@@ -132,11 +150,7 @@ def clean(seed: int, cause: str, *, samples: int = 1200) -> Known:
             setting = replace(setting, controller=replace(c, gain=gain), setpoint_moves=(first,))
         elif cause == "noise":
             # A load that wanders: the controller follows it.
-            root = float(np.exp(-1.0 / (scale * rng.uniform(0.5, 3.0))))
-            walk = np.zeros(samples)
-            for k in range(1, samples):
-                walk[k] = root * walk[k - 1] + rng.standard_normal()
-            disturbance = size * walk / np.ptp(walk)
+            disturbance = size * walk(rng, samples, scale)
         else:
             times = np.sort(rng.uniform(0, samples, int(rng.integers(12, 30))))
             level = np.cumsum(rng.uniform(-5, 5, times.size))

@@ -3,14 +3,15 @@
 Run: python benchmarks/missing_cells.py [--loops first-order,…] [--patterns every-2nd,…] [--word Bad] [--seed 0]
 Every record is simulated, written as CSV with empty PV cells (or a word in them) and read like any export; OP and SP
 stay complete. A line holds S and J in %, their difference to the intact record's in % of the intact one's, and the
-reason where the tool abstains. The last lines count the answers inside the intact record's interval, and those whose
-interval overlaps it: a record with a tenth of its PV knows S ten times less finely. Exit 1 where a traceback, an S more
-than 2 % or a J more than 10 % away is found.
+reason where the tool abstains. The last lines count the answers inside the intact record's interval, the number that
+honest intervals let expect there, the intervals that overlap, and those that hold the truth. A record with a tenth of
+its PV knows S ten times less finely. Exit 1 where a traceback, an S more than 2 % or a J more than 10 % away is found.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 import tempfile
@@ -32,6 +33,8 @@ from stictionid.verbs.identify import Options, identify
 
 # Differences to the intact record that pass, as shares of its S and J.
 MOST_S, MOST_J = 0.02, 0.10
+# Half width of a 90 % interval of a normal error in standard deviations.
+_NORMAL = 1.645
 
 _MOVES = tuple((150.0 * k, (-1) ** k * 4.0) for k in range(10))
 LOOPS = {
@@ -107,19 +110,25 @@ class Told:
         mine, other = self.study.estimate, intact.study.estimate
         return mine.S / other.S - 1.0, mine.J / other.J - 1.0
 
-    def within(self, intact: Told) -> tuple[list[bool], list[bool]] | None:
-        """For S and J: inside the intact record's interval, and intervals that overlap; None without both."""
+    def within(self, intact: Told, setting: Setting) -> tuple[list[float], ...] | None:
+        """For S and J: inside the intact record's interval, expected there, overlap, own interval holds the truth.
+
+        The two differ by what the intact record knows more: a normal error whose variance is the difference of theirs.
+        None without both estimates.
+        """
         if self.study is None or self.study.estimate is None or intact.study is None or intact.study.estimate is None:
             return None
         mine, other = self.study.estimate, intact.study.estimate
-        inside, overlap = [], []
-        for value, own, whole in ((mine.S, mine.S_interval, other.S_interval),
-                                  (mine.J, mine.J_interval, other.J_interval)):
+        found = []
+        for value, own, whole, truth in ((mine.S, mine.S_interval, other.S_interval, setting.S),
+                                         (mine.J, mine.J_interval, other.J_interval, setting.J)):
             if own is None or whole is None:
                 return None
-            inside.append(whole[0] <= value <= whole[1])
-            overlap.append(own[0] <= whole[1] and whole[0] <= own[1])
-        return inside, overlap
+            half = [0.5 * (high - low) for low, high in (own, whole)]
+            sd = math.sqrt(max(half[0]**2 - half[1]**2, 0.0)) / _NORMAL
+            found.append((whole[0] <= value <= whole[1], math.erf(half[1] / (sd * math.sqrt(2.0))) if sd else 1.0,
+                          own[0] <= whole[1] and whole[0] <= own[1], own[0] <= truth <= own[1]))
+        return tuple([float(S), float(J)] for S, J in zip(*found, strict=True))
 
     def passes(self, intact: Told) -> bool:
         """True where the answer is that of the intact record, or an abstention with a reason."""
@@ -159,7 +168,7 @@ def main() -> int:
                 failed += not found.passes(intact)
                 if pattern != "none":
                     abstained += bool(found.reason) and found.study is not None
-                    counted += [both] if (both := found.within(intact)) else []
+                    counted += [both] if (both := found.within(intact, LOOPS[name])) else []
                 gone, estimate = found.against(intact), found.study.estimate if found.study else None
                 numbers = f"{estimate.S:8.3f}{estimate.J:8.3f}" if estimate else " " * 16
                 numbers += f"{100 * gone[0]:8.2f}{100 * gone[1]:8.2f}" if gone else " " * 16
@@ -167,9 +176,10 @@ def main() -> int:
                 mark = "" if found.passes(intact) else "FAILED " if not found.reason else ""
                 print(f"{name:13}{pattern:14}{numbers}{verdict:>14}{found.seconds:6.1f}  {mark}{found.reason}",
                       flush=True)
-    for words, k in (("inside the intact interval", 0), ("intervals that overlap", 1)):
+    for k, words in enumerate(("inside the intact interval", "expected there of honest intervals",
+                               "intervals that overlap", "intervals that hold the truth")):
         S, J = (sum(both[k][j] for both in counted) for j in (0, 1))
-        print(f"{words}: S {S}, J {J} of {len(counted)} with intervals")
+        print(f"{words}: S {S:.0f}, J {J:.0f} of {len(counted)} with intervals")
     print(f"{abstained} abstained, {failed} failed")
     return 1 if failed else 0
 

@@ -1,6 +1,6 @@
 """Verdicts and intervals on simulated loops whose truth is known (benchmarks/loops.py), by cause of the movement.
 
-Run: python benchmarks/verdicts.py [--loops 100] [--first 10000] [--samples 1200] [--verdict-only]
+Run: python benchmarks/verdicts.py [--loops 100] [--first 10000] [--samples 1200] [--verdict-only] [--load]
      [--out verdicts.jsonl] [--minutes 60] [--jobs 2]
 
 Half of the loops stick: --loops 600 gives intervals of 300. Target of the verdict: right or undecided in 98 %,
@@ -9,6 +9,7 @@ time hold the truth in 85 to 95 % of the sticking loops. Target of the time: ide
 estimate alone (`identify --base-only`; CPU time of one process, sticking loops). The time beyond its bare searches is
 printed, too. Thresholds were set on seeds below 1000. Every second sticking loop with a scanning controller has AR(1)
 noise of root 0.8, the others white noise. Rows already in the file of --out are skipped; reliability.py reads them.
+With --load every loop sticks, under a load that wanders.
 --verdict-only leaves the point estimate alone out, and --samples gives shorter records: a quarter of the time.
 """
 
@@ -29,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import reliability
 import rows as store
-from loops import CAUSES, Known, clean, sticky
+from loops import CAUSES, Known, clean, sticky, wandering
 
 from stictionid.fit import context as runs
 from stictionid.record.study import Estimate
@@ -105,10 +106,10 @@ def held(e: Estimate, known: Known) -> dict[str, tuple[bool, ...]]:
             for name, pairs in numbers.items()}
 
 
-def one(seed: int, sticks: bool, samples: int, verdict_only: bool) -> Outcome:
+def one(seed: int, sticks: bool, samples: int, verdict_only: bool, load: bool) -> Outcome:
     """One loop, by seed and whether its valve sticks."""
-    colour = COLOUR if seed % 2 else 0.0
-    known = (sticky(seed, colour=colour, samples=samples) if sticks else
+    colour = COLOUR if seed % 2 and not load else 0.0
+    known = (wandering(seed, samples=samples) if load else sticky(seed, colour=colour, samples=samples) if sticks else
              clean(seed, CAUSES[seed % len(CAUSES)], samples=samples))
     start = time.process_time()
     study = identify(known.loop)
@@ -124,16 +125,16 @@ def one(seed: int, sticks: bool, samples: int, verdict_only: bool) -> Outcome:
     scan = "scanned" if known.setting.controller.scan_s else "continuous"
     least = max((x for x in NOISES if x < known.noise_share), default=0.005)
     most = min(x for x in NOISES if x >= known.noise_share)
-    return Outcome(*said, (f"{'AR(1)' if colour else 'white'}, {scan}",
+    return Outcome(*said, (f"{'load' if load else 'AR(1)' if colour else 'white'}, {scan}",
                            f"noise {100 * least:g} to {100 * most:g} % of the swing"),
                    held(e, known), abs(e.S / known.S - 1.0), abs(e.J - known.J) / known.S)
 
 
-def row(seed: int, sticks: bool, samples: int, verdict_only: bool) -> store.Row:
+def row(seed: int, sticks: bool, samples: int, verdict_only: bool, load: bool) -> store.Row:
     """Row of one loop; without an outcome where its seed gives no loop."""
     truth = "stiction" if sticks else "no stiction"
     try:
-        outcome = one(seed, sticks, samples, verdict_only)
+        outcome = one(seed, sticks, samples, verdict_only, load)
     except RuntimeError as error:
         return {"truth": truth, "verdict": "undecided", "confidence": 0.0, "out": str(error)}
     return asdict(outcome) | {"truth": truth, "seed": seed}
@@ -210,11 +211,13 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=10_000, help="first seed")
     parser.add_argument("--samples", type=int, default=1200)
     parser.add_argument("--verdict-only", action="store_true", help="no second run for the time of the point estimate")
+    parser.add_argument("--load", action="store_true", help="only sticking loops, under a load that wanders")
     store.options(parser, out="verdicts.jsonl")
     given = parser.parse_args()
-    tasks = [(f"{seed} {'sticks' if sticks else 'clean'} {given.samples}",
-              (seed, sticks, given.samples, given.verdict_only))
-             for seed in range(given.first, given.first + given.loops // 2) for sticks in (True, False)]
+    kinds = (True,) if given.load else (True, False)
+    tasks = [(f"{seed} {'loaded' if given.load else 'sticks' if sticks else 'clean'} {given.samples}",
+              (seed, sticks, given.samples, given.verdict_only, given.load))
+             for seed in range(given.first, given.first + given.loops // len(kinds)) for sticks in kinds]
     keys = {key for key, _ in tasks}
     rows = [r for r in store.run(tasks, row, given) if r["key"] in keys and "out" not in r]
     outcomes = [outcome_of(r) for r in rows]

@@ -248,6 +248,22 @@ def test_products_of_slopes_are_those_of_the_slopes() -> None:
     np.testing.assert_allclose(moves[0, 0], longest, rtol=1e-9)
 
 
+def test_a_slope_beside_a_step_is_that_of_its_own_side() -> None:
+    grid = np.linspace(0.0, 1.0, 50)[:, None]
+
+    def residuals(points: np.ndarray) -> np.ndarray:
+        x, z = points.T
+        return np.sin(grid + 2.0 * x + 3.0 * z) + 0.5 * (x > 0.4) + 0.7 * (z < 0.2) * grid
+
+    # x is just below a step, z just above one; in the last point x is at its bound.
+    points, step = np.array([[0.3999, 0.5], [0.7, 0.2001], [0.6, 0.6], [1.0, 0.6]]), np.full((4, 2), 1e-3)
+    slopes, now = gauss_newton.slopes_at(residuals, points, np.array([0, 1]), step)
+    for point, slope, r in zip(points, slopes, now, strict=True):
+        exact = np.cos(grid + 2.0 * point[0] + 3.0 * point[1]) * np.array([2.0, 3.0])
+        np.testing.assert_allclose(slope, exact, atol=6e-3)
+        np.testing.assert_array_equal(r, residuals(point[None])[:, 0])
+
+
 def test_costs_do_not_depend_on_who_is_evaluated_together() -> None:
     model = Model(simulate(preset("foptd")).loop, Spec(), s_max=5.0, period_s=50.0)
     cube = np.random.default_rng(2).random((75, 5))

@@ -241,9 +241,19 @@ def test_the_main_road_of_commands(loop, tmp_path, monkeypatch, pattern, code):
 
 
 def test_the_benchmark_counts_answers_inside_the_intact_interval(intact) -> None:
-    e = intact.study.estimate
-    assert intact.within(intact) == ([True, True], [True, True])
-    far = replace(e, S=2.0 * e.S, S_interval=(1.9 * e.S, 2.1 * e.S))
+    e, known = intact.study.estimate, replace(SETTING, S=intact.study.estimate.S, J=2.0 * intact.study.estimate.J)
+    assert intact.within(intact, known) == ([1.0, 1.0], [1.0, 1.0], [1.0, 1.0], [1.0, 0.0])
+    half = 0.5 * (e.S_interval[1] - e.S_interval[0])
+    far = replace(e, S=2.0 * e.S, S_interval=(2.0 * e.S - np.sqrt(2.0) * half, 2.0 * e.S + np.sqrt(2.0) * half))
     moved = replace(intact, study=replace(intact.study, estimate=far))
-    assert moved.within(intact) == ([False, True], [False, True])
-    assert replace(intact, study=replace(intact.study, estimate=None)).within(intact) is None
+    # Twice the variance: the two differ by an error as large as the intact one's, of which 90 % is in its interval.
+    assert moved.within(intact, known) == ([0.0, 1.0], [pytest.approx(0.9, abs=1e-3), 1.0], [0.0, 1.0], [0.0, 0.0])
+    assert replace(intact, study=replace(intact.study, estimate=None)).within(intact, known) is None
+
+
+def test_s_is_inside_its_interval_where_the_fit_ends_beside_a_step_of_the_jump() -> None:
+    setting = missing_cells.LOOPS["with-ramp"]
+    estimate = identify(simulate(setting, seed=0).loop).estimate
+    assert estimate is not None and estimate.S_interval is not None
+    low, high = estimate.S_interval
+    assert low <= setting.S <= high and high - low < 0.01 * setting.S

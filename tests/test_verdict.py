@@ -15,6 +15,7 @@ from stictionid.errors import UsageError
 from stictionid.fit.cross_validation import Held
 from stictionid.fit.noise.prewhitening import whitened, with_noise_of, with_taps
 from stictionid.historian import read_loop
+from stictionid.methods import auto
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -288,6 +289,27 @@ def test_friction_that_predicts_better_and_errs_less_is_not_denied() -> None:
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+@pytest.mark.parametrize(("name", "seed"), [("export_F.csv", 30024), ("export_L.txt", 30017)])
+def test_a_searched_s_that_predicts_worse_than_none_leaves_nothing_open(name: str, seed: int) -> None:
+    """A real load moves the free run, whose interval of S goes to a fifth of the output's swing and more."""
+    loop, _, _ = half_real.drawn(half_real.disturbances(SHARED, ["*_L.*"])[name], seed, False)
+    study = identify(loop)
+    assert study.verdict.evidence["likelihood_ratio"] < 0.0
+    assert study.verdict.stiction == "no stiction"
+    bound = study.verdict.evidence["S_excluded_above"]
+    high = study.estimate.S_interval[1]
+    assert bound < 0.1 * np.ptp(loop.output) and high > 0.2 * np.ptp(loop.output)
+    assert f"is excluded by the one-step errors, though the interval of S goes to {high:.2g}" in study.verdict.reason
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+def test_a_bound_below_the_stated_s_says_that_both_cannot_hold() -> None:
+    study = identify(read_loop(SHARED / "loop_E.csv"))
+    assert study.estimate is not None and study.verdict.evidence["S_excluded_above"] < study.estimate.S
+    assert f"the searched S of {study.estimate.S:.2g}, which the one-step errors contradict" in study.verdict.reason
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
 @pytest.mark.parametrize(("name", "code"), [("export_I.txt", "dead-signal"), ("export_K.txt", "output-not-a-valve")])
 def test_real_records_that_cannot_tell_say_why(name, code) -> None:
     study = identify(read_loop(SHARED / name))
@@ -295,6 +317,16 @@ def test_real_records_that_cannot_tell_say_why(name, code) -> None:
 
 
 # What moves it instead ---------------------------------------------------------------------------------------------
+
+
+def test_intervals_under_a_load_that_wanders_allow_for_a_second_lag(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The free run is far from the noise, but the noise model explains the distance."""
+    study = identify(loops.wandering(30003).loop)
+    assert study.adequate and "extra-lag" not in study.steps[-1].effects
+    assert any(f.code == "intervals-conditional" for f in study.steps[-1].findings)
+    monkeypatch.setattr(auto, "_whatever_the_order", lambda run, fit: auto.reaching(fit, run.rng))
+    narrow = identify(loops.wandering(30003).loop)
+    assert study.estimate.J_interval[1] > 1.05 * narrow.estimate.J_interval[1]
 
 
 def test_a_steady_sine_holds_its_variance_and_a_wandering_wave_does_not() -> None:

@@ -91,8 +91,9 @@ def _run(run: Run, policy: Policy) -> Outcome:
         fits.append(added(fits[-1], name, run.rng))
         steps.append(run.step(fits[-1], name))
     last = fits[-1]
-    # Far from the noise the intervals are conditional on the model, and a further lag imitates what is missing.
-    near = not any(f.code == CONDITIONAL for f in steps[-1].findings)
+    # Far from the noise the intervals are conditional on the model, and a further lag imitates what is missing, unless
+    # the noise model explains the distance.
+    near = run.adequate(steps[-1])[0] or not any(f.code == CONDITIONAL for f in steps[-1].findings)
     wide = near and not o.base_only and not o.fixed and LAG not in last.model.spec.effects
     fits[-1] = _whatever_the_order(run, last) if wide else reaching(last, run.rng)
     if fits[-1].sse < last.sse:

@@ -25,6 +25,8 @@ Residuals = Callable[[FloatArray], FloatArray]
 _DAMPINGS = np.array([1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0])
 # Factor on the differences after a turn without gain, and the number of such turns in a row that ends a start.
 _SHRINK, _IDLE = 0.03, 2
+# Ratio of the changes of the residuals on both sides of a point from which the larger one is a step of the cost.
+_STEP = 3.0
 
 
 def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: FloatArray | float = 1e-3,
@@ -73,16 +75,36 @@ def descend(residuals: Residuals, cost: Cost, starts: FloatArray, *, spread: Flo
 
 def slopes_at(residuals: Residuals, points: FloatArray, free: IntArray,
               step: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Derivatives (k, n, f) of the residuals along the free dimensions, by central differences, and residuals (k, n).
-
-    At a bound the difference is taken to the inside only.
-    """
+    """Derivatives (k, n, f) of the residuals along the free dimensions, by `quotients`, and residuals (k, n)."""
     k, f = points.shape[0], free.size
-    trial, width = beside(points, free, step)
-    r = residuals(trial)
+    r = residuals(beside(points, free, step)[0])
     r = np.where(np.isfinite(r), r, 0.0).reshape(r.shape[0], k, 2 * f + 1)
-    slopes = (r[:, :, 1:f + 1] - r[:, :, f + 1:]) / width
+    slopes = quotients(r, *sides(r, points[:, free], step))
     return np.moveaxis(slopes, 1, 0), np.ascontiguousarray(r[:, :, 0].T)
+
+
+def sides(r: FloatArray, now: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Weights (k, f) of the differences up and down that make a slope: both alike, or one alone beside a step.
+
+    `r` (n, k, 2f+1) are residuals at the trial points of `beside`, `now` (k, f) the numbers moved by `step` (k, f). At
+    the end of a plateau one side is on another valve path, and its difference is no slope. At a bound the difference
+    is taken to the inside only.
+    """
+    f = now.shape[1]
+    above, below = np.minimum(now + step, 1.0) - now, now - np.maximum(now - step, 0.0)
+    both, width = (above > 0.0) & (below > 0.0), 1.0 / np.maximum(above + below, 1e-300)
+    above, below = np.where(both, above, 1.0), np.where(both, below, 1.0)
+    up = np.linalg.norm(r[:, :, 1:f + 1] - r[:, :, :1], axis=0) / above
+    down = np.linalg.norm(r[:, :, f + 1:] - r[:, :, :1], axis=0) / below
+    stepped, fell = both & (up > _STEP * down), both & (down > _STEP * up)
+    return (np.where(stepped, 0.0, np.where(fell, 1.0 / above, width)),
+            np.where(fell, 0.0, np.where(stepped, 1.0 / below, width)))
+
+
+def quotients(r: FloatArray, up: FloatArray, down: FloatArray) -> FloatArray:
+    """Slopes (…, f) of what has values r (…, 2f+1) at the trial points of `beside`, by the weights of `sides`."""
+    f = up.shape[-1]
+    return up * (r[..., 1:f + 1] - r[..., :1]) + down * (r[..., :1] - r[..., f + 1:])
 
 
 def normals_at(residuals: Residuals, points: FloatArray, free: IntArray,

@@ -98,7 +98,7 @@ def _from_process_value(run: Run, fit: Fitted) -> Verdict:
     if fit.model.spec.taps:
         # A model with a noise model is not fitted to the free run; without the noise model it may do better there.
         sticking = replace(sticking, rmse=min(sticking.rmse, without_noise(fit.model, fit.values)))
-    verdict = compared(run, sticking, fit.intervals.get("S", (0.0, 0.0))[1])
+    verdict = compared(run, sticking, float(fit.values[0]), fit.intervals.get("S", (0.0, 0.0))[1])
     clear = (verdict.evidence["likelihood_ratio"] >= _CLEAR
              and verdict.evidence["share_of_pv_variance"] >= _EXPLAINED)
     if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _scattered(fit):
@@ -115,10 +115,10 @@ def _scattered(fit: Fitted) -> bool:
     return bool(((fit.searched[:, 0] < low) | (fit.searched[:, 0] > high)).any())
 
 
-def compared(run: Run, sticking: Whitened, reach: float = 0.0) -> Verdict:
+def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float = 0.0) -> Verdict:
     """The verdict on one model with friction, completed with its noise model, against the best one without friction.
 
-    `reach` is the upper end of the interval of S, where there is one.
+    `searched` is the S that a study states, `reach` the upper end of its interval, where there is one.
     """
     free = friction_free(run, sticking)
     sticking, free = with_noise_of(sticking, free), with_noise_of(free, sticking)
@@ -168,10 +168,12 @@ def compared(run: Run, sticking: Whitened, reach: float = 0.0) -> Verdict:
             first += [claim.open] if claim.open else []
         said = "; ".join([*first, said])
     if claim is not None and claim.bound is not None:
-        evidence["S_excluded_above"] = claim.bound
+        stated, evidence["S_excluded_above"] = max(searched, float(sticking.values[0])), claim.bound
         said += f"; S above {claim.bound:.2g} {run.loop.unit('output', '%')} is excluded"
-        if claim.bound < sticking.values[0]:
-            said += f", and with it the searched S of {sticking.values[0]:.2g}, which predicts worse than none"
+        if claim.bound < stated:
+            said += f", and with it the searched S of {stated:.2g}, which the one-step errors contradict"
+        elif claim.bound < reach:
+            said += f" by the one-step errors, though the interval of S goes to {reach:.2g}"
     if instead:
         said += f"; {instead}"
         evidence["looks_like"] = instead
@@ -202,13 +204,13 @@ class _Claim:
 def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: float, in_free_run: bool) -> _Claim:
     """The support that the friction-free model and the largest possible S give to "no stiction".
 
-    `ratio` is that of the sticking model. The upper end `reach` of its S says nothing where it predicts worse by far,
-    unless it lowers the free-run error by what matters (`in_free_run`): two models that disagree decide nothing.
+    `ratio` is that of the sticking model. The upper end `reach` of its S says nothing where it predicts worse, unless
+    it lowers the free-run error by what matters (`in_free_run`): two models that disagree decide nothing.
     """
     swing = float(np.ptp(run.loop.output[run.loop.driven]))
     possible = largest_possible(sticking, free, swing)
     bound = None if possible is None else possible.above
-    if bound is not None and (ratio > -_CLEAN or in_free_run):
+    if bound is not None and (ratio > 0.0 or in_free_run):
         bound = max(bound, reach)
     ratio = ratio if possible is None else max(ratio, possible.ratio)
     taps = np.asarray(free.model.spec.taps)
@@ -230,8 +232,7 @@ def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: fl
 
 
 def _answered(free: Whitened) -> float:
-    """Twice the log-likelihood by which y supports a process that responds to the output; infinite with a given gain.
-    """
+    """Twice the log-likelihood by which y supports a process that answers the output; infinite with a given gain."""
     model = free.model
     if "gain" in model.spec.fixed:
         return np.inf

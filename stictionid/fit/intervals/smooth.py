@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...model.model import Model
-from ...numerics.gauss_newton import beside, principal
+from ...numerics.gauss_newton import beside, principal, quotients, sides
 from ...numerics.varpro import SAME, axes
 from ...typing import FloatArray, IntArray
 from ..moves import movable
@@ -85,21 +85,22 @@ class _Slopes:
         held = (0, *model.forces) if model.spec.held else ()
         free = np.array([j for j in np.flatnonzero(movable(model)).tolist() if j not in held], int)
         f, points, costs = free.size, cube[asked], cost[asked]
-        trial, width = beside(points, free, np.full((len(points), f), _DIFFERENCE))
-        r, gains = _residuals_and_gains(model, trial)
+        apart = np.full((len(points), f), _DIFFERENCE)
+        r, gains = _residuals_and_gains(model, beside(points, free, apart)[0])
         r, gains = r.reshape(-1, len(points), 2 * f + 1), gains.reshape(len(points), -1)
         moves = np.isfinite(r).all(axis=(0, 2))
         if not moves.any():
             return None
-        points, costs, r, gains, width = points[moves], costs[moves], r[:, moves], gains[moves], width[moves]
-        slopes = (r[:, :, 1:f + 1] - r[:, :, f + 1:]) / width
+        points, costs, r, gains, apart = points[moves], costs[moves], r[:, moves], gains[moves], apart[moves]
+        weights = sides(r, points[:, free], apart)
+        slopes = quotients(r, *weights)
         values, vectors, size = principal(np.einsum("nkf,nkg->kfg", slopes, slopes))
         spread = (vectors / np.maximum(values, 1e-9 * values[:, -1:] + 1e-30)[:, None]) @ np.swapaxes(vectors, 1, 2)
         spread = spread / (size[:, :, None] * size[:, None, :])
         gradient = np.einsum("nkf,nk->kf", slopes, r[:, :, 0])
         step = -np.einsum("kfg,kg->kf", spread, gradient)
         least = np.clip(costs + np.einsum("kf,kf->k", gradient, step), cost.min(), limit)
-        follows = (gains[:, 1:f + 1] - gains[:, f + 1:]) / width
+        follows = quotients(gains, *weights)
         gain = gains[:, 0] + np.einsum("kf,kf->k", follows, step)
         return cls(model, limit, points, free, step, least, spread, gain, follows, _own_variance(model, points))
 
@@ -107,11 +108,11 @@ class _Slopes:
         """Lower and upper ends of some parameters as shares of their ranges, and last of the gain, in its unit."""
         lines, room = self._lines(numbers), np.sqrt(self.limit - self.least)
         # Axes: parameter, side (down, up), point.
-        sides = np.array([-1.0, 1.0])[:, None]
+        signs = np.array([-1.0, 1.0])[:, None]
         middles = np.array([[middle, middle] for middle, _, _ in lines])
-        reaches = np.array([sides * room * reach for _, reach, _ in lines])
+        reaches = np.array([signs * room * reach for _, reach, _ in lines])
         if not rough:
-            ways = np.array([(sides * room)[..., None] * way for _, _, way in lines])
+            ways = np.array([(signs * room)[..., None] * way for _, _, way in lines])
             reaches = self._allowed(numbers, middles, reaches, ways)
         ends = middles + reaches
         return ends[:, 0].min(axis=1).tolist(), ends[:, 1].max(axis=1).tolist()

@@ -17,7 +17,7 @@ import numpy as np
 from ...model.model import Model
 from ...model.spec import Evaluated
 from ...numerics.autoregression import autocovariance, autoregression, filtered
-from ...numerics.gauss_newton import beside
+from ...numerics.gauss_newton import beside, quotients, sides
 from ...typing import FloatArray
 from ..moves import movable
 
@@ -61,14 +61,13 @@ def slopes_of(model: Model, evaluated: Evaluated) -> FloatArray:
     values = model.vector(evaluated.values)
     free = np.flatnonzero(movable(model) > 0)
     free = free[~np.isin(free, (0, *model.forces))]
-    trial, width = model.cube(values[:, None]), np.ones((1, 0))
-    if free.size:
-        trial, width = beside(trial, free, np.full((1, free.size), _DIFFERENCE))
+    point, step = model.cube(values[:, None]), np.full((1, free.size), _DIFFERENCE)
+    trial = beside(point, free, step)[0]
     base, offsets = model.responses(model.values(trial), filtered=False)
     own = model.own_columns(base, offsets)
     # A second lag of 0 has no transient, but has one beside 0: it stands last.
     sizes = np.concatenate([evaluated.own, np.zeros(len(own) - evaluated.own.size)])
     y = np.einsum("k,knp->np", sizes, own)
-    f, given = free.size, int("gain" in model.spec.fixed)
-    slopes = (y[:, 1:f + 1] - y[:, f + 1:]) / width[0]
+    given = int("gain" in model.spec.fixed)
+    slopes = quotients(y, *(w[0] for w in sides(y[:, None], point[:, free], step)))
     return np.concatenate([slopes, own[given:, :, 0].T, model.shared_columns()], axis=1)
