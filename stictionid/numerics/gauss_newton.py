@@ -109,7 +109,7 @@ def quotients(r: FloatArray, up: FloatArray, down: FloatArray) -> FloatArray:
 
 def normals_at(residuals: Residuals, points: FloatArray, free: IntArray,
                step: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Products (k, f, f) of the slopes of `slopes_at` with each other and (k, f) with the residuals, summed over n.
+    """Products (k, f, f) of central differences of the residuals with each other, and (k, f) with the residuals.
 
     Points are evaluated in groups as large as a block of the kernels, filled up to full lanes. The residuals of a
     group are used before those of the next are formed.
