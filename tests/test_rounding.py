@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from plants.run import plant_of
+from plants.score import loop_of
 
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.record.loop import Loop
 from stictionid.selection.policy import Policy
+from stictionid.selection.score import by_rounding
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
 
@@ -20,6 +23,23 @@ def recorded(step: float) -> Loop:
     """A clean loop of that setting with its output recorded in steps of `step` %."""
     loop = simulate(SETTING, seed=2).loop
     return replace(loop, position=None, output=np.rint(loop.output / step) * step)
+
+
+def test_rounding_accounts_for_an_error_that_it_moved_the_model_by() -> None:
+    assert by_rounding(0.5, 0.4, 0.3)
+    assert not by_rounding(0.51, 0.4, 0.3)
+    # Draws that move the model by more than it errs lost a slip that the record has.
+    assert not by_rounding(0.5, 0.4, 0.6)
+    assert not by_rounding(0.4, 0.4, 0.0)
+
+
+def test_a_clean_loop_with_a_rounded_output_gets_neither_an_effect_nor_a_noise() -> None:
+    """A slip that overshoots put single slips right, and gained 100 in BIC; coloured noise came next."""
+    loop = loop_of(plant_of("clean", 15, 77_000))
+    after = diagnose(loop, identify(loop), apply=True)
+    assert after.missing == () and after.steps[-1].effects == ()
+    why = [gate.reason for node in after.tree for gate in node.gates if gate.name == "rounding" and not gate.passed]
+    assert why and why[0].startswith("the rounding of the output moves the model by ")
 
 
 def test_what_rounding_makes_of_a_clean_loop_is_not_named() -> None:

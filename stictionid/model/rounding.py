@@ -19,7 +19,9 @@ import numpy as np
 from ..record.loop import Loop
 from ..record.segments import described
 from ..typing import FloatArray
+from .model import Model
 from .restore import rebuild_model
+from .segments import bound
 
 # Outputs that are drawn, and the quantile of what they move y by: a slip that nearly did not happen is lost by any
 # small change, and is the record's own where the model has it.
@@ -42,22 +44,27 @@ def step_of(output: FloatArray) -> float:
 
 
 def moved_by_rounding(loop: Loop, description: Mapping[str, Any], seed: int = 0) -> float:
-    """Motion of y of a described model within the rounding of its output, in the unit of y.
+    """Motion of y of a described model within the rounding of its output (see `moved_within`)."""
+    piece, _ = described(loop, dict(description))
+    return moved_within(*rebuild_model(piece, dict(description)), seed)
+
+
+def moved_within(model: Model, values: FloatArray, seed: int = 0) -> float:
+    """Motion of y of a model at values (d,) within the rounding of its output, in the unit of y.
 
     It is a root mean square, and the lower quartile of several draws; 0 where the output is not rounded, or finely.
 
     Equal outputs in a row are shifted alike, so that every rise and fall of the record stays one.
     """
-    piece, _ = described(loop, dict(description))
-    step = step_of(piece.output)
-    if step <= _FINE * float(description["values"]["S"]):
+    loop, step = model.loop, step_of(model.loop.output)
+    if step <= _FINE * float(values[0]):
         return 0.0
-    model, values = rebuild_model(piece, dict(description))
     now, counted = model.evaluate(values).model, model.good() & ~model.starting()
-    run = np.cumsum(np.diff(piece.output, prepend=piece.output[0]) != 0.0)
+    run = np.cumsum(np.diff(loop.output, prepend=loop.output[0]) != 0.0)
     rng = np.random.default_rng(seed)
     found = []
     for shift in rng.uniform(-0.5 * step, 0.5 * step, (_DRAWS, int(run[-1]) + 1)):
-        other, _ = rebuild_model(replace(piece, output=piece.output + shift[run]), dict(description))
+        other = bound(replace(loop, output=loop.output + shift[run]), model.spec, s_max=model.s_max,
+                      period_s=model.period_s)
         found.append(float(np.sqrt(np.mean((other.evaluate(values).model - now)[counted]**2))))
     return float(np.quantile(found, _QUANTILE))

@@ -27,7 +27,7 @@ from .gates import margin_of
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import LAG, key, other_process, physical, without
 from .policy import Policy
-from .score import Scored, noise_name
+from .score import Scored, by_rounding, noise_name
 from .search import Search
 from .tells import settling
 
@@ -64,7 +64,8 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     shape = None if unseen else unexplained(done, tried)
     # A rebuilt command errs a little, so noise that carries hardly any of the free run may be that.
     rebuilt = winner.spec.between == DECIMATED and winner.scored.explained(search.policy)
-    noise = "" if unseen or rebuilt or shape is not None else noise_name(done, search.policy)
+    rounds = by_rounding(winner.scored.rmse, done.innovation_sd, winner.scored.moved)
+    noise = "" if unseen or rebuilt or rounds or shape is not None else noise_name(done, search.policy)
     return Decision(winner, noise, alike, missing_reason(winner, unseen, shape), unseen, shape)
 
 

@@ -15,13 +15,13 @@ from ..effects import parse
 from ..fit.cross_validation import Held
 from ..fit.noise.completion import block_gains
 from ..fit.public_values import values_of
-from ..fit.starts.beside_effect import RESTING
+from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.spec import INTEGRATOR
 from ..process.intersample import kicks
 from ..record.tree import Gate
 from .node import BASE_EFFECTS, local, plain
 from .policy import Policy
-from .score import Scored
+from .score import Scored, by_rounding
 
 
 def margin_of(name: str, policy: Policy) -> float:
@@ -199,6 +199,19 @@ def _beyond_rest(edge: Edge) -> str:
     return ""
 
 
+def _beyond_rounding(edge: Edge) -> str:
+    """Reject an effect on the valve that takes no more from the free run than the rounding of the output puts there.
+
+    A rounded output makes single slips early or late, and a few numbers more of a valve put some of them right. A
+    random walk leaves nothing to compare.
+    """
+    if not on_valve(parse(edge.name)[0]) or edge.child.done.increments:
+        return ""
+    if not by_rounding(edge.parent.rmse, edge.child.rmse, edge.parent.moved):
+        return ""
+    return f"the rounding of the output moves the model by {edge.parent.moved:.4g} as well"
+
+
 def _beyond_scans(edge: Edge) -> str:
     """Reject an effect that helps little under an unknown course of the output, and leaves more than noise.
 
@@ -222,7 +235,7 @@ SCANS, FREE_RUN = "scans", "free-run"
 GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
     ("gain", _gains), ("there", _is_there), ("blocks", _blocks), ("held-out", _held_out), (FREE_RUN, _free_run),
     ("range", _in_range), ("slip", _slip), ("kick", _kick), ("rest", _beyond_rest),
-    (SCANS, _beyond_scans))
+    ("rounding", _beyond_rounding), (SCANS, _beyond_scans))
 
 
 def judged(edge: Edge) -> tuple[Gate, ...]:

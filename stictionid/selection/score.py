@@ -13,6 +13,7 @@ from ..fit.cross_validation import Held
 from ..fit.noise.completion import AUTOREGRESSIVE, RANDOM_WALK, RESONANT, Refit, banded, better, complete, quick
 from ..fit.noise.whiteness import remembers
 from ..model.model import Model
+from ..model.rounding import moved_within
 from ..model.segments import bound
 from ..model.spec import FIRST_ORDER, SOFT
 from ..numerics.noise.family import WALK, Noise, resonance_of
@@ -41,6 +42,11 @@ class Scored:
     def rmse(self) -> float:
         """Free-run error in the unit of y."""
         return self.done.evaluated.rmse
+
+    @cached_property
+    def moved(self) -> float:
+        """Motion of the free run within the rounding of its output, in the unit of y."""
+        return moved_within(self.done.model, self.done.values)
 
     @cached_property
     def white(self) -> bool:
@@ -108,6 +114,14 @@ def _noise(done: Refit) -> Noise:
     """The noise of the family under a free-run residual."""
     e = done.evaluated
     return fit_noise(np.nan_to_num(e.residual), e.counted > 0, done.model.loop.starts)
+
+
+def by_rounding(error: float, without: float, moved: float) -> bool:
+    """True where an error is that `without` the rounding of the output and what rounding `moved` the model, or less.
+
+    All are in the unit of y. Rounding that moved the model by more than the error did not happen in the record.
+    """
+    return 0.0 < moved <= error and error**2 - without**2 <= moved**2
 
 
 def beyond_noise(done: Refit) -> float:
