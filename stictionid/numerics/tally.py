@@ -20,6 +20,11 @@ def add(candidates: int, samples: int, parts: int = 1) -> None:
         heard()
 
 
+def charge(samples: int) -> None:
+    """Count what a remembered answer took when it was found: no limit may depend on what this process remembers."""
+    _count[0] += samples
+
+
 def spent() -> int:
     """The samples evaluated since the process began."""
     return _count[0]

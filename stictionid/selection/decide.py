@@ -62,10 +62,10 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     alike = tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in equivalents(search, winner))
     tried = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and e.parent == key(winner.spec)}
     shape = None if unseen else unexplained(done, tried)
-    # A rebuilt command errs a little, so noise that carries hardly any of the free run may be that.
-    rebuilt = winner.spec.between == DECIMATED and winner.scored.explained(search.policy)
+    # The command between samples and a stem with mass err a little: noise that carries hardly any of it may be that.
+    little = winner.scored.explained(search.policy)
     rounds = by_rounding(winner.scored.rmse, done.innovation_sd, winner.scored.moved)
-    noise = "" if unseen or rebuilt or rounds or shape is not None else noise_name(done, search.policy)
+    noise = "" if unseen or little or rounds or shape is not None else noise_name(done, search.policy)
     return Decision(winner, noise, alike, missing_reason(winner, unseen, shape), unseen, shape)
 
 

@@ -53,7 +53,7 @@ _APART, _NEAR = 0.03, 0.004
 _ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
 # Number of cached answers, a few hundred numbers each: those of a few rounds over the catalogue.
 _REMEMBERED = 128
-_known: dict[str, tuple[FloatArray, Any]] = {}
+_known: dict[str, tuple[FloatArray, Any, int]] = {}
 # Path values that are evaluated together: the arrays stay in the processor's cache.
 _BLOCK = 1 << 17
 # First standard deviations of the polish: on parts up to this share of the record, and on longer ones.
@@ -148,15 +148,19 @@ def _along_ridge(model: Model, own: list[int]) -> bool:
 def _once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
     """The points of `_grown`, cached by question: a further lag, or another process, needs the same valves.
 
-    The generator ends in the state that the search leaves, so that no result depends on the cache.
+    The generator ends in the state that the search leaves, and what it took is counted again, so that no result depends
+    on the cache.
     """
     key = _question(model, own, middle, rng)
-    if key not in _known:
-        points = _grown(model, own, middle, rng)
-        _known[key] = points, rng.bit_generator.state
-        while len(_known) > _REMEMBERED:
-            _known.pop(next(iter(_known)), None)
-    points, rng.bit_generator.state = _known[key]
+    if key in _known:
+        points, rng.bit_generator.state, took = _known[key]
+        tally.charge(took)
+        return points
+    before = tally.spent()
+    points = _grown(model, own, middle, rng)
+    _known[key] = points, rng.bit_generator.state, tally.spent() - before
+    while len(_known) > _REMEMBERED:
+        _known.pop(next(iter(_known)), None)
     return points
 
 
