@@ -19,6 +19,7 @@ from stictionid.selection.decide import pruned
 from stictionid.selection.entry import ADD, ROOT, Asked, Entry
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
+from stictionid.selection.score import beyond_noise
 from stictionid.selection.search import Search
 from stictionid.selection.waiting import waiting
 
@@ -118,3 +119,10 @@ def test_the_scan_of_all_valves_finds_the_one_beside_a_drift_from_a_wrong_one() 
         found = model.values(guessed_valves(model, name, guesses, wrong, far))
         assert np.abs(found[0] / setting.S - 1.0).min() < 0.15
     assert found.shape[1] > 2
+
+
+def test_a_record_too_short_for_the_noise_family_shows_no_model_to_be_better() -> None:
+    done = Done(-50.0, 1.0, 1.0)
+    done.good = np.ones(8, bool)
+    done.model = SimpleNamespace(loop=SimpleNamespace(process_value=np.arange(8.0), starts=(0,)))
+    assert beyond_noise(done) == -np.inf

@@ -125,10 +125,13 @@ def by_rounding(error: float, without: float, moved: float) -> bool:
 
 
 def beyond_noise(done: Refit) -> float:
-    """BIC of a completed model over y without one, completed with noise of the same family."""
+    """BIC of a completed model over y without one, completed with noise of the same family.
+
+    -inf for a record too short for the noise family: nothing shows there that a model does better.
+    """
     y, good = done.model.loop.process_value, done.good
     alone = fits_of(np.nan_to_num(y - np.mean(y[good])), good, done.model.loop.starts)
-    return min(f.bic for f in alone.values()) - done.bic(good)
+    return min((f.bic for f in alone.values()), default=-np.inf) - done.bic(good)
 
 
 def noise_name(done: Refit, policy: Policy) -> str:
