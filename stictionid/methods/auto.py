@@ -25,7 +25,7 @@ from ..fit.noise.unexplained import judged_by
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout
 from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
-from ..process.scan import DECIMATED, p_law, parts_of, ran_between
+from ..process.scan import DECIMATED, blurred, p_law, parts_of, ran_between
 from ..record.loop import Finding
 from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
@@ -154,7 +154,7 @@ def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
               only: frozenset[str] | None) -> tuple[Search, Decision]:
     """The search from one base or several, and its decision; effects that were asked for stay."""
     search = Search(run.loop, policy, run.options.seed, 1, run.tell, only=only, commands=commands_of(run),
-                    blurred=unseen_scans(run), floor=floor_of(run))
+                    slow=blurred(run.loop, run.options.scan_s), blurred=unseen_scans(run), floor=floor_of(run))
     for fit in bases:
         search.root(fit)
     base = bases[0].model.spec

@@ -25,7 +25,7 @@ from ..record.unexplained import Unexplained
 from .entry import ADD, DROP, SWAP, Entry
 from .gates import margin_of
 from .looks import Ground, Task, performed, pool_of, standing
-from .node import LAG, key, other_process, physical, without
+from .node import LAG, key, local, other_process, physical, without
 from .policy import Policy
 from .score import Scored, by_rounding, noise_name
 from .search import Search
@@ -65,8 +65,9 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     # The command between samples and a stem with mass err a little: noise that carries hardly any of it may be that.
     little = winner.scored.explained(search.policy)
     rounds = by_rounding(winner.scored.rmse, done.innovation_sd, winner.scored.moved)
-    noise = "" if unseen or little or rounds or shape is not None else noise_name(done, search.policy)
-    return Decision(winner, noise, alike, missing_reason(winner, unseen, shape), unseen, shape)
+    noise = "" if little or rounds or shape is not None else noise_name(done, search.policy, slow=search.slow)
+    return Decision(winner, noise, alike, missing_reason(winner, unseen, shape, slow=search.slow and not noise),
+                    unseen, shape)
 
 
 def _integrating(search: Search, winner: Entry) -> Entry:
@@ -126,20 +127,34 @@ def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
         for name in (n for n in physical(winner.spec) if n not in keep):
             known = (search.dropped(winner, name), *_known_without(search, winner, name))
             loss, least = min(((_loss(done, e, name), e) for e in known), key=lambda found: found[0])
-            if loss < margin_of(name, search.policy):
+            if loss < margin_of(name, search.policy) or _idle(search, winner.scored, least.scored, name):
                 cheap.append((loss, least))
         if not cheap:
             return winner
         winner = min(cheap, key=lambda found: found[0])[1]
 
 
+def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
+    """True where the record is slower than the scan and a model does hardly better than one `without` an effect.
+
+    A free run beside a walk is better or worse by chance, unless the effect is a disturbance itself.
+    """
+    policy, done = search.policy, winner.done
+    walks = done.model.spec.process == FIRST_ORDER and done.increments and without.done.increments
+    freer = without.rmse > policy.better_base * winner.rmse and (not walks or local(parse(name)[0]))
+    sharper = done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd
+    return search.slow and not winner.explained(policy) and not freer and not sharper
+
+
 def _loss(done: Refit, without: Entry, name: str) -> float:
     """BIC that a model costs by losing an effect; of a disturbance at most what it costs beside a narrow band.
 
-    A band of wandering phase looks like a sine for a few cycles, and an autoregression does not hold it.
+    A band of wandering phase looks like a sine for a few cycles, and an autoregression does not hold it. A sine that
+    halves the free run keeps its phase.
     """
     loss = done.gain_over(without.scored.done)
-    band = banded(without.scored.done) if parse(name)[0].columns is not None else None
+    steady = done.evaluated.rmse <= without.scored.rmse / 2
+    band = banded(without.scored.done) if parse(name)[0].columns is not None and not steady else None
     return loss if band is None else min(loss, done.gain_over(band))
 
 
@@ -234,11 +249,13 @@ def _why(entry: Entry, winner: str) -> str:
     return f"it helps less than {winner}" if winner else "it was not needed"
 
 
-def missing_reason(winner: Entry, unseen: bool = False, shape: Unexplained | None = None) -> str:
+def missing_reason(winner: Entry, unseen: bool = False, shape: Unexplained | None = None, *,
+                   slow: bool = False) -> str:
     """The words for a winner that leaves more than noise; empty where nothing is missing.
 
     `unseen` is True where the output moved between the samples, so that no effect can be told from its course there.
-    `shape` says what the winner's innovations answer.
+    `shape` says what the winner's innovations answer. `slow` is True where a coloured error has no name, because the
+    record is slower than the scan.
     """
     done = winner.scored.done
     if unseen:
@@ -246,7 +263,9 @@ def missing_reason(winner: Entry, unseen: bool = False, shape: Unexplained | Non
                 f"there is unknown: the free-run error {winner.scored.rmse:.4g} may be no more than that; export at "
                 "the controller's scan")
     if done.white:
-        return ""
+        return "" if not slow or winner.scored.free_run_at_noise else (
+            f"what the model leaves ({winner.scored.rmse:.4g}) is coloured noise, or what the output did between the "
+            f"samples of {done.model.step_s:g} s; these look alike: export at the controller's scan")
     if shape is not None:
         return said_missing(shape, done)
     return (f"something is missing that the catalogue does not hold: the innovations {done.innovation_sd:.4g} of the "

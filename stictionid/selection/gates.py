@@ -43,8 +43,8 @@ class Edge:
     blurred: bool = False
     # True where the parent fails the gate of unknown scans.
     tentative: bool = False
-    # Free-run error of the last node before that passed every gate, in the unit of y.
-    free_run: float = np.inf
+    # The last node before that passed every gate, where it is not the parent.
+    sound: Scored | None = None
     # The best model without an effect beyond the base, where it is known.
     base: Scored | None = None
 
@@ -133,7 +133,7 @@ def _free_run(edge: Edge) -> str:
 
     A walk implies any error. It excuses none where the parent needs no walk, or where the error grows by much.
     """
-    child, before = edge.child, min(edge.parent.rmse, edge.free_run)
+    child, before = edge.child, min(edge.parent.rmse, (edge.sound or edge.parent).rmse)
     excused = child.white
     if child.done.increments:
         excused = edge.parent.done.increments and child.rmse <= edge.policy.nearly * before
@@ -161,10 +161,11 @@ def _in_range(edge: Edge) -> str:
 def _slip(edge: Edge) -> str:
     """Reject a step or ramp of an integrator that may be one slip in the wrong place, which adds up to one.
 
-    It is believed only where the free run with it is at the noise, so that no slip is wrong.
+    It is believed only where the free run with it is at the noise, or coloured noise of short memory, so that no slip is
+    wrong.
     """
     child = edge.child
-    if child.done.model.spec.process != INTEGRATOR or not parse(edge.name)[0].variants \
+    if child.done.model.spec.process != INTEGRATOR or not parse(edge.name)[0].variants or child.noise_alone \
             or child.rmse <= edge.policy.at_noise * child.done.innovation_sd:
         return ""
     return "one slip in the wrong place of an integrator looks the same"
@@ -220,21 +221,34 @@ def _beyond_rounding(edge: Edge) -> str:
     return f"the rounding of the output moves the model by {edge.parent.moved:.4g} as well"
 
 
+def _sticks(edge: Edge) -> str:
+    """Reject an effect of friction, or a sinusoid, beside a valve that might as well follow its command.
+
+    Without friction y answers its command at the period of the loop alone, and so does a sinusoid of that period: any
+    process with that gain and phase will do. A random walk leaves nothing to compare.
+    """
+    effect, child = parse(edge.name)[0], edge.child
+    swings = any(p.name == "period_s" for p in effect.parameters)
+    if (effect.friction is None and not swings) or child.done.increments \
+            or child.without_friction > edge.policy.carried * child.rmse:
+        return ""
+    return "beside it the valve might as well follow its command"
+
+
 def _beyond_scans(edge: Edge) -> str:
     """Reject an effect that helps little under an unknown course of the output, and leaves more than noise.
 
-    Unknown scans make single slips early or late. An effect that halves the free run explains more than those, and so
-    does one without which the free run walks. Beside an effect that fails here only noise alone will do. A better base
-    than the parent sets the measure: scans that were taken wrong look like an effect beside a wrong base.
+    Unknown scans make single slips early or late, which an autoregression whitens as well as noise. An effect that
+    halves the free run explains more than those, and so does one without which the free run walks. Beside an effect
+    that fails here both together must. A better base than the parent sets the measure: scans that were taken wrong look
+    like an effect beside a wrong base.
     """
-    child, parent = edge.child, edge.parent
+    child, parent = edge.child, edge.sound if edge.tentative and edge.sound else edge.parent
     if edge.base is not None and plain(edge.name) not in BASE_EFFECTS and edge.base.done.gain_over(parent.done) > 0.0:
         parent = edge.base
-    if not edge.blurred or child.only_noise(edge.policy) or (edge.freed and not edge.tentative):
-        return ""
-    if not edge.tentative and (plain(edge.name) in BASE_EFFECTS or child.rmse <= parent.rmse / 2):
-        return ""
-    if not edge.tentative and child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd:
+    freed = edge.freed and not edge.tentative
+    if not edge.blurred or freed or child.explained(edge.policy) or child.rmse <= parent.rmse / 2 \
+            or child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd:
         return ""
     return "the unknown course of the output between the samples may explain as much: export faster"
 
@@ -243,7 +257,7 @@ SCANS, FREE_RUN = "scans", "free-run"
 GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
     ("gain", _gains), ("there", _is_there), ("blocks", _blocks), ("held-out", _held_out), (FREE_RUN, _free_run),
     ("range", _in_range), ("slip", _slip), ("kick", _kick), ("rest", _beyond_rest),
-    ("rounding", _beyond_rounding), (SCANS, _beyond_scans))
+    ("friction", _sticks), ("rounding", _beyond_rounding), (SCANS, _beyond_scans))
 
 
 def judged(edge: Edge) -> tuple[Gate, ...]:

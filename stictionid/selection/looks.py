@@ -41,7 +41,7 @@ from ..record.loop import Loop
 from ..typing import FloatArray
 from .node import BASE_EFFECTS, additions, key, local, node, other_process, physical, plain, with_effect
 from .policy import Policy
-from .score import Scored, completed, glanced
+from .score import WALKING, Scored, completed, glanced
 
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
@@ -115,8 +115,9 @@ class Packed:
 
 
 def adding(spec: Spec, name: str) -> Task:
-    """The edge that adds an effect to a node."""
-    return Task(node(with_effect(spec, name), soft=spec.increments), name)
+    """The edge that adds an effect to a node, in levels where a walk may stand for that effect."""
+    soft = spec.increments and WALKING not in parse(name)[0].confused_with
+    return Task(node(with_effect(spec, name), soft=soft), name)
 
 
 def edges(spec: Spec, loop: Loop, only: Iterable[str] | None, commands: Iterable[Spec]) -> list[Task]:
@@ -134,6 +135,7 @@ def performed(ground: Ground, task: Task) -> Packed:
     """The answer to one task; one whose numbers break down says so."""
     before = tally.spent()
     try:
+        ground = _in_form(ground, task)
         found = (_closer(ground, task) if task.stage == CLOSER else _full(ground, task) if task.look is not None else
                  _valves(ground, task) if task.stage == VALVES else look_at(ground, task))
     except (ModelError, np.linalg.LinAlgError) as error:
@@ -149,6 +151,16 @@ def pool_of(fit: Fitted, seed: int) -> FloatArray:
 def rng_of(seed: int, name: str, stage: int) -> np.random.Generator:
     """A random generator of a task, whatever ran before it."""
     return np.random.default_rng([seed, stage, zlib.crc32(name.encode())])
+
+
+def _in_form(ground: Ground, task: Task) -> Ground:
+    """The ground in levels where a task has them and its parent has differences."""
+    fit = ground.fit
+    if not task.added or fit.model.spec.increments == task.spec.increments:
+        return ground
+    spec = node(fit.model.spec)
+    model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
+    return replace(ground, fit=as_it_stands(model, fit.values))
 
 
 def look_at(ground: Ground, task: Task) -> Packed:

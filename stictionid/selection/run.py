@@ -49,7 +49,8 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     policy, tell = policy or Policy(), progress or (lambda text, share: None)
     run, fit = opened(loop, study, seed)
     search = Search(run.loop, policy, seed, jobs, tell, commands=commands_of(run),
-                    blurred=unseen_scans(run), floor=floor_of(run))
+                    slow=blurred(run.loop, run.options.scan_s), blurred=unseen_scans(run),
+                    floor=floor_of(run))
     _replant(search, run, study, fit, policy)
     found = decided(search, search.run(everything=everything))
     before = physical(node(fit.model.spec))

@@ -49,6 +49,13 @@ class Scored:
         return moved_within(self.done.model, self.done.values)
 
     @cached_property
+    def without_friction(self) -> float:
+        """Free-run error of the same model with a valve that follows its command, in the unit of y."""
+        model = self.done.model
+        named = {**model.named(self.done.values), "S": 0.0, "J": 0.0}
+        return model.evaluate(model.vector(named)).rmse
+
+    @cached_property
     def white(self) -> bool:
         """True where the innovations pass every test for whiteness."""
         return self.done.white
@@ -134,12 +141,31 @@ def beyond_noise(done: Refit) -> float:
     return min((f.bic for f in alone.values()), default=-np.inf) - done.bic(good)
 
 
-def noise_name(done: Refit, policy: Policy) -> str:
+def _lasts(done: Refit) -> bool:
+    """True where averages over two periods, or two lags, carry more than half of the free-run error.
+
+    A slip is wrong until the next one, and its error dies with the lag.
+    """
+    e, longest = done.evaluated, max(done.model.period_s, done.evaluated.values["time_constant_s"])
+    width = max(round(2 * longest / done.model.step_s), 1)
+    counted = e.counted > 0
+    count, total = (np.add.reduceat(x, np.arange(0, counted.size, width)) for x in
+                    (counted.astype(np.float64), np.where(counted, e.residual, 0.0)))
+    mean = total.sum() / max(count.sum(), 1.0)
+    averages = float(np.sum((total - count * mean)[count > 0.0] ** 2 / count[count > 0.0]))
+    return averages > float(np.sum((e.residual[counted] - mean) ** 2)) / 2
+
+
+def noise_name(done: Refit, policy: Policy, *, slow: bool = False) -> str:
     """The name of the noise under the free run; empty for white noise, or for less than the margin.
 
-    The errors of an integrator's slips add up, so no noise of long memory is named there. A resonance of more than one
-    cycle is a narrow band. An autoregression can't whiten a band under white noise, so other innovations than white
-    ones name a band only, and only where the band itself gains the margin over the autoregression.
+    The errors of an integrator's slips add up, so no noise of long memory is named there. A lag of many periods is that
+    of an integrator. A resonance of more than one cycle is a narrow band. An autoregression can't whiten a band under
+    white noise, so other innovations than white ones name a band only, and only where the band itself gains the margin
+    over the autoregression.
+
+    In a record that is `slow` against the scan slips come early or late, which looks like noise of short memory. Only a
+    walk that outlasts several of them is named there.
     """
     e, starts = done.evaluated, done.model.loop.starts
     residual, good = np.nan_to_num(e.residual), e.counted > 0
@@ -147,18 +173,22 @@ def noise_name(done: Refit, policy: Policy) -> str:
     still = min((f for kind, f in found.items() if kind != WALK), key=lambda f: f.bic, default=None)
     if still is None:
         return ""
-    walks = WALK in found and done.model.spec.process == FIRST_ORDER
+    levels = (done.model.spec.process == FIRST_ORDER
+              and e.values["time_constant_s"] < policy.endless_lag * done.model.period_s)
+    walks = WALK in found and levels
     best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
     if bic_of(residual, Noise(), good, starts) - best.bic < policy.noise_margin:
         return ""
+    if slow:
+        return WALKING if best.noise.walks and _lasts(done) else ""
     narrow = resonance_of(still.noise, done.model.step_s) is not None
     if not done.white:
         band = banded(done) if narrow else None
         return NARROW if band is not None and band.gain_over(done) >= policy.noise_margin else ""
     if best.noise.walks:
         return WALKING
-    slow = remembers(best.noise.plain[0][1:]) and done.model.spec.process != FIRST_ORDER
-    return NARROW if narrow else "" if slow else COLOURED
+    endless = remembers(best.noise.plain[0][1:]) and not levels
+    return NARROW if narrow else "" if endless else COLOURED
 
 
 def noise_words(done: Refit) -> str:

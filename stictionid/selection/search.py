@@ -76,6 +76,8 @@ class Search:
     # Answers that slide and were asked once more for a valve that rests.
     rested: set[str] = field(default_factory=set)
     unasked: list[str] = field(default_factory=list)
+    # True where the record is slower than the controller's scan.
+    slow: bool = False
     # True where the output was computed between the samples, too, in a way that they do not show.
     blurred: bool = False
     # Irreducible noise in the unit of y for a completed model; None where the record is too short.
@@ -404,7 +406,7 @@ class Search:
             if e.parent != key(entry.spec) or e.failed or not e.scored.full:
                 continue
             edge = Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred, entry.tentative,
-                        passed.scored.rmse, base)
+                        passed.scored, base)
             e.gates = judged(edge) if e.op == ADD else judged_change(edge)
 
     def _only_noise(self, entry: Entry) -> bool:
