@@ -87,7 +87,8 @@ def test_an_effect_that_another_process_does_not_need_is_pruned() -> None:
     best = entry(("travel-limit", "gain-nonlinearity"), -300.0, 1.0, parent=root.spec)
     less = entry(("travel-limit",), -290.0, 1.0, parent=root.spec, process=INTEGRATOR)
     alone = entry(("travel-limit",), -220.0, 2.0)
-    search: Any = SimpleNamespace(memo=memo_of(root, best, less), policy=POLICY, dropped=lambda e, name: alone)
+    search: Any = SimpleNamespace(memo=memo_of(root, best, less), policy=POLICY, dropped=lambda e, name: alone,
+                                  slow=False)
     assert pruned(search, best) is less
     search.memo = memo_of(root, best)
     assert pruned(search, best) is best

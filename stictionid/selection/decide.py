@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import parse
-from ..fit.noise.completion import Refit, banded
+from ..fit.noise.completion import banded
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
 from ..fit.starts.beside_effect import RESTING
@@ -25,7 +25,7 @@ from ..record.unexplained import Unexplained
 from .entry import ADD, DROP, SWAP, Entry
 from .gates import margin_of
 from .looks import Ground, Task, performed, pool_of, standing
-from .node import LAG, key, local, other_process, physical, without
+from .node import LAG, key, other_process, physical, without
 from .policy import Policy
 from .score import Scored, by_rounding, noise_name
 from .search import Search
@@ -105,7 +105,7 @@ def rounded(loop: Loop, study: Study, before: Scored, found: Decision, policy: P
     scored, last = found.winner.scored, study.steps[-1]
     floor, error = last.error.noise_sd, last.error.rmse
     sharper = scored.done.innovation_sd <= (1.0 - policy.beyond_scans) * before.done.innovation_sd
-    if floor is None or (scored.free_run_at_noise and scored.white) or scored.rmse <= error / 2 or sharper:
+    if floor is None or scored.bare(policy) or scored.rmse <= error / 2 or sharper:
         return ""
     moved = moved_by_rounding(loop, last.model, seed)
     if not moved > 0.0 or error > float(np.hypot(floor, policy.rounding * moved)):
@@ -122,40 +122,35 @@ def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
     Under another process or command an effect may not be needed, so nodes known without it count, too.
     """
     while True:
-        done = winner.scored.done
         cheap = []
         for name in (n for n in physical(winner.spec) if n not in keep):
             known = (search.dropped(winner, name), *_known_without(search, winner, name))
-            loss, least = min(((_loss(done, e, name), e) for e in known), key=lambda found: found[0])
-            if loss < margin_of(name, search.policy) or _idle(search, winner.scored, least.scored, name):
+            loss, least = min(((_loss(winner.scored, e, name), e) for e in known), key=lambda found: found[0])
+            if loss < margin_of(name, search.policy) or _idle(search, winner.scored, least.scored):
                 cheap.append((loss, least))
         if not cheap:
             return winner
         winner = min(cheap, key=lambda found: found[0])[1]
 
 
-def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
-    """True where the record is slower than the scan and a model does hardly better than one `without` an effect.
-
-    A free run beside a walk is better or worse by chance, unless the effect is a disturbance itself.
-    """
-    policy, done = search.policy, winner.done
-    walks = done.model.spec.process == FIRST_ORDER and done.increments and without.done.increments
-    freer = without.rmse > policy.better_base * winner.rmse and (not walks or local(parse(name)[0]))
-    sharper = done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd
-    return search.slow and not winner.explained(policy) and not freer and not sharper
+def _idle(search: Search, winner: Scored, without: Scored) -> bool:
+    """True where the record is slower than the scan and a model does hardly better than one `without` an effect."""
+    policy = search.policy
+    freer = without.rmse > policy.better_base * winner.rmse
+    sharper = winner.done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd
+    return search.slow and not winner.bare(policy) and not freer and not sharper
 
 
-def _loss(done: Refit, without: Entry, name: str) -> float:
+def _loss(winner: Scored, without: Entry, name: str) -> float:
     """BIC that a model costs by losing an effect; of a disturbance at most what it costs beside a narrow band.
 
     A band of wandering phase looks like a sine for a few cycles, and an autoregression does not hold it. A sine that
     halves the free run keeps its phase.
     """
-    loss = done.gain_over(without.scored.done)
-    steady = done.evaluated.rmse <= without.scored.rmse / 2
-    band = banded(without.scored.done) if parse(name)[0].columns is not None and not steady else None
-    return loss if band is None else min(loss, done.gain_over(band))
+    loss = winner.done.gain_over(without.scored.done)
+    wandering = parse(name)[0].columns is not None and winner.rmse > without.scored.rmse / 2
+    band = banded(without.scored.done) if wandering else None
+    return loss if band is None else min(loss, winner.done.gain_over(band))
 
 
 def _known_without(search: Search, winner: Entry, name: str) -> list[Entry]:

@@ -161,7 +161,7 @@ def _in_range(edge: Edge) -> str:
 def _slip(edge: Edge) -> str:
     """Reject a step or ramp of an integrator that may be one slip in the wrong place, which adds up to one.
 
-    It is believed only where the free run with it is at the noise, or coloured noise of short memory, so that no slip is
+    It is believed only where the free run with it is at the noise, or coloured noise of short memory: then no slip is
     wrong.
     """
     child = edge.child
@@ -247,7 +247,7 @@ def _beyond_scans(edge: Edge) -> str:
     if edge.base is not None and plain(edge.name) not in BASE_EFFECTS and edge.base.done.gain_over(parent.done) > 0.0:
         parent = edge.base
     freed = edge.freed and not edge.tentative
-    if not edge.blurred or freed or child.explained(edge.policy) or child.rmse <= parent.rmse / 2 \
+    if not edge.blurred or freed or child.bare(edge.policy) or child.rmse <= parent.rmse / 2 \
             or child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd:
         return ""
     return "the unknown course of the output between the samples may explain as much: export faster"

@@ -65,9 +65,13 @@ class Scored:
         """True where the innovations are white, and the noise model remembers too shortly to be a disturbance."""
         return self.done.noise_alone
 
+    def bare(self, policy: Policy) -> bool:
+        """True where the innovations are nearly all of the free run."""
+        return self.rmse <= policy.carried * self.done.innovation_sd
+
     def explained(self, policy: Policy) -> bool:
         """True where white innovations are left that are nearly all of the free run."""
-        return self.white and self.rmse <= policy.carried * self.done.innovation_sd
+        return self.white and self.bare(policy)
 
     def only_noise(self, policy: Policy) -> bool:
         """True where noise of short memory is left, or white innovations that are nearly all of the free run."""

@@ -114,7 +114,7 @@ class Search:
             self._ask(*doubted)
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True)
-        if late and self.only is None and not self.blurred and not best.scored.explained(self.policy):
+        if late and self.only is None and not self.slow and not best.scored.explained(self.policy):
             self._ask(base, late)
             best = self._walked()
         return best

@@ -1,0 +1,71 @@
+"""Records slower than the scan, walks, and valves without friction: what is named there and what is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from plants.run import plant_of
+from plants.score import loop_of
+from scipy.signal import lfilter
+
+from stictionid.fit.noise.completion import Refit, quick
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.model.segments import bound
+from stictionid.model.spec import SOFT, Spec
+from stictionid.selection.gates import GATES, Edge
+from stictionid.selection.looks import adding
+from stictionid.selection.policy import Policy
+from stictionid.selection.score import COLOURED, WALKING, noise_name
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import identify
+
+SETTING = Setting(Plant(2.5, 17.0, 5.0), Controller(0.35, 14.0, scan_s=1.0), S=3.6, J=2.6, duration_s=1500.0)
+
+
+def true_model_under(noise: np.ndarray[Any, Any]) -> Refit:
+    """The true model of a simulated loop, with `noise` (n,) added to its y, completed with a noise model."""
+    loop = simulate(SETTING, seed=3).loop
+    loop = replace(loop, process_value=loop.process_value + noise[:loop.samples])
+    model = bound(loop, Spec(), s_max=8.0, period_s=60.0)
+    true = {"S": 3.6, "J": 2.6, "time_constant_s": 17.0, "dead_time_s": 5.0}
+    starts = [model.vector({**true, "initial_residual_force": force}) for force in np.linspace(-0.98, 0.98, 99)]
+    return quick(model, min(starts, key=lambda start: model.evaluate(start).rmse))
+
+
+def test_a_slow_record_names_a_walk_and_no_noise_of_short_memory() -> None:
+    white, policy = np.random.default_rng(5).standard_normal(4000), Policy()
+    coloured, walk = true_model_under(lfilter([0.3], [1.0, -0.8], white)), true_model_under(0.1 * np.cumsum(white))
+    assert noise_name(coloured, policy) == COLOURED and noise_name(coloured, policy, slow=True) == ""
+    assert noise_name(walk, policy, slow=True) == WALKING
+
+
+def test_an_effect_that_a_walk_stands_for_is_asked_for_in_levels() -> None:
+    walking = Spec(increments=True, taps=SOFT)
+    assert not adding(walking, "step-disturbance@output").spec.increments
+    assert adding(walking, "extra-lag").spec.increments
+    assert adding(replace(walking, process="integrator"), "step-disturbance@load").spec.increments
+
+
+def test_a_step_that_looked_like_a_walk_is_found() -> None:
+    """In differences the step was one outlier, and nothing was named at 2.7 times the noise."""
+    loop = loop_of(plant_of("one", 32, 78_000))
+    after = diagnose(loop, identify(loop), apply=True)
+    assert after.steps[-1].effects == ("step-disturbance",) and after.adequate
+
+
+@pytest.mark.parametrize(("name", "without", "rejected"), [
+    ("sinusoidal-disturbance", 1.04, True), ("slip-overshoot", 1.04, True), ("sinusoidal-disturbance", 1.06, False),
+    ("step-disturbance@load", 1.04, False)])
+def test_beside_a_valve_without_friction_no_effect_of_friction_and_no_sine_is_named(
+        name: str, without: float, rejected: bool) -> None:
+    child: Any = SimpleNamespace(done=SimpleNamespace(increments=False), rmse=1.0, without_friction=without)
+    assert bool(dict(GATES)["friction"](Edge(name, child, child, Policy()))) is rejected
+
+
+def test_a_lag_that_leaves_the_free_run_of_a_slow_record_as_it_was_is_not_named() -> None:
+    study = identify(loop_of(plant_of("clean", 33, 48_000)))
+    assert study.steps[-1].effects == () and "between the samples" in study.missing_reason
