@@ -158,9 +158,11 @@ def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
     for fit in bases:
         search.root(fit)
     base = bases[0].model.spec
-    if base.process == FIRST_ORDER and not search.best().scored.white:
-        # A disturbance that is slow against the valve moves differences little, and levels into another basin.
-        search.root(run.fit(replace(base, increments=True, taps=SOFT)))
+    if not search.best().scored.white:
+        # A disturbance that is slow against the valve moves differences little, and levels into another basin. White
+        # noise hides slips in differences, where an integrator's levels show them.
+        soft = not base.increments
+        search.root(run.fit(replace(base, increments=soft, taps=SOFT if soft else ())))
     return search, decided(search, search.run(), keep=physical(bases[0].model.spec))
 
 

@@ -27,7 +27,7 @@ from ..numerics.varpro import REJECTED, Shared
 from ..numerics.varpro_segments import Blockwise
 from ..process.intersample import rebuild
 from ..process.linear import free_run
-from ..process.scan import DECIMATED, scanned
+from ..process.scan import DECIMATED, answers, scanned
 from ..record.loop import Loop, bridged
 from ..typing import BoolArray, FloatArray
 from .response import Response
@@ -73,7 +73,7 @@ class Model(Response):
         self.weight = self._weights()
         self.target = self.filtered(y[:, None])[:, 0]
         columns = self.filtered(self.shared_columns())
-        self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight)
+        self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight, answers(loop))
 
     def _commanded(self) -> FloatArray:
         """Command on the grid of the valve, by the spec's mode between samples."""

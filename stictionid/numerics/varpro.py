@@ -134,7 +134,9 @@ class Shared:
     """Part of a least squares that all candidates share: weights (n,), orthonormal columns, target without them.
 
     `runs` (2, r) are first row and last row + 1 of every run of rows that count. `right` (n, even) holds the
-    orthonormal columns, the target without them, and a column of zeros where the number would be odd.
+    orthonormal columns, the target without them, and a column of zeros where the number would be odd. `sign` is that
+    of the first own column's coefficient (1 or -1), 0 where either is allowed: a candidate with the other sign counts
+    as one that explains nothing.
     """
 
     weight: FloatArray
@@ -145,9 +147,11 @@ class Shared:
     freedom: int
     right: FloatArray
     runs: IntArray
+    sign: float = 0.0
 
     @classmethod
-    def prepare(cls, target: FloatArray, columns: FloatArray, weight: BoolArray | FloatArray) -> Shared:
+    def prepare(cls, target: FloatArray, columns: FloatArray, weight: BoolArray | FloatArray,
+                sign: float = 0.0) -> Shared:
         """Target (n,), shared columns (n, q) and weights (n,) 0 or 1; rows of weight 0 are never read."""
         w = np.asarray(weight, dtype=np.float64)
         columns = np.where(w[:, None] > 0, columns, 0.0) if columns.size else np.empty((target.size, 0))
@@ -159,7 +163,7 @@ class Shared:
         none = np.zeros((y.size, 1 - columns.shape[1] % 2))
         right = np.ascontiguousarray(np.concatenate([columns, y[:, None], none], axis=1))
         return cls(w, np.ascontiguousarray(columns), y, float(y @ y), int((w > 0).sum()), columns.shape[1], right,
-                   _runs(w > 0))
+                   _runs(w > 0), sign)
 
     def costs(self, base: FloatArray, offsets: tuple[int, ...] = (0,)) -> FloatArray:
         """Sum of squared residuals (P,) of each candidate; `inf` where a candidate's columns never move."""
@@ -180,6 +184,7 @@ class Shared:
         own, _, lanes = cross.shape
         cost, sizes = np.empty(lanes), np.empty((own, lanes))
         _solve(squares, cross, self.freedom, self.target_energy, cost, sizes)
+        signed(cost, sizes, sizes[0], self.sign, self.target_energy)
         return cost, sizes
 
     def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,), *, lent: bool = False) -> FloatArray:
@@ -195,6 +200,13 @@ class Shared:
         if still.any():
             out[:, still] = REJECTED
         return out
+
+
+def signed(cost: FloatArray, sizes: FloatArray, first: FloatArray, sign: float, energy: float) -> None:
+    """Set cost (P,) and sizes (..., P) to those of no own column where the `first` size (P,) has the wrong `sign`."""
+    wrong = sign * first < 0.0
+    cost[wrong & np.isfinite(cost)] = energy
+    sizes[..., wrong] = 0.0
 
 
 @kernel

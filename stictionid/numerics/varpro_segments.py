@@ -17,7 +17,7 @@ import numpy as np
 from ..typing import FloatArray
 from .cross_products import products
 from .jit import kernel
-from .varpro import DEPENDENT, REJECTED, Shared
+from .varpro import DEPENDENT, REJECTED, Shared, signed
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +31,11 @@ class Blockwise:
     def firsts(self) -> tuple[int, ...]:
         """First row of each segment."""
         return tuple(np.cumsum([0, *(b.target.size for b in self.blocks[:-1])]).tolist())
+
+    @property
+    def sign(self) -> float:
+        """Sign of the first own column's coefficient in most segments that know it; 0 where none does."""
+        return float(np.sign(sum(b.sign for b in self.blocks)))
 
     @property
     def weight(self) -> FloatArray:
@@ -83,6 +88,7 @@ class Blockwise:
             cross[i] = part[:, block.freedom]
         cost, sizes = np.empty(lanes), np.zeros((count, own, lanes))
         _solve(squares, cross, raw, self.common, self.target_energy, cost, sizes)
+        signed(cost, sizes, sizes[0, 0], self.sign, self.target_energy)
         return cost, sizes
 
     def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,), *, lent: bool = False) -> FloatArray:

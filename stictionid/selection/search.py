@@ -16,7 +16,7 @@ from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import Refit
 from ..fit.starts.beside_effect import RESTING, narrow, on_valve
 from ..model.segments import bound
-from ..model.spec import Spec
+from ..model.spec import INTEGRATOR, Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Crew
@@ -206,11 +206,12 @@ class Search:
         """
         values, spec = entry.scored.done.evaluated.values, entry.spec
         odd = values["J"] > values["S"]
-        if key(spec) in self.rested or self.spent >= 2 * self.budget or not (odd or not spec.held):
+        astray = spec.held and not depth(spec) and not entry.scored.nearly(self.policy)
+        if key(spec) in self.rested or self.spent >= 2 * self.budget or not (odd or astray or not spec.held):
             return None
         if RESTING in additions(spec, self.loop, self.only):
             return entry, (RESTING,)
-        if not odd or RESTING not in spec.effects or self._only_noise(entry):
+        if not (odd or astray) or RESTING not in spec.effects or self._only_noise(entry):
             return None
         slides = self.dropped(entry, RESTING)
         names = tuple(n for n in additions(slides.spec, self.loop, self.only) if parse(n)[0].slides)
@@ -268,7 +269,8 @@ class Search:
         growing parts of the record; elsewhere the scan of every look finds as much.
         """
         asked = [replace(t, stage=VALVES) for t in tasks
-                 if t.on_valve and t.spec.held and kind_of(t.spec) not in self.valves]
+                 if t.on_valve and (t.spec.held or t.spec.process == INTEGRATOR)
+                 and kind_of(t.spec) not in self.valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self._within_budget(crew, asked):
                 self.valves[kind_of(task.spec)] = answer.valves
