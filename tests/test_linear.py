@@ -96,6 +96,25 @@ def test_costs_are_those_of_plain_least_squares(own: int) -> None:
         np.testing.assert_allclose(sizes[:, p], size, rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_candidate_whose_first_size_has_the_wrong_sign_explains_nothing(sign: float) -> None:
+    rng = np.random.default_rng(7)
+    rows, offsets = 53, (2, 0)
+    base, columns, target = (rng.standard_normal(shape) for shape in ((rows + 2, 20), (rows, 2), rows))
+    free, bound = (varpro.Shared.prepare(target, columns, np.ones(rows), s) for s in (0.0, sign))
+    costs, sizes = bound.solve(base, offsets)
+    residuals, seen = bound.residuals(base, offsets), []
+    alone, _ = naive.least_squares([], columns, target, np.ones(rows))
+    for p, size in enumerate(free.solve(base, offsets)[1].T):
+        wrong = sign * size[0] < 0.0
+        seen.append(wrong)
+        cost = alone if wrong else naive.least_squares([base[o:o + rows, p] for o in offsets], columns, target,
+                                                       np.ones(rows))[0]
+        assert costs[p] == pytest.approx(cost, rel=1e-9) == pytest.approx(float(residuals[:, p] @ residuals[:, p]))
+        np.testing.assert_allclose(sizes[:, p], 0.0 if wrong else size, rtol=1e-9)
+    assert 2 < sum(seen) < 18
+
+
 @pytest.mark.parametrize("own", [1, 3])
 def test_a_fold_weighs_its_candidates_by_their_likelihood(own: int) -> None:
     rng = np.random.default_rng(own)

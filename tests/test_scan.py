@@ -13,7 +13,7 @@ from stictionid.fit.starts.intersample import surely_moves, surely_scanned
 from stictionid.methods.option_check import check_options
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.restore import rebuild_model, rerun
-from stictionid.process.scan import MOST_PARTS, drawn, parts_of, pi_law, ran_between, ran_with_samples, scanned
+from stictionid.process.scan import MOST_PARTS, answers, drawn, parts_of, pi_law, ran_between, ran_with_samples, scanned
 from stictionid.record.loop import Loop
 from stictionid.record.study import study_from_json, to_json
 from stictionid.verbs.identify import Options, identify
@@ -80,6 +80,20 @@ def test_auto_finds_the_scans_and_with_them_s_and_j() -> None:
     held = identify(loop, options=Options(base_only=True, between="hold"))
     assert abs(held.estimate.S - 3.0) > 3.0 * abs(study.estimate.S - 3.0)
     assert rebuild_model(loop, model)[0].context.command.size == 5 * loop.samples
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_setpoint_moves_tell_the_sign_of_a_controller_that_is_no_pi_law(sign: float) -> None:
+    """A gap controller on a noisy y, of either action; no sign where r has nothing to do with u, or tracks y."""
+    rng, n = np.random.default_rng(1), 800
+    r = np.cumsum(np.where(rng.random(n) < 0.02, rng.choice([-2.0, 2.0], n), 0.0))
+    y = np.convolve(r, np.full(20, 0.05))[:n] + 0.3 * rng.standard_normal(n)
+    e = r - y
+    u = 50.0 + sign * np.where(np.abs(e) < 0.4, 0.3, 1.5) * e
+    loop = Loop(output=u, process_value=y, setpoint=r)
+    assert pi_law(loop, 1) is None and answers(loop) == sign
+    assert answers(replace(loop, output=rng.permutation(u))) == 0.0
+    assert answers(replace(loop, setpoint=y)) == answers(replace(loop, setpoint=None)) == 0.0
 
 
 def test_a_controller_that_scans_with_the_samples_is_not_taken_apart() -> None:

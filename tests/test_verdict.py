@@ -528,13 +528,20 @@ def test_the_controller_turned_round_is_no_process() -> None:
     setting = Setting(Plant(0.65, 24.7, 6.0), Controller(3.0, 24.0), 0.0, 0.0, duration_s=float(n))
     loop = replace(simulate(setting, seed=3, disturbance=2.0 * wander / np.ptp(wander)).loop, position=None)
     spec = Spec(between="corner", substeps=8, friction_free=True, taps=(-0.999,))
-    model = Model(loop, spec, s_max=7.0, period_s=60.0)
+    model = Model(replace(loop, setpoint=None), spec, s_max=7.0, period_s=60.0)
     right = {"S": 0.0, "J": 0.0, "initial_residual_force": 0.0, "time_constant_s": 24.7, "dead_time_s": 6.0}
     starts = model.cube(np.stack([model.vector(right | more) for more in (
         {}, {"time_constant_s": 0.05, "dead_time_s": 0.0})], axis=1))
     gains = [model.evaluate(_descended(model, starts, acts)).gain for acts in (0.0, 1.0)]
     assert gains[0] == pytest.approx(-1.0 / 3.0, rel=0.2)
     assert gains[1] > 0.0
+    # The law of r, y and u tells the sign: then the wrong one explains nothing.
+    known = Model(loop, spec, s_max=7.0, period_s=60.0)
+    turned = np.array([0.0, 0.0, 0.0, 0.05, 0.0])
+    assert known.costs_of(turned[:, None])[0] == pytest.approx(known.shared.target_energy)
+    evaluated, before = known.evaluate(turned), model.evaluate(turned)
+    assert evaluated.gain == 0.0 and evaluated.sse == pytest.approx(known.shared.target_energy, rel=1e-6)
+    assert before.gain < 0.0 and before.sse < 0.2 * evaluated.sse
 
 
 def test_an_effect_alone_is_no_valve(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -73,7 +73,9 @@ class Model(Response):
         self.weight = self._weights()
         self.target = self.filtered(y[:, None])[:, 0]
         columns = self.filtered(self.shared_columns())
-        self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight, answers(loop))
+        # Under a command that moves between samples y also follows from u by the controller turned round.
+        self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight,
+                                                         0.0 if spec.held else answers(loop))
 
     def _commanded(self) -> FloatArray:
         """Command on the grid of the valve, by the spec's mode between samples."""
@@ -255,10 +257,10 @@ class Model(Response):
         # A transient that decayed before the first counted sample can't be fitted: it would be noise extrapolated back.
         dead = [i for i in range(k - lags, k) if np.abs(own[w, i]).max(initial=0.0) < _DEAD]
         filtered[:, [i - (fixed_gain is not None) for i in dead]] = 0.0
-        scale = np.linalg.norm(filtered[w], axis=0)
-        scale[scale < 1e-12 * max(scale.max(initial=0.0), 1e-300)] = np.inf
-        solution, *_ = np.linalg.lstsq(filtered[w] / scale, goal[w], rcond=1e-12)
-        solution = solution / scale
+        solution = _sizes(filtered[w], goal[w])
+        if fixed_gain is None and self.shared.sign * solution[0] < 0.0:
+            filtered[:, :k] = 0.0
+            solution = _sizes(filtered[w], goal[w])
         innovation = goal - filtered @ solution
         sse = float(np.sum(innovation[w] ** 2))
         if self.spec.taps and not self.spec.increments:
@@ -335,6 +337,14 @@ class Model(Response):
 def skipped(samples: int, step_s: float, period_s: float) -> int:
     """Samples left out of the cost at the start of a segment, where the unknown initial state still shows."""
     return max(2, int(min(_SKIP_SHARE * samples, _SKIP_PERIODS * period_s / step_s)))
+
+
+def _sizes(columns: FloatArray, goal: FloatArray) -> FloatArray:
+    """Sizes (c,) of columns (n, c) by least squares; 0 for a column that is hardly there."""
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale < 1e-12 * max(scale.max(initial=0.0), 1e-300)] = np.inf
+    solution, *_ = np.linalg.lstsq(columns / scale, goal, rcond=1e-12)
+    return solution / scale
 
 
 def _interval_means(position: FloatArray, parts: int) -> FloatArray:
