@@ -221,8 +221,11 @@ def _valves(ground: Ground, task: Task) -> Packed:
     fit = ground.fit if any(changes(name) for name in task.spec.effects) else _beginning(ground.fit, samples)
     _, coarse = widened_by(fit, task.added)
     rng = rng_of(ground.seed, kind_of(task.spec), 1)
-    valves: list[dict[str, float]] = []
-    for form in (coarse, *((in_levels(coarse),) if coarse.spec.increments and task.spec.process == INTEGRATOR else ())):
+    # White noise hides slips in differences of y, and slips in the wrong place bend an integrator's levels.
+    forms, valves = [coarse], list[dict[str, float]]()
+    if task.spec.process == INTEGRATOR:
+        forms.append(in_levels(coarse, coarse.context.residual))
+    for form in forms:
         if parse(task.added)[0].natural is not None:
             found = valve_basins(form, task.added, np.zeros((1, 0)), fit, rng)
             valves += [form.named(v) for v in form.values(found[:_FOLLOWED]).T]

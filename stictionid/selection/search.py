@@ -202,7 +202,8 @@ class Search:
         """A node and effects to ask for beside it, once, where an answer may be another kind of valve; or None.
 
         Between samples of a command that moves, a valve that rests and one that slides look alike. A slip jump beyond
-        the stickband needs a friction below zero: the valve rests, or one that slides jumps past its place.
+        the stickband needs a friction below zero: the valve rests, or one that slides jumps past its place. So it may
+        where nothing is named and the free run is far from its innovations.
         """
         values, spec = entry.scored.done.evaluated.values, entry.spec
         odd = values["J"] > values["S"]
@@ -265,8 +266,9 @@ class Search:
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet and has them in narrow basins.
 
-        Under a command that is held a valve that rests has a basin for each sample of a slip. It takes a search on
-        growing parts of the record; elsewhere the scan of every look finds as much.
+        Under a command that is held a valve that rests has a basin for each sample of a slip, and in an integrator
+        every valve has. It takes a search on growing parts of the record; elsewhere the scan of every look finds as
+        much.
         """
         asked = [replace(t, stage=VALVES) for t in tasks
                  if t.on_valve and (t.spec.held or t.spec.process == INTEGRATOR)
