@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import parse
+from ..effects.contract import Place
 from ..fit.cross_validation import Held
 from ..fit.noise.completion import block_gains
 from ..fit.public_values import values_of
@@ -222,14 +223,16 @@ def _beyond_rounding(edge: Edge) -> str:
 
 
 def _sticks(edge: Edge) -> str:
-    """Reject an effect of friction, or a sinusoid, beside a valve that might as well follow its command.
+    """Reject an effect of friction or process, or a sinusoid, beside a valve that might as well follow its command.
 
     Without friction y answers its command at the period of the loop alone, and so does a sinusoid of that period: any
-    process with that gain and phase will do. A random walk leaves nothing to compare.
+    process with that gain and phase will do, and an inverse response may be the controller turned round. A random walk
+    leaves nothing to compare.
     """
     effect, child = parse(edge.name)[0], edge.child
     swings = any(p.name == "period_s" for p in effect.parameters)
-    if (effect.friction is None and not swings) or child.done.increments \
+    turned = effect.place is Place.PROCESS and not effect.by_itself
+    if (effect.friction is None and not swings and not turned) or child.done.increments \
             or child.without_friction > edge.policy.carried * child.rmse:
         return ""
     return "beside it the valve might as well follow its command"

@@ -17,7 +17,7 @@ from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended, longest_piece, search_model, with_start
-from ..fit.noise.completion import Refit, in_levels, restored
+from ..fit.noise.completion import Refit, restored
 from ..fit.starts.basins import grown, with_process
 from ..fit.starts.beside_effect import (
     RESTING,
@@ -221,17 +221,10 @@ def _valves(ground: Ground, task: Task) -> Packed:
     fit = ground.fit if any(changes(name) for name in task.spec.effects) else _beginning(ground.fit, samples)
     _, coarse = widened_by(fit, task.added)
     rng = rng_of(ground.seed, kind_of(task.spec), 1)
-    # White noise hides slips in differences of y, and slips in the wrong place bend an integrator's levels.
-    forms, valves = [coarse], list[dict[str, float]]()
-    if task.spec.process == INTEGRATOR:
-        forms.append(in_levels(coarse, coarse.context.residual))
-    for form in forms:
-        if parse(task.added)[0].natural is not None:
-            found = valve_basins(form, task.added, np.zeros((1, 0)), fit, rng)
-            valves += [form.named(v) for v in form.values(found[:_FOLLOWED]).T]
-        else:
-            valves += valves_of(undisturbed(form, fit.model, fit.values), rng)
-    return Packed(task.spec, task.added, valves=tuple(valves))
+    if parse(task.added)[0].natural is not None:
+        found = valve_basins(coarse, task.added, np.zeros((1, 0)), fit, rng)
+        return Packed(task.spec, task.added, valves=tuple(coarse.named(v) for v in coarse.values(found[:_FOLLOWED]).T))
+    return Packed(task.spec, task.added, valves=tuple(valves_of(undisturbed(coarse, fit.model, fit.values), rng)))
 
 
 def _beginning(fit: Fitted, samples: int) -> Fitted:

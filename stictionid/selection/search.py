@@ -16,7 +16,7 @@ from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import Refit
 from ..fit.starts.beside_effect import RESTING, narrow, on_valve
 from ..model.segments import bound
-from ..model.spec import INTEGRATOR, Spec
+from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Crew
@@ -207,7 +207,8 @@ class Search:
         """
         values, spec = entry.scored.done.evaluated.values, entry.spec
         odd = values["J"] > values["S"]
-        astray = spec.held and not depth(spec) and not entry.scored.nearly(self.policy)
+        astray = (spec.held and not depth(spec) and not entry.scored.nearly(self.policy)
+                  and self.spent < self.budget)
         if key(spec) in self.rested or self.spent >= 2 * self.budget or not (odd or astray or not spec.held):
             return None
         if RESTING in additions(spec, self.loop, self.only):
@@ -266,13 +267,11 @@ class Search:
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet and has them in narrow basins.
 
-        Under a command that is held a valve that rests has a basin for each sample of a slip, and in an integrator
-        every valve has. It takes a search on growing parts of the record; elsewhere the scan of every look finds as
-        much.
+        Under a command that is held a valve that rests has a basin for each sample of a slip. It takes a search on
+        growing parts of the record; elsewhere the scan of every look finds as much.
         """
         asked = [replace(t, stage=VALVES) for t in tasks
-                 if t.on_valve and (t.spec.held or t.spec.process == INTEGRATOR)
-                 and kind_of(t.spec) not in self.valves]
+                 if t.on_valve and t.spec.held and kind_of(t.spec) not in self.valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self._within_budget(crew, asked):
                 self.valves[kind_of(task.spec)] = answer.valves

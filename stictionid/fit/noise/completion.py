@@ -133,7 +133,7 @@ def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, orde
     found = _as_it_is(model, values, noise, order, rng)
     if not _has_levels(model, noise):
         return found
-    return better(found, _as_it_is(in_levels(model, found.evaluated.left), values, noise, order, rng))
+    return better(found, _as_it_is(_in_levels(model, found.evaluated), values, noise, order, rng))
 
 
 def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
@@ -161,10 +161,9 @@ def _has_levels(model: Model, noise: str) -> bool:
     return model.spec.increments and noise in (AUTOREGRESSIVE, RESONANT) and not has_noise(model.spec)
 
 
-def in_levels(model: Model, residual: FloatArray | None) -> Model:
-    """The same model, fitted to y itself and not to its differences; `residual` (n,) is that of the model so far."""
+def _in_levels(model: Model, evaluated: Evaluated) -> Model:
     return bound(model.loop, replace(model.spec, increments=False, taps=()), s_max=model.s_max,
-                 period_s=model.period_s, residual=residual)
+                 period_s=model.period_s, residual=evaluated.left)
 
 
 def better(found: Refit, other: Refit) -> Refit:
@@ -185,7 +184,7 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
     found = _completed(model, values, pool, rng, noise, order, descent)
     if not _has_levels(model, noise):
         return found
-    level = in_levels(model, found.evaluated.left)
+    level = _in_levels(model, found.evaluated)
     near = descended(level, level.cube(level.vector(found.model.named(found.values))[:, None]))
     return better(found, _completed(level, level.values(near.points[:1])[:, 0], None, rng, noise, order,
                                     descent))
