@@ -63,7 +63,7 @@ def test_a_step_that_looked_like_a_walk_is_found() -> None:
     ("extra-lag", 1.04, False)])
 def test_beside_a_valve_without_friction_no_effect_of_friction_and_no_sine_is_named(
         name: str, without: float, rejected: bool) -> None:
-    """Nor an inverse response, which may be the controller turned round."""
+    """An inverse response is rejected, too: it may be the controller turned round. A further lag is not."""
     child: Any = SimpleNamespace(done=SimpleNamespace(increments=False), rmse=1.0, without_friction=without)
     assert bool(dict(GATES)["friction"](Edge(name, child, child, Policy()))) is rejected
 
