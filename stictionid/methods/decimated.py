@@ -14,9 +14,9 @@ from ..fit.context import Run
 from ..fit.fit import Fitted, as_it_stands, held_out_error, one_run
 from ..fit.moves import descended, search_model, with_start
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS
-from ..model.rounding import step_of
 from ..model.segments import bound
 from ..model.spec import Evaluated, Spec
+from ..process.rounded import step_of
 from ..process.scan import DECIMATED, drawn, parts_of, pi_law
 from ..record.loop import Finding
 from ..record.preconditions import SAMPLES_PER_PERIOD

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ..process.rounded import step_of
 from ..record.loop import Loop
 from ..record.segments import described
 from ..typing import FloatArray
@@ -28,19 +29,6 @@ from .segments import bound
 _DRAWS, _QUANTILE = 8, 0.25
 # Rounding to less than this share of the stickband moves no stop by what could be seen. Unit: 1.
 _FINE = 2e-3
-# A step is one where all levels are whole multiples of it, to this share. Unit: 1.
-_WHOLE = 1e-3
-
-
-def step_of(output: FloatArray) -> float:
-    """The step in which an output (n,) was recorded, in its unit; 0 where its levels are no multiples of one."""
-    levels = np.unique(output[np.isfinite(output)])
-    apart = np.diff(levels)
-    apart = apart[apart > 1e-9 * max(float(np.abs(levels).max(initial=0.0)), 1e-300)]
-    if not apart.size:
-        return 0.0
-    step = float(apart.min())
-    return step if bool(np.all(np.abs(apart / step - np.rint(apart / step)) <= _WHOLE)) else 0.0
 
 
 def moved_by_rounding(loop: Loop, description: Mapping[str, Any], seed: int = 0) -> float:

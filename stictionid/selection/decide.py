@@ -15,8 +15,9 @@ from ..fit.noise.completion import banded
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
 from ..fit.starts.beside_effect import RESTING
-from ..model.rounding import moved_by_rounding, step_of
+from ..model.rounding import moved_by_rounding
 from ..model.spec import BASE, FIRST_ORDER, INTEGRATOR
+from ..process.rounded import step_of
 from ..process.scan import DECIMATED
 from ..record.loop import Loop
 from ..record.study import Candidate, Study

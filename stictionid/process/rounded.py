@@ -1,0 +1,49 @@
+"""Step in which an output was recorded, and the smoothest course that would have been recorded alike.
+
+A command that moves between samples is rebuilt from its differences, in which rounding is all noise: a slow one then
+stops at every other sample, and a valve that slides seems to rest. The parabolas of Savitzky and Golay take that noise
+away; a point never leaves the step in which it was recorded. Measured with the true models of eleven rounded loops of
+benchmarks/plants: BIC falls by up to 503, and rises by 45 in one. Wrong for an output that is computed from samples of
+a noisy y: that noise is the valve's command.
+
+Source: Savitzky and Golay 1964 (parabola through five points).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..typing import FloatArray
+
+# A step is one where all levels are whole multiples of it, to this share. Unit: 1.
+_WHOLE = 1e-3
+# Weights of five points for the parabola through them, at the middle one, and rounds of smoothing within the steps.
+_PARABOLA, _ROUNDS = np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35.0, 8
+
+
+def step_of(output: FloatArray) -> float:
+    """The step in which an output (n,) was recorded, in its unit; 0 where its levels are no multiples of one."""
+    levels = np.unique(output[np.isfinite(output)])
+    apart = np.diff(levels)
+    apart = apart[apart > 1e-9 * max(float(np.abs(levels).max(initial=0.0)), 1e-300)]
+    if not apart.size:
+        return 0.0
+    step = float(apart.min())
+    return step if bool(np.all(np.abs(apart / step - np.rint(apart / step)) <= _WHOLE)) else 0.0
+
+
+def derounded(output: FloatArray, jumps: FloatArray) -> FloatArray:
+    """An output (n,) made smooth within half a step of every sample; as it is where it was not rounded.
+
+    `jumps` (n,) are sudden moves that stay, such as kicks of the setpoint.
+    """
+    half = 0.5 * step_of(output)
+    if not half > 0.0 or output.size <= _PARABOLA.size:
+        return output
+    base = np.cumsum(jumps)
+    low, high = output - base - half, output - base + half
+    smooth, edge = output - base, _PARABOLA.size // 2
+    for _ in range(_ROUNDS):
+        smooth[edge:-edge] = np.convolve(smooth, _PARABOLA, "valid")
+        smooth = np.clip(smooth, low, high)
+    return smooth + base
