@@ -31,7 +31,7 @@ STAGES = (
     ("base model: swarm and descents", "fit.fit", "search"),
     ("base model: completion, held-out blocks", "fit.fit", "finish"),
     ("starts beside an effect", "selection.looks", "pool_of"),
-    ("another valve: its starts", "fit.starts.beside_effect", "valves_of"),
+    ("another valve: its starts", "fit.starts.beside_effect", "resting_valves"),
     ("another valve: growing records", "fit.starts.basins", "grown"),
     ("another process", "selection.looks", "_other_process"),
     ("scouting effects", "fit.with_effect", "scout"),

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from loops_with_effects import VISIBLE, loop_of, shown
-from test_grown import of_rest
 
 from stictionid.fit.fit import as_it_stands
 from stictionid.fit.starts.continuation import grown_valves
-from stictionid.fit.starts.windows import resting_valves, windowed_valves
 from stictionid.fit.with_effect import scout
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -97,8 +93,8 @@ def test_a_valve_that_stops_elsewhere_at_a_kick_is_no_disturbance() -> None:
     assert after.missing == ()
 
 
-def test_windows_find_a_stickband_that_grows_in_an_integrator() -> None:
-    """Parts that grow from the beginning end at valves that follow their command, a third of the true stickband."""
+def test_a_stickband_that_grows_is_found_in_an_integrator() -> None:
+    """Valves that follow their command fit as well on short parts, with a third of the true stickband."""
     setting, loop, (kind, bed), sd = loop_of(716, "stiction-drift", 0.01, 0.0, 1500)
     assert (kind, bed) == ("scan", "integrator")
     found = find_range(loop)
@@ -117,36 +113,8 @@ def test_a_valve_that_rests_is_found_beside_a_slow_stem() -> None:
     found = find_range(loop)
     model = Model(loop, Spec(effects=("re-sticking", "slew-limit")), s_max=swing_of(loop, found),
                   period_s=time_scale_s(loop, found))
-    points = resting_valves(model, ("slew-limit",), model.rows_of("re-sticking"), np.random.default_rng(0))
+    points = grown_valves(model, [0, 1, 2, *range(5, model.space.size)], np.random.default_rng(0))
     valves = model.values(points)
     rates = valves[model.rows_of("slew-limit").start] / dict(setting.effects)["slew-limit"]["rate"]
     apart = np.stack([valves[0] / setting.S, valves[1] / setting.J, rates]) - 1.0
     assert np.abs(apart).max(axis=0).min() < 0.25
-
-
-def test_windows_are_searched_where_the_valve_so_far_is_wrong() -> None:
-    model, columns, still = of_rest("chen")
-    slides = replace(model.spec, effects=("asymmetric-stiction",))
-    right = Model(model.loop, slides, s_max=model.s_max, period_s=model.period_s)
-    values = right.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 0.3,
-                           "dead_time_s": 1.0, "asymmetric-stiction:jump_difference": 2.0})
-    wrong = (right, values * np.where(np.arange(values.size) == 0, 0.7, 1.0))
-    assert windowed_valves(model, columns, still, np.random.default_rng(0), rival=wrong).size
-
-
-def test_windows_find_a_valve_that_rests_whatever_the_process_does() -> None:
-    """From a record that grows no seed found it: each slip waits for the one before."""
-    model, columns, still = of_rest("karnopp")
-    best = model.named(model.values(windowed_valves(model, columns, still, np.random.default_rng(0))[:1])[:, 0])
-    assert best["S"] == pytest.approx(5.0, rel=0.03)
-    assert best["J"] == pytest.approx(3.0, rel=0.06)
-    assert best["asymmetric-stiction:jump_difference"] == pytest.approx(2.0, rel=0.15)
-
-
-def test_windows_leave_nothing_where_the_valve_so_far_fits_them_as_well() -> None:
-    model, columns, still = of_rest("chen")
-    slides = replace(model.spec, effects=("asymmetric-stiction",))
-    right = Model(model.loop, slides, s_max=model.s_max, period_s=model.period_s)
-    values = right.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 0.3,
-                           "dead_time_s": 1.0, "asymmetric-stiction:jump_difference": 2.0})
-    assert not windowed_valves(model, columns, still, np.random.default_rng(0), rival=(right, values)).size

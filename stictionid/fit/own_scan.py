@@ -25,7 +25,7 @@ from .moves import as_held, descended, lifted, longest_piece, spreads, thinned, 
 from .starts.continuation import distinct, even
 
 # Points of the scan, periods of the first part, growth of the parts, and points that the first and the last leave.
-_SCAN, _PERIODS, _GROWTH, _LEFT = 120_000, 3.0, 1.6, (200, 8)
+_SCAN, _PERIODS, _GROWTH, _LEFT = 60_000, 3.0, 1.6, (120, 8)
 # Best points of the scan that get a descent, for each that the first part leaves; their distance, and that of points
 # that are kept (shares of a range).
 _DESCENDED, _APART, _NEAR = 4, 0.03, 0.004
@@ -106,7 +106,7 @@ def _searched(model: Model, name: str, values: FloatArray, without: FloatArray) 
         if now < cost:
             best, cost = points, now
         error = np.sqrt(cost / model.shared.rows)
-        if error < _OUT_OF_STEP * first or cost > _PROMISING / 2 * _cost_of(model, without):
+        if error < _OUT_OF_STEP * first or cost > _PROMISING * _cost_of(model, without):
             break
     return best
 

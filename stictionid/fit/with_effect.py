@@ -14,25 +14,24 @@ from ..effects import parse
 from ..model.model import Model
 from ..model.segments import bound
 from ..model.spec import BASE
-from ..numerics.population import Found, refine, swarm, together
+from ..numerics.population import Found, refine, together
 from ..typing import FloatArray
 from .fit import Fitted, polish_smooth
 from .moves import descended, search_model, spreads, with_start
 from .noise.completion import has_noise, quick
 from .own_scan import scanned_starts
 from .starts.basins import along_ridge, with_other_start, with_process
-from .starts.beside_effect import RESTING, across, guessed_valves, on_valve, stickbands, valve_basins
+from .starts.beside_effect import RESTING, across, guessed_valves, on_valve, open_valves, stickbands
 from .starts.continuation import distinct
 from .starts.niches import ALONE, PATIENCE, beyond_rest, herded
 from .starts.reparametrised import followed, ridge_of
 
-_ROAM, _SCOUTS = 2, 500
 _SETTLED = 1e-4
 # Turns of descent from every start, fall of the cost at which one has settled, and starts that then get a population.
 # The last number is twice the log-likelihood that the descent must have gained for a population.
 _GLANCE, _GLANCED, _KEPT, _PROMISING = 3, 1e-2, 4, 10.0
-# Rounds of the first look at an effect and of its swarm.
-_LOOK, _SWARM = 25, 14
+# Rounds of the first look at an effect.
+_LOOK = 25
 # Further polishes go on while each lowers the cost by this share, at most _TURNS times.
 _WORTH, _TURNS = 0.01, 4
 # Fine scans of S for the interval that all slips allow: reach either way (share), points, and slip jumps tried.
@@ -78,10 +77,10 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
           valves: FloatArray | None = None, polish: bool = True) -> Scouted:
     """The model with effect `name` added, searched far enough to decide on a full refit.
 
-    Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. Unless `far`
-    is False they include swarms over valve and effect on the one-step error, and a swarm over everything.
-    `valves` (k, d) are values of such valves found before; each gets a process that fits it. Then a scan of all valves
-    stands for the swarms over the valve. Without `polish` the search ends after a descent, an eighth of the work.
+    Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. An effect on
+    the valve also gets a scan of all valves beside the known process, and with `far` searches that assume no process.
+    `valves` (k, d) are values of such valves found before; each gets a process that fits it. Without `polish` the
+    search ends after a descent, an eighth of the work.
     """
     model, coarse = widened_by(fit, name)
     spec = model.spec
@@ -101,20 +100,17 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     each = costs[1:].reshape(len(pool), len(guesses))
     best = 1 + np.arange(len(pool)) * len(guesses) + each.argmin(axis=1)
     warm = cube[np.append(best, 0)]
-    fresh = roam = np.empty((0, model.space.size))
+    fresh = np.empty((0, model.space.size))
     if valves is not None and len(valves):
         fresh = np.concatenate([coarse.cube(valves.T), with_process(coarse, coarse.cube(valves.T))])
-    if (valves is not None or not far) and on_valve(effect) and guesses.size and effect.scan is None:
-        valve = guessed_valves(coarse, name, guesses, coarse.vector(others), far)
-        fresh = np.concatenate([fresh, valve, with_process(coarse, valve)])
     if effect.scan is not None:
         fresh = np.concatenate([scanned_starts(coarse, name, coarse.vector(others), far), fresh])
-    if far:
-        if valves is None and effect.kind in "FT" and guesses.size:
-            fresh = np.concatenate([fresh, valve_basins(coarse, name, guesses, fit, rng)])
-        roam = swarm(coarse.costs, coarse.space.size, rng, groups=1, particles=40, rounds=_SWARM,
-                     scouts=_SCOUTS).points[:_ROAM]
-    near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh, roam])), turns=_GLANCE, settle=_GLANCED)
+    elif on_valve(effect) and guesses.size:
+        valve = guessed_valves(coarse, name, guesses, coarse.vector(others))
+        fresh = np.concatenate([fresh, valve, with_process(coarse, valve)])
+        if far:
+            fresh = np.concatenate([open_valves(coarse, name, fit, rng), fresh])
+    near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh])), turns=_GLANCE, settle=_GLANCED)
     if len(fresh) and effect.friction is not None and spec.held:
         near = together(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
                                      rounds=_LOOK, population=14, settle=_SETTLED))

@@ -212,10 +212,10 @@ def _beyond_rest(edge: Edge) -> str:
 def _beyond_rounding(edge: Edge) -> str:
     """Reject an effect on the valve that takes no more from the free run than the rounding of the output puts there.
 
-    A rounded output makes single slips early or late, and a few numbers more of a valve put some of them right. A
-    random walk leaves nothing to compare.
+    A rounded output makes single slips early or late, and a few numbers more of a valve put some of them right, but
+    never most of many. A random walk leaves nothing to compare.
     """
-    if not on_valve(parse(edge.name)[0]) or edge.child.done.increments:
+    if not on_valve(parse(edge.name)[0]) or edge.child.done.increments or edge.halved:
         return ""
     if not by_rounding(edge.parent.rmse, edge.child.rmse, edge.parent.moved):
         return ""
@@ -231,8 +231,8 @@ def _sticks(edge: Edge) -> str:
     """
     effect, child = parse(edge.name)[0], edge.child
     swings = any(p.name == "period_s" for p in effect.parameters)
-    turned = effect.place is Place.PROCESS and not effect.by_itself
-    if (effect.friction is None and not swings and not turned) or child.done.increments \
+    shapes = effect.place is Place.PROCESS and not effect.by_itself
+    if (effect.friction is None and not swings and not shapes) or child.done.increments \
             or child.without_friction > edge.policy.carried * child.rmse:
         return ""
     return "beside it the valve might as well follow its command"

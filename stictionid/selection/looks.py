@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..effects import parse
-from ..effects.contract import Place
 from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
 from ..fit.fit import Fitted, as_it_stands
@@ -22,12 +21,11 @@ from ..fit.starts.basins import grown, with_process
 from ..fit.starts.beside_effect import (
     RESTING,
     changes,
-    narrow,
     on_valve,
+    open_valves,
+    resting_valves,
     starting_pool,
     undisturbed,
-    valve_basins,
-    valves_of,
 )
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
 from ..fit.starts.niches import herded
@@ -45,8 +43,6 @@ from .score import WALKING, Scored, completed, glanced
 
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
-# Valves kept of those that were followed along a curve of equal cost.
-_FOLLOWED = 2
 # Stages of a task: a search for valves, a look from what is known, one with swarms; then a look polished.
 VALVES, NEAR, FAR, CLOSER = "valves", "near", "far", "closer"
 
@@ -145,7 +141,8 @@ def performed(ground: Ground, task: Task) -> Packed:
 
 def pool_of(fit: Fitted, seed: int) -> FloatArray:
     """Starting values (k, 5) of the base for all children of a node."""
-    return starting_pool(fit.model, fit.values, rng_of(seed, key(fit.model.spec), 0))
+    # With one generator for all nodes, those that know the same disturbances have the same valves.
+    return starting_pool(fit.model, fit.values, rng_of(seed, "pool", 0))
 
 
 def rng_of(seed: int, name: str, stage: int) -> np.random.Generator:
@@ -200,18 +197,16 @@ def _closer(ground: Ground, task: Task) -> Packed:
 def kind_of(spec: Spec) -> str:
     """The effects on the valve of a node, and its command between samples: nodes of one kind have the same valves.
 
-    A valve that only rests is found together with its process, on the record less what disturbs it. So these belong to
-    its kind. To that of one that overshoots its process belongs.
+    A valve that only rests is found with its process, on the record less what disturbs it. So these belong to its kind.
     """
     valve = sorted(n for n in spec.effects if on_valve(parse(n)[0]))
-    process = [spec.process, *(n for n in spec.effects if parse(n)[0].place is Place.PROCESS)]
     beside = [n for n in spec.effects if plain(n) in BASE_EFFECTS or parse(n)[0].columns]
-    words = [spec.process, *beside] if valve == [RESTING] else process if any(map(narrow, valve)) else []
+    words = [spec.process, *beside] if valve == [RESTING] else []
     return f"{' + '.join(valve)} {spec.between} {' + '.join(words)}".rstrip()
 
 
 def _valves(ground: Ground, task: Task) -> Packed:
-    """Valves of the child's kind, found on growing parts of the record: once for each kind and record.
+    """Valves that may rest, of the child's kind, found on growing parts of the record: once for each kind and record.
 
     An integrator adds up its slips, so that a valve found on a part misses slips of the rest.
     """
@@ -221,10 +216,11 @@ def _valves(ground: Ground, task: Task) -> Packed:
     fit = ground.fit if any(changes(name) for name in task.spec.effects) else _beginning(ground.fit, samples)
     _, coarse = widened_by(fit, task.added)
     rng = rng_of(ground.seed, kind_of(task.spec), 1)
-    if parse(task.added)[0].natural is not None:
-        found = valve_basins(coarse, task.added, np.zeros((1, 0)), fit, rng)
-        return Packed(task.spec, task.added, valves=tuple(coarse.named(v) for v in coarse.values(found[:_FOLLOWED]).T))
-    return Packed(task.spec, task.added, valves=tuple(valves_of(undisturbed(coarse, fit.model, fit.values), rng)))
+    if sum(map(on_valve, coarse.effects)) > 1:
+        found = [coarse.named(column) for column in coarse.values(open_valves(coarse, task.added, fit, rng)).T]
+    else:
+        found = resting_valves(undisturbed(coarse, fit.model, fit.values), rng)
+    return Packed(task.spec, task.added, valves=tuple(found))
 
 
 def _beginning(fit: Fitted, samples: int) -> Fitted:
@@ -270,7 +266,9 @@ def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     mine = {n for n in coarse.names if on_valve(parse(n)[0])}
     valves = [coarse.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
               for named in known]
-    found = scout(ground.fit, task.added, ground.pool, rng, far=task.stage != NEAR,
+    # Nodes of one kind have the same valves, so that these are searched once for a record.
+    of_kind = rng if task.stage == NEAR else rng_of(ground.seed, f"{FAR} {kind_of(task.spec)}", 1)
+    found = scout(ground.fit, task.added, ground.pool, of_kind, far=task.stage != NEAR,
                   valves=np.array(valves).reshape(-1, coarse.space.size), polish=task.stage == FAR)
     for _ in range(2 if task.stage == FAR else 0):
         before = found.gain

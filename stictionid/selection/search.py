@@ -14,12 +14,13 @@ from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import Refit
-from ..fit.starts.beside_effect import RESTING, narrow, on_valve
+from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.segments import bound
 from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Crew
+from .doubts import odd, rests_instead, slips_like_rests
 from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry, broken
 from .gates import Edge, judged, judged_change
 from .looks import (
@@ -50,11 +51,12 @@ from .node import (
     physical,
     plain,
     what_of,
+    with_effect,
     without,
 )
 from .policy import Policy
 from .score import Scored, completed
-from .waiting import better_base, ranked, waiting
+from .waiting import better_base, ranked, useless_looks, waiting
 
 
 @dataclass(slots=True)
@@ -114,8 +116,8 @@ class Search:
             self._ask(*doubted)
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True)
-        if late and self.only is None and not self.slow and not best.scored.explained(self.policy):
-            self._ask(base, late)
+        if late and self.only is None and not self.slow and not self._carried(best):
+            self._ask(base, late, beside=best)
             best = self._walked()
         return best
 
@@ -159,27 +161,31 @@ class Search:
         entry.asked, before = Asked.BY_NEAR, entry.scored.done
         ground, tasks = self._opened(entry, "expanding")
         if not any(on_valve(effect) for effect in ground.fit.model.effects):
-            # A valve that rests is as common as one that slides, and its basin is far from there. So is that of one
-            # that overshoots.
-            self._search_valves(ground, [t for t in tasks if narrow(t.added)])
+            # A valve that rests is as common as one that slides, and its basin is far from there.
+            self._search_valves(ground, [t for t in tasks if t.added == RESTING])
         self._finish(ground, entry, self._looked(ground, entry, tasks))
         self._lighten()
-        if entry.op == ROOT and (self.only is None or self.blurred):
+        if (entry.op == ROOT and (self.only is None or self.blurred)) or (self.commands and entry is self.best()):
             self._structures(entry)
         if entry.scored.done.gain_over(before) > self.policy.margin:
             entry.asked = Asked.NOTHING
 
     def expand_far(self, entry: Entry) -> None:
-        """Look at the effects on the valve of a node once more, with a finer scan of valves and a swarm."""
+        """Look at effects on the valve beside a node and one that rests, with searches that assume no process."""
         entry.asked = Asked.BY_FAR
-        ground, _ = self._opened(entry, "searching valves beside")
-        # A near look ends in the basin of a wrong valve, but its scan of all valves shows where another one helps.
-        known = {key(e.spec): e.scored for e in self.memo.values() if not e.failed}
-        tasks = [t for t in edges(ground.fit.model.spec, self.loop, self.only, ()) if t.on_valve
-                 and (key(t.spec) not in known or known[key(t.spec)].rmse * self.policy.free_run < entry.scored.rmse)]
-        tasks.sort(key=lambda t: -known.get(key(t.spec), entry.scored).done.gain_over(entry.scored.done))
-        far = self._performed(ground, entry, [replace(t, stage=FAR) for t in tasks])
-        self._finish(ground, entry, [a for a in far if self._better(a)])
+        useless, rests = useless_looks(self.memo, entry), key(with_effect(entry.spec, RESTING))
+        for name in dict.fromkeys((key(entry.spec), rests)):
+            base = self.memo.get(name)
+            if base is None or base.failed or not base.scored.full:
+                continue
+            ground, _ = self._opened(base, "searching valves beside")
+            known = {key(e.spec): e.scored for e in self.memo.values() if not e.failed}
+            beside = name != rests and rests in known and known[rests].full
+            tasks = [t for t in edges(ground.fit.model.spec, self.loop, self.only, ()) if t.on_valve
+                     and t.added not in useless and (not beside or parse(t.added)[0].slides)]
+            tasks.sort(key=lambda t: -known.get(key(t.spec), base.scored).done.gain_over(base.scored.done))
+            far = self._performed(ground, base, [replace(t, stage=FAR) for t in tasks])
+            self._finish(ground, base, [a for a in far if self._better(a)])
 
     def _opened(self, entry: Entry, words: str) -> tuple[Ground, list[Task]]:
         """A node as the ground of looks, and its edges; `words` say for which."""
@@ -188,32 +194,38 @@ class Search:
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         return ground, self._edges(entry, fit.model.spec)
 
-    def _ask(self, entry: Entry, names: Sequence[str], *, changes: bool = False) -> None:
-        """Ask beside a node for effects that are not fitted yet, and with `changes` for those of structure."""
+    def _ask(self, entry: Entry, names: Sequence[str], *, changes: bool = False, beside: Entry | None = None) -> None:
+        """Ask beside a node for effects that are not fitted yet, and with `changes` for those of structure.
+
+        A search that begins with parts of the record ends where it does not leave less than another node, `beside`.
+        """
         ground, tasks = self._opened(entry, f"asking for {names[0]} beside")
+        if beside is not None:
+            left = replace(ground.fit.best, residual=beside.scored.done.evaluated.left, followed=None)
+            ground = replace(ground, fit=replace(ground.fit, best=left))
         asked = [adding(ground.fit.model.spec, name) for name in names]
         asked = [*filter(self._unfitted, asked), *(t for t in tasks if changes and not t.added)]
         spent, self.spent = self.spent, self.spent if changes else 0  # (a last question takes few looks)
-        self._search_valves(ground, [t for t in asked if narrow(t.added)])
+        self._search_valves(ground, [t for t in asked if t.added == RESTING])
         self._finish(ground, entry, self._looked(ground, entry, asked))
         self.spent += 0 if changes else spent
 
     def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
-        """A node and effects to ask for beside it, once, where an answer may be another kind of valve; or None.
-
-        Between samples of a command that moves, a valve that rests and one that slides look alike. A slip jump beyond
-        the stickband needs a friction below zero: the valve rests, or one that slides jumps past its place. So it may
-        where nothing is named and the free run is far from its innovations.
-        """
-        values, spec = entry.scored.done.evaluated.values, entry.spec
-        odd = values["J"] > values["S"]
-        astray = (spec.held and not depth(spec) and not entry.scored.nearly(self.policy)
-                  and self.spent < self.budget)
-        if key(spec) in self.rested or self.spent >= 2 * self.budget or not (odd or astray or not spec.held):
+        """A node and effects to ask for beside it, once, where an answer may be another kind of valve; or None."""
+        spec = entry.spec
+        if key(spec) in self.rested or self.spent >= 2 * self.budget:
+            return None
+        if slips := slips_like_rests(spec):
+            before = self.dropped(entry, slips)
+            kind = kind_of(with_effect(before.spec, RESTING))
+            self.valves[kind] = (rests_instead(entry.scored.done, slips), *self.valves.get(kind, ()))
+            return (before, (RESTING,)) if RESTING in additions(before.spec, self.loop, self.only) else None
+        doubtful = odd(entry, self.policy, lasting=self.spent < self.budget)
+        if not doubtful and spec.held:
             return None
         if RESTING in additions(spec, self.loop, self.only):
             return entry, (RESTING,)
-        if not (odd or astray) or RESTING not in spec.effects or self._only_noise(entry):
+        if not doubtful or RESTING not in spec.effects or self._only_noise(entry):
             return None
         slides = self.dropped(entry, RESTING)
         names = tuple(n for n in additions(slides.spec, self.loop, self.only) if parse(n)[0].slides)
@@ -224,10 +236,11 @@ class Search:
         queue, seen = [entry], {key(entry.spec)}
         while queue and not self._only_noise(self.best()):
             base = queue.pop(0)
-            if base is not entry:
+            if base is not entry and RESTING in additions(base.spec, self.loop, self.only):
                 self._ask(base, (RESTING,), changes=True)
             for e in list(self.memo.values()):
-                if e.op == SWAP and not physical(e.spec) and not e.failed and key(e.spec) not in seen \
+                if e.op == SWAP and physical(e.spec) == physical(entry.spec) and not e.failed \
+                        and key(e.spec) not in seen \
                         and e.scored.done.gain_over(self.best().scored.done) > -self.policy.within:
                     seen.add(key(e.spec))
                     queue.append(e)
@@ -265,13 +278,8 @@ class Search:
         return known
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
-        """Find the valves of every kind that is not known yet and has them in narrow basins.
-
-        Under a command that is held a valve that rests has a basin for each sample of a slip. It takes a search on
-        growing parts of the record; elsewhere the scan of every look finds as much.
-        """
-        asked = [replace(t, stage=VALVES) for t in tasks
-                 if t.on_valve and t.spec.held and kind_of(t.spec) not in self.valves]
+        """Find the valves of every kind that is not known yet, on growing parts of the record."""
+        asked = [replace(t, stage=VALVES) for t in tasks if kind_of(t.spec) not in self.valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self._within_budget(crew, asked):
                 self.valves[kind_of(task.spec)] = answer.valves
@@ -354,16 +362,18 @@ class Search:
         by_score = sorted(looks, key=lambda a: -gains[key(a.spec)])
         by_free_run = sorted(looks, key=lambda a: self.memo[key(a.spec)].scored.rmse)
         queue = list(dict.fromkeys([key(a.spec) for a in (*by_score[:1], *by_free_run[:1], *by_score)]))
-        answers = {key(a.spec): a for a in looks}
+        answers, freest = {key(a.spec): a for a in looks}, {key(a.spec) for a in by_free_run[:self.policy.finalists]}
         best, count = -np.inf, 0
         for name in queue:
             answer = answers[name]
             structural = depth(answer.spec) == 0 and better_base(self.memo, self.memo[name], self.policy)
+            # A rough place of a disturbance costs innovations, but it takes most of the free run.
+            halves = name in freest and 2 * self.memo[name].scored.rmse <= entry.scored.rmse
             freer = self.memo[name].scored.rmse * self.policy.better_base < entry.scored.rmse
             late = count >= self.policy.finalists or gains[name] < max(0.0 if freer else best - self.policy.within, 0.0)
             # Beside noise alone a look that gains nothing is no lead.
             least = 0.0 if entry.scored.noise_alone else -self.policy.within
-            if ((late and count) or gains[name] < least) and not structural:
+            if ((late and count) or gains[name] < least) and not structural and not halves:
                 continue
             # The best look is fitted even where the budget ended with the looks.
             done = self._performed(ground, entry, [Task(answer.spec, answer.added, look=answer)], always=not count)
@@ -415,6 +425,15 @@ class Search:
     def _only_noise(self, entry: Entry) -> bool:
         """True where an entry leaves noise of short memory, or is explained."""
         return entry.scored.noise_alone or self._explained(entry)
+
+    def _carried(self, entry: Entry) -> bool:
+        """True where an entry leaves only noise and its noise model carries less than half of the free run, or walks.
+
+        A positioner that hunts came out as coloured noise, with S 31 % off.
+        """
+        scored = entry.scored
+        return (scored.white and scored.done.increments) or (
+            self._only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
 
     def _explained(self, entry: Entry) -> bool:
         """True where an entry leaves white innovations and its noise model carries little of the free run."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ..model.spec import INTEGRATOR
 from .entry import ADD, Asked, Entry
 from .node import depth, key
 from .policy import Policy
@@ -34,8 +35,9 @@ def waiting(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
     rest = [e for e in whole if not e.asked]
     if rest and rest[0].scored.white:
         return rest[:1]
-    if rest and rest[0] is whole[0] and depth(whole[0].spec) and whole[0].scored.nearly(policy):
-        return [*rest, *far]  # (its free run is hardly more than its innovations: nothing hides a base)
+    free = [e for e in rest if depth(e.spec) and _frees(memo, e)]
+    if free or (rest and rest[0] is whole[0] and depth(whole[0].spec) and whole[0].scored.nearly(policy)):
+        return [*free, *(e for e in rest if e not in free), *far]  # (nothing hides a base)
     unasked = [e for e in memo.values() if not e.asked and not e.failed and not depth(e.spec)]
     bases = [e for e in unasked if e.scored.full
              and ((not only_some and e is whole[0]) or better_base(memo, e, policy))]
@@ -49,19 +51,40 @@ def waiting(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
     return found or ([] if only_some or ranked(memo)[0].scored.white else sorted(unasked, key=_bic))
 
 
+def _frees(memo: Memo, entry: Entry) -> bool:
+    """True where the free run of an entry is half of that of every base, or less."""
+    bases = [e.scored.rmse for e in memo.values() if not depth(e.spec) and not e.failed and e.scored.full]
+    return 2 * entry.scored.rmse <= min(bases, default=0.0)
+
+
 def better_base(memo: Memo, entry: Entry, policy: Policy) -> bool:
-    """True for a root, and for a node whose free run is clearly better than its parent's."""
+    """True for a root, and for a node whose free run is clearly better than that of its parent and of asked bases."""
     before = memo.get(entry.parent or "")
-    return before is None or entry.scored.rmse * policy.better_base < before.scored.rmse
+    if before is None:
+        return True
+    asked = [e.scored.rmse for e in memo.values() if e.asked and not depth(e.spec) and not e.failed]
+    return entry.scored.rmse * policy.better_base < min([before.scored.rmse, *asked])
+
+
+def useless_looks(memo: Memo, entry: Entry) -> set[str]:
+    """Effects whose looks beside an entry gained nothing, where its innovations are white; elsewhere none.
+
+    An integrator is fitted in differences of y, which hide in white innovations what its level shows.
+    """
+    if not entry.scored.white or entry.spec.process == INTEGRATOR:
+        return set()
+    return {e.what for e in memo.values() if e.parent == key(entry.spec) and e.op == ADD and not e.failed
+            and e.scored.done.gain_over(entry.scored.done) <= 0.0}
 
 
 def _before(memo: Memo, entry: Entry, policy: Policy) -> Entry:
-    """An entry, or its parent where it hardly lowers the free run, or a rival does as well; of bases the freest."""
-    parent, least = memo.get(entry.parent or ""), policy.better_base * entry.scored.rmse
+    """An entry, or its parent where it does not halve the free run, or a rival does as well; of bases the freest."""
+    parent = memo.get(entry.parent or "")
     if depth(entry.spec) and parent is not None and parent.asked == Asked.BY_NEAR:
+        least = policy.better_base * entry.scored.rmse
         rival = any(e.parent == entry.parent and e.op == ADD and e is not entry and not e.failed and e.scored.full
                     and e.scored.rmse < least for e in memo.values())
-        entry = parent if rival or (not entry.asked and least > parent.scored.rmse) else entry
+        entry = parent if rival or (not entry.asked and 2 * entry.scored.rmse > parent.scored.rmse) else entry
     alike = [e for e in memo.values() if e.asked == Asked.BY_NEAR and not e.failed and not depth(e.spec)]
     return min(alike, key=lambda e: e.scored.rmse) if alike and not depth(entry.spec) else entry
 
