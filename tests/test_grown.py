@@ -168,7 +168,7 @@ def test_the_criterion_does_not_depend_on_the_unit_of_y(unit: float) -> None:
 
 
 def test_a_valve_that_rests_is_found_beside_a_slow_stem_whatever_the_process() -> None:
-    """Beside the process of the model so far, its dead time 5 s too long, every look ended with S 13 % too small."""
+    """Looks beside the process of the model so far, its dead time 5 s too long, ended with S 13 % too small."""
     plant = plant_of("one", 80, 41_000)
     loop, truth = loop_of_plant(plant), plant.truth
     assert truth["hidden"] == ["slew-limit"] and truth["levels"]["valve"] == "resting"

@@ -4,7 +4,7 @@ Valve, process and effect are scanned together, because the process of a model w
 Most of the many local minima of the first part fail on the next one; each part leaves fewer points. On a whole record
 a slip that comes or fails puts the rest out of step, and the basin is a thousandth wide. Measured on 14 loops whose
 positioner integrates (plants/beyond.py, seed 47000): within 2 % of the true S in all of them, two of these after a
-second search.
+second search. (With twice the points; with today's 7 of 8 are named, seed 41008.)
 Source: METHODS.md section 4, trap 3.
 """
 
@@ -35,8 +35,8 @@ _TURNS, _ROUNDS, _POPULATION, _SPREAD, _SETTLED = 6, 20, 14, 0.4, 1e-3
 _STEPS, _ABOUT, _DRAWS, _CLOSE = (0.08, 0.05, 0.03, 0.02, 0.012, 0.008, 0.005, 0.003), 6, 600, 0.002
 _LATE, _OWN = 0.07, 0.3
 # Most searches of a record. Another one follows where the last left more than this multiple of the error of its first
-# part, but less than half of this share of the squared error without the effect. The first part must leave less than
-# the share: its many numbers fit a few periods better in any case.
+# part, but less than this share of the squared error without the effect. The first part must leave less than the share,
+# too: its many numbers fit a few periods better in any case. Fifteen positioners left 0.002 to 0.16 there.
 _SEARCHES, _OUT_OF_STEP, _PROMISING = 3, 1.6, 0.5
 # Periods from which a part that is no better than without the effect ends a search.
 _ENOUGH = 8.0

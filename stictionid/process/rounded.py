@@ -3,8 +3,8 @@
 A command that moves between samples is rebuilt from its differences, in which rounding is all noise: a slow one then
 stops at every other sample, and a valve that slides seems to rest. The parabolas of Savitzky and Golay take that noise
 away; a point never leaves the step in which it was recorded. Measured with the true models of eleven rounded loops of
-benchmarks/plants: BIC falls by up to 503, and rises by 45 in one. Wrong for an output that is computed from samples of
-a noisy y: that noise is the valve's command.
+benchmarks/plants: BIC falls by up to 503, and rises by 45 at the most. Wrong for an output that is computed from
+samples of a noisy y: that noise is the valve's command.
 
 Source: Savitzky and Golay 1964 (parabola through five points).
 """

@@ -43,7 +43,7 @@ from .score import WALKING, Scored, completed, glanced
 
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
-# Stages of a task: a search for valves, a look from what is known, one with swarms; then a look polished.
+# Stages of a task: a search for valves, a look from what is known, one with an open process; then a look polished.
 VALVES, NEAR, FAR, CLOSER = "valves", "near", "far", "closer"
 
 

@@ -29,13 +29,11 @@ from ..moves import (
     thinning,
     with_start,
 )
-from .continuation import LEAST_S, open_bank, open_costs
+from .continuation import LEAST_S, SPARSE_PACE, open_bank, open_costs
 
 GROUPS = 3
 _PARTICLES, _ROUNDS, _SCOUTS = 20, 12, 300
 _DELAYS = 6
-# Samples from one PV to the next, on average and beyond one, from which no difference equation holds between them.
-_NEAR_PACE = 0.25
 _ROAMERS, _ROAM_ROUNDS = 1, 25
 # Valves of an even scan, and how many of them get a polish. Then the one lag in samples and the longest dead time in
 # periods. Last the steps of the sequence (powers of the root of x^4 = x + 1).
@@ -92,7 +90,7 @@ def valve_costs(model: Model) -> Callable[[FloatArray], FloatArray]:
 
     Where PV is missing too often for one to hold from each PV to the next, the free run of a few lags together.
     """
-    if model.pace > 1.0 + _NEAR_PACE:
+    if model.pace > SPARSE_PACE:
         bank = open_bank(model)
         return lambda values: np.where(values[0] >= LEAST_S * model.s_max, open_costs(model, bank, values), np.inf)
     longest = int(np.clip(0.4 * model.period_s / model.step_s, 1, 60))

@@ -35,7 +35,8 @@ _ROUGH = 2e-3
 _UNSEEN = 0.01
 # The same ratio for what the command's noise has beyond rounding, where rounding is more than half of it. Measured on
 # 199 loops of benchmarks/plants with a rounded output: scanned 0.36 and more, moving less than 0.1 on 63 of 100. Then
-# the noise of y, as a multiple of that of rounding, from which 1,500 samples show the difference.
+# the noise that y would give the command, as a multiple of that of rounding, from which the difference shows: 20 of 21
+# moving loops that were recognised lie above.
 _BEYOND, _SHOWS = 0.1, 1.6
 # Correlation of the fastest changes of u and y (see `noise_shared`) below which the command moved between samples, and
 # the value for records that tell nothing. Measured on 96 loops of benchmarks/plants (P, PI, PID, gap; noise of four
@@ -71,12 +72,12 @@ def may_move(loop: Loop) -> bool:
     A noisy command has no corners to find. Rounding is no such noise.
     """
     u = loop.output[loop.driven]
-    return _beyond_rounding(noise_of(u), loop) < _ROUGH * float(np.ptp(u)) and not ran_with_samples(loop)
+    return _beyond(noise_of(u), step_of(loop.output)) < _ROUGH * float(np.ptp(u)) and not ran_with_samples(loop)
 
 
-def _beyond_rounding(noise: float, loop: Loop) -> float:
-    """The noise of a command beyond that of its rounding, uniform in each step."""
-    return float(np.sqrt(max(noise**2 - step_of(loop.output) ** 2 / 12.0, 0.0)))
+def _beyond(noise: float, step: float) -> float:
+    """The noise of a command beyond that of its rounding to a step, uniform in each."""
+    return float(np.sqrt(max(noise**2 - step**2 / 12.0, 0.0)))
 
 
 def surely_moves(loop: Loop) -> bool:
@@ -91,14 +92,15 @@ def surely_moves(loop: Loop) -> bool:
         return False
     fastest, noise_of_y = np.sort(np.abs(np.diff(u, 3))), noise_of(y)
     noise = float(np.mean(fastest[:int(_MOSTLY * fastest.size)])) / _MEAN / np.sqrt(20.0)
-    beyond = _beyond_rounding(noise, loop)
+    step = step_of(loop.output)
+    beyond = _beyond(noise, step)
     rounded = 2.0 * beyond < noise
     expected = swings[0] * noise_of_y / swings[1]
     unseen = noise < _UNSEEN * expected
-    if rounded and expected > _SHOWS * step_of(loop.output) / np.sqrt(12.0):
+    if rounded and expected > _SHOWS * step / np.sqrt(12.0):
         unseen = beyond < _BEYOND * expected
     # Rounding is noise of its own, and straight lines have lost theirs.
-    own = _ROUNDED * step_of(loop.output) > np.median(fastest)
+    own = _ROUNDED * step > np.median(fastest)
     noisy = noise_of_y >= _NOISY * swings[1] and not own
     return (unseen or (noisy and abs(noise_shared(loop)) < _APART)) and may_move(loop)
 
