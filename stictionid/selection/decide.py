@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import parse
-from ..fit.noise.completion import banded
+from ..fit.noise.completion import banded, stroke_score
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
-from ..fit.starts.beside_effect import RESTING
+from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.rounding import moved_by_rounding
 from ..model.spec import BASE, FIRST_ORDER, INTEGRATOR
 from ..process.rounded import step_of
@@ -24,7 +24,7 @@ from ..record.study import Candidate, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
 from .entry import ADD, DROP, SWAP, Entry
-from .gates import margin_of
+from .gates import chance_limit, margin_of
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import LAG, key, other_process, physical, without
 from .policy import Policy
@@ -127,19 +127,24 @@ def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
         for name in (n for n in physical(winner.spec) if n not in keep):
             known = (search.dropped(winner, name), *_known_without(search, winner, name))
             loss, least = min(((_loss(winner.scored, e, name), e) for e in known), key=lambda found: found[0])
-            if loss < margin_of(name, search.policy) or _idle(search, winner.scored, least.scored):
+            if loss < margin_of(name, search.policy) or _idle(search, winner.scored, least.scored, name):
                 cheap.append((loss, least))
         if not cheap:
             return winner
         winner = min(cheap, key=lambda found: found[0])[1]
 
 
-def _idle(search: Search, winner: Scored, without: Scored) -> bool:
-    """True where the record is slower than the scan and a model does hardly better than one `without` an effect."""
+def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
+    """True where the record is slower than the scan and a model does hardly better than one `without` an effect.
+
+    An effect on the valve does hardly better, too, where few strokes carry its gain: unseen scans move single slips.
+    """
     policy = search.policy
+    few = on_valve(parse(name)[0]) and without.rmse < 2 * winner.rmse \
+        and stroke_score(without.done, winner.done) < chance_limit(policy)
     freer = without.rmse > policy.better_base * winner.rmse
     sharper = winner.done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd
-    return search.slow and not winner.bare(policy) and not freer and not sharper
+    return search.slow and (few or not (winner.bare(policy) or freer or sharper))
 
 
 def _loss(winner: Scored, without: Entry, name: str) -> float:

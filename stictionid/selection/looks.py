@@ -366,14 +366,22 @@ def fitted_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator,
     return completed(model, values, fit.values[None, :len(BASE)], rng, policy)
 
 
-def handed_back(fit: Fitted, children: Sequence[Scored], policy: Policy) -> FloatArray | None:
-    """Values (d,) of a node polished from those of its children; None where they do no better."""
-    known = fit.model.named(fit.values)
-    starts = np.stack([fit.model.vector({n: v for n, v in c.done.model.named(c.done.values).items() if n in known})
-                       for c in children], axis=1)
-    values = fit.model.values(descended(fit.model, fit.model.cube(starts)).points[:1])[:, 0]
-    better = glanced(fit.model, values).gain_over(glanced(fit.model, fit.values)) > policy.better_fit
-    return values if better else None
+def handed_back(fit: Fitted, children: Sequence[Scored], policy: Policy) -> tuple[Model, FloatArray] | None:
+    """A node's model and values (d,) from those of its children, polished or as they are; None where none is better.
+
+    A node in differences of y is tried in levels, too.
+    """
+    known, before, best = fit.model.named(fit.values), glanced(fit.model, fit.values), None
+    for model in (fit.model, _bound(fit, node(fit.model.spec, soft=False)))[:1 + fit.model.spec.increments]:
+        starts = np.stack([model.vector({n: v for n, v in c.done.model.named(c.done.values).items()
+                                         if n in known}) for c in children], axis=1)
+        cube = model.cube(starts)
+        # A descent in the free run may leave a basin that only the innovations show.
+        for values in model.values(np.concatenate([descended(model, cube).points[:1], cube])).T:
+            found = glanced(model, values)
+            if found.gain_over(before) > policy.better_fit:
+                before, best = found, (model, values)
+    return best
 
 
 def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:

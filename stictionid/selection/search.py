@@ -165,7 +165,8 @@ class Search:
             self._search_valves(ground, [t for t in tasks if t.added == RESTING])
         self._finish(ground, entry, self._looked(ground, entry, tasks))
         self._lighten()
-        if (entry.op == ROOT and (self.only is None or self.blurred)) or (self.commands and entry is self.best()):
+        if (entry.op == ROOT and (self.only is None or self.blurred or self.commands)) \
+                or (self.commands and entry is self.best()):
             self._structures(entry)
         if entry.scored.done.gain_over(before) > self.policy.margin:
             entry.asked = Asked.NOTHING
@@ -304,7 +305,8 @@ class Search:
         by_free_run = sorted(effects, key=lambda a: self.memo[key(a.spec)].scored.rmse)
         best = {key(a.spec): a for a in (*by_score[:2 * self.policy.finalists], *by_free_run[:self.policy.finalists])}
         polished = self._performed(ground, entry, [Task(a.spec, a.added, CLOSER, a) for a in best.values()])
-        return [*(a for a in answers if key(a.spec) not in best), *polished]
+        closer = {key(a.spec) for a in polished}  # (the budget may end before)
+        return [*(a for a in answers if key(a.spec) not in closer), *polished]
 
     def _performed(self, ground: Ground, entry: Entry, tasks: Sequence[Task], *, always: bool = False) -> list[Packed]:
         """Answers to tasks, whatever the budget with `always`; each look is remembered where it is its node's best."""
@@ -399,9 +401,9 @@ class Search:
         fit = ground.fit
         children = [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
                     and e.spec.process == entry.spec.process and e.spec.between == entry.spec.between]
-        values = handed_back(fit, [e.scored for e in children], self.policy) if children else None
-        if values is not None:
-            done = completed(fit.model, values, ground.pool, rng_of(self.seed, key(entry.spec), 1), self.policy)
+        found = handed_back(fit, [e.scored for e in children], self.policy) if children else None
+        if found is not None:
+            done = completed(*found, ground.pool, rng_of(self.seed, key(entry.spec), 1), self.policy)
             if done.gain_over(entry.scored.done) > 0.0:
                 entry.scored = Scored(done, True, held_out(done))
 

@@ -22,7 +22,7 @@ from ..selection.score import Scored, completed, is_noise, noise_name
 SUPPORTED, REJECTED, OPEN = "supported", "not-supported", "cannot-tell"
 CODES = (SUPPORTED, REJECTED, OPEN)
 # Gates that a short or quiet record may fail for a true effect: where only they fail, the record can't tell.
-_OF_THE_RECORD = {"gain", "blocks", "held-out"}
+_OF_THE_RECORD = {"gain", "blocks", "strokes", "held-out"}
 # BIC by which another effect must beat the one added to be named instead. Source: Kass and Raftery 1995, positive.
 _BETTER = 2.0
 _SOURCE = "CRITICISM.md section 7, steps 6 and 7"
