@@ -12,14 +12,14 @@ from plants.run import plant_of
 from plants.score import loop_of
 from scipy.signal import lfilter
 
-from stictionid.fit.noise.completion import Refit, quick
+from stictionid.fit.noise.completion import Refit
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.segments import bound
 from stictionid.model.spec import SOFT, Spec
 from stictionid.selection.gates import GATES, Edge
 from stictionid.selection.looks import adding
 from stictionid.selection.policy import Policy
-from stictionid.selection.score import COLOURED, WALKING, noise_name
+from stictionid.selection.score import COLOURED, WALKING, completed, noise_name
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
 
@@ -33,14 +33,17 @@ def true_model_under(noise: np.ndarray[Any, Any]) -> Refit:
     model = bound(loop, Spec(), s_max=8.0, period_s=60.0)
     true = {"S": 3.6, "J": 2.6, "time_constant_s": 17.0, "dead_time_s": 5.0}
     starts = [model.vector({**true, "initial_residual_force": force}) for force in np.linspace(-0.98, 0.98, 99)]
-    return quick(model, min(starts, key=lambda start: model.evaluate(start).rmse))
+    best = min(starts, key=lambda start: model.evaluate(start).rmse)
+    return completed(model, best, best[None, :5], np.random.default_rng(0), Policy())
 
 
-def test_a_slow_record_names_a_walk_and_no_noise_of_short_memory() -> None:
-    white, policy = np.random.default_rng(5).standard_normal(4000), Policy()
-    coloured, walk = true_model_under(lfilter([0.3], [1.0, -0.8], white)), true_model_under(0.1 * np.cumsum(white))
-    assert noise_name(coloured, policy) == COLOURED and noise_name(coloured, policy, slow=True) == ""
-    assert noise_name(walk, policy, slow=True) == WALKING
+def test_a_slow_record_names_noise_but_not_slips_that_come_early_or_late() -> None:
+    rng, policy = np.random.default_rng(5), Policy()
+    white, slips = rng.standard_normal(4000), np.where(rng.random(4000) < 0.03, rng.standard_normal(4000), 0.0)
+    coloured, walk, late = (true_model_under(noise) for noise in (
+        lfilter([0.3], [1.0, -0.8], white), 0.1 * np.cumsum(white), lfilter([1.5], [1.0, -0.8], slips)))
+    assert noise_name(coloured, policy, slow=True) == COLOURED and noise_name(walk, policy, slow=True) == WALKING
+    assert not late.white and noise_name(late, policy, slow=True) == ""
 
 
 def test_an_effect_that_a_walk_stands_for_is_asked_for_in_levels() -> None:

@@ -44,7 +44,7 @@ class Done:
 def entry(names: tuple[str, ...], bic: float, rmse: float, *, parent: Spec | None = None, process: str = "first-order",
           asked: Asked = Asked.NOTHING, failed: str = "") -> Entry:
     done = Done(bic, rmse, 1.0)
-    scored: Any = SimpleNamespace(done=done, rmse=rmse, white=False, full=True,
+    scored: Any = SimpleNamespace(done=done, rmse=rmse, white=False, full=True, bare=lambda policy: rmse <= 1.0,
                                   nearly=lambda policy: rmse <= policy.nearly * done.innovation_sd)
     gates = (Gate(failed, False, "no"),) if failed else ()
     spec = Spec(process=process, effects=names)

@@ -23,10 +23,11 @@ from ..record.loop import Loop
 from ..record.study import Candidate, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
+from .doubts import least_cost
 from .entry import ADD, DROP, SWAP, Entry
-from .gates import chance_limit, margin_of
+from .gates import chance_limit
 from .looks import Ground, Task, performed, pool_of, standing
-from .node import LAG, key, other_process, physical, without
+from .node import BASE_EFFECTS, LAG, key, other_process, physical, plain, without
 from .policy import Policy
 from .score import Scored, by_rounding, noise_name
 from .search import Search
@@ -127,7 +128,7 @@ def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
         for name in (n for n in physical(winner.spec) if n not in keep):
             known = (search.dropped(winner, name), *_known_without(search, winner, name))
             loss, least = min(((_loss(winner.scored, e, name), e) for e in known), key=lambda found: found[0])
-            if loss < margin_of(name, search.policy) or _idle(search, winner.scored, least.scored, name):
+            if loss < least_cost(name, least, search.policy) or _idle(search, winner.scored, least.scored, name):
                 cheap.append((loss, least))
         if not cheap:
             return winner
@@ -135,16 +136,17 @@ def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
 
 
 def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
-    """True where the record is slower than the scan and a model does hardly better than one `without` an effect.
+    """True where a model leaves more than noise and does hardly better than one `without` an effect.
 
-    An effect on the valve does hardly better, too, where few strokes carry its gain: unseen scans move single slips.
+    What the model lacks may be the reason for so little. In a record slower than the scan a lag and a rest are judged
+    so, too, and an effect on the valve whose gain few strokes carry: unseen scans move single slips.
     """
-    policy = search.policy
-    few = on_valve(parse(name)[0]) and without.rmse < 2 * winner.rmse \
+    policy, base = search.policy, plain(name) in BASE_EFFECTS
+    few = search.slow and on_valve(parse(name)[0]) and without.rmse < 2 * winner.rmse \
         and stroke_score(without.done, winner.done) < chance_limit(policy)
     freer = without.rmse > policy.better_base * winner.rmse
     sharper = winner.done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd
-    return search.slow and (few or not (winner.bare(policy) or freer or sharper))
+    return few or ((search.slow or not base) and not (winner.bare(policy) or freer or sharper))
 
 
 def _loss(winner: Scored, without: Entry, name: str) -> float:

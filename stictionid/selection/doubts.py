@@ -11,16 +11,41 @@ from ..effects import parse
 from ..fit.noise.completion import Refit
 from ..fit.starts.beside_effect import RESTING
 from ..model.spec import Spec
+from ..record.tree import Gate
 from .entry import Entry
-from .node import depth, physical
+from .gates import margin_of
+from .node import depth, physical, plain
 from .policy import Policy
+from .score import Scored
 
 
 def odd(entry: Entry, policy: Policy, *, lasting: bool) -> bool:
     """True for a slip jump beyond the stickband; with budget `lasting`, also for a base far from its innovations."""
+    return jumps_past(entry) or (lasting and entry.spec.held and not depth(entry.spec)
+                                 and not entry.scored.nearly(policy))
+
+
+def jumps_past(entry: Entry) -> bool:
+    """True for a slip jump beyond the stickband."""
     values = entry.scored.done.evaluated.values
-    return values["J"] > values["S"] or (lasting and entry.spec.held and not depth(entry.spec)
-                                         and not entry.scored.nearly(policy))
+    return values["J"] > values["S"]
+
+
+def least_cost(name: str, without: Entry, policy: Policy) -> float:
+    """BIC that an effect must cost to stay: its margin, and for a rest below zero where `without` it the valve is odd.
+
+    A valve that slides with a slip jump beyond its stickband must beat one that rests.
+    """
+    if plain(name) == RESTING and jumps_past(without):
+        return -policy.margin
+    return margin_of(name, policy)
+
+
+def judged_drop(name: str, without: Entry, before: Scored, policy: Policy) -> tuple[Gate, ...]:
+    """The gate of an odd valve that came from one that rests and does not do clearly better; empty for others."""
+    least, cost = least_cost(name, without, policy), before.done.gain_over(without.scored.done)
+    return (Gate("rest", False, f"its slip jump exceeds its stickband, and {RESTING} costs no more"),) \
+        if least < 0.0 and cost >= least else ()
 
 
 def slips_like_rests(spec: Spec) -> str:

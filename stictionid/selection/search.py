@@ -20,7 +20,7 @@ from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Crew
-from .doubts import odd, rests_instead, slips_like_rests
+from .doubts import judged_drop, least_cost, odd, rests_instead, slips_like_rests
 from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry, broken
 from .gates import Edge, judged, judged_change
 from .looks import (
@@ -116,7 +116,7 @@ class Search:
             self._ask(*doubted)
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True)
-        if late and self.only is None and not self.slow and not self._carried(best):
+        if late and self.only is None and not self.slow and self.spent < 2 * self.budget and not self._carried(best):
             self._ask(base, late, beside=best)
             best = self._walked()
         return best
@@ -235,7 +235,7 @@ class Search:
     def _structures(self, entry: Entry) -> None:
         """Ask beside every process and command for a valve that rests: two changes may show only together."""
         queue, seen = [entry], {key(entry.spec)}
-        while queue and not self._only_noise(self.best()):
+        while queue and self.spent < self.budget and not self._only_noise(self.best()):
             base = queue.pop(0)
             if base is not entry and RESTING in additions(base.spec, self.loop, self.only):
                 self._ask(base, (RESTING,), changes=True)
@@ -252,7 +252,7 @@ class Search:
         for name in BASE_EFFECTS.intersection(best.spec.effects):
             if depth(best.spec) and not self._only_noise(best):
                 without = self.dropped(best, name)
-                if best.scored.done.gain_over(without.scored.done) < self.policy.structure_margin:
+                if best.scored.done.gain_over(without.scored.done) < least_cost(name, without, self.policy):
                     self.settle(without)
 
     def dropped(self, entry: Entry, name: str) -> Entry:
@@ -274,6 +274,7 @@ class Search:
         scored = Scored(done, True, held_out(done))
         if known is None:
             known = self.memo[key(spec)] = Entry(spec, scored, key(entry.spec), DROP, name)
+            known.gates = judged_drop(name, known, entry.scored, self.policy)
         else:
             known.scored = scored
         return known
