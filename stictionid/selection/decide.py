@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import parse
-from ..fit.noise.completion import banded, stroke_score
+from ..fit.noise.completion import banded
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
-from ..fit.starts.beside_effect import RESTING, on_valve
+from ..fit.starts.beside_effect import RESTING
 from ..model.rounding import moved_by_rounding
 from ..model.spec import BASE, FIRST_ORDER, INTEGRATOR
 from ..process.rounded import step_of
@@ -25,7 +25,6 @@ from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
 from .doubts import least_cost
 from .entry import ADD, DROP, SWAP, Entry
-from .gates import chance_limit
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import BASE_EFFECTS, LAG, key, other_process, physical, plain, without
 from .policy import Policy
@@ -139,14 +138,13 @@ def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
     """True where a model leaves more than noise and does hardly better than one `without` an effect.
 
     What the model lacks may be the reason for so little. In a record slower than the scan a lag and a rest are judged
-    so, too, and an effect on the valve whose gain few strokes carry: unseen scans move single slips.
+    so, too.
     """
-    policy, base = search.policy, plain(name) in BASE_EFFECTS
-    few = search.slow and on_valve(parse(name)[0]) and without.rmse < 2 * winner.rmse \
-        and stroke_score(without.done, winner.done) < chance_limit(policy)
+    policy = search.policy
     freer = without.rmse > policy.better_base * winner.rmse
     sharper = winner.done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd
-    return few or ((search.slow or not base) and not (winner.bare(policy) or freer or sharper))
+    judges = search.slow or plain(name) not in BASE_EFFECTS
+    return judges and not (winner.bare(policy) or freer or sharper)
 
 
 def _loss(winner: Scored, without: Entry, name: str) -> float:

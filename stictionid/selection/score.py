@@ -171,7 +171,8 @@ def noise_name(done: Refit, policy: Policy, *, slow: bool = False) -> str:
     autoregression.
 
     In a record that is `slow` against the scan slips come early or late, which looks like noise of short memory. A walk
-    that outlasts several of them is named there, and noise of short memory; innovations of both must be white.
+    that outlasts several of them is named there, a band of more than two cycles, and noise of short memory; the
+    innovations must be white.
     """
     e, starts = done.evaluated, done.model.loop.starts
     residual, good = np.nan_to_num(e.residual), e.counted > 0
@@ -185,9 +186,12 @@ def noise_name(done: Refit, policy: Policy, *, slow: bool = False) -> str:
     best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
     if bic_of(residual, Noise(), good, starts) - best.bic < policy.noise_margin:
         return ""
-    narrow = resonance_of(still.noise, done.model.step_s) is not None
-    if slow and not (done.white and (narrow or _lasts(done)) if best.noise.walks or narrow else done.noise_alone):
-        return ""
+    resonance = resonance_of(still.noise, done.model.step_s)
+    narrow = resonance is not None
+    if slow and (best.noise.walks or not done.noise_alone):
+        lasting = _lasts(done) if best.noise.walks else resonance is not None and resonance[1] > 2
+        if not (lasting and done.white):
+            return ""
     if not done.white:
         band = banded(done) if narrow else None
         return NARROW if band is not None and band.gain_over(done) >= policy.noise_margin else ""
