@@ -77,6 +77,17 @@ class Edge:
         return self.child.rmse <= self.parent.rmse / 2
 
 
+    @property
+    def beyond_slip(self) -> bool:
+        """True where an effect of an integrator explains more than a slip of the stickband lost for half a cycle.
+
+        Such a slip shifts y by the integrator's gain times the stickband times that time.
+        """
+        done = self.child.done
+        shift = abs(done.evaluated.gain) * done.evaluated.values["S"] * done.model.period_s / 2.0
+        return done.model.spec.process == INTEGRATOR and self.parent.rmse**2 - self.child.rmse**2 > shift**2
+
+
 def _gains(edge: Edge) -> str:
     enough = edge.gain >= edge.margin
     return "" if enough else f"it gains {edge.gain:.0f} BIC beyond noise, {edge.margin:g} name an effect"
@@ -180,12 +191,12 @@ def _in_range(edge: Edge) -> str:
 def _slip(edge: Edge) -> str:
     """Reject a step or ramp of an integrator that may be one slip in the wrong place, which adds up to one.
 
-    It is believed only where the free run with it is at the noise, or coloured noise of short memory: then no slip is
-    wrong.
+    It is believed only where it explains more than one slip, or the free run with it is at the noise, or coloured noise
+    of short memory: then no slip is wrong.
     """
     child = edge.child
     if child.done.model.spec.process != INTEGRATOR or not parse(edge.name)[0].variants or child.noise_alone \
-            or child.rmse <= edge.policy.at_noise * child.done.innovation_sd:
+            or edge.beyond_slip or child.rmse <= edge.policy.at_noise * child.done.innovation_sd:
         return ""
     return "one slip in the wrong place of an integrator looks the same"
 
@@ -194,10 +205,10 @@ def _kick(edge: Edge) -> str:
     """Reject a step near a setpoint move that kicked an output which moves between samples.
 
     The valve may have stopped elsewhere: what the output did just before and after lies between the samples. It stays
-    there until its next slip, so that such a stop explains no walk through the rest of the record.
+    there until its next slip, so that such a stop explains neither a walk nor a shift through the rest of the record.
     """
     done = edge.child.done
-    if edge.parent.done.increments and not done.increments and edge.halved:
+    if edge.beyond_slip or (edge.parent.done.increments and not done.increments and edge.halved):
         return ""
     model = done.model
     if model.spec.held or not parse(edge.name)[0].sudden:
