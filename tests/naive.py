@@ -464,3 +464,14 @@ def student_log_likelihood(values, freedom):
         best = max(range(21), key=lambda i: whole(math.exp(grid[i])))
         low, high = grid[max(best - 1, 0)], grid[min(best + 1, 20)]
     return whole(math.exp(0.5 * (low + high)))
+
+
+def stroke_score(before, after, half):
+    """Sum of log-likelihood gains of half cycles, over their spread; innovations that are NaN don't count."""
+    rows = [(t, e * e, a * a) for t, (e, a) in enumerate(zip(before, after, strict=True)) if e == e and a == a]
+    old, new = sum(r[1] for r in rows) / len(rows), sum(r[2] for r in rows) / len(rows)
+    gains = [0.0] * (rows[-1][0] // half + 1)
+    for t, e, a in rows:
+        gains[t // half] += math.log(old / new) + e / old - a / new
+    mean = sum(gains) / len(gains)
+    return sum(gains) / math.sqrt(sum((g - mean) ** 2 for g in gains))

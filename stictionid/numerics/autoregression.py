@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
@@ -198,8 +199,7 @@ def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, sta
     r = predicted_covariance(residual, good, lags, starts) + np.resize(missing, lags + 1)
     if r[0] <= 0.0:
         return np.empty(0)
-    orders = [(np.empty(0), float(r[0])), *((taps, v) for taps, v in levinson(r))]
-    orders = orders[:next((i for i, (_, v) in enumerate(orders) if v <= 0.0), len(orders))]
+    orders = [(np.empty(0), float(r[0])), *takewhile(lambda o: o[1] > 0.0, levinson(r))]
     for price in (np.log(n), 2.0)[:1 + long]:
         best = min(orders, key=lambda o: n * np.log(o[1]) + price * o[0].size + 1e-9 * o[0].size)[0]
         if not best.size:

@@ -1,0 +1,123 @@
+"""Gates on how much a few strokes, one slip, or an odd valve may explain; and looks that outlive the budget."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import naive
+import numpy as np
+import pytest
+from plants.run import plant_of
+from plants.score import loop_of
+
+from stictionid.fit.noise.completion import stroke_score
+from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
+from stictionid.selection.doubts import judged_drop, least_cost
+from stictionid.selection.entry import Entry
+from stictionid.selection.gates import GATES, Edge, chance_limit
+from stictionid.selection.looks import CLOSER, Packed, Task
+from stictionid.selection.node import key
+from stictionid.selection.policy import Policy
+from stictionid.selection.search import Search
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import identify
+
+POLICY, PERIOD = Policy(), 40
+
+
+def completed(innovation: np.ndarray[Any, Any], **more: Any) -> Any:
+    """A completed model with these innovations, one a second, in a loop with a period of 40 s."""
+    return SimpleNamespace(innovation=innovation, good=np.isfinite(innovation), increments=False,
+                           model=SimpleNamespace(period_s=PERIOD, step_s=1.0, spec=Spec()), **more)
+
+
+def pair(where: slice) -> tuple[Any, Any]:
+    """Two models, one of which predicts better only at some samples; the innovations of both have gaps."""
+    rng = np.random.default_rng(4)
+    worse = rng.standard_normal(2000)
+    worse[500:530] = np.nan
+    better = worse.copy()
+    better[where] *= 0.5
+    return completed(worse), completed(better)
+
+
+@pytest.mark.parametrize("where", [slice(None), slice(0, 60), slice(0, 2000, 3)])
+def test_the_score_of_strokes_is_that_of_a_loop_over_half_cycles(where: slice) -> None:
+    before, after = pair(where)
+    said = naive.stroke_score(before.innovation, after.innovation, PERIOD // 2)
+    assert stroke_score(before, after) == pytest.approx(said, rel=1e-9)
+
+
+def test_a_gain_from_a_few_strokes_names_no_effect_on_the_valve() -> None:
+    gate, limit = dict(GATES)["strokes"], chance_limit(POLICY)
+    few, many = pair(slice(0, 60)), pair(slice(0, 2000, 3))
+    assert stroke_score(*few) < limit < stroke_score(*many)
+    for name, judged in (("travel-limit", True), ("stiction-drift", True), ("re-sticking", False),
+                         ("step-disturbance@output", False), ("gain-drift", False)):
+        for (before, after), rejected in ((few, judged), (many, False)):
+            child = SimpleNamespace(done=after, free_run_at_noise=False, rmse=1.0)
+            parent = SimpleNamespace(done=before, rmse=1.1)
+            edge: Any = Edge(name, child, parent, POLICY)  # type: ignore[arg-type]
+            assert bool(gate(edge)) is rejected, name
+
+
+@pytest.mark.parametrize(("process", "error", "more"), [
+    (INTEGRATOR, 3.0, True), (INTEGRATOR, 0.9, False), (FIRST_ORDER, 3.0, False)])
+def test_a_shift_is_believed_beyond_what_one_lost_slip_adds_up_to(process: str, error: float, more: bool) -> None:
+    """A gain of 0.01 per second, a stickband of 5 and half a cycle of 20 s shift y by 1."""
+    model = SimpleNamespace(period_s=40.0, spec=Spec(process=process))
+    done = SimpleNamespace(model=model, increments=True, innovation_sd=0.01,
+                           evaluated=SimpleNamespace(gain=0.01, values={"S": 5.0}))
+    child, parent = SimpleNamespace(done=done, rmse=0.1, noise_alone=False), SimpleNamespace(rmse=error)
+    edge: Any = Edge("step-disturbance@load", child, parent, POLICY)  # type: ignore[arg-type]
+    assert edge.beyond_slip is more
+    assert bool(dict(GATES)["slip"](edge)) is (process == INTEGRATOR and not more)
+
+
+class Done(SimpleNamespace):
+    """A completed model of which only the BIC and the valve are known."""
+
+    def gain_over(self, other: Done) -> float:
+        return float(other.bic - self.bic)
+
+
+def valve(bic: float, slip_jump: float) -> Any:
+    done = Done(bic=bic, evaluated=SimpleNamespace(values={"S": 4.0, "J": slip_jump}))
+    return Entry(Spec(), SimpleNamespace(done=done))  # type: ignore[arg-type]
+
+
+def test_a_slip_jump_beyond_the_stickband_must_beat_a_valve_that_rests() -> None:
+    rests = Done(bic=0.0)
+    usual, odd, clearly = valve(5.0, 3.0), valve(-5.0, 6.0), valve(-25.0, 6.0)
+    assert least_cost("re-sticking", usual, POLICY) == POLICY.structure_margin
+    assert least_cost("re-sticking", odd, POLICY) == -POLICY.margin == -least_cost("travel-limit", odd, POLICY)
+    before: Any = SimpleNamespace(done=rests)
+    assert judged_drop("re-sticking", usual, before, POLICY) == ()
+    assert [g.passed for g in judged_drop("re-sticking", odd, before, POLICY)] == [False]
+    assert judged_drop("re-sticking", clearly, before, POLICY) == ()
+
+
+def test_a_look_is_kept_where_the_budget_ends_before_it_is_polished(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop: Any = None
+    search = Search(loop, POLICY, 0, 1, lambda words, share: None)
+    root: Any = Entry(Spec(), SimpleNamespace(done=Done(bic=0.0), rmse=2.0))  # type: ignore[arg-type]
+    look = Packed(Spec(effects=("travel-limit",)), "travel-limit")
+    found: Any = Entry(look.spec, SimpleNamespace(done=Done(bic=-90.0), rmse=1.0), look=look)  # type: ignore[arg-type]
+    search.memo = {key(root.spec): root, key(look.spec): found}
+    stages: list[str] = []
+
+    def performed(_self: Search, _ground: Any, _entry: Any, tasks: list[Task]) -> list[Packed]:
+        stages.extend(t.stage for t in tasks)
+        return [] if tasks[0].stage == CLOSER else [look]
+
+    monkeypatch.setattr(Search, "_performed", performed)
+    ground: Any = None
+    assert search._looked(ground, root, [Task(look.spec, "travel-limit")]) == [look]
+    assert stages == ["near", CLOSER]
+
+
+def test_a_drift_that_puts_three_strokes_right_is_not_named() -> None:
+    """It gained 149 in BIC, nine tenths of it in three strokes, behind a rounded output."""
+    loop = loop_of(plant_of("clean", 14, 43_000))
+    assert diagnose(loop, identify(loop), apply=True).missing == ()
