@@ -38,13 +38,17 @@ _ALWAYS = 1e9
 _STRIBECKS = 3.0
 
 
-def losses(plant: Plant) -> tuple[dict[str, float], float]:
-    """Loss in BIC of dropping each hidden effect from the true model, and the error of that model over the noise."""
+def losses(plant: Plant) -> tuple[dict[str, float], float, float]:
+    """Loss in BIC of dropping each hidden effect from the true model; that model's error over the noise, and its S.
+
+    S is given as its relative error. Nothing that is fitted to these samples can be expected to come closer.
+    """
     loop, noise = loop_of(plant), _noise_of(plant)
     effects = _true_effects(plant)
     whole = _completed(loop, plant, effects, noise)
     sd = max(float(plant.record.noise.std()), plant.truth["noise_sd"])
-    return {name: _loss(loop, plant, effects, whole, name) for name in plant.setting.effects}, whole.evaluated.rmse / sd
+    lost = {name: _loss(loop, plant, effects, whole, name) for name in plant.setting.effects}
+    return lost, whole.evaluated.rmse / sd, whole.evaluated.values["S"] / plant.truth["S"] - 1.0
 
 
 def error_with_scans(plant: Plant) -> float | None:

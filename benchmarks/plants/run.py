@@ -59,7 +59,7 @@ def one(kind: str, number: int, seed: int, levels: dict[str, str], effects: tupl
 
         begin = time.process_time()
         try:
-            row["losses"], row["true_error"] = losses(plant)
+            row["losses"], row["true_error"], row["true_S_error"] = losses(plant)
             row["scans_error"], row["rebuilt_error"] = error_with_scans(plant), error_without_hidden_noise(plant)
         except Exception as error:
             row["losses_error"] = f"{type(error).__name__}: {error}"

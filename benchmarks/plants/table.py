@@ -19,6 +19,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from plants.design import FACTORS, plain
+from plants.score import ERROR_WITHIN, S_WITHIN
 
 # Normal quantile of a two-sided 90 % interval.
 _Z90 = 1.6448536269514722
@@ -84,6 +85,11 @@ def print_table(rows: list[Row], say: Callable[[str], None] = print) -> None:
         say(f"held commands exported slower than the scan, no gap: the true model under the true command, less what "
             f"noise between samples did to it: {np.median(rebuilt):.2f} times the noise (median of {len(rebuilt)}), "
             f"{sum(e <= _AT_NOISE for e in rebuilt)} within {_AT_NOISE:g}")
+    fitted = [r for r in scored(rows) if "true_S_error" in r]
+    if fitted:
+        close = [abs(r["true_S_error"]) <= S_WITHIN for r in fitted]
+        say(f"the true model itself, fitted from the true values: S within 2 % in {sum(close)} of {len(fitted)}, error "
+            f"within {ERROR_WITHIN:g} of the noise in {sum(r['true_error'] <= ERROR_WITHIN for r in fitted)}")
     wrong = [r for r in scored(rows) if r["right"] == "wrong"]
     for r in wrong:
         said = "+".join(r["answer"]) or r.get("error") or ("abstained: " + r.get("reason", "") if r.get("abstained")
