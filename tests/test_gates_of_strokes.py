@@ -26,10 +26,10 @@ from stictionid.verbs.identify import identify
 POLICY, PERIOD = Policy(), 40
 
 
-def completed(innovation: np.ndarray[Any, Any], **more: Any) -> Any:
+def completed(innovation: np.ndarray[Any, Any]) -> Any:
     """A completed model with these innovations, one a second, in a loop with a period of 40 s."""
     return SimpleNamespace(innovation=innovation, good=np.isfinite(innovation), increments=False,
-                           model=SimpleNamespace(period_s=PERIOD, step_s=1.0, spec=Spec()), **more)
+                           model=SimpleNamespace(period_s=PERIOD, step_s=1.0, spec=Spec()))
 
 
 def pair(where: slice) -> tuple[Any, Any]:

@@ -23,7 +23,7 @@ from ..record.loop import Loop
 from ..record.study import Candidate, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
-from .doubts import least_cost
+from .doubts import jumps_past, least_cost
 from .entry import ADD, DROP, SWAP, Entry
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import BASE_EFFECTS, LAG, key, other_process, physical, plain, without
@@ -174,7 +174,7 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
     """
     done, found = winner.scored.done, []
     mine = set(physical(winner.spec))
-    odd = done.evaluated.values["J"] > done.evaluated.values["S"]
+    odd = jumps_past(winner)
     for e in search.memo.values():
         if e is winner or e.failed or not e.scored.full or e.op == DROP or not e.passed:
             continue

@@ -32,9 +32,9 @@ def jumps_past(entry: Entry) -> bool:
 
 
 def least_cost(name: str, without: Entry, policy: Policy) -> float:
-    """BIC that an effect must cost to stay: its margin, and for a rest below zero where `without` it the valve is odd.
+    """BIC that an effect must cost to stay: its margin, or less than nothing for some rests.
 
-    A valve that slides with a slip jump beyond its stickband must beat one that rests.
+    A valve that slides (`without` the rest) with a slip jump beyond its stickband must beat one that rests.
     """
     if plain(name) == RESTING and jumps_past(without):
         return -policy.margin
@@ -44,7 +44,7 @@ def least_cost(name: str, without: Entry, policy: Policy) -> float:
 def judged_drop(name: str, without: Entry, before: Scored, policy: Policy) -> tuple[Gate, ...]:
     """The gate of an odd valve that came from one that rests and does not do clearly better; empty for others."""
     least, cost = least_cost(name, without, policy), before.done.gain_over(without.scored.done)
-    return (Gate("rest", False, f"its slip jump exceeds its stickband, and {RESTING} costs no more"),) \
+    return (Gate("rest", False, "its slip jump exceeds its stickband: a valve that rests does as well"),) \
         if least < 0.0 and cost >= least else ()
 
 

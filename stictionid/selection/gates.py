@@ -150,7 +150,8 @@ def _strokes(edge: Edge) -> str:
     if not on_valve(parse(edge.name)[0]) or plain(edge.name) in BASE_EFFECTS or edge.freed:
         return ""
     score, least = stroke_score(edge.parent.done, edge.child.done), chance_limit(edge.policy)
-    return "" if score >= least else f"few strokes carry its gain: {score:.1f} standard errors, {least:.1f} name it"
+    enough = score >= least
+    return "" if enough else f"few strokes carry its gain: {score:.1f} standard errors, {least:.1f} name an effect"
 
 
 def chance_limit(policy: Policy) -> float:

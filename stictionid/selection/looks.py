@@ -372,7 +372,8 @@ def handed_back(fit: Fitted, children: Sequence[Scored], policy: Policy) -> tupl
     A node in differences of y is tried in levels, too.
     """
     known, before, best = fit.model.named(fit.values), glanced(fit.model, fit.values), None
-    for model in (fit.model, _bound(fit, node(fit.model.spec, soft=False)))[:1 + fit.model.spec.increments]:
+    levels = node(fit.model.spec)
+    for model in (fit.model, *(_bound(fit, spec) for spec in (levels,) if spec != fit.model.spec)):
         starts = np.stack([model.vector({n: v for n, v in c.done.model.named(c.done.values).items()
                                          if n in known}) for c in children], axis=1)
         cube = model.cube(starts)
