@@ -28,7 +28,7 @@ from .entry import ADD, DROP, SWAP, Entry
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import BASE_EFFECTS, LAG, key, other_process, physical, plain, without
 from .policy import Policy
-from .score import Scored, by_rounding, noise_name
+from .score import COLOURED, Scored, by_rounding, noise_name
 from .search import Search
 from .tells import settling
 
@@ -58,7 +58,7 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     winner = _integrating(search, pruned(search, best, keep))
     done = winner.scored.done
     unseen = (search.blurred and winner.spec.between != DECIMATED
-              and not winner.scored.only_noise(search.policy))
+              and not winner.scored.bare(search.policy))
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in equivalents(search, winner))
     tried = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and e.parent == key(winner.spec)}
@@ -67,6 +67,8 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     little = winner.scored.explained(search.policy)
     rounds = by_rounding(winner.scored.rmse, done.innovation_sd, winner.scored.moved)
     noise = "" if little or rounds or shape is not None else noise_name(done, search.policy, slow=search.slow)
+    if unseen and noise == COLOURED:
+        noise = ""  # (slips that unseen scans made early or late look the same)
     return Decision(winner, noise, alike, missing_reason(winner, unseen, shape, slow=search.slow and not noise),
                     unseen, shape)
 
@@ -123,12 +125,12 @@ def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
     Under another process or command an effect may not be needed, so nodes known without it count, too.
     """
     while True:
-        cheap = []
+        cheap: list[tuple[float, Entry]] = []
         for name in (n for n in physical(winner.spec) if n not in keep):
             known = (search.dropped(winner, name), *_known_without(search, winner, name))
-            loss, least = min(((_loss(winner.scored, e, name), e) for e in known), key=lambda found: found[0])
-            if loss < least_cost(name, least, search.policy) or _idle(search, winner.scored, least.scored, name):
-                cheap.append((loss, least))
+            lost = ((_loss(winner.scored, e, name), e) for e in known)
+            cheap += [(loss, e) for loss, e in lost if loss < least_cost(name, e, search.policy)
+                      or _idle(search, winner.scored, e.scored, name)]
         if not cheap:
             return winner
         winner = min(cheap, key=lambda found: found[0])[1]
@@ -138,13 +140,16 @@ def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
     """True where a model leaves more than noise and does hardly better than one `without` an effect.
 
     What the model lacks may be the reason for so little. In a record slower than the scan a lag and a rest are judged
-    so, too.
+    so, too. Any other effect must lower the free run clearly there: unseen scans leave most of what it could sharpen.
     """
-    policy = search.policy
+    policy, names = search.policy, plain(name) not in BASE_EFFECTS
+    if winner.bare(policy) or not (names or search.slow):
+        return False
+    if names and search.slow:
+        return without.rmse <= policy.nearly * winner.rmse
     freer = without.rmse > policy.better_base * winner.rmse
     sharper = winner.done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd
-    judges = search.slow or plain(name) not in BASE_EFFECTS
-    return judges and not (winner.bare(policy) or freer or sharper)
+    return not (freer or sharper)
 
 
 def _loss(winner: Scored, without: Entry, name: str) -> float:
@@ -160,10 +165,14 @@ def _loss(winner: Scored, without: Entry, name: str) -> float:
 
 
 def _known_without(search: Search, winner: Entry, name: str) -> list[Entry]:
-    """Nodes known in full under another process or command that have only the winner's effects, less one."""
+    """Nodes known in full under another process or command that have only the winner's effects, less one.
+
+    One that leaves twice the free run is no rival: an autoregression may hide what the effect explains.
+    """
     rest = set(physical(winner.spec)) - {name}
     return [e for e in search.memo.values() if e.passed and not e.failed and set(physical(e.spec)) <= rest
-            and (e.spec.process, e.spec.between) != (winner.spec.process, winner.spec.between)]
+            and (e.spec.process, e.spec.between) != (winner.spec.process, winner.spec.between)
+            and e.scored.rmse <= 2 * winner.scored.rmse]
 
 
 def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
