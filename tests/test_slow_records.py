@@ -16,6 +16,7 @@ from stictionid.fit.noise.completion import Refit
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.segments import bound
 from stictionid.model.spec import SOFT, Spec
+from stictionid.selection.decide import pruned
 from stictionid.selection.gates import GATES, Edge
 from stictionid.selection.looks import adding
 from stictionid.selection.policy import Policy
@@ -74,3 +75,35 @@ def test_beside_a_valve_without_friction_no_effect_of_friction_and_no_sine_is_na
 def test_a_lag_that_leaves_the_free_run_of_a_slow_record_as_it_was_is_not_named() -> None:
     study = identify(loop_of(plant_of("clean", 33, 48_000)))
     assert study.steps[-1].effects == () and "between the samples" in study.missing_reason
+
+
+def known(spec: Spec, rmse: float, bic: float) -> Any:
+    """A node in the memo of a search, with its free run, innovations of 0.5, and a BIC."""
+    done = SimpleNamespace(bic=bic, innovation_sd=0.5)
+    done.gain_over = lambda other: other.bic - bic
+    scored = SimpleNamespace(rmse=rmse, done=done, bare=lambda policy: rmse <= policy.carried * 0.5)
+    return SimpleNamespace(spec=spec, scored=scored, passed=True, failed="")
+
+
+@pytest.mark.parametrize(("slow", "without", "stays"), [(True, 1.2, False), (True, 1.4, True), (False, 1.2, True)])
+def test_in_a_slow_record_a_name_must_lower_the_free_run_clearly(slow: bool, without: float, stays: bool) -> None:
+    winner, parent = known(Spec(effects=("travel-limit",)), 1.0, 0.0), known(Spec(), without, 500.0)
+    search: Any = SimpleNamespace(policy=Policy(), slow=slow, memo={}, dropped=lambda entry, name: parent)
+    assert pruned(search, winner) is (winner if stays else parent)
+
+
+@pytest.mark.parametrize(("rmse", "stays"), [(1.9, False), (2.1, True)])
+def test_a_rival_that_errs_twice_as_much_prunes_nothing(rmse: float, stays: bool) -> None:
+    """A step disturbance gave way to a moving command that erred 13 times as much and cost 13 BIC."""
+    winner, parent = known(Spec(effects=("travel-limit",)), 1.0, 0.0), known(Spec(), 3.0, 500.0)
+    rival = known(Spec(between="corner", substeps=8), rmse, 5.0)
+    search: Any = SimpleNamespace(policy=Policy(), slow=False, memo={"rival": rival}, dropped=lambda *_: parent)
+    assert pruned(search, winner) is (winner if stays else rival)
+
+
+def test_colour_between_unseen_scans_is_no_answer_and_denies_no_friction() -> None:
+    """It was called coloured noise, with S 94 % off and "no stiction" at a confidence of 0.96."""
+    loop = loop_of(plant_of("clean", 32, 45_000))
+    after = diagnose(loop, identify(loop), apply=True)
+    assert after.steps[-1].effects == () and "between the samples" in after.missing_reason
+    assert after.verdict.stiction == "undecided"
