@@ -7,7 +7,7 @@ from enum import IntEnum
 
 from ..model.spec import Spec
 from ..record.tree import Gate
-from .gates import FREE_RUN, SCANS
+from .gates import FREE_RUN, SCANS, SLIP
 from .looks import Packed, Task
 from .node import depth, key, what_of
 from .policy import Policy
@@ -42,10 +42,11 @@ class Entry:
     def tentative(self) -> bool:
         """True for a full fit that fails only where what is beside it may tell: no answer, but a node to ask.
 
-        Unknown scans may explain as much. A missing load bends the free run of another base more than its slips do.
+        Unknown scans may explain as much, and so may one slip of an integrator. A missing load bends the free run of
+        another base more than its slips do.
         """
         failed = [g.name for g in self.gates if not g.passed]
-        return self.scored.full and (failed == [SCANS] or (failed == [FREE_RUN] and not depth(self.spec)))
+        return self.scored.full and (failed in ([SCANS], [SLIP]) or (failed == [FREE_RUN] and not depth(self.spec)))
 
     def nearly(self, parent: str, before: Scored, policy: Policy) -> bool:
         """True for a full child of a node (its key and score) that gains, and nearly is the noise, but is not settled.

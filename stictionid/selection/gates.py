@@ -43,7 +43,7 @@ class Edge:
     rest_gain: float = 0.0
     # True where the output was computed between the samples, too.
     blurred: bool = False
-    # True where the parent fails the gate of unknown scans.
+    # True where the parent fails a gate that what is beside it may settle: unknown scans, or one slip of an integrator.
     tentative: bool = False
     # The last node before that passed every gate, where it is not the parent.
     sound: Scored | None = None
@@ -76,6 +76,10 @@ class Edge:
         """True where the child leaves half of the parent's free-run error, or less."""
         return self.child.rmse <= self.parent.rmse / 2
 
+    @property
+    def before(self) -> Scored:
+        """The parent; for a tentative one the last node before it that passed, so that both effects count together."""
+        return self.sound if self.tentative and self.sound is not None else self.parent
 
     @property
     def beyond_slip(self) -> bool:
@@ -85,7 +89,7 @@ class Edge:
         """
         done = self.child.done
         shift = abs(done.evaluated.gain) * done.evaluated.values["S"] * done.model.period_s / 2.0
-        return done.model.spec.process == INTEGRATOR and self.parent.rmse**2 - self.child.rmse**2 > shift**2
+        return done.model.spec.process == INTEGRATOR and self.before.rmse**2 - self.child.rmse**2 > shift**2
 
 
 def _gains(edge: Edge) -> str:
@@ -193,11 +197,12 @@ def _slip(edge: Edge) -> str:
     """Reject a step or ramp of an integrator that may be one slip in the wrong place, which adds up to one.
 
     It is believed only where it explains more than one slip, or the free run with it is at the noise, or coloured noise
-    of short memory: then no slip is wrong.
+    of short memory: then no slip is wrong. Beside one that is not believed yet both together must.
     """
     child = edge.child
-    if child.done.model.spec.process != INTEGRATOR or not parse(edge.name)[0].variants or child.noise_alone \
-            or edge.beyond_slip or child.rmse <= edge.policy.at_noise * child.done.innovation_sd:
+    names = child.done.model.spec.effects if edge.tentative else (edge.name,)
+    if child.done.model.spec.process != INTEGRATOR or not any(parse(n)[0].variants for n in names) \
+            or child.noise_alone or edge.beyond_slip or child.rmse <= edge.policy.at_noise * child.done.innovation_sd:
         return ""
     return "one slip in the wrong place of an integrator looks the same"
 
@@ -276,7 +281,7 @@ def _beyond_scans(edge: Edge) -> str:
     that fails here both together must. A better base than the parent sets the measure: scans that were taken wrong look
     like an effect beside a wrong base.
     """
-    child, parent = edge.child, edge.sound if edge.tentative and edge.sound else edge.parent
+    child, parent = edge.child, edge.before
     if edge.base is not None and plain(edge.name) not in BASE_EFFECTS and edge.base.done.gain_over(parent.done) > 0.0:
         parent = edge.base
     freed = edge.freed and not edge.tentative
@@ -286,10 +291,10 @@ def _beyond_scans(edge: Edge) -> str:
     return "the unknown course of the output between the samples may explain as much: export faster"
 
 
-SCANS, FREE_RUN = "scans", "free-run"
+SCANS, FREE_RUN, SLIP = "scans", "free-run", "slip"
 GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
     ("gain", _gains), ("there", _is_there), ("blocks", _blocks), ("strokes", _strokes), ("held-out", _held_out),
-    (FREE_RUN, _free_run), ("range", _in_range), ("slip", _slip), ("kick", _kick), ("rest", _beyond_rest),
+    (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _slip), ("kick", _kick), ("rest", _beyond_rest),
     ("friction", _sticks), ("rounding", _beyond_rounding), (SCANS, _beyond_scans))
 
 
