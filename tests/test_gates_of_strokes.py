@@ -75,6 +75,21 @@ def test_a_shift_is_believed_beyond_what_one_lost_slip_adds_up_to(process: str, 
     assert bool(dict(GATES)["slip"](edge)) is (process == INTEGRATOR and not more)
 
 
+@pytest.mark.parametrize(("tentative", "error", "believed"), [
+    (True, 0.1, False), (True, 0.01, True), (False, 0.1, True)])
+def test_beside_a_step_that_may_be_one_slip_both_together_are_judged(tentative: bool, error: float,
+                                                                     believed: bool) -> None:
+    """A rest beside such a step is an answer only where the free run with both is at the noise."""
+    spec = Spec(process=INTEGRATOR, effects=("step-disturbance@output", "re-sticking"))
+    done = SimpleNamespace(model=SimpleNamespace(period_s=40.0, spec=spec), innovation_sd=0.01,
+                           evaluated=SimpleNamespace(gain=0.01, values={"S": 5.0}))
+    child, parent, sound = (SimpleNamespace(done=done, rmse=rmse, noise_alone=False) for rmse in (error, 0.2, 0.5))
+    edge: Any = Edge("re-sticking", child, parent, POLICY, tentative=tentative,  # type: ignore[arg-type]
+                     sound=sound)  # type: ignore[arg-type]
+    assert (edge.before is sound) is tentative
+    assert (dict(GATES)["slip"](edge) == "") is believed
+
+
 class Done(SimpleNamespace):
     """A completed model of which only the BIC and the valve are known."""
 

@@ -110,6 +110,14 @@ def test_a_base_that_bends_the_free_run_is_asked_but_is_no_answer() -> None:
     assert waiting(memo_of(base, disturbed), POLICY, only_some=False) == []
 
 
+def test_a_step_that_may_be_one_slip_is_asked_but_is_no_answer() -> None:
+    """Beside a valve that rests the free run came from 2.2 to 1.0 times the noise; neither alone was an answer."""
+    base = entry((), 0.0, 9.0, asked=Asked.BY_FAR)
+    step = entry(("step-disturbance@output",), -190.0, 5.0, parent=base.spec, failed="slip")
+    assert step.tentative and not step.passed
+    assert waiting(memo_of(base, step), POLICY, only_some=False) == [step]
+
+
 def test_an_effect_that_another_process_does_not_need_is_pruned() -> None:
     root = entry((), 0.0, 9.0)
     best = entry(("travel-limit", "gain-nonlinearity"), -300.0, 1.0, parent=root.spec)
