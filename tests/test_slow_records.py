@@ -102,7 +102,7 @@ def test_a_rival_that_errs_twice_as_much_prunes_nothing(rmse: float, stays: bool
 
 
 def test_colour_between_unseen_scans_is_no_answer_and_denies_no_friction() -> None:
-    """It was called coloured noise, with S 94 % off and "no stiction" at a confidence of 0.96."""
+    """The study named coloured noise, with S 94 % off, and said "no stiction" at a confidence of 0.96."""
     loop = loop_of(plant_of("clean", 32, 45_000))
     after = diagnose(loop, identify(loop), apply=True)
     assert after.steps[-1].effects == () and "between the samples" in after.missing_reason

@@ -111,7 +111,7 @@ def test_a_base_that_bends_the_free_run_is_asked_but_is_no_answer() -> None:
 
 
 def test_a_step_that_may_be_one_slip_is_asked_but_is_no_answer() -> None:
-    """Beside a valve that rests the free run came from 2.2 to 1.0 times the noise; neither alone was an answer."""
+    """The step and a valve that rests took the free run from 2.2 to 1.0 times the noise; the step alone failed."""
     base = entry((), 0.0, 9.0, asked=Asked.BY_FAR)
     step = entry(("step-disturbance@output",), -190.0, 5.0, parent=base.spec, failed="slip")
     assert step.tentative and not step.passed

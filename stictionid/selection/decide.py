@@ -128,8 +128,8 @@ def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
         cheap: list[tuple[float, Entry]] = []
         for name in (n for n in physical(winner.spec) if n not in keep):
             known = (search.dropped(winner, name), *_known_without(search, winner, name))
-            lost = ((_loss(winner.scored, e, name), e) for e in known)
-            cheap += [(loss, e) for loss, e in lost if loss < least_cost(name, e, search.policy)
+            cheap += [(loss, e) for e in known
+                      if (loss := _loss(winner.scored, e, name)) < least_cost(name, e, search.policy)
                       or _idle(search, winner.scored, e.scored, name)]
         if not cheap:
             return winner
@@ -140,7 +140,8 @@ def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
     """True where a model leaves more than noise and does hardly better than one `without` an effect.
 
     What the model lacks may be the reason for so little. In a record slower than the scan a lag and a rest are judged
-    so, too. Any other effect must lower the free run clearly there: unseen scans leave most of what it could sharpen.
+    so, too. Any other effect must lower the free-run error clearly there: a sharper one-step error may be chance of the
+    unseen scans.
     """
     policy, names = search.policy, plain(name) not in BASE_EFFECTS
     if winner.bare(policy) or not (names or search.slow):
@@ -167,7 +168,7 @@ def _loss(winner: Scored, without: Entry, name: str) -> float:
 def _known_without(search: Search, winner: Entry, name: str) -> list[Entry]:
     """Nodes known in full under another process or command that have only the winner's effects, less one.
 
-    One that leaves twice the free run is no rival: an autoregression may hide what the effect explains.
+    A node with more than twice the free-run error is left out: an autoregression may hide what the effect explains.
     """
     rest = set(physical(winner.spec)) - {name}
     return [e for e in search.memo.values() if e.passed and not e.failed and set(physical(e.spec)) <= rest

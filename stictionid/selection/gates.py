@@ -197,7 +197,7 @@ def _slip(edge: Edge) -> str:
     """Reject a step or ramp of an integrator that may be one slip in the wrong place, which adds up to one.
 
     It is believed only where it explains more than one slip, or the free run with it is at the noise, or coloured noise
-    of short memory: then no slip is wrong. Beside one that is not believed yet both together must.
+    of short memory: then no slip is wrong. An effect beside a step not believed yet is judged together with it.
     """
     child = edge.child
     names = child.done.model.spec.effects if edge.tentative else (edge.name,)
