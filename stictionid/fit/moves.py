@@ -40,6 +40,16 @@ def longest_piece(model: Model) -> int:
     return int(np.argmax([float(piece.weight.sum()) for piece in model.pieces]))
 
 
+def beginning(model: Model, rows: int) -> Model:
+    """The same one-segment model on the first rows of its record."""
+    loop, residual = model.loop, model.context.residual
+    if rows >= loop.samples:
+        return model
+    command = model.context.command[:rows * (model.context.command.size // loop.samples)]
+    return Model(loop.cut(0, rows), model.spec, s_max=model.s_max, period_s=model.period_s, command=command,
+                 residual=None if residual is None else residual[:rows], record=model.context.record)
+
+
 def neutral_point(model: Model) -> FloatArray:
     """Neutral point (d,) of the unit cube; process parameters in the middle."""
     return np.array([0.5 if i in (3, 4) or not p.high > p.low else p.share(p.neutral)

@@ -21,7 +21,7 @@ from ..model.model import Model
 from ..numerics import tally
 from ..numerics.population import refine
 from ..typing import FloatArray
-from .moves import as_held, descended, lifted, longest_piece, spreads, thinned, thinning
+from .moves import as_held, beginning, descended, lifted, longest_piece, spreads, thinned, thinning
 from .starts.continuation import distinct, even
 
 # Points of the scan, periods of the first part, growth of the parts, and points that the first and the last leave.
@@ -129,7 +129,7 @@ def _through_parts(model: Model, name: str, values: FloatArray, without: FloatAr
     count = max(int(np.ceil(-np.log(first) / np.log(_GROWTH))), 1) + 1
     points = np.empty((0, model.space.size))
     for share, left in zip(np.geomspace(first, 1.0, count), np.geomspace(*_LEFT, count).astype(int), strict=True):
-        part = _beginning(model, int(np.ceil(share * samples)))
+        part = beginning(model, int(np.ceil(share * samples)))
         if not len(points):
             points = _scanned(part, name, values, int(left), rng)
         found = refine(part.costs, points, rng, spread=spreads(part, _SPREAD), rounds=_ROUNDS, population=_POPULATION,
@@ -186,12 +186,3 @@ def _scanned(part: Model, name: str, values: FloatArray, left: int, rng: np.rand
     cube = cube[np.argsort(costs, kind="stable")[:_SCAN // 4]]
     near = descended(part, cube[distinct(cube, _DESCENDED * left, _APART)], turns=_TURNS).points
     return near[distinct(near, left, _NEAR)]
-
-
-def _beginning(model: Model, rows: int) -> Model:
-    """The same model on the first rows of its record."""
-    if rows >= model.loop.samples:
-        return model
-    command = model.context.command[:rows * (model.context.command.size // model.loop.samples)]
-    return Model(model.loop.cut(0, rows), model.spec, s_max=model.s_max, period_s=model.period_s, command=command,
-                 record=model.context.record)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import parse
+from ..effects.contract import Place
 from ..fit.noise.completion import banded
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
@@ -26,7 +27,7 @@ from ..record.unexplained import Unexplained
 from .doubts import jumps_past, least_cost
 from .entry import ADD, DROP, SWAP, Entry
 from .looks import Ground, Task, performed, pool_of, standing
-from .node import BASE_EFFECTS, LAG, key, other_process, physical, plain, without
+from .node import BASE_EFFECTS, LAG, additions, key, other_process, physical, plain, with_effect, without
 from .policy import Policy
 from .score import COLOURED, Scored, by_rounding, noise_name
 from .search import Search
@@ -55,7 +56,7 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     Effects to `keep` are never pruned.
     """
     search.settle(best)
-    winner = _integrating(search, pruned(search, best, keep))
+    winner = _integrating(search, _with_lag(search, pruned(search, best, keep), keep))
     done = winner.scored.done
     unseen = (search.blurred and winner.spec.between != DECIMATED
               and not winner.scored.bare(search.policy))
@@ -71,6 +72,23 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
         noise = ""  # (slips that unseen scans made early or late look the same)
     return Decision(winner, noise, alike, missing_reason(winner, unseen, shape, slow=search.slow and not noise),
                     unseen, shape)
+
+
+def _with_lag(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
+    """The winner with a further lag for each effect on the process that gains less than a name beyond one.
+
+    Such an effect may be two lags as well: a process that rings has them at its limit.
+    """
+    for name in (n for n in physical(winner.spec) if n not in (*keep, LAG) and parse(n)[0].place is Place.PROCESS):
+        before = search.dropped(winner, name)
+        if LAG not in additions(before.spec, search.loop, search.only):
+            continue
+        search.ask(before, (LAG,))
+        lagging = search.memo[key(with_effect(before.spec, LAG))]
+        fitted = lagging.scored.full and not lagging.failed
+        if fitted and winner.scored.done.gain_over(lagging.scored.done) < search.policy.margin:
+            winner = lagging
+    return winner
 
 
 def _integrating(search: Search, winner: Entry) -> Entry:

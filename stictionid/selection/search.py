@@ -113,11 +113,11 @@ class Search:
             self.expand(self.best())
         while doubted := self._doubted(best := self._walked()):
             self.rested.add(key(best.spec))
-            self._ask(*doubted)
+            self.ask(*doubted)
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True)
         if late and self.only is None and not self.slow and self.spent < 2 * self.budget and not self._carried(best):
-            self._ask(base, late, beside=best)
+            self.ask(base, late, beside=best)
             best = self._walked()
         return best
 
@@ -195,7 +195,7 @@ class Search:
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         return ground, self._edges(entry, fit.model.spec)
 
-    def _ask(self, entry: Entry, names: Sequence[str], *, changes: bool = False, beside: Entry | None = None) -> None:
+    def ask(self, entry: Entry, names: Sequence[str], *, changes: bool = False, beside: Entry | None = None) -> None:
         """Ask beside a node for effects that are not fitted yet, and with `changes` for those of structure.
 
         A search that begins with parts of the record ends where it does not leave less than another node, `beside`.
@@ -238,7 +238,7 @@ class Search:
         while queue and self.spent < self.budget and not self._only_noise(self.best()):
             base = queue.pop(0)
             if base is not entry and RESTING in additions(base.spec, self.loop, self.only):
-                self._ask(base, (RESTING,), changes=True)
+                self.ask(base, (RESTING,), changes=True)
             for e in list(self.memo.values()):
                 if e.op == SWAP and physical(e.spec) == physical(entry.spec) and not e.failed \
                         and key(e.spec) not in seen \

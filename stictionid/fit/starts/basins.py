@@ -19,6 +19,7 @@ from ..arx_cost import Arx
 from ..moves import (
     FORCES,
     as_held,
+    beginning,
     descended,
     first_distinct,
     lifted,
@@ -249,7 +250,7 @@ def grown(model: Model, rng: np.random.Generator, lag_s: float | None = None) ->
     points, kept = np.empty((0, model.space.size)), _GROWN_KEPT
     for share in _GROWTH:
         least = model.skip + int(_GROWN_PERIODS * model.period_s / model.step_s)
-        part = _beginning(model, max(int(share * model.loop.samples), least))
+        part = beginning(model, max(int(share * model.loop.samples), least))
         known = with_start(part, points) if len(points) else _scan(part, rng, lag_s)
         near = descended(part, known, turns=6).points[:kept]
         last = refine(part.costs, near, rng, spread=spreads(part, 0.4), rounds=30, population=14, settle=1e-3)
@@ -288,15 +289,6 @@ def _scan(model: Model, rng: np.random.Generator, lag_s: float | None) -> FloatA
     cube = model.cube(values[:, order])
     return cube[first_distinct(cube, _SCAN_KEPT)]
 
-
-def _beginning(model: Model, rows: int) -> Model:
-    """The same model on the first rows of its record."""
-    loop = model.loop
-    if rows >= loop.samples:
-        return model
-    return Model(loop.cut(0, rows), model.spec, s_max=model.s_max, period_s=model.period_s,
-                 residual=None if model.context.residual is None else model.context.residual[:rows],
-                 record=model.context.record)
 
 
 def with_other_start(model: Model, point: FloatArray, count: int = 3) -> FloatArray:

@@ -22,6 +22,7 @@ from ..moves import first_distinct, longest_piece, search_model, with_start
 from ..noise.completion import own_taps
 from .basins import basins, grown, with_process
 from .continuation import distinct, grown_valves
+from .with_lags import grown_models
 
 # Basins of the base that refits start from: from swarms, and from a search on growing parts of the record.
 _SWARMED, _GROWN = 2, 2
@@ -70,7 +71,8 @@ def resting_valves(model: Model, rng: np.random.Generator) -> list[dict[str, flo
         law = bare(_RESTS_ALWAYS, process, lags)
         valves += [{**law.named(column), **rests} for column in law.values(grown(law, rng)).T]
     slides = bare(spec.law, spec.process, (*lags, RESTING))
-    found = grown_valves(slides, _valve_of(slides, (RESTING,)), rng)
+    columns = _valve_of(slides, (RESTING,))
+    found = np.concatenate([grown_valves(slides, columns, rng), grown_models(slides, columns, rng)])
     return valves + [slides.named(column) for column in slides.values(found).T]
 
 
@@ -134,8 +136,10 @@ def open_valves(model: Model, name: str, fit: Fitted, rng: np.random.Generator) 
     plain = undisturbed(model, fit.model, fit.values)
     names = [n for n in plain.names if n in (name, RESTING)]
     known = plain.vector({n: v for n, v in fit.best.values.items() if n.partition(":")[0] not in names})
-    found = grown_valves(plain, _valve_of(plain, names), rng, known)
-    return with_process(model, as_in(model, plain, found, fit))
+    columns = _valve_of(plain, names)
+    if not model.spec.held:
+        return as_in(model, plain, grown_models(plain, columns, rng, known), fit)
+    return with_process(model, as_in(model, plain, grown_valves(plain, columns, rng, known), fit))
 
 
 def as_in(model: Model, plain: Model, points: FloatArray, fit: Fitted) -> FloatArray:

@@ -9,11 +9,9 @@ process of first or second order. The best of a ladder of delays counts. The hig
 than a slip: drift, steps, waves, the errors that an integrator adds up. The one-step error needs no process either, but
 with a noisy y it is smallest at a valve that merely follows y.
 
-Two searches begin on parts of different length, because they fail on different records. Measured on 50 loops of
-benchmarks/plants exported at the scan (seed 41000), polished beside the true disturbances: 37 come within 3 % of the
-error of the true valve. Within 2 %, one search alone finds 34 or 33. From parts of two periods on, before the last
-polish, a high pass of 0.2 periods found 33, one of 0.7 periods 26. Under a command that moves between samples two
-searches find 22 of 29 valves that may rest, and one finds 21.
+A valve that sticks little imitates a steady cycle on a few periods of it. Hundreds of such valves would push out the
+right one, so every part keeps the best valves of each range of S, too. From parts of two periods on, before the last
+polish, a high pass of 0.2 periods found 33 of 50 valves of benchmarks/plants (seed 41000), one of 0.7 periods 26.
 Source: METHODS.md section 4, traps 1 and 3.
 """
 
@@ -32,7 +30,7 @@ from ...numerics.jit import LANES
 from ...numerics.population import refine
 from ...process.linear import Dynamics, free_run
 from ...typing import BoolArray, FloatArray
-from ..moves import lifted, longest_piece, neutral_point, search_model, thinned, thinning
+from ..moves import beginning, lifted, longest_piece, neutral_point, search_model, thinned, thinning
 from .reparametrised import as_valves, ridge_of
 
 # Lags in periods; the longest one is that of the high pass, too. Where PV is missing so often that its mean distance is
@@ -43,6 +41,8 @@ _DELAYS, _LONGEST = 6, 0.4
 # factor from one part to the next: two under a held command, one under a command that moves. Then the points that the
 # first and the last part leave.
 _SCAN, _HELD, _MOVING, _LEFT = 12_000, ((3.0, 1.4), (8.0, 2.0)), ((5.0, 1.6),), (64, 6)
+# Ranges of S that each part keeps valves of, and the share of the kept ones that they have together.
+_BANDS, _FOR_BANDS = np.geomspace(0.08, 1.0, 7)[1:-1], 0.5
 # Shares of the record, with the points that each leaves, where friction changes along it. A short part determines the
 # rate of change so badly that the next part must not be much longer.
 _DRIFTING = ((0.06, 64), (0.1, 48), (0.14, 32), (0.2, 24), (0.28, 16), (0.4, 12), (0.55, 8), (0.75, 8), (1.0, 6))
@@ -166,8 +166,8 @@ def _grown(small: Model, own: list[int], middle: FloatArray, rng: np.random.Gene
 
     def cost_of(rows: int) -> Callable[[FloatArray], FloatArray]:
         if rows not in banks:
-            beginning = _beginning(small, rows)
-            banks[rows] = beginning, open_bank(beginning)
+            part = beginning(small, rows)
+            banks[rows] = part, open_bank(part)
         part, bank = banks[rows]
 
         def cost(points: FloatArray) -> FloatArray:
@@ -195,14 +195,18 @@ def _through_parts(small: Model, cost_of: Callable[[int], Callable[[FloatArray],
     `parts` are shares of the record, with the points that each leaves.
     """
     points = np.empty((0, scanned))
-    # A record may begin at rest, so a part also has its share of the energy of y.
-    happened = np.cumsum(_quick(small) ** 2)
     for share, kept in parts:
-        rows = max(int(share * small.loop.samples), small.skip + int(_SHORTEST * small.period_s / small.step_s),
-                   int(np.searchsorted(happened, share * happened[-1])) + 1)
-        cost = cost_of(min(rows, small.loop.samples))
-        points = _polished(cost, points, share, kept, rng) if len(points) else _first(cost, scanned, kept, rng)
+        cost = cost_of(happened(small, share))
+        points = _polished(cost, points, share, kept, rng) if len(points) else first_valves(cost, scanned, kept, rng)
     return points
+
+
+def happened(model: Model, share: float) -> int:
+    """Rows of the beginning of a record with a share of its length, and of the energy of y: it may begin at rest."""
+    energy, samples = np.cumsum(_quick(model) ** 2), model.loop.samples
+    rows = max(int(share * samples), model.skip + int(_SHORTEST * model.period_s / model.step_s),
+               int(np.searchsorted(energy, share * energy[-1])) + 1)
+    return min(rows, samples)
 
 
 def _schedules(model: Model) -> list[list[tuple[float, int]]]:
@@ -228,12 +232,14 @@ def _polished(cost: Callable[[FloatArray], FloatArray], points: FloatArray, shar
     return found.points[distinct(found.points, kept, _NEAR)]
 
 
-def _first(cost: Callable[[FloatArray], FloatArray], scanned: int, kept: int, rng: np.random.Generator) -> FloatArray:
+def first_valves(cost: Callable[[FloatArray], FloatArray], scanned: int, kept: int,
+                 rng: np.random.Generator) -> FloatArray:
     """The best distinct points (kept, columns) of an even scan of the first part."""
     count = _SCAN * (scanned - 2)
     points = (rng.random(scanned) + np.outer(np.arange(count), even(scanned))) % 1.0
-    points = points[np.argsort(cost(points), kind="stable")[:count // 4]]
-    return points[distinct(points, kept, _APART)]
+    costs = cost(points)
+    order = np.argsort(costs, kind="stable")
+    return points[order[of_all_bands(points[order[:np.isfinite(costs).sum()]], kept, _APART)]]
 
 
 def even(dimensions: int) -> FloatArray:
@@ -242,6 +248,17 @@ def even(dimensions: int) -> FloatArray:
     for _ in range(60):
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
     return root ** -np.arange(1.0, dimensions + 1)
+
+
+def of_all_bands(points: FloatArray, count: int, apart: float) -> list[int]:
+    """Indices of the first distinct points (k, d) by rank, some of them the best of each range of S (column 0)."""
+    band = np.searchsorted(_BANDS, points[:, 0])
+    each = max(int(_FOR_BANDS * count) // (_BANDS.size + 1), 1)
+    kept: list[int] = []
+    for at in (np.flatnonzero(band == b) for b in range(_BANDS.size + 1)):
+        kept += at[distinct(points[at], each, apart)].tolist()
+    others = [i for i in distinct(points, count, apart) if i not in kept]
+    return sorted([*kept, *others[:max(count - len(kept), 0)]])
 
 
 def distinct(points: FloatArray, count: int, apart: float) -> list[int]:
@@ -253,14 +270,3 @@ def distinct(points: FloatArray, count: int, apart: float) -> list[int]:
         if len(kept) == count:
             break
     return kept
-
-
-def _beginning(model: Model, rows: int) -> Model:
-    """The same model on the first rows of its record."""
-    loop = model.loop
-    if rows >= loop.samples:
-        return model
-    command = model.context.command[:rows * (model.context.command.size // loop.samples)]
-    return Model(loop.cut(0, rows), model.spec, s_max=model.s_max, period_s=model.period_s, command=command,
-                 residual=None if model.context.residual is None else model.context.residual[:rows],
-                 record=model.context.record)
