@@ -9,13 +9,17 @@ import pytest
 from loops_with_effects import NOISE, small
 
 from stictionid.effects import parse
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.spec import SOFT, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.study import Study, study_from_json, to_json
+from stictionid.selection.decide import with_lag
 from stictionid.selection.node import key, node, spec_of, structure, with_effect
 from stictionid.selection.policy import Policy
+from stictionid.selection.search import Search
+from stictionid.selection.steps import opened
 from stictionid.verbs.diagnose import diagnose
-from stictionid.verbs.identify import identify
+from stictionid.verbs.identify import Options, identify
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +64,8 @@ def test_a_small_budget_ends_the_search_and_lists_what_was_not_asked(found: tupl
     after = diagnose(loop, before, apply=True, policy=Policy(budget=1))
     assert after.missing == () and len(after.unasked) > 10 and after.steps == before.steps
     assert after.evaluations is not None and before.evaluations is not None
-    assert after.evaluations < before.evaluations + 50_000
+    # (One search for valves, 63,000 evaluations on this record, is made whatever the budget.)
+    assert after.evaluations < before.evaluations + 70_000
 
 
 def test_a_study_without_a_tree_is_searched_all_the_same(found: tuple[Loop, Study, Study]) -> None:
@@ -85,3 +90,20 @@ def test_a_tree_names_each_node_once(found: tuple[Loop, Study, Study]) -> None:
     _, _, after = found
     ids = [n.id for n in after.tree]
     assert len(set(ids)) == len(ids) and all(n.parent is None or n.parent in ids for n in after.tree)
+
+
+@pytest.mark.parametrize(("plant", "effects", "answer"), [
+    (Plant(1.5, 10.0, 2.0, 4.0), (), {"extra-lag"}),
+    (Plant(1.5, 10.0, 2.0), (("underdamped-process", {"natural_period_s": 40.0}),), {"underdamped-process"})])
+def test_a_process_that_rings_gives_way_to_two_lags_that_explain_as_much(
+        plant: Plant, effects: tuple[tuple[str, dict[str, float]], ...], answer: set[str]) -> None:
+    setting = Setting(plant, Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=1000.0, noise_sd=0.02, effects=effects,
+                      setpoint_moves=((0.0, 3.0), (500.0, -2.0)))
+    loop = replace(simulate(setting, seed=3).loop, position=None)
+    run, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
+    search = Search(run.loop, Policy(), 0, 1, lambda words, share: None)
+    root = search.root(fit)
+    search.ask(root, ("underdamped-process",))
+    rings = search.memo[key(with_effect(root.spec, "underdamped-process"))]
+    assert set(with_lag(search, rings, ()).spec.effects) == answer
+    assert with_lag(search, rings, ("underdamped-process",)) is rings

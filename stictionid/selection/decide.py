@@ -56,7 +56,7 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     Effects to `keep` are never pruned.
     """
     search.settle(best)
-    winner = _integrating(search, _with_lag(search, pruned(search, best, keep), keep))
+    winner = _integrating(search, with_lag(search, pruned(search, best, keep), keep))
     done = winner.scored.done
     unseen = (search.blurred and winner.spec.between != DECIMATED
               and not winner.scored.bare(search.policy))
@@ -74,7 +74,7 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
                     unseen, shape)
 
 
-def _with_lag(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
+def with_lag(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
     """The winner with a further lag for each effect on the process that gains less than a name beyond one.
 
     Such an effect may be two lags as well: a process that rings has them at its limit.

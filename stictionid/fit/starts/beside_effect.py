@@ -71,7 +71,7 @@ def resting_valves(model: Model, rng: np.random.Generator) -> list[dict[str, flo
         law = bare(_RESTS_ALWAYS, process, lags)
         valves += [{**law.named(column), **rests} for column in law.values(grown(law, rng)).T]
     slides = bare(spec.law, spec.process, (*lags, RESTING))
-    columns = _valve_of(slides, (RESTING,))
+    columns = valve_columns(slides, (RESTING,))
     found = np.concatenate([grown_valves(slides, columns, rng), grown_models(slides, columns, rng)])
     return valves + [slides.named(column) for column in slides.values(found).T]
 
@@ -84,21 +84,23 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     base = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
     # Swarms on the one-step error, and a search that assumes no process: they fail on different records.
     plain = undisturbed(base, model, values)
-    far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, _valve_of(base, ()), rng)[:_GROWN]])
+    far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, valve_columns(base, ()), rng)[:_GROWN]])
     fresh = base.values(with_process(base, far))[:len(BASE)].T
     friction = tuple(x.name for x in model.effects if x.friction is not None)
     if friction:
         # A valve that rests has other basins than one that slides.
         own = bound(model.loop, replace(spec, effects=friction), s_max=model.s_max, period_s=model.period_s)
         plain = undisturbed(own, model, values)
-        found = with_process(own, grown_valves(plain, _valve_of(plain, friction), rng)[:_GROWN])
+        found = with_process(own, grown_valves(plain, valve_columns(plain, friction), rng)[:_GROWN])
         fresh = np.concatenate([own.values(found)[:len(BASE)].T, fresh])
     return np.concatenate([values[None, :len(BASE)], fresh])
 
 
-def _valve_of(model: Model, names: Sequence[str]) -> list[int]:
-    """Columns of the unit cube that decide how the valve moves, the parameters of the named effects included."""
-    rows = (model.rows_of(name) for name in names)
+def valve_columns(model: Model, names: Sequence[str] | None = None) -> list[int]:
+    """Columns of the unit cube that decide how the valve moves, with those of all effects on it, or of the named ones.
+    """
+    effects = zip(model.names, model.effects, strict=True)
+    rows = (model.rows_of(n) for n in ([n for n, e in effects if on_valve(e)] if names is None else names))
     return [0, 1, model.forces[longest_piece(model)], *(i for r in rows for i in range(r.start, r.stop))]
 
 
@@ -136,7 +138,7 @@ def open_valves(model: Model, name: str, fit: Fitted, rng: np.random.Generator) 
     plain = undisturbed(model, fit.model, fit.values)
     names = [n for n in plain.names if n in (name, RESTING)]
     known = plain.vector({n: v for n, v in fit.best.values.items() if n.partition(":")[0] not in names})
-    columns = _valve_of(plain, names)
+    columns = valve_columns(plain, names)
     if not model.spec.held:
         return as_in(model, plain, grown_models(plain, columns, rng, known), fit)
     return with_process(model, as_in(model, plain, grown_valves(plain, columns, rng, known), fit))

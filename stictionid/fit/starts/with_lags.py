@@ -3,8 +3,7 @@
 The search that assumes no process (continuation.py) ranks a valve by what slips alone explain. In a steady cycle that
 is little: a valve that hardly sticks, behind any lags, follows the cycle nearly as well. With its process the right
 valve is far better than those on all but the shortest parts. A disturbance misleads this search, but not the other one,
-so each finds valves that the other misses. Measured on 82 loops of benchmarks/plants with the true effects (seeds 45000
-and 96000): the other search alone finds 52 true models, both together find 62.
+so each finds valves that the other misses (benchmarks/valve_starts.py).
 Source: METHODS.md section 4, traps 1 and 3.
 """
 
