@@ -138,10 +138,8 @@ def open_valves(model: Model, name: str, fit: Fitted, rng: np.random.Generator) 
     plain = undisturbed(model, fit.model, fit.values)
     names = [n for n in plain.names if n in (name, RESTING)]
     known = plain.vector({n: v for n, v in fit.best.values.items() if n.partition(":")[0] not in names})
-    columns = valve_columns(plain, names)
-    if not model.spec.held:
-        return as_in(model, plain, grown_models(plain, columns, rng, known), fit)
-    return with_process(model, as_in(model, plain, grown_valves(plain, columns, rng, known), fit))
+    found = grown_valves(plain, valve_columns(plain, names), rng, known)
+    return with_process(model, as_in(model, plain, found, fit))
 
 
 def as_in(model: Model, plain: Model, points: FloatArray, fit: Fitted) -> FloatArray:
