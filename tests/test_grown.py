@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from loops_with_effects import loop_of
-from plants.identifiable import true_model
 from plants.run import plant_of
 from plants.score import loop_of as loop_of_plant
 
@@ -19,20 +18,17 @@ from stictionid.fit.intervals.assemble import effective_rows
 from stictionid.fit.moves import search_model, thinned
 from stictionid.fit.starts import continuation
 from stictionid.fit.starts.basins import grown
-from stictionid.fit.starts.beside_effect import open_valves, valve_columns
-from stictionid.fit.starts.continuation import grown_valves, of_all_bands
+from stictionid.fit.starts.beside_effect import open_valves
+from stictionid.fit.starts.continuation import grown_valves
 from stictionid.fit.starts.intersample import as_moving
 from stictionid.fit.starts.reparametrised import as_natural, as_valves
-from stictionid.fit.starts.with_lags import grown_models
 from stictionid.fit.with_effect import scout, settled
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
-from stictionid.model.segments import bound
 from stictionid.model.spec import SOFT, Spec
 from stictionid.numerics import tally
 from stictionid.numerics.filter_bank import LagBank
 from stictionid.process.linear import Dynamics, free_run
-from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
 from stictionid.selection.looks import FAR, Ground, adding, performed, pool_of
@@ -227,33 +223,3 @@ def test_a_growing_search_scans_what_an_effect_does_to_friction() -> None:
                key=lambda values: float(model.costs_of(values[:, None])[0]))
     assert pytest.approx(setting.S, rel=0.01) == best[0]
     assert pytest.approx(setting.J, rel=0.01) == best[1]
-
-
-def test_a_search_with_the_process_finds_a_valve_that_a_steady_cycle_hides() -> None:
-    """Behind any lags a valve that hardly sticks follows the cycle nearly as well as the true one, which rests."""
-    model, values, _ = true_model(plant_of("one", 23, 45000))
-    alone, beside = (model.values(search(model, valve_columns(model), np.random.default_rng(0)))[0] / values[0]
-                     for search in (grown_valves, grown_models))
-    assert np.abs(alone - 1.0).min() > 0.5
-    assert np.abs(beside - 1.0).min() < 0.1
-
-
-def test_of_two_segments_a_search_with_the_process_takes_the_longer_one() -> None:
-    setting = Setting(Plant(1.2, 20.0, 4.0), Controller(0.7, 12.0), S=4.0, J=2.0, duration_s=1500.0,
-                      setpoint_moves=((0.0, 3.0), (700.0, -2.0)), noise_sd=0.02)
-    whole = simulate(setting, seed=2).loop
-    loop = Loop.joined([whole.cut(0, 500), whole.cut(600, 1500)], begins_s=(0.0, 600.0 * whole.step_s))
-    found = find_range(loop)
-    model = bound(loop, Spec(between="corner", substeps=4), s_max=swing_of(loop, found),
-                  period_s=time_scale_s(loop, found))
-    points = grown_models(model, valve_columns(model), np.random.default_rng(0))
-    assert points.shape[1] == model.space.size > 5
-    assert pytest.approx(setting.S, rel=0.03) == model.values(points)[0, 0]
-
-
-def test_valves_of_every_range_of_S_are_kept_beside_better_ones_of_one_range() -> None:
-    rng = np.random.default_rng(0)
-    points = np.concatenate([np.column_stack([np.full(500, 0.09), rng.random(500)]), [[0.5, 0.4], [0.9, 0.2]]])
-    kept = of_all_bands(points, 12, 0.01)
-    assert {500, 501} < set(kept) and len(kept) == 12 and kept == sorted(kept) and kept[0] == 0
-    assert of_all_bands(points[:3], 12, 2.0) == [0]

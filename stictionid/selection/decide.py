@@ -75,9 +75,9 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
 
 
 def with_lag(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
-    """The winner with a further lag for each effect on the process that gains less than a name beyond one.
+    """The winner with a further lag in place of each effect on the process that gains less than the margin beyond one.
 
-    Such an effect may be two lags as well: a process that rings has them at its limit.
+    An `underdamped-process` of a short natural period is two lags in series, which need no name.
     """
     for name in (n for n in physical(winner.spec) if n not in (*keep, LAG) and parse(n)[0].place is Place.PROCESS):
         before = search.dropped(winner, name)

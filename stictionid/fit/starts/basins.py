@@ -290,7 +290,6 @@ def _scan(model: Model, rng: np.random.Generator, lag_s: float | None) -> FloatA
     return cube[first_distinct(cube, _SCAN_KEPT)]
 
 
-
 def with_other_start(model: Model, point: FloatArray, count: int = 3) -> FloatArray:
     """The best few (count, d) of point (d,) with another residual force and a process that fits it.
 

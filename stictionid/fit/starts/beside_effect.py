@@ -22,7 +22,6 @@ from ..moves import first_distinct, longest_piece, search_model, with_start
 from ..noise.completion import own_taps
 from .basins import basins, grown, with_process
 from .continuation import distinct, grown_valves
-from .with_lags import grown_models
 
 # Basins of the base that refits start from: from swarms, and from a search on growing parts of the record.
 _SWARMED, _GROWN = 2, 2
@@ -71,8 +70,7 @@ def resting_valves(model: Model, rng: np.random.Generator) -> list[dict[str, flo
         law = bare(_RESTS_ALWAYS, process, lags)
         valves += [{**law.named(column), **rests} for column in law.values(grown(law, rng)).T]
     slides = bare(spec.law, spec.process, (*lags, RESTING))
-    columns = valve_columns(slides, (RESTING,))
-    found = np.concatenate([grown_valves(slides, columns, rng), grown_models(slides, columns, rng)])
+    found = grown_valves(slides, _valve_of(slides, (RESTING,)), rng)
     return valves + [slides.named(column) for column in slides.values(found).T]
 
 
@@ -84,23 +82,21 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     base = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
     # Swarms on the one-step error, and a search that assumes no process: they fail on different records.
     plain = undisturbed(base, model, values)
-    far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, valve_columns(base, ()), rng)[:_GROWN]])
+    far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, _valve_of(base, ()), rng)[:_GROWN]])
     fresh = base.values(with_process(base, far))[:len(BASE)].T
     friction = tuple(x.name for x in model.effects if x.friction is not None)
     if friction:
         # A valve that rests has other basins than one that slides.
         own = bound(model.loop, replace(spec, effects=friction), s_max=model.s_max, period_s=model.period_s)
         plain = undisturbed(own, model, values)
-        found = with_process(own, grown_valves(plain, valve_columns(plain, friction), rng)[:_GROWN])
+        found = with_process(own, grown_valves(plain, _valve_of(plain, friction), rng)[:_GROWN])
         fresh = np.concatenate([own.values(found)[:len(BASE)].T, fresh])
     return np.concatenate([values[None, :len(BASE)], fresh])
 
 
-def valve_columns(model: Model, names: Sequence[str] | None = None) -> list[int]:
-    """Columns of the unit cube that decide how the valve moves, with those of all effects on it, or of the named ones.
-    """
-    effects = zip(model.names, model.effects, strict=True)
-    rows = (model.rows_of(n) for n in ([n for n, e in effects if on_valve(e)] if names is None else names))
+def _valve_of(model: Model, names: Sequence[str]) -> list[int]:
+    """Columns of the unit cube that decide how the valve moves, the parameters of the named effects included."""
+    rows = (model.rows_of(name) for name in names)
     return [0, 1, model.forces[longest_piece(model)], *(i for r in rows for i in range(r.start, r.stop))]
 
 
@@ -138,7 +134,7 @@ def open_valves(model: Model, name: str, fit: Fitted, rng: np.random.Generator) 
     plain = undisturbed(model, fit.model, fit.values)
     names = [n for n in plain.names if n in (name, RESTING)]
     known = plain.vector({n: v for n, v in fit.best.values.items() if n.partition(":")[0] not in names})
-    found = grown_valves(plain, valve_columns(plain, names), rng, known)
+    found = grown_valves(plain, _valve_of(plain, names), rng, known)
     return with_process(model, as_in(model, plain, found, fit))
 
 

@@ -13,8 +13,7 @@ Two searches begin on parts of different length, because they fail on different 
 benchmarks/plants exported at the scan (seed 41000), polished beside the true disturbances: 37 come within 3 % of the
 error of the true valve. Within 2 %, one search alone finds 34 or 33. From parts of two periods on, before the last
 polish, a high pass of 0.2 periods found 33, one of 0.7 periods 26. Under a command that moves between samples two
-searches find 22 of 29 valves that may rest, and one finds 21. On a few periods of a steady cycle hundreds of valves
-that hardly stick do as well as the right one, so the first scan keeps the best ones of each range of S.
+searches find 22 of 29 valves that may rest, and one finds 21.
 Source: METHODS.md section 4, traps 1 and 3.
 """
 
@@ -44,8 +43,6 @@ _DELAYS, _LONGEST = 6, 0.4
 # factor from one part to the next: two under a held command, one under a command that moves. Then the points that the
 # first and the last part leave.
 _SCAN, _HELD, _MOVING, _LEFT = 12_000, ((3.0, 1.4), (8.0, 2.0)), ((5.0, 1.6),), (64, 6)
-# Limits between ranges of S that the first scan keeps valves of, and the share of the kept ones in all ranges together.
-_BANDS, _FOR_BANDS = np.geomspace(0.08, 1.0, 7)[1:-1], 0.5
 # Shares of the record, with the points that each leaves, where friction changes along it. A short part determines the
 # rate of change so badly that the next part must not be much longer.
 _DRIFTING = ((0.06, 64), (0.1, 48), (0.14, 32), (0.2, 24), (0.28, 16), (0.4, 12), (0.55, 8), (0.75, 8), (1.0, 6))
@@ -198,18 +195,14 @@ def _through_parts(small: Model, cost_of: Callable[[int], Callable[[FloatArray],
     `parts` are shares of the record, with the points that each leaves.
     """
     points = np.empty((0, scanned))
+    # A record may begin at rest, so a part also has its share of the energy of y.
+    happened = np.cumsum(_quick(small) ** 2)
     for share, kept in parts:
-        cost = cost_of(happened(small, share))
-        points = _polished(cost, points, share, kept, rng) if len(points) else first_valves(cost, scanned, kept, rng)
+        rows = max(int(share * small.loop.samples), small.skip + int(_SHORTEST * small.period_s / small.step_s),
+                   int(np.searchsorted(happened, share * happened[-1])) + 1)
+        cost = cost_of(min(rows, small.loop.samples))
+        points = _polished(cost, points, share, kept, rng) if len(points) else _first(cost, scanned, kept, rng)
     return points
-
-
-def happened(model: Model, share: float) -> int:
-    """Rows of the beginning of a record with a share of its length, and of the energy of y: it may begin at rest."""
-    energy, samples = np.cumsum(_quick(model) ** 2), model.loop.samples
-    rows = max(int(share * samples), model.skip + int(_SHORTEST * model.period_s / model.step_s),
-               int(np.searchsorted(energy, share * energy[-1])) + 1)
-    return min(rows, samples)
 
 
 def _schedules(model: Model) -> list[list[tuple[float, int]]]:
@@ -235,14 +228,12 @@ def _polished(cost: Callable[[FloatArray], FloatArray], points: FloatArray, shar
     return found.points[distinct(found.points, kept, _NEAR)]
 
 
-def first_valves(cost: Callable[[FloatArray], FloatArray], scanned: int, kept: int,
-                 rng: np.random.Generator) -> FloatArray:
+def _first(cost: Callable[[FloatArray], FloatArray], scanned: int, kept: int, rng: np.random.Generator) -> FloatArray:
     """The best distinct points (kept, columns) of an even scan of the first part."""
     count = _SCAN * (scanned - 2)
     points = (rng.random(scanned) + np.outer(np.arange(count), even(scanned))) % 1.0
-    costs = cost(points)
-    order = np.argsort(costs, kind="stable")
-    return points[order[of_all_bands(points[order[:np.isfinite(costs).sum()]], kept, _APART)]]
+    points = points[np.argsort(cost(points), kind="stable")[:count // 4]]
+    return points[distinct(points, kept, _APART)]
 
 
 def even(dimensions: int) -> FloatArray:
@@ -251,17 +242,6 @@ def even(dimensions: int) -> FloatArray:
     for _ in range(60):
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
     return root ** -np.arange(1.0, dimensions + 1)
-
-
-def of_all_bands(points: FloatArray, count: int, apart: float) -> list[int]:
-    """Indices of the first distinct points (k, d) by rank, some of them the best of each range of S (column 0)."""
-    band = np.searchsorted(_BANDS, points[:, 0])
-    each = max(int(_FOR_BANDS * count) // (_BANDS.size + 1), 1)
-    kept: list[int] = []
-    for at in (np.flatnonzero(band == b) for b in range(_BANDS.size + 1)):
-        kept += at[distinct(points[at], each, apart)].tolist()
-    others = [i for i in distinct(points, count, apart) if i not in kept]
-    return sorted([*kept, *others[:max(count - len(kept), 0)]])
 
 
 def distinct(points: FloatArray, count: int, apart: float) -> list[int]:
