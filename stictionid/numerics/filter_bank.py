@@ -19,14 +19,10 @@ from ..typing import BoolArray, FloatArray, IntArray
 from .jit import LANES, LINE, kernel
 from .varpro import Shared
 
-# Sums formed in a pass: products of four lags with each other, with a constant, and with a decay.
-_LAGS, _SUMS = 4, 18
-
-
 class LagBank:
     """Bank of lags and delays for one y (n,) over the rows (n,) of `count`; lags and decay in s, delays in samples.
 
-    There are four lags, the shortest last. No row up to the longest delay may count, and delays ascend. `direction` is
+    The shortest lag comes last. No row up to the longest delay may count, and delays ascend. `direction` is
     the sign of the process gain (1 or -1), 0 where unknown; the first response of y must have that sign. In a closed
     loop y also follows from u by the inverse of the controller, which has the other sign and needs no friction.
     """
@@ -55,15 +51,16 @@ class LagBank:
 
     def costs(self, position: FloatArray) -> FloatArray:
         """Sum of squared errors (P,) of paths (n*parts, P), each with its best delay; inf for a constant path."""
-        lanes, many, q = position.shape[1], self.delays.size, self.shared.freedom
-        sums = np.empty((many, _SUMS, lanes))
+        lanes, many, lags, q = position.shape[1], self.delays.size, self._decays.size, self.shared.freedom
+        # Products of the lags with each other, with a constant, and with a decay.
+        sums = np.empty((many, lags * (lags + 1) // 2 + 2 * lags, lanes))
         _sums(position, self._parts, self._decays, self._enters, self._edges, self._decay, sums)
-        squares: FloatArray = np.empty((_LAGS, _LAGS, many, lanes))
-        cross = np.empty((_LAGS, q + 1, many, lanes))
-        shown = (self._adjoint @ position).reshape(_LAGS, many, lanes)
+        squares: FloatArray = np.empty((lags, lags, many, lanes))
+        cross = np.empty((lags, q + 1, many, lanes))
+        shown = (self._adjoint @ position).reshape(lags, many, lanes)
         _normals(sums, self._mix, shown, self._first, position[0], squares, cross)
-        squares = squares.reshape(_LAGS, _LAGS, -1)
-        cost, sizes = self.shared.solved(squares, cross.reshape(_LAGS, q + 1, -1))
+        squares = squares.reshape(lags, lags, -1)
+        cost, sizes = self.shared.solved(squares, cross.reshape(lags, q + 1, -1))
         if self._direction:
             # The shortest lag is left out where its sign is wrong: the last pivot gives the increase of the cost.
             wrong = self._direction * sizes[-1] < 0.0
@@ -104,87 +101,80 @@ def _filter_backwards(y: FloatArray, delays: IntArray, decays: FloatArray, out: 
 @kernel
 def _sums(position: FloatArray, parts: int, decays: FloatArray, enters: IntArray, edges: BoolArray, decay: FloatArray,
           sums: FloatArray) -> None:
-    """Fill sums (delays, 18, P): those of the first delay, then the increment of each further delay."""
-    samples, lanes = edges.size, position.shape[1]
-    many = enters.shape[0]
+    """Fill sums (delays, sums, P): those of the first delay, then the increment of each further delay."""
+    samples, lanes, lags = edges.size, position.shape[1], decays.size
+    many, formed = sums.shape[:2]
+    pairs = formed - 2 * lags
     # States of the lags, first positions, and the sums of the first delay, each for all lanes.
-    work = np.empty((5 + _SUMS) * LANES + LINE)
+    work = np.empty((lags + 1 + formed) * LANES + LINE)
     work = work[-(work.ctypes.data // 8) % LINE:]
-    a0, a1, a2, a3 = decays[0], decays[1], decays[2], decays[3]
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
         last = first + width
         work[:] = 0.0
-        for t in range(many):
-            for x in range(_SUMS):
-                for p in range(first, last):
-                    sums[t, x, p] = 0.0
+        sums[:, :, first:last] = 0.0
+        start = work[lags * LANES:lags * LANES + width]
+        own = work[(lags + 1) * LANES:]
         for p in range(width):
-            work[4 * LANES + p] = position[0, first + p]
+            start[p] = position[0, first + p]
         for k in range(1, samples):
             for s in range(parts):
                 row = position[(k - 1) * parts + s, first:last]
-                for p in range(width):
-                    u = row[p] - work[4 * LANES + p]
-                    work[p] = a0 * (work[p] - u) + u
-                    work[LANES + p] = a1 * (work[LANES + p] - u) + u
-                    work[2 * LANES + p] = a2 * (work[2 * LANES + p] - u) + u
-                    work[3 * LANES + p] = a3 * (work[3 * LANES + p] - u) + u
+                for i in range(lags):
+                    a, state = decays[i], work[i * LANES:i * LANES + width]
+                    for p in range(width):
+                        u = row[p] - start[p]
+                        state[p] = a * (state[p] - u) + u
             e = decay[k]
             if enters[0, k]:
-                for p in range(width):
-                    v0, v1, v2, v3 = work[p], work[LANES + p], work[2 * LANES + p], work[3 * LANES + p]
-                    work[5 * LANES + p] += v0 * v0
-                    work[6 * LANES + p] += v1 * v0
-                    work[7 * LANES + p] += v1 * v1
-                    work[8 * LANES + p] += v2 * v0
-                    work[9 * LANES + p] += v2 * v1
-                    work[10 * LANES + p] += v2 * v2
-                    work[11 * LANES + p] += v3 * v0
-                    work[12 * LANES + p] += v3 * v1
-                    work[13 * LANES + p] += v3 * v2
-                    work[14 * LANES + p] += v3 * v3
-                    work[15 * LANES + p] += v0
-                    work[16 * LANES + p] += v1
-                    work[17 * LANES + p] += v2
-                    work[18 * LANES + p] += v3
-                    work[19 * LANES + p] += v0 * e
-                    work[20 * LANES + p] += v1 * e
-                    work[21 * LANES + p] += v2 * e
-                    work[22 * LANES + p] += v3 * e
+                at = 0
+                for i in range(lags):
+                    one = work[i * LANES:i * LANES + width]
+                    for j in range(i + 1):
+                        two, sink = work[j * LANES:j * LANES + width], own[at * LANES:at * LANES + width]
+                        for p in range(width):
+                            sink[p] += one[p] * two[p]
+                        at += 1
+                    level = own[(pairs + i) * LANES:(pairs + i) * LANES + width]
+                    decayed = own[(pairs + lags + i) * LANES:(pairs + lags + i) * LANES + width]
+                    for p in range(width):
+                        level[p] += one[p]
+                        decayed[p] += one[p] * e
             if edges[k]:
                 for t in range(1, many):
                     if enters[t, k]:
                         sign = float(enters[t, k])
                         at = 0
-                        for i in range(_LAGS):
+                        for i in range(lags):
+                            one = work[i * LANES:i * LANES + width]
                             for j in range(i + 1):
-                                sink = sums[t, at, first:last]
+                                two, sink = work[j * LANES:j * LANES + width], sums[t, at, first:last]
                                 for p in range(width):
-                                    sink[p] += sign * (work[i * LANES + p] * work[j * LANES + p])
+                                    sink[p] += sign * (one[p] * two[p])
                                 at += 1
-                            level, decayed = sums[t, 10 + i, first:last], sums[t, 14 + i, first:last]
+                            level, decayed = sums[t, pairs + i, first:last], sums[t, pairs + lags + i, first:last]
                             for p in range(width):
-                                level[p] += sign * work[i * LANES + p]
-                                decayed[p] += sign * e * work[i * LANES + p]
-        for x in range(_SUMS):
+                                level[p] += sign * one[p]
+                                decayed[p] += sign * e * one[p]
+        for x in range(formed):
             for p in range(width):
-                sums[0, x, first + p] = work[(5 + x) * LANES + p]
+                sums[0, x, first + p] = own[x * LANES + p]
 
 
 @kernel
 def _normals(sums: FloatArray, mix: FloatArray, shown: FloatArray, first: FloatArray, start: FloatArray,
              squares: FloatArray, cross: FloatArray) -> None:
     """Normal equations of every delay and lane; `sums` holds increments on entry and every delay's sums on exit."""
-    many, _, lanes = sums.shape
-    q = mix.shape[2]
+    many, formed, lanes = sums.shape
+    lags, q = first.shape[0], mix.shape[2]
+    pairs = formed - 2 * lags
     for t in range(many):
         if t:
-            for x in range(_SUMS):
+            for x in range(formed):
                 for p in range(lanes):
                     sums[t, x, p] += sums[t - 1, x, p]
         at = 0
-        for i in range(_LAGS):
+        for i in range(lags):
             for j in range(i + 1):
                 for p in range(lanes):
                     squares[i, j, t, p] = sums[t, at, p]
@@ -193,7 +183,7 @@ def _normals(sums: FloatArray, mix: FloatArray, shown: FloatArray, first: FloatA
             for c in range(q):
                 one, two = mix[t, 0, c], mix[t, 1, c]
                 for p in range(lanes):
-                    cross[i, c, t, p] = one * sums[t, 10 + i, p] + two * sums[t, 14 + i, p]
+                    cross[i, c, t, p] = one * sums[t, pairs + i, p] + two * sums[t, pairs + lags + i, p]
             offset = first[i, t]
             for p in range(lanes):
                 cross[i, q, t, p] = shown[i, t, p] - offset * start[p]

@@ -37,7 +37,7 @@ from .reparametrised import as_valves, ridge_of
 
 # Lags in periods; the longest one is that of the high pass, too. Where PV is missing so often that its mean distance is
 # longer than so many samples, a slower one. Delays tried, up to this share of a period.
-_LAGS, _SPARSE, SPARSE_PACE = (0.2, 0.1, 0.04, 0.012), (0.7, 0.2, 0.06, 0.015), 1.25
+_LAGS, _SPARSE, SPARSE_PACE = (0.25, 0.15, 0.06, 0.02), (0.7, 0.2, 0.06, 0.015), 1.25
 _DELAYS, _LONGEST = 6, 0.4
 # Points of the first scan for each searched parameter beyond two. For each search periods of the shortest part and the
 # factor from one part to the next: two under a held command, one under a command that moves. Then the points that the
