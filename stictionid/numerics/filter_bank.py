@@ -19,6 +19,7 @@ from ..typing import BoolArray, FloatArray, IntArray
 from .jit import LANES, LINE, kernel
 from .varpro import Shared
 
+
 class LagBank:
     """Bank of lags and delays for one y (n,) over the rows (n,) of `count`; lags and decay in s, delays in samples.
 

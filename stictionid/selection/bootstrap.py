@@ -11,11 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fit.fit import Fitted, as_it_stands
+from ..fit.fit import as_it_stands
 from ..fit.moves import descended, with_start
-from ..fit.noise.completion import Refit, quick
+from ..fit.noise.completion import quick
+from ..fit.noise.draws import drawn
 from ..model.segments import bound
-from ..typing import FloatArray, Progress
+from ..typing import Progress
 from .crew import Crew
 from .entry import Entry
 from .looks import Ground, Packed, Task, look_at, standing
@@ -50,25 +51,9 @@ def replicate(ground: Ground, task: Task) -> Packed:
     fit = ground.fit
     rng = np.random.default_rng([ground.seed, task.draw])
     null = quick(fit.model, fit.values)
-    loop = replace(fit.model.loop, process_value=null.evaluated.model + _drawn(fit, null, rng))
+    loop = replace(fit.model.loop, process_value=null.evaluated.model + drawn(null, rng))
     model = bound(loop, fit.model.spec, s_max=fit.model.s_max, period_s=fit.model.period_s)
     near = descended(model, with_start(model, model.cube(fit.values[:, None])))
     again = as_it_stands(model, model.values(near.points[:1])[:, 0])
     gain = gain_of(Ground(again, again.values[None, :model.head], ground.seed, ground.policy), task.added)
     return Packed(task.spec, task.added, gain=gain)
-
-
-def _drawn(fit: Fitted, null: Refit, rng: np.random.Generator) -> FloatArray:
-    """A residual (n,) drawn from the innovations of a model through its noise model, linked across short gaps."""
-    pool = null.innovation[null.good]
-    rows = np.flatnonzero(fit.model.good()) if fit.model.pace > 1.0 else np.arange(null.innovation.size)
-    white = rng.choice(pool - pool.mean(), rows.size)
-    polynomial = np.concatenate([[1.0], null.white_model().taps])
-    residual = np.empty_like(white)
-    for k in range(white.size):
-        back = residual[max(k - polynomial.size + 1, 0):k][::-1]
-        residual[k] = white[k] - polynomial[1:1 + back.size] @ back
-    out = np.zeros(null.innovation.size)
-    out[rows] = residual
-    return out
-

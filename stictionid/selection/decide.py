@@ -26,6 +26,7 @@ from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
 from .doubts import jumps_past, least_cost
 from .entry import ADD, DROP, SWAP, Entry
+from .gates import lasts
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import BASE_EFFECTS, LAG, additions, key, other_process, physical, plain, with_effect, without
 from .policy import Policy
@@ -147,8 +148,9 @@ def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
         for name in (n for n in physical(winner.spec) if n not in keep):
             known = (search.dropped(winner, name), *_known_without(search, winner, name))
             cheap += [(loss, e) for e in known
-                      if (loss := _loss(winner.scored, e, name)) < least_cost(name, e, search.policy)
-                      or _idle(search, winner.scored, e.scored, name)]
+                      if ((loss := _loss(winner.scored, e, name)) < least_cost(name, e, search.policy)
+                          or _idle(search, winner.scored, e.scored, name))
+                      and not lasts(name, winner.scored, e.scored, search.policy)]
         if not cheap:
             return winner
         winner = min(cheap, key=lambda found: found[0])[1]
@@ -208,7 +210,9 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
             continue
         theirs = set(physical(e.spec))
         near = search.policy.margin if odd and RESTING in theirs else search.policy.alike
-        if e.scored.done.parameters <= done.parameters + 1 and not mine < theirs \
+        # (What a winner's disturbance explains a noise model of long memory hides, not a model without it.)
+        hides = theirs < mine and e.scored.rmse >= 2 * winner.scored.rmse
+        if e.scored.done.parameters <= done.parameters + 1 and not mine < theirs and not hides \
                 and done.gain_over(e.scored.done) < near:
             found.append(e)
     return tuple(sorted(found, key=lambda e: done.gain_over(e.scored.done)))

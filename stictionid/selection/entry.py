@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
 from ..model.spec import Spec
 from ..record.tree import Gate
-from .gates import FREE_RUN, SCANS, SLIP
+from .gates import FREE_RUN, LASTS, SCANS, SLIP, margin_of
 from .looks import Packed, Task
 from .node import depth, key, what_of
 from .policy import Policy
@@ -37,6 +38,21 @@ class Entry:
     def passed(self) -> bool:
         """True for a root, and for a full fit that passed every gate."""
         return self.op == ROOT or (self.scored.full and all(g.passed for g in self.gates))
+
+    def credit(self, memo: Mapping[str, Entry], policy: Policy) -> float:
+        """BIC by which disturbances that the noise of other nodes hides make an entry better than its score says.
+
+        Each is worth its margin.
+        """
+        credit, entry, met = 0.0, self, set[str]()
+        while entry.op != DROP and (name := entry.parent or "") in memo and name not in met:
+            before = memo[name]
+            if any(g.name == LASTS for g in entry.gates):
+                gain = entry.scored.done.gain_over(before.scored.done)
+                credit += max(margin_of(entry.what, policy) - gain, 0.0)
+            met.add(name)
+            entry = before
+        return credit
 
     @property
     def tentative(self) -> bool:

@@ -6,6 +6,7 @@ Source: CRITICISM.md section 7, steps 6 and 7.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import NormalDist
@@ -16,6 +17,7 @@ from ..effects import catalogue, parse
 from ..effects.contract import Place
 from ..fit.cross_validation import Held
 from ..fit.noise.completion import block_gains, stroke_score
+from ..fit.noise.draws import imitated
 from ..fit.public_values import values_of
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.spec import INTEGRATOR
@@ -291,16 +293,36 @@ def _beyond_scans(edge: Edge) -> str:
     return "the unknown course of the output between the samples may explain as much: export faster"
 
 
-SCANS, FREE_RUN, SLIP = "scans", "free-run", "slip"
+def lasts(name: str, child: Scored, parent: Scored, policy: Policy) -> bool:
+    """True for a disturbance that takes half of the free run or more, where the parent's noise seldom imitates one.
+
+    A noise model of long memory holds any slow disturbance, so that the one-step error gains nothing by its name. Yet
+    no draw of that noise may look so much like it, of as many as the policy's chance asks for.
+    """
+    if parse(name)[0].columns is None or parent.noise_alone or 2 * child.rmse > parent.rmse:
+        return False
+    draws = int(np.ceil(1.0 / policy.chance))
+    return not imitated(parent.done, name, draws, np.random.default_rng(zlib.crc32(name.encode())))
+
+
+GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "scans", "free-run", "slip"
 GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
-    ("gain", _gains), ("there", _is_there), ("blocks", _blocks), ("strokes", _strokes), ("held-out", _held_out),
+    (GAIN, _gains), ("there", _is_there), ("blocks", _blocks), ("strokes", _strokes), (HELD_OUT, _held_out),
     (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _slip), ("kick", _kick), ("rest", _beyond_rest),
     ("friction", _sticks), ("rounding", _beyond_rounding), (SCANS, _beyond_scans))
 
 
 def judged(edge: Edge) -> tuple[Gate, ...]:
-    """All gates of an edge, with the reasons of those that it does not pass."""
-    return tuple(Gate(name, not why, why) for name, gate in GATES for why in (gate(edge),))
+    """All gates of an edge, with the reasons of those that it does not pass.
+
+    A disturbance that lasts passes those of the one-step error, with one gate more that says so.
+    """
+    gates = tuple(Gate(name, not why, why) for name, gate in GATES for why in (gate(edge),))
+    failed = {g.name for g in gates if not g.passed}
+    if not failed or not failed <= {GAIN, HELD_OUT} or not lasts(edge.name, edge.child, edge.parent, edge.policy):
+        return gates
+    said = Gate(LASTS, True, "it halves the free run, and no draw of the noise without it looks so much like it")
+    return (*(g if g.passed else Gate(g.name, True, "") for g in gates), said)
 
 
 def judged_change(edge: Edge) -> tuple[Gate, ...]:

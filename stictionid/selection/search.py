@@ -154,7 +154,7 @@ class Search:
 
     def best(self) -> Entry:
         """The entry with the best BIC among those that passed all gates."""
-        return ranked(self.memo)[0]
+        return ranked(self.memo, self.policy)[0]
 
     def expand(self, entry: Entry) -> None:
         """Look at every edge of a node, fit what may win in full, hand values back; ask again in another basin."""
@@ -378,8 +378,9 @@ class Search:
             least = 0.0 if entry.scored.noise_alone else -self.policy.within
             if ((late and count) or gains[name] < least) and not structural and not halves:
                 continue
-            # The best look is fitted even where the budget ended with the looks.
-            done = self._performed(ground, entry, [Task(answer.spec, answer.added, look=answer)], always=not count)
+            # The best look is fitted even where the budget ended with the looks, so is the freest where it halves.
+            always = not count or (halves and answer is by_free_run[0])
+            done = self._performed(ground, entry, [Task(answer.spec, answer.added, look=answer)], always=always)
             count += not structural
             if done:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
@@ -417,7 +418,7 @@ class Search:
         while not passed.passed and passed.parent in self.memo and passed.parent not in met:
             met.add(passed.parent)
             passed = self.memo[passed.parent]
-        base = next((e.scored for e in ranked(self.memo) if not depth(e.spec)), None)
+        base = next((e.scored for e in ranked(self.memo, self.policy) if not depth(e.spec)), None)
         for e in self.memo.values():
             if e.parent != key(entry.spec) or e.failed or not e.scored.full:
                 continue

@@ -15,11 +15,11 @@ from .policy import Policy
 Memo = Mapping[str, Entry]
 
 
-def ranked(memo: Memo, *, tentative: bool = False) -> list[Entry]:
+def ranked(memo: Memo, policy: Policy, *, tentative: bool = False) -> list[Entry]:
     """The entries that passed all gates (or nearly, with `tentative`), best BIC first."""
     entries = [e for e in memo.values() if e.passed or (tentative and e.tentative)]
     reference = entries[0].scored.done
-    gains = {key(e.spec): e.scored.done.gain_over(reference) for e in entries}
+    gains = {key(e.spec): e.scored.done.gain_over(reference) + e.credit(memo, policy) for e in entries}
     return sorted(entries, key=lambda e: -gains[key(e.spec)])
 
 
@@ -30,7 +30,7 @@ def waiting(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
     alone come where nothing else is left: beside one of them another effect may. With `only_some` effects of the
     catalogue none can, so these bases are left out.
     """
-    whole = [e for e in ranked(memo, tentative=True) if depth(e.spec) < policy.depth]
+    whole = [e for e in ranked(memo, policy, tentative=True) if depth(e.spec) < policy.depth]
     far = [e for e in whole if e.asked == Asked.BY_NEAR]
     rest = [e for e in whole if not e.asked]
     if rest and rest[0].scored.white:
@@ -48,7 +48,7 @@ def waiting(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
     if first and bases and bases[0].scored.done.gain_over(first[0].scored.done) > 0.0:
         first, bases = bases[:1], [*first, *bases[1:]]
     found = [*first, *bases, *(e for e in rest if depth(e.spec) > 0), *(e for e in far if e not in first)]
-    return found or ([] if only_some or ranked(memo)[0].scored.white else sorted(unasked, key=_bic))
+    return found or ([] if only_some or ranked(memo, policy)[0].scored.white else sorted(unasked, key=_bic))
 
 
 def _frees(memo: Memo, entry: Entry) -> bool:
