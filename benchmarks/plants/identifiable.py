@@ -21,6 +21,7 @@ from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
+from stictionid.selection.node import node
 
 from .design import plain
 from .draw import Plant
@@ -49,6 +50,19 @@ def losses(plant: Plant) -> tuple[dict[str, float], float, float]:
     sd = max(float(plant.record.noise.std()), plant.truth["noise_sd"])
     lost = {name: _loss(loop, plant, effects, whole, name) for name in plant.setting.effects}
     return lost, whole.evaluated.rmse / sd, whole.evaluated.values["S"] / plant.truth["S"] - 1.0
+
+
+def true_model(plant: Plant) -> tuple[Model, FloatArray, float]:
+    """The true model fitted from the true values, in the form in which it is searched; its values (d,), and the noise.
+
+    An integrator is searched in differences of y.
+    """
+    whole = _completed(loop_of(plant), plant, _true_effects(plant), _noise_of(plant))
+    before = whole.model
+    model = bound(before.loop, node(before.spec), s_max=before.s_max, period_s=before.period_s,
+                  residual=whole.evaluated.left)
+    values = model.vector(before.named(whole.values))
+    return model, values, max(float(plant.record.noise.std()), plant.truth["noise_sd"])
 
 
 def error_with_scans(plant: Plant) -> float | None:

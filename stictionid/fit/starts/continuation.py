@@ -37,7 +37,7 @@ from .reparametrised import as_valves, ridge_of
 
 # Lags in periods; the longest one is that of the high pass, too. Where PV is missing so often that its mean distance is
 # longer than so many samples, a slower one. Delays tried, up to this share of a period.
-_LAGS, _SPARSE, SPARSE_PACE = (0.25, 0.15, 0.06, 0.02), (0.7, 0.2, 0.06, 0.015), 1.25
+LAGS, _SPARSE, SPARSE_PACE = (0.25, 0.15, 0.06, 0.02), (0.7, 0.2, 0.06, 0.015), 1.25
 _DELAYS, _LONGEST = 6, 0.4
 # Points of the first scan for each searched parameter beyond two. For each search periods of the shortest part and the
 # factor from one part to the next: two under a held command, one under a command that moves. Then the points that the
@@ -76,7 +76,7 @@ def open_bank(model: Model, direction: float = 0.0) -> LagBank:
 
 def _lags_s(model: Model) -> list[float]:
     """Lags of the bank in seconds, that of the high pass first."""
-    return [share * model.period_s for share in (_SPARSE if model.pace > SPARSE_PACE else _LAGS)]
+    return [share * model.period_s for share in (_SPARSE if model.pace > SPARSE_PACE else LAGS)]
 
 
 def open_costs(model: Model, part: LagBank, values: FloatArray) -> FloatArray:
@@ -148,7 +148,7 @@ def _question(model: Model, own: list[int], middle: FloatArray, rng: np.random.G
     names = [*model.named(np.zeros(model.space.size))]
     asked = [(names[c], model.space.parameters[c]) for c in own]
     told = repr((spec.law, spec.between, spec.friction_free, model.parts, model.step_s, model.period_s, model.s_max,
-                 model.skip, context.record, context.centre, stems, fixed, asked, rng.bit_generator.state,
+                 model.skip, _lags_s(model), context.record, context.centre, stems, fixed, asked, rng.bit_generator.state,
                  spec.process if _along_ridge(model, own) else "any"))
     data = [context.command, context.process_value, model.good()]
     if model.follows_y and context.guide is not None:
