@@ -175,7 +175,7 @@ class Search:
         """Look at effects on the valve beside a node that slides and one that rests, with no process assumed."""
         entry.asked = Asked.BY_FAR
         useless, rests = useless_looks(self.memo, entry), key(with_effect(entry.spec, RESTING))
-        for name in dict.fromkeys((key(without(entry.spec, (RESTING,))), key(entry.spec), rests)):
+        for name in dict.fromkeys((key(entry.spec), key(without(entry.spec, (RESTING,))), rests)):
             base = self.memo.get(name)
             if base is None or base.failed or not base.scored.full:
                 continue
