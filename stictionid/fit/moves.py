@@ -21,7 +21,7 @@ from ..typing import FloatArray
 
 # Samples a period for a search without starts; records with twice as many are thinned for it.
 _SEARCH_SAMPLES = 60
-_COARSE_SUBSTEPS = 4
+_COARSE_SUBSTEPS, OPEN_SUBSTEPS = 4, 2
 # First differences of a descent, as a share of the range.
 _DIFFERENCE = 1e-3
 # Ladders of initial residual forces as shares of their range: a fine one to use, a rough one to rank points. With
@@ -31,7 +31,7 @@ FORCES = np.linspace(0.01, 0.99, 33)
 
 
 # Substitutes for a model, which several stages ask for; kept while the model exists.
-_coarse: WeakKeyDictionary[Model, Model] = WeakKeyDictionary()
+_coarse: WeakKeyDictionary[Model, dict[int, Model]] = WeakKeyDictionary()
 _held: WeakKeyDictionary[Model, Model] = WeakKeyDictionary()
 
 
@@ -124,14 +124,15 @@ def spreads(model: Model, factor: float = 1.0) -> FloatArray:
     return factor * np.concatenate([base, further, np.full(model.space.size - model.head, 0.05)])
 
 
-def search_model(model: Model) -> Model:
+def search_model(model: Model, substeps: int = _COARSE_SUBSTEPS) -> Model:
     """The model for the search: a command that moves between samples gets a coarser grid than the last polish."""
-    if model.spec.substeps <= _COARSE_SUBSTEPS or model.spec.held:
+    if model.spec.substeps <= substeps or model.spec.held:
         return model
-    if model not in _coarse:
-        _coarse[model] = bound(model.loop, replace(model.spec, substeps=_COARSE_SUBSTEPS), s_max=model.s_max,
-                               period_s=model.period_s, residual=model.context.residual)
-    return _coarse[model]
+    known = _coarse.setdefault(model, {})
+    if substeps not in known:
+        known[substeps] = bound(model.loop, replace(model.spec, substeps=substeps), s_max=model.s_max,
+                                period_s=model.period_s, residual=model.context.residual)
+    return known[substeps]
 
 
 def as_held(model: Model) -> Model:

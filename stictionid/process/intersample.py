@@ -22,7 +22,8 @@ from ..numerics.jit import LANES, LINE, kernel
 from ..typing import FloatArray
 from .rounded import derounded
 
-MODES = ("hold", "corner")
+CORNER = "corner"
+MODES = ("hold", CORNER)
 # Curvature in an interval must exceed its neighbours' by this factor to be a corner. Unit: 1.
 _CONCENTRATED = 3.0
 # A setpoint that moves at more than this share of the samples comes from another controller. Unit: 1.

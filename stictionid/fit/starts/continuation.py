@@ -30,9 +30,10 @@ from ...numerics import tally
 from ...numerics.filter_bank import LagBank
 from ...numerics.jit import LANES
 from ...numerics.population import refine
+from ...process.intersample import CORNER
 from ...process.linear import Dynamics, free_run
 from ...typing import BoolArray, FloatArray
-from ..moves import beginning, lifted, longest_piece, neutral_point, search_model, thinned, thinning
+from ..moves import OPEN_SUBSTEPS, beginning, lifted, longest_piece, neutral_point, search_model, thinned, thinning
 from .reparametrised import as_valves, ridge_of
 
 # Lags in periods; the longest one is that of the high pass, too. Where PV is missing so often that its mean distance is
@@ -100,10 +101,14 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator,
                  known: FloatArray | None = None) -> FloatArray:
     """Points (k, d) of the unit cube, best first, from two searches over `columns` (valve, start and effect).
 
-    The other parameters are as in `known` values (d,), or neutral. Of several segments the longest is searched.
+    The other parameters are as in `known` values (d,), or neutral. Of several segments the longest is searched. A
+    command that moves between samples gets a coarse grid: a polish puts right what that costs. Measured on 109 loops of
+    benchmarks/plants under such a command (seeds 43000, 45000, 95000, 96000): 78 valves found with 2 points a sample,
+    and 78 with 4, which take 1.7 times as long.
     """
     at = longest_piece(model)
-    whole = search_model(model.pieces[at])
+    piece = model.pieces[at]
+    whole = search_model(piece, OPEN_SUBSTEPS) if piece.spec.between == CORNER else search_model(piece)
     small = thinned(whole, thinning(whole))
     shift = model.head - small.head
     middle = neutral_point(small) if known is None else small.cube(model.of(at, known[:, None]))[0]
@@ -112,6 +117,8 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator,
     found = middle[None].repeat(len(points), axis=0)
     found[:, own] = points
     found = as_valves(small, found)[0] if _along_ridge(small, own) else found
+    # Ranges depend on the grid.
+    found = piece.cube(np.stack([piece.vector(small.named(column)) for column in small.values(found).T], axis=1))
     return found if len(model.pieces) == 1 else lifted(model, at, found)
 
 
@@ -148,8 +155,8 @@ def _question(model: Model, own: list[int], middle: FloatArray, rng: np.random.G
     names = [*model.named(np.zeros(model.space.size))]
     asked = [(names[c], model.space.parameters[c]) for c in own]
     told = repr((spec.law, spec.between, spec.friction_free, model.parts, model.step_s, model.period_s, model.s_max,
-                 model.skip, _lags_s(model), context.record, context.centre, stems, fixed, asked, rng.bit_generator.state,
-                 spec.process if _along_ridge(model, own) else "any"))
+                 model.skip, context.record, context.centre, stems, fixed, asked, _lags_s(model),
+                 rng.bit_generator.state, spec.process if _along_ridge(model, own) else "any"))
     data = [context.command, context.process_value, model.good()]
     if model.follows_y and context.guide is not None:
         data.append(context.guide)
