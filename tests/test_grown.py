@@ -48,24 +48,26 @@ def test_a_part_that_grows_finds_a_valve_whatever_the_process(seed: int, name: s
     assert np.abs(model.values(points)[0] / setting.S - 1.0).min() < 0.03
 
 
-@pytest.mark.parametrize(("parts", "direction"), [(1, 0.0), (3, 0.0), (1, 1.0), (1, -1.0)])
-def test_a_bank_of_lags_costs_what_least_squares_with_its_columns_leave(parts: int, direction: float) -> None:
+@pytest.mark.parametrize(("parts", "direction", "lags"), [
+    (1, 0.0, 4), (3, 0.0, 4), (1, 1.0, 4), (1, -1.0, 4), (2, 0.0, 5), (1, 0.0, 2)])
+def test_a_bank_of_lags_costs_what_least_squares_with_its_columns_leave(parts: int, direction: float,
+                                                                       lags: int) -> None:
     """Rows that don't count lie in the middle, too, so that windows have edges there for every delay.
 
     The shortest lag is left out where it answers against the direction that is known.
     """
     rng = np.random.default_rng(5)
-    n, lags, delays = 160, [30.0, 9.0, 4.0, 1.5], [0, 2, 7]
+    n, lags_s, delays = 160, [30.0, 9.0, 4.0, 1.5, 0.7][:lags], [0, 2, 7]
     y, count = rng.standard_normal(n).cumsum(), np.arange(n) >= 12
     count[[40, 41, 90]] = False
     path = 50.0 + rng.standard_normal((n * parts, 70)).cumsum(axis=0)
     path[:, 3] = 50.0
-    found = LagBank(y, count, lags, 20.0, delays, step_s=2.0, parts=parts, direction=direction).costs(path)
+    found = LagBank(y, count, lags_s, 20.0, delays, step_s=2.0, parts=parts, direction=direction).costs(path)
     for lane in (0, 69):
         left = []
         for d in delays:
             columns = [np.ones(n), np.exp(-0.1 * np.arange(n))]
-            for T in lags:
+            for T in lags_s:
                 lag = Dynamics(np.array([T]), np.zeros(1), np.zeros(1), False)
                 response = free_run(path[:, [lane]], lag, step_s=2.0, substeps=parts)[:, 0]
                 columns.append(np.append(np.zeros(d), response[:n - d]))
@@ -168,7 +170,10 @@ def test_the_criterion_does_not_depend_on_the_unit_of_y(unit: float) -> None:
 
 
 def test_a_valve_that_rests_is_found_beside_a_slow_stem_whatever_the_process() -> None:
-    """Looks beside the process of the model so far, its dead time 5 s too long, ended with S 13 % too small."""
+    """Looks beside the process of the model so far, its dead time 5 s too long, ended with S 13 % too small.
+
+    Five numbers are searched: half of the generators find them.
+    """
     plant = plant_of("one", 80, 41_000)
     loop, truth = loop_of_plant(plant), plant.truth
     assert truth["hidden"] == ["slew-limit"] and truth["levels"]["valve"] == "resting"
@@ -179,10 +184,13 @@ def test_a_valve_that_rests_is_found_beside_a_slow_stem_whatever_the_process() -
                                               "time_constant_s": 3.7, "dead_time_s": 8.8}))
     both = Model(loop, replace(model.spec, effects=("re-sticking", "slew-limit")), s_max=model.s_max,
                  period_s=model.period_s)
-    values = both.values(open_valves(both, "slew-limit", wrong, np.random.default_rng(0)))
-    rates = values[both.rows_of("slew-limit").start] / truth["effects"]["slew-limit"]["rate"]
-    apart = np.stack([values[0] / truth["S"], values[1] / truth["J"], rates]) - 1.0
-    assert np.abs(apart).max(axis=0).min() < 0.08
+    found_by = 0
+    for seed in range(4):
+        values = both.values(open_valves(both, "slew-limit", wrong, np.random.default_rng(seed)))
+        rates = values[both.rows_of("slew-limit").start] / truth["effects"]["slew-limit"]["rate"]
+        apart = np.stack([values[0] / truth["S"], values[1] / truth["J"], rates]) - 1.0
+        found_by += bool(np.abs(apart).max(axis=0).min() < 0.08)
+    assert found_by >= 2
 
 
 @pytest.mark.parametrize("seed", [707, 719])

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from stictionid.effects import parse
 from stictionid.effects.contract import Context
-from stictionid.fit.noise.draws import drawn, imitated
+from stictionid.fit.noise.draws import _share_left, drawn, imitated
 from stictionid.model.spec import Spec
 from stictionid.record.tree import Gate
 from stictionid.selection import gates
@@ -50,8 +51,26 @@ def test_a_walk_imitates_a_walk_and_seldom_a_ramp(seed: int) -> None:
     rng = np.random.default_rng(seed)
     walk = rng.standard_normal(SAMPLES).cumsum()
     straight = ramp() + rng.standard_normal(SAMPLES)
-    assert imitated(completed(walk), "ramp-disturbance@output", 100, np.random.default_rng(2)) > 1
-    assert imitated(completed(straight), "ramp-disturbance@output", 100, np.random.default_rng(2)) == 0
+    assert imitated(completed(walk), "ramp-disturbance@output", 100, np.random.default_rng(2))
+    assert not imitated(completed(straight), "ramp-disturbance@output", 100, np.random.default_rng(2))
+
+
+def test_a_sine_is_told_from_noise_of_long_memory() -> None:
+    rng = np.random.default_rng(0)
+    wave = 20.0 * np.sin(2.0 * np.pi * np.arange(SAMPLES) / 300.0) + rng.standard_normal(SAMPLES)
+    assert not imitated(completed(wave), "sinusoidal-disturbance", 100, rng)
+
+
+def test_the_share_left_is_that_of_least_squares_with_the_best_guess() -> None:
+    residual = ramp() + np.random.default_rng(0).standard_normal(SAMPLES).cumsum()
+    done, name = completed(residual), "ramp-disturbance@output"
+    left = []
+    for start in parse(name)[0].guess(done.model.context_of("output"))[:, 0]:  # type: ignore[misc]
+        columns = np.stack([np.ones(SAMPLES), np.maximum(np.arange(SAMPLES) - start, 0.0)], axis=1)
+        rest = residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
+        left.append(float(np.sum(rest**2)))
+    share = min(left) / float(np.sum((residual - residual.mean()) ** 2))
+    assert _share_left(done, name, residual, {}) == pytest.approx(share, rel=1e-6)
 
 
 def scored(residual: np.ndarray[Any, Any], rmse: float, *, bic: float = 0.0, noise_alone: bool = False) -> Any:

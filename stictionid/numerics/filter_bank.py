@@ -23,9 +23,9 @@ from .varpro import Shared
 class LagBank:
     """Bank of lags and delays for one y (n,) over the rows (n,) of `count`; lags and decay in s, delays in samples.
 
-    The shortest lag comes last. No row up to the longest delay may count, and delays ascend. `direction` is
-    the sign of the process gain (1 or -1), 0 where unknown; the first response of y must have that sign. In a closed
-    loop y also follows from u by the inverse of the controller, which has the other sign and needs no friction.
+    The shortest lag comes last. No row up to the longest delay may count, and delays ascend. `direction` is the sign of
+    the process gain (1 or -1), 0 where unknown; the first response of y must have that sign. In a closed loop y also
+    follows from u by the inverse of the controller, which has the other sign and needs no friction.
     """
 
     def __init__(self, y: FloatArray, count: BoolArray, lags_s: Sequence[float], decay_s: float,

@@ -26,7 +26,7 @@ from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
 from .doubts import jumps_past, least_cost
 from .entry import ADD, DROP, SWAP, Entry
-from .gates import lasts
+from .gates import LASTS, lasts
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import BASE_EFFECTS, LAG, additions, key, other_process, physical, plain, with_effect, without
 from .policy import Policy
@@ -210,7 +210,7 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
             continue
         theirs = set(physical(e.spec))
         near = search.policy.margin if odd and RESTING in theirs else search.policy.alike
-        # (What a winner's disturbance explains a noise model of long memory hides, not a model without it.)
+        # (Where the winner's disturbance is left out, noise of long memory may hide it: that explains nothing.)
         hides = theirs < mine and e.scored.rmse >= 2 * winner.scored.rmse
         if e.scored.done.parameters <= done.parameters + 1 and not mine < theirs and not hides \
                 and done.gain_over(e.scored.done) < near:
@@ -244,6 +244,8 @@ def candidates(search: Search, parent: Entry, winner: str, alike: tuple[str, ...
         change = (f"one-step error {base.done.innovation_sd:.4g} to {done.innovation_sd:.4g}, free run "
                   f"{base.rmse:.4g} to {e.scored.rmse:.4g}, BIC {gain:+.0f} beyond noise")
         said = f"{e.what} explains it: {change}" if e.what == winner else f"{e.what}: {why}: {change}"
+        if e.what == winner:
+            said += "".join(f"; but {g.reason}" for g in e.gates if g.name == LASTS)
         if e.what == winner and (test := settling(winner, alike)):
             said += f"; what would settle it: {test}"
         held = e.scored.held

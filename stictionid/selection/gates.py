@@ -162,7 +162,7 @@ def _strokes(edge: Edge) -> str:
 
 def chance_limit(policy: Policy) -> float:
     """Standard errors that one of all effects exceeds by chance with the probability of the policy."""
-    return NormalDist().inv_cdf(1.0 - policy.chance / len(catalogue()))
+    return NormalDist().inv_cdf(1.0 - min(policy.chance, 1.0) / len(catalogue()))
 
 
 def _free_run(edge: Edge) -> str:

@@ -54,7 +54,8 @@ class Policy:
     beyond_scans: float = _number(0.1, "1", "fall of the one-step error beyond unknown scans between samples", _PLANTS)
     kick_samples: float = _number(3.0, "samples", "distance of a step from a setpoint move", _PLANTS)
     rounding: float = _number(3.0, "1", "error beyond noise, over that of rounding, that it explains", _PLANTS)
-    chance: float = _number(0.01, "1", "chance of a false name, by bootstrap and by strokes", _CRITICISM)
+    chance: float = _number(0.01, "1", "chance of a false name, by bootstrap, strokes and draws of noise", _CRITICISM,
+                            least=0.001)
     periods: float = _number(12.0, "periods", "length of the record in which valves are searched", _PLANTS, least=1)
     valve_samples: int = _number(1_000, "samples", "least length of that record", _PLANTS, least=1)
     fit_samples: int = _number(4_000, "samples", "longest record on which looks and fits search", _LENGTH, least=1)

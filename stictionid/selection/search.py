@@ -413,8 +413,7 @@ class Search:
         rest = max((e.scored.done.gain_over(entry.scored.done) for e in self.memo.values()
                     if e.parent == key(entry.spec) and e.op == ADD and plain(e.what) == RESTING and not e.failed),
                    default=0.0)
-        passed, met = entry, {key(entry.spec)}
-        # Two nodes may be each other's parents: one was fitted again without what led to the other.
+        passed, met = entry, {key(entry.spec)}  # (two nodes, one fitted again without an effect, may be parents)
         while not passed.passed and passed.parent in self.memo and passed.parent not in met:
             met.add(passed.parent)
             passed = self.memo[passed.parent]

@@ -13,7 +13,7 @@ from ..model.segments import bound
 from ..record.loop import Finding
 from ..record.study import Study
 from ..record.tree import Gate, added_to
-from ..selection.gates import Edge, judged, margin_of
+from ..selection.gates import LASTS, Edge, judged, margin_of
 from ..selection.looks import pool_of
 from ..selection.node import node, physical
 from ..selection.policy import Policy
@@ -46,7 +46,8 @@ def support_of(run: Run, study: Study, before: Fitted, after: Fitted, name: str,
         return _of_noise(parent, name, policy)
     child = _scored(run, after, policy)
     edge = Edge(name, child, parent, policy)
-    failed = [g for g in judged(edge) if not g.passed]
+    gates = judged(edge)
+    failed = [g for g in gates if not g.passed]
     better = _better(study, before, name, edge.gain)
     answer = _answer(failed, edge, better is not None)
     code = {True: SUPPORTED, False: REJECTED, None: OPEN}[answer]
@@ -60,6 +61,7 @@ def support_of(run: Run, study: Study, before: Fitted, after: Fitted, name: str,
     # One sentence on the blocks is enough, and the gain is said above.
     said += "".join(f"; {g.reason}" for g in failed if g.name != "gain" and (g.name != "blocks" or
                                                                            "held-out" not in names))
+    said += "".join(f"; but {g.reason}" for g in gates if g.name == LASTS)
     if better is not None:
         said += f"; {better[0]} does better, it gains {better[1]:.0f}"
     evidence = {"gain_beyond_noise": edge.gain, "margin": margin_of(name, policy), "failed": [g.name for g in failed],
