@@ -1,4 +1,4 @@
-"""Answers that another kind of valve may show as well: one that rests for one that slides, and the other way round.
+"""Answers that another valve may show as well, one that rests for one that slides or the other way; drifts they lack.
 
 Between samples of a command that moves, both look alike. A slip jump beyond the stickband needs a friction below zero:
 the valve rests, or one that slides jumps past its place. So it may where nothing is named and the free run is far from
@@ -6,6 +6,8 @@ its innovations.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 from ..effects import parse
 from ..fit.noise.completion import Refit
@@ -46,6 +48,13 @@ def judged_drop(name: str, without: Entry, before: Scored, policy: Policy) -> tu
     least, cost = least_cost(name, without, policy), before.done.gain_over(without.scored.done)
     return (Gate("rest", False, "its slip jump exceeds its stickband: a valve that rests does as well"),) \
         if least < 0.0 and cost >= least else ()
+
+
+def lasting(memo: Mapping[str, Entry], entry: Entry) -> list[str]:
+    """Disturbances that last beside other nodes and that a node which leaves more than noise lacks."""
+    have = {plain(name) for name in physical(entry.spec)}
+    names = dict.fromkeys(e.what for e in memo.values() if e.lasts and e.passed and plain(e.what) not in have)
+    return [] if entry.scored.noise_alone else list(names)
 
 
 def slips_like_rests(spec: Spec) -> str:

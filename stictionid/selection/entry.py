@@ -39,6 +39,11 @@ class Entry:
         """True for a root, and for a full fit that passed every gate."""
         return self.op == ROOT or (self.scored.full and all(g.passed for g in self.gates))
 
+    @property
+    def lasts(self) -> bool:
+        """True for a disturbance that passed because noise seldom looks like it."""
+        return any(g.name == LASTS for g in self.gates)
+
     def credit(self, memo: Mapping[str, Entry], policy: Policy) -> float:
         """BIC by which disturbances that the noise of other nodes hides make an entry better than its score says.
 
@@ -47,7 +52,7 @@ class Entry:
         credit, entry, met = 0.0, self, set[str]()
         while entry.op != DROP and (name := entry.parent or "") in memo and name not in met:
             before = memo[name]
-            if any(g.name == LASTS for g in entry.gates):
+            if entry.lasts:
                 gain = entry.scored.done.gain_over(before.scored.done)
                 credit += max(margin_of(entry.what, policy) - gain, 0.0)
             met.add(name)

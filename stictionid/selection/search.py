@@ -20,7 +20,7 @@ from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Crew
-from .doubts import judged_drop, least_cost, odd, rests_instead, slips_like_rests
+from .doubts import judged_drop, lasting, least_cost, odd, rests_instead, slips_like_rests
 from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry, broken
 from .gates import Edge, judged, judged_change
 from .looks import (
@@ -212,10 +212,12 @@ class Search:
         self.spent += 0 if changes else spent
 
     def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
-        """A node and effects to ask for beside it, once, where an answer may be another kind of valve; or None."""
+        """A node and effects to ask for beside it, once: an answer may be another valve, or lack a drift; or None."""
         spec = entry.spec
         if key(spec) in self.rested or self.spent >= 2 * self.budget:
             return None
+        if drifts := [n for n in lasting(self.memo, entry) if n in additions(spec, self.loop, self.only)]:
+            return entry, tuple(drifts)
         if slips := slips_like_rests(spec):
             before = self.dropped(entry, slips)
             kind = kind_of(with_effect(before.spec, RESTING))
@@ -315,8 +317,7 @@ class Search:
         with Crew(ground, self.jobs) as crew:
             for task, answer in self._within_budget(crew, tasks, always):
                 if answer.failed:
-                    if key(task.spec) not in self.memo:
-                        self.memo[key(task.spec)] = broken(entry, task, answer)
+                    self.memo.setdefault(key(task.spec), broken(entry, task, answer))
                     continue
                 scored = answer.scored(ground.fit)
                 self._keep(entry, task, answer, scored)
@@ -400,10 +401,9 @@ class Search:
 
     def _hand_back(self, ground: Ground, entry: Entry) -> None:
         """Polish the parent from the values of each full child: a wrong basin looks exactly like a missing effect."""
-        fit = ground.fit
         children = [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
                     and e.spec.process == entry.spec.process and e.spec.between == entry.spec.between]
-        found = handed_back(fit, [e.scored for e in children], self.policy) if children else None
+        found = handed_back(ground.fit, [e.scored for e in children], self.policy) if children else None
         if found is not None:
             done = completed(*found, ground.pool, rng_of(self.seed, key(entry.spec), 1), self.policy)
             if done.gain_over(entry.scored.done) > 0.0:
