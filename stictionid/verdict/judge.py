@@ -168,7 +168,9 @@ def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float =
             first += [claim.open] if claim.open else []
         said = "; ".join([*first, said])
     if claim is not None and claim.bound is not None:
-        stated, evidence["S_excluded_above"] = max(searched, float(sticking.values[0])), claim.bound
+        # (The S that the study states, where it is excluded; else that of the model judged here.)
+        stated, evidence["S_excluded_above"] = float(sticking.values[0]), claim.bound
+        stated = searched if claim.bound < searched else stated
         said += f"; S above {claim.bound:.2g} {run.loop.unit('output', '%')} is excluded"
         if claim.bound < stated:
             said += f", and with it the searched S of {stated:.2g}, which the one-step errors contradict"
