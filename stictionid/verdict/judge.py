@@ -168,11 +168,9 @@ def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float =
             first += [claim.open] if claim.open else []
         said = "; ".join([*first, said])
     if claim is not None and claim.bound is not None:
-        # (The S that the study states, where it is excluded; else that of the model judged here.)
-        stated, evidence["S_excluded_above"] = float(sticking.values[0]), claim.bound
-        stated = searched if claim.bound < searched else stated
+        evidence["S_excluded_above"] = claim.bound
         said += f"; S above {claim.bound:.2g} {run.loop.unit('output', '%')} is excluded"
-        if claim.bound < stated:
+        if claim.bound < (stated := searched if claim.bound < searched else float(sticking.values[0])):
             said += f", and with it the searched S of {stated:.2g}, which the one-step errors contradict"
         elif claim.bound < reach:
             said += f" by the one-step errors, though the interval of S goes to {reach:.2g}"
