@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections import Counter, defaultdict
@@ -25,25 +26,32 @@ from itertools import combinations
 from multiprocessing import get_context
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from loops_with_effects import EQUIVALENT, FIRST, MISSED, VISIBLE, loop_of, names_of, right, runs_away, shown, verdict
 
 from stictionid.effects import catalogue, get, parse
+from stictionid.effects.contract import DIAGNOSE
 from stictionid.errors import StictionidError
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
 
-# What is counted and left out: an effect that the record can't show, and one under which the loop runs away.
-INVISIBLE, RUNAWAY = "invisible", "runaway"
-LEFT_OUT = (INVISIBLE, RUNAWAY)
+# What is counted and left out: an effect that the record can't show, one under which the loop runs away, and one that
+# the law of the loop's valve can't have.
+INVISIBLE, RUNAWAY, NO_LOOP = "invisible", "runaway", "no loop"
+LEFT_OUT = (INVISIBLE, RUNAWAY, NO_LOOP)
 
 
 def one(task) -> dict:
     """One loop from simulation to diagnosis."""
     seed, effect, noise, colour, samples, apply = task
-    setting, loop, (kind, bed), sd = loop_of(seed, effect, noise, colour, samples)
+    try:
+        setting, loop, (kind, bed), sd = loop_of(seed, effect, noise, colour, samples)
+    except StictionidError as error:
+        return {"seed": seed, "effect": effect or "none", "named": NO_LOOP, "reason": str(error)}
     row = {"seed": seed, "effect": effect or "none", "kind": kind, "bed": bed, "sd": sd, "S": setting.S, "J": setting.J,
            "colour": colour, "setting": dict(setting.effects),
            "shown": min((shown(setting, loop, name, sd) for name in names_of(effect)), default=np.inf)}
@@ -84,9 +92,12 @@ def pairs() -> list[str]:
 
 
 def hidden(wanted: str, seed: int) -> list[str | None]:
-    """Effects hidden in the loops of one seed: names, "none", or "pairs" (one pair a seed, drawn from all)."""
+    """Effects hidden in the loops of one seed: names, "none", or "pairs" (one pair a seed, drawn from all).
+
+    By itself those that `diagnose` asks for: the others look like one of these in u and y.
+    """
     out: list[str | None] = []
-    for name in wanted.split(",") if wanted else catalogue():
+    for name in wanted.split(",") if wanted else (n for n, e in catalogue().items() if e.asked == DIAGNOSE):
         if name == "pairs":
             known = pairs()
             out.append(known[int(np.random.default_rng([seed, 5]).integers(len(known)))])
@@ -99,7 +110,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="10000:10004", help="first:last+1, or first:last+1:step")
     parser.add_argument("--effects", default="",
-                        help="names, comma-separated (a+b hides two); all when empty, 'none' for clean loops, 'pairs'")
+                        help="names, comma-separated (a+b hides two), 'none' for clean loops, 'pairs'; when empty all "
+                             "that diagnose asks for")
     parser.add_argument("--noise", type=float, default=0.01, help="share of PV's swing")
     parser.add_argument("--colour", type=float, default=0.0, help="root of AR(1) noise; 0 is white")
     parser.add_argument("--samples", type=int, default=1500)
@@ -146,7 +158,8 @@ def table(rows: list[dict], asked: int) -> None:
     """Effect by effect what was named, rates by kind of loop, and the errors where the right effect was named."""
     print(f"{len(rows)} of {asked} loops")
     for why, said in ((INVISIBLE, f"the effect shows less than {VISIBLE:g} of the noise"),
-                      (RUNAWAY, "the loop runs away")):
+                      (RUNAWAY, "the loop runs away"),
+                      (NO_LOOP, "the valve's law can't have the effect")):
         out = Counter(r["effect"] for r in rows if r["named"] == why)
         print(f"left out, {said}: {out.total()}" + "".join(f", {k} {n}" for k, n in out.most_common()))
     rows = [r for r in rows if r["named"] not in LEFT_OUT]
