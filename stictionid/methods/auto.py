@@ -25,6 +25,7 @@ from ..fit.noise.unexplained import judged_by
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout
 from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
+from ..process.intersample import CORNER
 from ..process.scan import DECIMATED, blurred, p_law, parts_of, ran_between
 from ..record.loop import Finding
 from ..record.oscillation import count_reversals
@@ -118,7 +119,7 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...], tuple[Fitted, ...]]:
     asked += tuple(e.name for e in catalogue().values() if e.counted and e.name not in asked
                    and e.asked_for(run.loop.process_value))
     spec = Spec(law=run.law, effects=asked, fixed=dict(o.fixed), between="hold" if o.between == "auto" else o.between,
-                substeps=SUBSTEPS if o.between == "corner" else 1)
+                substeps=SUBSTEPS if o.between == CORNER else 1)
     if o.between == DECIMATED:
         slow = scanned(run, replace(spec, substeps=scans_of(run)))
         if slow.evaluated is None:

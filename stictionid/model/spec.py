@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..effects import parse
+from ..process.intersample import CORNER
 from ..record.loop import bridged
 from ..typing import FloatArray
 
@@ -48,7 +49,7 @@ class Spec:
     @property
     def held(self) -> bool:
         """True where the command is held from one of its values to the next: by the sample, or by the scan."""
-        return self.between != "corner"
+        return self.between != CORNER
 
     def whitening(self) -> FloatArray:
         """All taps of the prewhitening filter, the difference for integrators included."""

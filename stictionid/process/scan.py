@@ -25,7 +25,7 @@ import numpy as np
 from ..record.loop import Loop, bridged
 from ..record.oscillation import noise_of
 from ..typing import BoolArray, FloatArray
-from .intersample import MOVES_ALWAYS, rebuild
+from .intersample import CORNER, MOVES_ALWAYS, rebuild
 
 # Name of this mode between samples (`MODES` of intersample.py holds the others).
 DECIMATED = "decimated"
@@ -71,7 +71,7 @@ def scanned(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatAr
     u = bridged(loop.output)
     law = pi_law(loop, parts, course) or p_law(loop)
     if parts == 1 or law is None:
-        return rebuild(u, parts, "corner", loop.setpoint)
+        return rebuild(u, parts, CORNER, loop.setpoint)
     e, between, moved = _errors(loop, parts, course)
     changes = np.diff(u) - law.gain * np.diff(e) - law.per_scan * between.sum(axis=1)
     missing = changes / law.per_scan if law.per_scan else np.zeros(changes.size)

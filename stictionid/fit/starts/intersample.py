@@ -15,6 +15,7 @@ from ...model.model import Model
 from ...model.segments import bound
 from ...model.spec import Spec
 from ...numerics.population import Found
+from ...process.intersample import CORNER
 from ...process.rounded import step_of
 from ...process.scan import ran_with_samples
 from ...record.loop import Loop, bridged
@@ -144,7 +145,7 @@ def noise_shared(loop: Loop) -> float:
 
 def as_moving(spec: Spec) -> Spec:
     """The same spec under a command that moves between samples."""
-    return replace(spec, between="corner", substeps=SUBSTEPS)
+    return replace(spec, between=CORNER, substeps=SUBSTEPS)
 
 
 def moved_after_all(fit: Fitted, scan_s: float) -> tuple[Model, FloatArray] | None:
