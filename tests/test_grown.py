@@ -118,9 +118,10 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
     _, loop, _, _ = loop_of(328, "re-sticking", 0.01, 0.0, 400)
     span = {"s_max": 8.0, "period_s": 60.0}
     first, second = np.random.default_rng(3), np.random.default_rng(3)
+    tally.answers()
     before = tally.spent()
     found = grown_valves(Model(loop, Spec(effects=("re-sticking",)), **span), [0, 1, 2, 5], first)
-    took, before = tally.spent() - before, tally.spent()
+    asked = tally.answers()
     after = Model(loop, Spec(effects=("re-sticking", "extra-lag"), process="integrator"), **span)
     at = after.rows_of("re-sticking").start
 
@@ -129,8 +130,8 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
 
     monkeypatch.setattr(continuation, "LagBank", searched)
     again = grown_valves(after, [0, 1, 2, at], second)
-    # A budget is charged as much as by a process that does not remember.
-    assert tally.spent() - before == took > 0
+    # A budget is charged as much as by a process that does not remember, and by a search once for each question.
+    assert tally.answers() == asked and min(asked.values()) > 0 and tally.spent() == before
     np.testing.assert_array_equal(again[:, [0, 1, 2, at]], found[:, [0, 1, 2, 5]])
     assert first.random() == second.random()
     moved = replace(loop, output=loop.output + 1e-3 * (np.arange(loop.samples) == 200))

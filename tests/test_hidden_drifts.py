@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from types import MethodType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from stictionid.selection.entry import ADD, DROP, Entry
 from stictionid.selection.gates import LASTS, Edge, judged, lasts
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
+from stictionid.selection.score import Scored
 from stictionid.selection.waiting import ranked
 
 SAMPLES, POLICY = 1200, Policy()
@@ -77,7 +78,9 @@ def scored(residual: np.ndarray[Any, Any], rmse: float, *, bic: float = 0.0, noi
     done = completed(residual)
     done.bic = bic
     done.gain_over = lambda other: other.bic - done.bic
-    return SimpleNamespace(done=done, rmse=rmse, noise_alone=noise_alone, full=True, held=None)
+    made = SimpleNamespace(done=done, rmse=rmse, noise_alone=noise_alone, full=True, held=None, _imitations={})
+    made.imitates = MethodType(Scored.imitates, made)
+    return made
 
 
 @pytest.mark.parametrize(("name", "rmse", "noise_alone", "expected"), [

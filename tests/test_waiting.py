@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from loops_with_effects import small
 
 from stictionid.effects import parse
@@ -45,6 +46,7 @@ def entry(names: tuple[str, ...], bic: float, rmse: float, *, parent: Spec | Non
           asked: Asked = Asked.NOTHING, failed: str = "") -> Entry:
     done = Done(bic, rmse, 1.0)
     scored: Any = SimpleNamespace(done=done, rmse=rmse, white=False, full=True, bare=lambda policy: rmse <= 1.0,
+                                  only_noise=lambda policy: False,
                                   nearly=lambda policy: rmse <= policy.nearly * done.innovation_sd)
     gates = (Gate(failed, False, "no"),) if failed else ()
     spec = Spec(process=process, effects=names)
@@ -161,3 +163,13 @@ def test_a_record_too_short_for_the_noise_family_shows_no_model_to_be_better() -
     done.good = np.ones(8, bool)
     done.model = SimpleNamespace(loop=SimpleNamespace(process_value=np.arange(8.0), starts=(0,)))
     assert beyond_noise(done) == -np.inf
+
+
+@pytest.mark.parametrize(("noise", "first"), [(True, 1), (False, 0)])
+def test_a_poor_answer_that_a_noise_model_hides_waits_for_far_looks_beside_its_base(noise: bool, first: int) -> None:
+    """A longer slip at 12 times the noise, made white by long memory, took the budget of the right effect."""
+    both = base, poor = (entry((), 0.0, 20.0, asked=Asked.BY_NEAR),
+                         entry(("slip-overshoot",), -150.0, 12.5, parent=Spec()))
+    scored: Any = poor.scored
+    scored.white, scored.only_noise = True, lambda policy: noise
+    assert waiting(memo_of(base, poor), POLICY, only_some=False)[0] is both[first]

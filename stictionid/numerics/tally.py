@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 _count = [0]
+# Questions answered, by their fingerprints, with the samples that each took.
+_answers: dict[str, int] = {}
 # Called after each count, such as a progress that shows that a long search still runs.
 listeners: list[Callable[[], None]] = []
 
@@ -20,9 +22,16 @@ def add(candidates: int, samples: int, parts: int = 1) -> None:
         heard()
 
 
-def charge(samples: int) -> None:
-    """Count what a remembered answer took when it was found: no limit may depend on what this process remembers."""
-    _count[0] += samples
+def answered(question: str, samples: int) -> None:
+    """Note what a question took when it was answered, now or before; a search counts each of its questions once."""
+    _answers[question] = samples
+
+
+def answers() -> dict[str, int]:
+    """The questions answered since this was called last, and the samples that each took."""
+    found = dict(_answers)
+    _answers.clear()
+    return found
 
 
 def spent() -> int:
@@ -31,5 +40,5 @@ def spent() -> int:
 
 
 def take_back(before: int) -> None:
-    """Count as spent what was spent `before`: a search that is made once for a record has limits of its own."""
+    """Count as spent what was spent `before`: what is counted elsewhere, or made once for a record."""
     _count[0] = before

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -29,10 +29,16 @@ class Entry:
     op: str = ROOT
     what: str = ""
     look: Packed | None = None
+    # Score of a look that waits beside a full fit to be fitted itself.
+    glimpse: Scored | None = None
     gates: tuple[Gate, ...] = ()
     asked: Asked = Asked.NOTHING
     settled: bool = False
     failed: str = ""
+
+    def seen(self, look: Packed | None) -> Scored:
+        """Score of a look that waits, and of the node for any other."""
+        return self.glimpse if self.glimpse is not None and look is self.look else self.scored
 
     @property
     def passed(self) -> bool:
@@ -85,3 +91,30 @@ def broken(parent: Entry, task: Task, answer: Packed) -> Entry:
     what = task.added or what_of(task.spec, parent.spec)
     return Entry(task.spec, parent.scored, key(parent.spec), ADD if task.added else SWAP, what, failed=answer.failed,
                  gates=(Gate("fit", False, answer.failed),))
+
+
+def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer: Packed, scored: Scored,
+             policy: Policy) -> None:
+    """Put an answer in the memo where it is better than what is known of its node.
+
+    A look never replaces a full fit, but waits beside it where its free run is clearly better: another basin. A node
+    that passed keeps the edge by which it did.
+    """
+    name, known = key(task.spec), memo.get(key(task.spec))
+    if known is not None and not known.failed:
+        gain = scored.done.gain_over(known.scored.done)
+        freer = not scored.full and scored.rmse**2 * policy.better_base < known.seen(known.look).rmse ** 2
+        if known.scored.full:
+            if not scored.full:
+                known.look, known.glimpse = (answer, scored) if freer else (known.look, known.glimpse)
+                return
+            known.glimpse = None
+            if known.op == ROOT or (known.gates and known.passed) or gain <= 0.0:
+                if gain > (policy.better_fit if known.op == ROOT else 0.0):
+                    known.scored, known.look = scored, answer
+                return
+        elif not scored.full and gain <= 0.0 and not freer:
+            return
+    memo[name] = Entry(task.spec, scored, key(parent.spec), ADD if task.added else SWAP,
+                       task.added or what_of(task.spec, parent.spec), look=answer,
+                       asked=known.asked if known else Asked.NOTHING)

@@ -6,7 +6,6 @@ Source: CRITICISM.md section 7, steps 6 and 7.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import NormalDist
@@ -17,7 +16,6 @@ from ..effects import catalogue, parse
 from ..effects.contract import Place
 from ..fit.cross_validation import Held
 from ..fit.noise.completion import block_gains, stroke_score
-from ..fit.noise.draws import imitated
 from ..fit.public_values import values_of
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.spec import INTEGRATOR
@@ -151,9 +149,10 @@ def _strokes(edge: Edge) -> str:
     """Reject an effect on the valve whose gain comes from a few strokes, by chance among all effects asked.
 
     Rounding, an unseen scan or a stem with mass makes single slips early or late, and a few numbers more of a valve put
-    some of them right. A rest has a name of its own for single slips.
+    some of them right. That lowers the free run by little. A rest has a name of its own for single slips.
     """
-    if not on_valve(parse(edge.name)[0]) or plain(edge.name) in BASE_EFFECTS or edge.freed:
+    freer = edge.child.rmse * edge.policy.nearly <= edge.parent.rmse
+    if not on_valve(parse(edge.name)[0]) or plain(edge.name) in BASE_EFFECTS or edge.freed or freer:
         return ""
     score, least = stroke_score(edge.parent.done, edge.child.done), chance_limit(edge.policy)
     enough = score >= least
@@ -301,8 +300,7 @@ def lasts(name: str, child: Scored, parent: Scored, policy: Policy) -> bool:
     """
     if parse(name)[0].columns is None or parent.noise_alone or 2 * child.rmse > parent.rmse:
         return False
-    draws = int(np.ceil(1.0 / policy.chance))
-    return not imitated(parent.done, name, draws, np.random.default_rng(zlib.crc32(name.encode())))
+    return not parent.imitates(name, int(np.ceil(1.0 / policy.chance)))
 
 
 GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "scans", "free-run", "slip"

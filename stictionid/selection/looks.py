@@ -43,8 +43,9 @@ from .score import WALKING, Scored, completed, glanced
 
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
-# Stages of a task: a search for valves, a look from what is known, one with an open process; then a look polished.
-VALVES, NEAR, FAR, CLOSER = "valves", "near", "far", "closer"
+# Stages of a task: searches for valves and for those that rest sometimes, a look from what is known, one with an open
+# process; then a look polished.
+VALVES, SPEEDS, NEAR, FAR, CLOSER = "valves", "speeds", "near", "far", "closer"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +76,11 @@ class Task:
         """True where the effect added acts on the valve."""
         return bool(self.added) and on_valve(parse(self.added)[0])
 
+    @property
+    def rests_only(self) -> bool:
+        """True for a held valve that rests and has no other effect on it."""
+        return self.spec.held and _valve_effects(self.spec) == [RESTING]
+
 
 @dataclass(frozen=True, slots=True)
 class Packed:
@@ -96,6 +102,8 @@ class Packed:
     full: bool = False
     failed: str = ""
     spent: int = 0
+    # Searches that other tasks may ask for as well, with the samples that each took.
+    questions: Mapping[str, int] = field(default_factory=dict)
     # Named values of the valves that a search for valves found.
     valves: tuple[dict[str, float], ...] = ()
 
@@ -130,13 +138,14 @@ def edges(spec: Spec, loop: Loop, only: Iterable[str] | None, commands: Iterable
 def performed(ground: Ground, task: Task) -> Packed:
     """The answer to one task; one whose numbers break down says so."""
     before = tally.spent()
+    tally.answers()
     try:
         ground = _in_form(ground, task)
         found = (_closer(ground, task) if task.stage == CLOSER else _full(ground, task) if task.look is not None else
-                 _valves(ground, task) if task.stage == VALVES else look_at(ground, task))
+                 _valves(ground, task) if task.stage in (VALVES, SPEEDS) else look_at(ground, task))
     except (ModelError, np.linalg.LinAlgError) as error:
         found = Packed(task.spec, task.added, failed=f"its refit did not converge ({error})")
-    return replace(found, spent=(tally.spent() - before) // ground.policy.unit)
+    return replace(found, spent=(tally.spent() - before) // ground.policy.unit, questions=tally.answers())
 
 
 def pool_of(fit: Fitted, seed: int) -> FloatArray:
@@ -194,12 +203,16 @@ def _closer(ground: Ground, task: Task) -> Packed:
                    gain=found.gain)
 
 
+def _valve_effects(spec: Spec) -> list[str]:
+    return sorted(n for n in spec.effects if on_valve(parse(n)[0]))
+
+
 def kind_of(spec: Spec) -> str:
     """The effects on the valve of a node, and its command between samples: nodes of one kind have the same valves.
 
     A valve that only rests is found with its process, on the record less what disturbs it. So these belong to its kind.
     """
-    valve = sorted(n for n in spec.effects if on_valve(parse(n)[0]))
+    valve = _valve_effects(spec)
     beside = [n for n in spec.effects if plain(n) in BASE_EFFECTS or parse(n)[0].columns]
     words = [spec.process, *beside] if valve == [RESTING] else []
     return f"{' + '.join(valve)} {spec.between} {' + '.join(words)}".rstrip()
@@ -219,7 +232,7 @@ def _valves(ground: Ground, task: Task) -> Packed:
     if sum(map(on_valve, coarse.effects)) > 1:
         found = [coarse.named(column) for column in coarse.values(open_valves(coarse, task.added, fit, rng)).T]
     else:
-        found = resting_valves(undisturbed(coarse, fit.model, fit.values), rng)
+        found = resting_valves(undisturbed(coarse, fit.model, fit.values), rng, sometimes=task.stage == SPEEDS)
     return Packed(task.spec, task.added, valves=tuple(found))
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import zlib
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..effects import built_in, parse
 from ..effects.contract import DIAGNOSE
 from ..fit.cross_validation import Held
 from ..fit.noise.completion import AUTOREGRESSIVE, RANDOM_WALK, RESONANT, Refit, banded, better, complete, quick
+from ..fit.noise.draws import imitated
 from ..fit.noise.whiteness import remembers
 from ..model.model import Model
 from ..model.rounding import moved_within
@@ -37,6 +39,15 @@ class Scored:
     done: Refit
     full: bool
     held: Held | None = None
+    # Whether draws of the noise look like a disturbance, by its name and the number of draws.
+    _imitations: dict[tuple[str, int], bool] = field(default_factory=dict, repr=False, compare=False)
+
+    def imitates(self, name: str, draws: int) -> bool:
+        """True where one of so many draws of the noise looks as much like a disturbance as the residual does."""
+        if (name, draws) not in self._imitations:
+            rng = np.random.default_rng(zlib.crc32(name.encode()))
+            self._imitations[name, draws] = imitated(self.done, name, draws, rng)
+        return self._imitations[name, draws]
 
     @property
     def rmse(self) -> float:

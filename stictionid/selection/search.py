@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..effects import parse
+from ..effects.contract import Place
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import Refit
@@ -21,12 +22,13 @@ from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Crew
 from .doubts import judged_drop, lasting, least_cost, odd, rests_instead, slips_like_rests
-from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry, broken
+from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry, broken, remember
 from .gates import Edge, judged, judged_change
 from .looks import (
     CLOSER,
     FAR,
     NEAR,
+    SPEEDS,
     VALVES,
     Ground,
     Packed,
@@ -43,20 +45,19 @@ from .looks import (
 )
 from .node import (
     BASE_EFFECTS,
+    LAG,
     additions,
     depth,
     key,
     leaking,
     node,
-    physical,
     plain,
-    what_of,
     with_effect,
     without,
 )
 from .policy import Policy
 from .score import Scored, completed
-from .waiting import better_base, ranked, useless_looks, waiting
+from .waiting import better_base, other_structures, ranked, useless_looks, waiting
 
 
 @dataclass(slots=True)
@@ -75,6 +76,8 @@ class Search:
     # Nodes without one effect, by node, effect and innovations: the decision asks for the same ones several times.
     drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
     spent: int = 0
+    # Searches for valves that were counted already.
+    questions: set[str] = field(default_factory=set)
     # Answers that slide and were asked once more for a valve that rests.
     rested: set[str] = field(default_factory=set)
     unasked: list[str] = field(default_factory=list)
@@ -92,10 +95,9 @@ class Search:
 
     def root(self, fit: Fitted) -> Entry:
         """A fit made elsewhere as a root of the search; the better one of two fits of one node."""
-        rng = rng_of(self.seed, key(fit.model.spec), 2)
-        spec = node(fit.model.spec)
-        model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
-                      residual=fit.best.left)
+        spec, before = node(fit.model.spec), fit.model
+        rng = rng_of(self.seed, key(before.spec), 2)
+        model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
         values = model.vector(fit.best.values)
         pool = pool_of(as_it_stands(model, values), self.seed)
         done = completed(model, values, pool, rng, self.policy)
@@ -165,8 +167,8 @@ class Search:
             self._search_valves(ground, [t for t in tasks if t.added == RESTING])
         self._finish(ground, entry, self._looked(ground, entry, tasks))
         self._lighten()
-        if (entry.op == ROOT and (self.only is None or self.blurred or self.commands)) \
-                or (self.commands and entry is self.best()):
+        self._instead_of_lag(entry)
+        if entry.op == ROOT or (self.commands and entry is self.best()):
             self._structures(entry)
         if entry.scored.done.gain_over(before) > self.policy.margin:
             entry.asked = Asked.NOTHING
@@ -235,18 +237,27 @@ class Search:
         return (slides, names) if names else None
 
     def _structures(self, entry: Entry) -> None:
-        """Ask beside every process and command for a valve that rests: two changes may show only together."""
+        """Ask beside every process, lag and command for a valve that rests: two changes may show only together."""
         queue, seen = [entry], {key(entry.spec)}
         while queue and self.spent < self.budget and not self._only_noise(self.best()):
             base = queue.pop(0)
             if base is not entry and RESTING in additions(base.spec, self.loop, self.only):
-                self.ask(base, (RESTING,), changes=True)
-            for e in list(self.memo.values()):
-                if e.op == SWAP and physical(e.spec) == physical(entry.spec) and not e.failed \
-                        and key(e.spec) not in seen \
-                        and e.scored.done.gain_over(self.best().scored.done) > -self.policy.within:
-                    seen.add(key(e.spec))
-                    queue.append(e)
+                # The valves found without a further lag will do: most of them were found without a process.
+                kind, known = (kind_of(with_effect(x, RESTING)) for x in (base.spec, without(base.spec, (LAG,))))
+                if known in self.valves:
+                    self.valves.setdefault(kind, self.valves[known])
+                self.ask(base, (RESTING,), changes=base.op == SWAP)
+            found = {key(e.spec): e for e in other_structures(self.memo, entry, self.best(), self.policy)}
+            queue += [e for name, e in found.items() if name not in seen]
+            seen |= found.keys()
+
+    def _instead_of_lag(self, entry: Entry) -> None:
+        """Ask for effects on the process in the place of a further lag: beside it their looks begin far off."""
+        if LAG in entry.spec.effects and self.only is None and not self._only_noise(self.best()) \
+                and self.spent < self.budget:
+            bare = self.dropped(entry, LAG)
+            shapes = [n for n in additions(bare.spec, self.loop) if parse(n)[0].place is Place.PROCESS and n != LAG]
+            self.ask(bare, shapes)
 
     def _lighten(self) -> None:
         """Drop what the best node has from its base and no longer needs: a rest found while an effect was missing."""
@@ -283,10 +294,12 @@ class Search:
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""
-        asked = [replace(t, stage=VALVES) for t in tasks if kind_of(t.spec) not in self.valves]
+        asked = [replace(t, stage=stage) for t in tasks if kind_of(t.spec) not in self.valves
+                 for stage in (VALVES, SPEEDS)[:1 + t.rests_only]]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self._within_budget(crew, asked):
-                self.valves[kind_of(task.spec)] = answer.valves
+                kind = kind_of(task.spec)
+                self.valves[kind] = (*self.valves.get(kind, ()), *answer.valves)
 
     def _edges(self, entry: Entry, spec: Spec) -> list[Task]:
         """The edges of a node whose ends are not fitted in full; `spec` is that of its search form."""
@@ -304,8 +317,8 @@ class Search:
         """Looks at tasks, the most promising effects polished: the best by score and by free run."""
         answers = self._performed(ground, entry, tasks)
         effects = [a for a in answers if a.added and self._better(a)]
-        by_score = sorted(effects, key=lambda a: -self.memo[key(a.spec)].scored.done.gain_over(entry.scored.done))
-        by_free_run = sorted(effects, key=lambda a: self.memo[key(a.spec)].scored.rmse)
+        by_score = sorted(effects, key=lambda a: -self._seen(a).done.gain_over(entry.scored.done))
+        by_free_run = sorted(effects, key=lambda a: self._seen(a).rmse)
         best = {key(a.spec): a for a in (*by_score[:2 * self.policy.finalists], *by_free_run[:self.policy.finalists])}
         polished = self._performed(ground, entry, [Task(a.spec, a.added, CLOSER, a) for a in best.values()])
         closer = {key(a.spec) for a in polished}  # (the budget may end before)
@@ -320,7 +333,7 @@ class Search:
                     self.memo.setdefault(key(task.spec), broken(entry, task, answer))
                     continue
                 scored = answer.scored(ground.fit)
-                self._keep(entry, task, answer, scored)
+                remember(self.memo, entry, task, answer, scored, self.policy)
                 answers.append(answer)
         return answers
 
@@ -333,38 +346,25 @@ class Search:
                 self.unasked += [key(left.spec) for left in tasks[i:]]
                 return
             answer = next(answers)
-            self.spent += answer.spent
+            # What several tasks ask is searched once.
+            fresh = {q: samples for q, samples in answer.questions.items() if q not in self.questions}
+            self.questions |= fresh.keys()
+            self.spent += answer.spent + sum(fresh.values()) // self.policy.unit
             yield task, answer
 
-    def _keep(self, entry: Entry, task: Task, answer: Packed, scored: Scored) -> None:
-        """Put an answer in the memo where it is better than what is known of its node."""
-        name = key(task.spec)
-        known = self.memo.get(name)
-        if known is not None and not known.failed and known.op == ROOT:
-            if scored.full and scored.done.gain_over(known.scored.done) > self.policy.better_fit:
-                known.scored = scored
-            return
-        if known is None or known.failed or scored.done.gain_over(known.scored.done) > 0.0 \
-                or (scored.full and not known.scored.full) or self._freer(answer, known):
-            self.memo[name] = Entry(task.spec, scored, key(entry.spec), ADD if task.added else SWAP,
-                                    task.added or what_of(task.spec, entry.spec), look=answer,
-                                    asked=known.asked if known else Asked.NOTHING)
-
-    def _freer(self, answer: Packed, known: Entry) -> bool:
-        """True for a look whose free run is clearly better than what is known of its node: another basin."""
-        before = known.look.cost if known.look is not None else np.inf
-        return not answer.full and answer.cost * self.policy.better_base < before
-
     def _better(self, answer: Packed) -> bool:
-        known = self.memo[key(answer.spec)]
-        return not known.failed and known.look is answer
+        return self.memo[key(answer.spec)].look is answer
+
+    def _seen(self, answer: Packed) -> Scored:
+        """Score of a look, whether it waits beside a full fit or not."""
+        return self.memo[key(answer.spec)].seen(answer)
 
     def _finish(self, ground: Ground, entry: Entry, looks: Sequence[Packed]) -> None:
         """Fit the looks that may win in full, the best first; then hand values back and judge all full children."""
         parent = entry.scored.done
-        gains = {key(a.spec): self.memo[key(a.spec)].scored.done.gain_over(parent) for a in looks}
+        gains = {key(a.spec): self._seen(a).done.gain_over(parent) for a in looks}
         by_score = sorted(looks, key=lambda a: -gains[key(a.spec)])
-        by_free_run = sorted(looks, key=lambda a: self.memo[key(a.spec)].scored.rmse)
+        by_free_run = sorted(looks, key=lambda a: self._seen(a).rmse)
         queue = list(dict.fromkeys([key(a.spec) for a in (*by_score[:1], *by_free_run[:1], *by_score)]))
         answers, freest = {key(a.spec): a for a in looks}, {key(a.spec) for a in by_free_run[:self.policy.finalists]}
         best, count = -np.inf, 0
@@ -372,11 +372,11 @@ class Search:
             answer = answers[name]
             structural = depth(answer.spec) == 0 and better_base(self.memo, self.memo[name], self.policy)
             # A rough place of a disturbance costs innovations, but it takes most of the free run.
-            halves = name in freest and 2 * self.memo[name].scored.rmse <= entry.scored.rmse
-            freer = self.memo[name].scored.rmse * self.policy.better_base < entry.scored.rmse
+            halves = name in freest and 2 * self._seen(answer).rmse <= entry.scored.rmse
+            freer = self._seen(answer).rmse * self.policy.better_base < entry.scored.rmse
             late = count >= self.policy.finalists or gains[name] < max(0.0 if freer else best - self.policy.within, 0.0)
-            # Beside noise alone a look that gains nothing is no lead.
-            least = 0.0 if entry.scored.noise_alone else -self.policy.within
+            # Beside noise alone a look that gains nothing, and no free run either, is no lead.
+            least = 0.0 if entry.scored.noise_alone and not freer else -self.policy.within
             if ((late and count) or gains[name] < least) and not structural and not halves:
                 continue
             # The best look is fitted even where the budget ended with the looks, so is the freest where it halves.
@@ -413,7 +413,7 @@ class Search:
         rest = max((e.scored.done.gain_over(entry.scored.done) for e in self.memo.values()
                     if e.parent == key(entry.spec) and e.op == ADD and plain(e.what) == RESTING and not e.failed),
                    default=0.0)
-        passed, met = entry, {key(entry.spec)}  # (two nodes, one fitted again without an effect, may be parents)
+        passed, met = entry, {key(entry.spec)}  # (two nodes may be each other's parents)
         while not passed.passed and passed.parent in self.memo and passed.parent not in met:
             met.add(passed.parent)
             passed = self.memo[passed.parent]

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ..model.spec import INTEGRATOR
-from .entry import ADD, Asked, Entry
-from .node import depth, key
+from .entry import ADD, SWAP, Asked, Entry
+from .node import LAG, depth, key, physical
 from .policy import Policy
 
 Memo = Mapping[str, Entry]
@@ -33,7 +33,7 @@ def waiting(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
     whole = [e for e in ranked(memo, policy, tentative=True) if depth(e.spec) < policy.depth]
     far = [e for e in whole if e.asked == Asked.BY_NEAR]
     rest = [e for e in whole if not e.asked]
-    if rest and rest[0].scored.white:
+    if rest and rest[0].scored.only_noise(policy):
         return rest[:1]
     free = [e for e in rest if depth(e.spec) and _frees(memo, e)]
     if free or (rest and rest[0] is whole[0] and depth(whole[0].spec) and whole[0].scored.nearly(policy)):
@@ -75,6 +75,14 @@ def useless_looks(memo: Memo, entry: Entry) -> set[str]:
         return set()
     return {e.what for e in memo.values() if e.parent == key(entry.spec) and e.op == ADD and not e.failed
             and e.scored.done.gain_over(entry.scored.done) <= 0.0}
+
+
+def other_structures(memo: Memo, entry: Entry, best: Entry, policy: Policy) -> list[Entry]:
+    """Nodes of another process, lag or command with the effects of an entry, not far behind the best one."""
+    bare = {*physical(entry.spec)} - {LAG}
+    return [e for e in memo.values() if (e.what == LAG or e.op == SWAP)
+            and {*physical(e.spec)} - {LAG} == bare and not e.failed
+            and e.scored.done.gain_over(best.scored.done) > -policy.within]
 
 
 def _before(memo: Memo, entry: Entry, policy: Policy) -> Entry:

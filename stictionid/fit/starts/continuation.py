@@ -134,17 +134,20 @@ def _along_ridge(model: Model, own: list[int]) -> bool:
 def _once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
     """The points of `_grown`, cached by question: a further lag, or another process, needs the same valves.
 
-    The generator ends in the state that the search leaves, and what it took is counted again, so that no result depends
-    on the cache.
+    The generator ends in the state that the search leaves, and what it took is told to the tally as the answer of a
+    question, so that no result depends on the cache.
     """
     key = _question(model, own, middle, rng)
     if key in _known:
         points, rng.bit_generator.state, took = _known[key]
-        tally.charge(took)
+        tally.answered(key, took)
         return points
     before = tally.spent()
     points = _grown(model, own, middle, rng)
-    _known[key] = points, rng.bit_generator.state, tally.spent() - before
+    took = tally.spent() - before
+    tally.take_back(before)
+    tally.answered(key, took)
+    _known[key] = points, rng.bit_generator.state, took
     while len(_known) > _REMEMBERED:
         _known.pop(next(iter(_known)), None)
     return points
