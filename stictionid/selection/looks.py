@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..effects import parse
+from ..effects.contract import Place
 from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
 from ..fit.fit import Fitted, as_it_stands
@@ -37,7 +38,7 @@ from ..numerics import tally
 from ..numerics.population import together
 from ..record.loop import Loop
 from ..typing import FloatArray
-from .node import BASE_EFFECTS, additions, key, local, node, other_process, physical, plain, with_effect
+from .node import BASE_EFFECTS, LAG, additions, key, local, node, other_process, physical, plain, with_effect
 from .policy import Policy
 from .score import WALKING, Scored, completed, glanced
 
@@ -75,6 +76,11 @@ class Task:
     def on_valve(self) -> bool:
         """True where the effect added acts on the valve."""
         return bool(self.added) and on_valve(parse(self.added)[0])
+
+    @property
+    def shapes(self) -> bool:
+        """True where the effect added gives the process another shape than a further lag does."""
+        return self.added not in ("", LAG) and parse(self.added)[0].place is Place.PROCESS
 
     @property
     def rests_only(self) -> bool:

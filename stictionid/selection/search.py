@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..effects import parse
-from ..effects.contract import Place
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import Refit
@@ -252,12 +251,13 @@ class Search:
             seen |= found.keys()
 
     def _instead_of_lag(self, entry: Entry) -> None:
-        """Ask for effects on the process in the place of a further lag: beside it their looks begin far off."""
-        if LAG in entry.spec.effects and self.only is None and not self._only_noise(self.best()) \
-                and self.spent < self.budget:
-            bare = self.dropped(entry, LAG)
-            shapes = [n for n in additions(bare.spec, self.loop) if parse(n)[0].place is Place.PROCESS and n != LAG]
-            self.ask(bare, shapes)
+        """Look at effects on the process in the place of a further lag: beside it they begin far off."""
+        if LAG not in entry.spec.effects or self.only is not None or self._only_noise(self.best()):
+            return
+        bare = self.dropped(entry, LAG)
+        ground, tasks = self._opened(bare, "asking for another process beside")
+        looks = self._looked(ground, bare, [t for t in tasks if t.shapes])
+        self._finish(ground, bare, [a for a in looks if self._seen(a).done.gain_over(entry.scored.done) > 0.0])
 
     def _lighten(self) -> None:
         """Drop what the best node has from its base and no longer needs: a rest found while an effect was missing."""
