@@ -62,6 +62,19 @@ def test_a_gain_from_a_few_strokes_names_no_effect_on_the_valve() -> None:
             assert bool(gate(edge)) is rejected, name
 
 
+@pytest.mark.parametrize(("process", "error", "rejected"), [
+    (FIRST_ORDER, 1.4, False), (FIRST_ORDER, 1.2, True), (INTEGRATOR, 1.4, True)])
+def test_a_few_strokes_that_lower_the_free_run_clearly_will_do_but_for_an_integrator(process: str, error: float,
+                                                                                      rejected: bool) -> None:
+    """An integrator adds up every slip, so that one put right lowers the free run clearly."""
+    before, after = pair(slice(0, 60))
+    after.model.spec = Spec(process=process)
+    child, parent = SimpleNamespace(done=after, free_run_at_noise=False, rmse=1.0), SimpleNamespace(done=before,
+                                                                                                   rmse=error)
+    edge: Any = Edge("travel-limit", child, parent, POLICY)  # type: ignore[arg-type]
+    assert bool(dict(GATES)["strokes"](edge)) is rejected
+
+
 @pytest.mark.parametrize(("process", "error", "more"), [
     (INTEGRATOR, 3.0, True), (INTEGRATOR, 0.9, False), (FIRST_ORDER, 3.0, False)])
 def test_a_shift_is_believed_beyond_what_one_lost_slip_adds_up_to(process: str, error: float, more: bool) -> None:

@@ -149,9 +149,11 @@ def _strokes(edge: Edge) -> str:
     """Reject an effect on the valve whose gain comes from a few strokes, by chance among all effects asked.
 
     Rounding, an unseen scan or a stem with mass makes single slips early or late, and a few numbers more of a valve put
-    some of them right. That lowers the free run by little. A rest has a name of its own for single slips.
+    some of them right. That lowers the free run by little, unless an integrator adds it up. A rest has a name of its
+    own for single slips.
     """
-    freer = edge.child.rmse * edge.policy.nearly <= edge.parent.rmse
+    freer = (edge.child.rmse * edge.policy.nearly <= edge.parent.rmse
+             and edge.child.done.model.spec.process != INTEGRATOR)
     if not on_valve(parse(edge.name)[0]) or plain(edge.name) in BASE_EFFECTS or edge.freed or freer:
         return ""
     score, least = stroke_score(edge.parent.done, edge.child.done), chance_limit(edge.policy)
