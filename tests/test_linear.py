@@ -333,6 +333,23 @@ def test_whitening_is_the_written_filter() -> None:
     np.testing.assert_allclose(stacked, np.concatenate([once, 2 * once]), rtol=1e-12)
 
 
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_softened_differences_are_the_written_filter(share: float) -> None:
+    # A recursion does the work of so many taps; the rows before the first one count as 0 in each stretch.
+    x = np.random.default_rng(0).standard_normal((60, 9)).cumsum(axis=0)
+    taps = np.convolve([1.0, -share], 0.8 ** np.arange(15))[1:]
+    stacked = np.concatenate([x, 2 * x])
+    varpro.whiten_stack(stacked, 60, taps)
+    once = naive.filtered(x, taps)
+    np.testing.assert_allclose(stacked, np.concatenate([once, 2 * once]), rtol=1e-10, atol=1e-11)
+    # Another last tap is no such filter.
+    other = np.append(taps[:-1], taps[-1] + 0.1)
+    again = x.copy()
+    varpro.whiten_stack(again, 60, other)
+    np.testing.assert_allclose(again, naive.filtered(x, other), rtol=1e-10, atol=1e-11)
+
+
+
 def test_rebuilt_command_meets_the_samples_and_finds_the_corner() -> None:
     t = np.arange(60.0)
     command = np.where(t < 30.4, 0.1 * t, 0.1 * 30.4 - 0.3 * (t - 30.4))

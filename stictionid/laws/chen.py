@@ -67,11 +67,14 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
             work[11 * LANES + p] = friction[RESTICK, q] if state[_MOVING, q] > 0.5 else np.inf
             work[12 * LANES + p] = friction[CROSSES, q]
         last = first + width
-        # The plain law has no drift, re-sticking, overshoot or stops; it is faster, and most searches need no other.
-        plain = True
+        # The plain law has no drift, overshoot or stops, and rests under a held command at most; it is faster, and most
+        # searches need no other.
+        plain, crossing = True, False
         for p in range(padded):
-            plain &= work[4 * LANES + p] == 0.0 and work[5 * LANES + p] == 0.0 and work[6 * LANES + p] == 0.0
+            plain &= work[4 * LANES + p] == 0.0 and work[5 * LANES + p] == 0.0
+            plain &= work[6 * LANES + p] == 0.0 or work[12 * LANES + p] == 0.0
             plain &= work[7 * LANES + p] == 0.0 and work[8 * LANES + p] == -np.inf and work[9 * LANES + p] == np.inf
+            crossing |= work[12 * LANES + p] > 0.0
         u_last = state[_COMMAND, first]
         du_last = state[_CHANGE, first]
         for k in range(samples):
@@ -82,7 +85,7 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
             rising = du > 0.0
             drift = profile[k]
             for p in range(padded if plain else 0):
-                v = work[10 * LANES + p]
+                v, restick = work[10 * LANES + p], work[6 * LANES + p]
                 to_up, to_down = u - work[2 * LANES + p], u + work[3 * LANES + p]
                 e = u - v
                 rises, falls = e > work[p], -e > work[LANES + p]
@@ -93,46 +96,42 @@ def _run(command: FloatArray, friction: FloatArray, profile: FloatArray, state: 
                 ahead = ahead_up if rising else ahead_down
                 slides = speed >= work[11 * LANES + p]
                 work[10 * LANES + p] = ahead if slides else new
-                work[11 * LANES + p] = 0.0 if rises | falls | slides else np.inf
+                work[11 * LANES + p] = restick if rises | falls | slides else np.inf
             for p in range(0 if plain else padded):
-                v = work[10 * LANES + p]
-                restick = work[6 * LANES + p]
-                spare = work[7 * LANES + p]
-                low = work[8 * LANES + p]
-                high = work[9 * LANES + p]
-                fs_add = work[4 * LANES + p] * drift
-                fd_add = work[5 * LANES + p] * drift
-                fs_up = work[p] + fs_add
-                fs_down = work[LANES + p] + fs_add
-                to_up = u - (work[2 * LANES + p] + fd_add)
-                to_down = u + (work[3 * LANES + p] + fd_add)
+                v, moving_from, restick = work[10 * LANES + p], work[11 * LANES + p], work[6 * LANES + p]
+                spare, low, high = work[7 * LANES + p], work[8 * LANES + p], work[9 * LANES + p]
+                fs_add, fd_add = work[4 * LANES + p] * drift, work[5 * LANES + p] * drift
+                fs_up, fs_down = work[p] + fs_add, work[LANES + p] + fs_add
+                fd_up, fd_down = work[2 * LANES + p] + fd_add, work[3 * LANES + p] + fd_add
+                to_up, to_down = u - fd_up, u + fd_down
                 e = u - v
+                rises, falls = e > fs_up, -e > fs_down
                 # stuck: keep sticking, or slip and overshoot by `spare` = K - 1
-                # (of a command that moves within the sample: from where it crosses f_s, and slide on from there)
                 up, down = to_up + spare * (to_up - v), to_down + spare * (to_down - v)
                 rests = False
-                if work[12 * LANES + p] > 0.0:
-                    jump_up = (1.0 + spare) * (fs_up - (work[2 * LANES + p] + fd_add))
-                    jump_down = (1.0 + spare) * (fs_down - (work[3 * LANES + p] + fd_add))
-                    rests = abs(du) < restick and min(jump_up, jump_down) > _LEAST
-                    up, down = max(to_up, v + jump_up), min(to_down, v - jump_down)
-                    if rests:
-                        # it comes to rest behind each slip, and slips again where the command crosses f_s again
-                        up = v + jump_up * max(np.ceil((e - fs_up) / jump_up), 1.0)
-                        down = v - jump_down * max(np.ceil((-e - fs_down) / jump_down), 1.0)
-                new = up if e > fs_up else v
-                new = down if -e > fs_down else new
-                slips = e > fs_up or -e > fs_down
+                if crossing:
+                    # (a command that moves within the sample: from where it crosses f_s, and slide on from there)
+                    jump_up, jump_down = (1.0 + spare) * (fs_up - fd_up), (1.0 + spare) * (fs_down - fd_down)
+                    least = jump_up if jump_up < jump_down else jump_down
+                    rests = (abs(du) < restick) & (least > _LEAST)
+                    # it comes to rest behind each slip, and slips again where the command crosses f_s again
+                    slips_up, slips_down = np.ceil((e - fs_up) / jump_up), np.ceil((-e - fs_down) / jump_down)
+                    up = v + jump_up if v + jump_up > to_up else to_up
+                    down = v - jump_down if v - jump_down < to_down else to_down
+                    up = v + jump_up * (slips_up if slips_up > 1.0 else 1.0) if rests else up
+                    down = v - jump_down * (slips_down if slips_down > 1.0 else 1.0) if rests else down
+                new = up if rises else v
+                new = down if falls else new
                 # moving: keep sliding; after an overshoot the stem waits until the command has caught up
                 ahead_up = to_up if to_up > v else v
                 ahead_down = to_down if to_down < v else v
                 ahead = ahead_up if rising else ahead_down
-                slides = speed >= work[11 * LANES + p]
+                slides = speed >= moving_from
                 new = ahead if slides else new
                 held = low if new < low else new
                 held = high if held > high else held
                 work[10 * LANES + p] = held
-                work[11 * LANES + p] = restick if ((slips and not rests) or slides) and held == new else np.inf
+                work[11 * LANES + p] = restick if (((rises | falls) & (not rests)) | slides) & (held == new) else np.inf
             row = position[k, first:last]
             for p in range(width):
                 row[p] = work[10 * LANES + p]

@@ -9,6 +9,7 @@ well conditioned. Source: paper Eq. 16 to 19 (squared norm); variable projection
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -23,6 +24,8 @@ REJECTED = np.inf
 # Size, as a share of the largest direction, below which a direction is left out. The first is for shared columns, the
 # second for a model's responses, whose rounding is larger. Unit: 1.
 _SHARED, SAME = 1e-10, 1e-8
+# Taps from which a recursion is shorter, distance at which taps are those of one, and decimals of its numbers.
+_FEW, _SAME_TAPS, _DIGITS = 6, 1e-14, 12
 
 
 @kernel
@@ -89,6 +92,33 @@ def _whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
 
 
 @kernel
+def _whiten_softly(base: FloatArray, samples: int, size: int, share: float, ratio: float) -> None:
+    """Filter each stretch in place with the taps of `_softened`, as a recursion: five products a row for any `size`."""
+    lanes = base.shape[1]
+    last = ratio**size
+    # Differences still in the filter, and the row before the next.
+    recent, before = np.empty((size, lanes)), np.empty(lanes)
+    for first in range(0, base.shape[0], samples):
+        recent[:] = 0.0
+        before[:] = 0.0
+        at = 0
+        for k in range(first, first + samples):
+            sink, oldest = base[k], recent[at]
+            if k > first:
+                so_far = base[k - 1]
+                for p in range(lanes):
+                    x = sink[p]
+                    moved = x - share * before[p]
+                    before[p] = x
+                    sink[p] = moved + (ratio * so_far[p] - last * oldest[p])
+                    oldest[p] = moved
+            else:
+                for p in range(lanes):
+                    before[p] = oldest[p] = sink[p]
+            at = at + 1 if at < size - 1 else 0
+
+
+@kernel
 def _whiten_links(base: FloatArray, before: IntArray, taps: FloatArray) -> None:
     """Filter each stretch of rows in place along its links, last row first."""
     samples, lanes = before.size, base.shape[1]
@@ -113,7 +143,26 @@ def whiten_stack(base: FloatArray, samples: int, taps: FloatArray, before: IntAr
     if before is not None:
         _whiten_links(base, before, np.ascontiguousarray(taps))
         return
-    _whiten_stack(base, samples, np.ascontiguousarray(taps))
+    taps = np.ascontiguousarray(taps)
+    if soft := _softened(taps.tobytes()):
+        _whiten_softly(base, samples, taps.size, *soft)
+        return
+    _whiten_stack(base, samples, taps)
+
+
+@lru_cache(maxsize=64)
+def _softened(taps: bytes) -> tuple[float, float] | None:
+    """Share m and ratio r of the taps of (1 - m q^-1) (1 + r q^-1 + r^2 q^-2 + …), cut at the last but one.
+
+    None for other taps, and for a few. Softened differences of an integrator are so.
+    """
+    polynomial = np.concatenate([[1.0], np.frombuffer(taps)])
+    if polynomial.size <= _FEW or not polynomial[1]:
+        return None
+    ratio = round(float(polynomial[2] / polynomial[1]), _DIGITS)
+    share = round(ratio - float(polynomial[1]), _DIGITS)
+    same = np.convolve([1.0, -share], ratio ** np.arange(polynomial.size - 1))
+    return (share, ratio) if np.allclose(same, polynomial, rtol=0.0, atol=_SAME_TAPS) else None
 
 
 def axes(columns: FloatArray, least: float) -> FloatArray:

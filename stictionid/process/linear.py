@@ -93,19 +93,34 @@ def _run(position: FloatArray, substeps: int, table: FloatArray, kinds: IntArray
                 sums[_TOTAL, i, p] = 0.0
         alike = (whole[first:last] == whole[first]).all()
         for k in range(samples - 1):
-            for s in range(0, substeps, _TOGETHER):
+            if substeps == 1:
+                here = position[k, first:last]
+                for i in range(modes):
+                    for p in range(width):
+                        u, total = here[p] - work[_START, p], sums[_TOTAL, i, p]
+                        work[_OUT, p] = sums[_SHARE, i, p] * total + (work[_WEIGHT, p] * u if i == 0 else work[_OUT, p])
+                        sums[_TOTAL, i, p] = sums[_DECAY, i, p] * total + u
+            for s in range(0, substeps if substeps > 1 else 0, _TOGETHER):
                 count = min(_TOGETHER, substeps - s)
                 row = k * substeps + s
                 if count < _TOGETHER:
-                    for j in range(count):
-                        here = position[row + j, first:last]
-                        number = float(s + j)
+                    # Pairs of parts, and a last one alone.
+                    for j in range(0, count, 2):
+                        second = min(j + 1, count - 1)
+                        here, there = position[row + j, first:last], position[row + second, first:last]
+                        one, two = float(s + j), float(s + second)
                         for i in range(modes):
                             for p in range(width):
-                                u, total, out = here[p] - work[_START, p], sums[_TOTAL, i, p], work[_OUT, p]
-                                y = sums[_SHARE, i, p] * total + (work[_WEIGHT, p] * u if i == 0 else out)
-                                work[_OUT, p] = y if work[_PICK, p] == number else out
-                                sums[_TOTAL, i, p] = sums[_DECAY, i, p] * total + u
+                                start, decay, pick = work[_START, p], sums[_DECAY, i, p], work[_PICK, p]
+                                before, now, out = sums[_TOTAL, i, p], here[p] - start, work[_OUT, p]
+                                total = decay * before + now
+                                if second > j:
+                                    u = there[p] - start
+                                    before, now = (total, u) if pick == two else (before, now)
+                                    total = decay * total + u
+                                sums[_TOTAL, i, p] = total
+                                y = sums[_SHARE, i, p] * before + (work[_WEIGHT, p] * now if i == 0 else out)
+                                work[_OUT, p] = y if (one <= pick) & (pick <= two) else out
                     continue
                 r0, r1 = position[row, first:last], position[row + 1, first:last]
                 r2, r3 = position[row + 2, first:last], position[row + 3, first:last]
