@@ -368,8 +368,11 @@ class Search:
         queue = list(dict.fromkeys([key(a.spec) for a in (*by_score[:1], *by_free_run[:1], *by_score)]))
         answers, freest = {key(a.spec): a for a in looks}, {key(a.spec) for a in by_free_run[:self.policy.finalists]}
         best, count = -np.inf, 0
+        explained: Scored | None = None
         for name in queue:
             answer = answers[name]
+            if explained is not None and self._seen(answer).rmse > self.policy.nearly * explained.rmse:
+                continue
             structural = depth(answer.spec) == 0 and better_base(self.memo, self.memo[name], self.policy)
             # A rough place of a disturbance costs innovations, but it takes most of the free run.
             halves = name in freest and 2 * self._seen(answer).rmse <= entry.scored.rmse
@@ -386,7 +389,7 @@ class Search:
             if done:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
                 if self._explained(self.memo[name]):
-                    break
+                    explained = self.memo[name].scored
         for child in list(self.memo.values()):
             if child.nearly(key(entry.spec), entry.scored, self.policy) and not self._explained(child):
                 self.settle(child)
