@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import parse
-from ..effects.contract import Place
 from ..fit.noise.completion import banded
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
@@ -28,7 +27,7 @@ from .doubts import jumps_past, least_cost
 from .entry import ADD, DROP, SWAP, Entry
 from .gates import LASTS, lasts
 from .looks import Ground, Task, performed, pool_of, standing
-from .node import BASE_EFFECTS, LAG, additions, key, other_process, physical, plain, with_effect, without
+from .node import BASE_EFFECTS, LAG, additions, key, other_process, physical, plain, shapes, with_effect, without
 from .policy import Policy
 from .score import COLOURED, Scored, by_rounding, noise_name
 from .search import Search
@@ -80,7 +79,7 @@ def with_lag(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
 
     An `underdamped-process` of a short natural period is two lags in series, which need no name.
     """
-    for name in (n for n in physical(winner.spec) if n not in (*keep, LAG) and parse(n)[0].place is Place.PROCESS):
+    for name in (n for n in physical(winner.spec) if n not in keep and shapes(parse(n)[0])):
         before = search.dropped(winner, name)
         if LAG not in additions(before.spec, search.loop, search.only):
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, MutableMapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from ..model.spec import Spec
@@ -86,11 +86,25 @@ class Entry:
                 and scored.done.gain_over(before.done) >= policy.structure_margin and scored.nearly(policy))
 
 
+def sound(memo: Mapping[str, Entry], entry: Entry) -> Entry:
+    """The last entry up to this one that passed every gate; of a circle, where two are parents of each other, any."""
+    met = {key(entry.spec)}
+    while not entry.passed and (name := entry.parent or "") in memo and name not in met:
+        met.add(name)
+        entry = memo[name]
+    return entry
+
+
+def reached(parent: Entry, task: Task, scored: Scored, look: Packed | None = None) -> Entry:
+    """Memory of the node that a task leads to from its parent."""
+    return Entry(task.spec, scored, key(parent.spec), ADD if task.added else SWAP,
+                 task.added or what_of(task.spec, parent.spec), look=look)
+
+
 def broken(parent: Entry, task: Task, answer: Packed) -> Entry:
     """Memory of an edge whose fit failed."""
-    what = task.added or what_of(task.spec, parent.spec)
-    return Entry(task.spec, parent.scored, key(parent.spec), ADD if task.added else SWAP, what, failed=answer.failed,
-                 gates=(Gate("fit", False, answer.failed),))
+    return replace(reached(parent, task, parent.scored), failed=answer.failed,
+                   gates=(Gate("fit", False, answer.failed),))
 
 
 def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer: Packed, scored: Scored,
@@ -115,6 +129,4 @@ def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer
                 return
         elif not scored.full and gain <= 0.0 and not freer:
             return
-    memo[name] = Entry(task.spec, scored, key(parent.spec), ADD if task.added else SWAP,
-                       task.added or what_of(task.spec, parent.spec), look=answer,
-                       asked=known.asked if known else Asked.NOTHING)
+    memo[name] = replace(reached(parent, task, scored, answer), asked=known.asked if known else Asked.NOTHING)

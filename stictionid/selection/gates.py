@@ -13,7 +13,6 @@ from statistics import NormalDist
 import numpy as np
 
 from ..effects import catalogue, parse
-from ..effects.contract import Place
 from ..fit.cross_validation import Held
 from ..fit.noise.completion import block_gains, stroke_score
 from ..fit.public_values import values_of
@@ -21,7 +20,7 @@ from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.spec import INTEGRATOR
 from ..process.intersample import kicks
 from ..record.tree import Gate
-from .node import BASE_EFFECTS, local, plain
+from .node import BASE_EFFECTS, local, plain, shapes
 from .policy import Policy
 from .score import Scored, by_rounding
 
@@ -276,8 +275,7 @@ def _sticks(edge: Edge) -> str:
     """
     effect, child = parse(edge.name)[0], edge.child
     swings = any(p.name == "period_s" for p in effect.parameters)
-    shapes = effect.place is Place.PROCESS and not effect.by_itself
-    if (effect.friction is None and not swings and not shapes) or child.done.increments \
+    if (effect.friction is None and not swings and not shapes(effect)) or child.done.increments \
             or child.without_friction > edge.policy.carried * child.rmse:
         return ""
     return "beside it the valve might as well follow its command"

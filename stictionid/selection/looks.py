@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..effects import parse
-from ..effects.contract import Place
 from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
 from ..fit.fit import Fitted, as_it_stands
@@ -38,7 +37,7 @@ from ..numerics import tally
 from ..numerics.population import together
 from ..record.loop import Loop
 from ..typing import FloatArray
-from .node import BASE_EFFECTS, LAG, additions, key, local, node, other_process, physical, plain, with_effect
+from .node import BASE_EFFECTS, additions, key, local, node, other_process, physical, plain, with_effect
 from .policy import Policy
 from .score import WALKING, Scored, completed, glanced
 
@@ -78,14 +77,10 @@ class Task:
         return bool(self.added) and on_valve(parse(self.added)[0])
 
     @property
-    def shapes(self) -> bool:
-        """True where the effect added gives the process another shape than a further lag does."""
-        return self.added not in ("", LAG) and parse(self.added)[0].place is Place.PROCESS
-
-    @property
-    def rests_only(self) -> bool:
-        """True for a held valve that rests and has no other effect on it."""
-        return self.spec.held and _valve_effects(self.spec) == [RESTING]
+    def for_valves(self) -> list[Task]:
+        """The searches for valves of the child: two for a held one that rests and has no other effect on it."""
+        rests_only = self.spec.held and _valve_effects(self.spec) == [RESTING]
+        return [replace(self, stage=stage) for stage in (VALVES, SPEEDS)[:1 + rests_only]]
 
 
 @dataclass(frozen=True, slots=True)

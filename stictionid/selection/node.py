@@ -27,6 +27,11 @@ def local(effect: Effect) -> bool:
     return effect.kind == "L" or effect.profile is not None
 
 
+def shapes(effect: Effect) -> bool:
+    """True for an effect that gives the process another shape than a further lag does."""
+    return effect.place is Place.PROCESS and not effect.by_itself
+
+
 def physical(spec: Spec) -> tuple[str, ...]:
     """The names of a spec's effects that are no noise models."""
     return tuple(name for name in spec.effects if parse(name)[0].noise is None)

@@ -21,14 +21,11 @@ from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Crew
 from .doubts import judged_drop, lasting, least_cost, odd, rests_instead, slips_like_rests
-from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry, broken, remember
+from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry, broken, remember, sound
 from .gates import Edge, judged, judged_change
 from .looks import (
     CLOSER,
     FAR,
-    NEAR,
-    SPEEDS,
-    VALVES,
     Ground,
     Packed,
     Task,
@@ -50,7 +47,7 @@ from .node import (
     key,
     leaking,
     node,
-    plain,
+    shapes,
     with_effect,
     without,
 )
@@ -196,10 +193,12 @@ class Search:
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         return ground, self._edges(entry, fit.model.spec)
 
-    def ask(self, entry: Entry, names: Sequence[str], *, changes: bool = False, beside: Entry | None = None) -> None:
+    def ask(self, entry: Entry, names: Sequence[str], *, changes: bool = False, beside: Entry | None = None,
+            beyond: Entry | None = None) -> None:
         """Ask beside a node for effects that are not fitted yet, and with `changes` for those of structure.
 
         A search that begins with parts of the record ends where it does not leave less than another node, `beside`.
+        With `beyond` only looks better than that node are fitted, and the budget holds as it does with `changes`.
         """
         ground, tasks = self._opened(entry, f"asking for {names[0]} beside")
         if beside is not None:
@@ -207,10 +206,13 @@ class Search:
             ground = replace(ground, fit=replace(ground.fit, best=left))
         asked = [adding(ground.fit.model.spec, name) for name in names]
         asked = [*filter(self._unfitted, asked), *(t for t in tasks if changes and not t.added)]
-        spent, self.spent = self.spent, self.spent if changes else 0  # (a last question takes few looks)
+        within = changes or beyond is not None
+        spent, self.spent = self.spent, self.spent if within else 0  # (a last question takes few looks)
         self._search_valves(ground, [t for t in asked if t.added == RESTING])
-        self._finish(ground, entry, self._looked(ground, entry, asked))
-        self.spent += 0 if changes else spent
+        looks = self._looked(ground, entry, asked)
+        self._finish(ground, entry, [a for a in looks if beyond is None
+                                     or self._seen(a).done.gain_over(beyond.scored.done) > 0.0])
+        self.spent += 0 if within else spent
 
     def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to ask for beside it, once: an answer may be another valve, or lack a drift; or None."""
@@ -255,9 +257,8 @@ class Search:
         if LAG not in entry.spec.effects or self.only is not None or self._only_noise(self.best()):
             return
         bare = self.dropped(entry, LAG)
-        ground, tasks = self._opened(bare, "asking for another process beside")
-        looks = self._looked(ground, bare, [t for t in tasks if t.shapes])
-        self._finish(ground, bare, [a for a in looks if self._seen(a).done.gain_over(entry.scored.done) > 0.0])
+        if names := [n for n in additions(bare.spec, self.loop, self.only) if shapes(parse(n)[0])]:
+            self.ask(bare, names, beyond=entry)
 
     def _lighten(self) -> None:
         """Drop what the best node has from its base and no longer needs: a rest found while an effect was missing."""
@@ -294,8 +295,7 @@ class Search:
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""
-        asked = [replace(t, stage=stage) for t in tasks if kind_of(t.spec) not in self.valves
-                 for stage in (VALVES, SPEEDS)[:1 + t.rests_only]]
+        asked = [question for t in tasks if kind_of(t.spec) not in self.valves for question in t.for_valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self._within_budget(crew, asked):
                 kind = kind_of(task.spec)
@@ -307,7 +307,7 @@ class Search:
         leak = leaking(spec) if self.only is None else None
         known = self.memo.get(key(leak)) if leak else None
         if leak and (known is None or entry.scored.done.gain_over(known.scored.done) > 0.0):
-            tasks.append(Task(leak, stage=NEAR))
+            tasks.append(Task(leak))
         return tasks
 
     def _unfitted(self, task: Task) -> bool:
@@ -414,18 +414,15 @@ class Search:
 
     def _judge(self, entry: Entry) -> None:
         rest = max((e.scored.done.gain_over(entry.scored.done) for e in self.memo.values()
-                    if e.parent == key(entry.spec) and e.op == ADD and plain(e.what) == RESTING and not e.failed),
+                    if e.parent == key(entry.spec) and e.op == ADD and e.what == RESTING and not e.failed),
                    default=0.0)
-        passed, met = entry, {key(entry.spec)}  # (two nodes may be each other's parents)
-        while not passed.passed and passed.parent in self.memo and passed.parent not in met:
-            met.add(passed.parent)
-            passed = self.memo[passed.parent]
+        passed = sound(self.memo, entry).scored
         base = next((e.scored for e in ranked(self.memo, self.policy) if not depth(e.spec)), None)
         for e in self.memo.values():
             if e.parent != key(entry.spec) or e.failed or not e.scored.full:
                 continue
             edge = Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred, entry.tentative,
-                        passed.scored, base)
+                        passed, base)
             e.gates = judged(edge) if e.op == ADD else judged_change(edge)
 
     def _only_noise(self, entry: Entry) -> bool:
