@@ -29,7 +29,7 @@ from .gates import LASTS, lasts
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import BASE_EFFECTS, LAG, additions, key, other_process, physical, plain, shapes, with_effect, without
 from .policy import Policy
-from .score import COLOURED, Scored, by_rounding, noise_name
+from .score import COLOURED, NARROW, Scored, by_rounding, noise_name
 from .search import Search
 from .tells import settling
 
@@ -63,14 +63,17 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in equivalents(search, winner))
     tried = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and e.parent == key(winner.spec)}
-    shape = None if unseen else unexplained(done, tried)
     # The command between samples and a stem with mass err a little: noise that carries hardly any of it may be that.
     little = winner.scored.explained(search.policy)
     rounds = by_rounding(winner.scored.rmse, done.innovation_sd, winner.scored.moved)
-    noise = "" if little or rounds or shape is not None else noise_name(done, search.policy, slow=search.slow)
+    noise = "" if little or rounds else noise_name(done, search.policy, slow=search.slow)
+    band = banded(done) if noise == NARROW else None
+    white = done.white or (band is not None and band.white)
+    shape = None if unseen or white else unexplained(done, tried)
+    noise = "" if shape is not None else noise
     if unseen and noise == COLOURED:
         noise = ""  # (slips that unseen scans made early or late look the same)
-    return Decision(winner, noise, alike, missing_reason(winner, unseen, shape, slow=search.slow and not noise),
+    return Decision(winner, noise, alike, missing_reason(winner, white, unseen, shape, slow=search.slow and not noise),
                     unseen, shape)
 
 
@@ -283,10 +286,11 @@ def _why(entry: Entry, winner: str) -> str:
     return f"it helps less than {winner}" if winner else "it was not needed"
 
 
-def missing_reason(winner: Entry, unseen: bool = False, shape: Unexplained | None = None, *,
+def missing_reason(winner: Entry, white: bool, unseen: bool = False, shape: Unexplained | None = None, *,
                    slow: bool = False) -> str:
     """The words for a winner that leaves more than noise; empty where nothing is missing.
 
+    `white` is True where its innovations are, with an autoregression or a narrow band as its noise.
     `unseen` is True where the output moved between the samples, so that no effect can be told from its course there.
     `shape` says what the winner's innovations answer. `slow` is True where a coloured error has no name, because the
     record is slower than the scan.
@@ -296,7 +300,7 @@ def missing_reason(winner: Entry, unseen: bool = False, shape: Unexplained | Non
         return (f"the controller scanned between the samples of {done.model.step_s:g} s, and the course of its output "
                 f"there is unknown: the free-run error {winner.scored.rmse:.4g} may be no more than that; export at "
                 "the controller's scan")
-    if done.white:
+    if white:
         return "" if not slow or winner.scored.free_run_at_noise else (
             f"what the model leaves ({winner.scored.rmse:.4g}) is coloured noise, or what the output did between the "
             f"samples of {done.model.step_s:g} s; these look alike: export at the controller's scan")

@@ -178,8 +178,8 @@ def noise_name(done: Refit, policy: Policy, *, slow: bool = False) -> str:
     fast: a sample tells half of the walk or more (1 - theta), and its innovations are white. In benchmarks/plants true
     walks had a theta of 0.43, slips of clean loops 0.79 to 1. A lag of many periods is that of an integrator. A
     resonance of more than one cycle is a narrow band. An autoregression can't whiten a band under white noise, so other
-    innovations than white ones name a band only, and only where the band itself gains the margin over the
-    autoregression.
+    innovations than white ones name a band only. The band must gain the margin over the autoregression, which resonates
+    or leaves what the band whitens.
 
     In a record that is `slow` against the scan slips come early or late, which looks like noise of short memory. A walk
     that outlasts several of them is named there, a band of more than two cycles, and noise of short memory; the
@@ -204,8 +204,9 @@ def noise_name(done: Refit, policy: Policy, *, slow: bool = False) -> str:
         if not (lasting and done.white):
             return ""
     if not done.white:
-        band = banded(done) if narrow else None
-        return NARROW if band is not None and band.gain_over(done) >= policy.noise_margin else ""
+        band = banded(done)
+        named = band is not None and (narrow or band.white) and band.gain_over(done) >= policy.noise_margin
+        return NARROW if named else ""
     walk = found.get(WALK)
     if best.noise.walks or (walk is not None and not levels and 2 * walk.noise.theta <= 1.0
                             and walk.bic < still.bic and _lasts(done)):
