@@ -162,11 +162,11 @@ def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
     """True where a model leaves more than noise and does hardly better than one `without` an effect.
 
     What the model lacks may be the reason for so little. In a record slower than the scan a lag and a rest are judged
-    so, too. Any other effect must lower the free-run error clearly there: a sharper one-step error may be chance of the
-    unseen scans.
+    so, too; a rest also beside noise alone, because what moved between the samples looks like one. Any other effect
+    must lower the free-run error clearly there: a sharper one-step error may be chance of the unseen scans.
     """
     policy, names = search.policy, plain(name) not in BASE_EFFECTS
-    if winner.bare(policy) or not (names or search.slow):
+    if not (names or search.slow) or (winner.bare(policy) and name != RESTING):
         return False
     if names and search.slow:
         return without.rmse <= policy.nearly * winner.rmse
