@@ -104,8 +104,7 @@ def _run(position: FloatArray, substeps: int, table: FloatArray, kinds: IntArray
                 count = min(_TOGETHER, substeps - s)
                 row = k * substeps + s
                 if count < _TOGETHER:
-                    # Pairs of parts, and a last one alone.
-                    for j in range(0, count, 2):
+                    for j in range(0, count, 2):  # (pairs, and a last one alone)
                         second = min(j + 1, count - 1)
                         here, there = position[row + j, first:last], position[row + second, first:last]
                         one, two = float(s + j), float(s + second)
