@@ -85,8 +85,8 @@ def one(task) -> dict:
 
 
 def pairs() -> list[str]:
-    """All pairs of effects that can both be told: no two noise models, no two that are known to look alike."""
-    return [f"{a}+{b}" for a, b in combinations(catalogue(), 2)
+    """All pairs of effects that `diagnose` asks for and can tell: no two noise models, no two known to look alike."""
+    return [f"{a}+{b}" for a, b in combinations((n for n, e in catalogue().items() if e.asked == DIAGNOSE), 2)
             if not (get(a).noise and get(b).noise) and b not in get(a).confused_with and a not in get(b).confused_with
             and not (get(a).profile and get(b).profile)]
 

@@ -104,7 +104,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
     steps[-1] = replace(steps[-1], parameters=parameters(fits[-1]))
     adequate, why = judged_by(found.shape, *run.adequate(steps[-1]))
     return Outcome(tuple(steps), tuple(fits), adequate, why, tree=tree_of(search, found, order),
-                   evaluations=search.spent, unasked=tuple(search.unasked), equivalents=found.equivalents,
+                   evaluations=search.budget.spent, unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
                    missing_reason=found.missing_reason, unexplained=found.shape)
 
 

@@ -1,17 +1,20 @@
-"""Tasks of the search in several processes or in this one: answers in the order of the tasks, equal for any number.
+"""Tasks of the search in several processes or in this one, as long as its budget lasts.
 
-Other processes are forked, so they inherit kernels, data and model at no cost. Where the system can't fork everything
-runs in this process.
+Answers come in the order of the tasks, equal for any number of processes. Other processes are forked, so they inherit
+kernels, data and model at no cost. Where the system can't fork everything runs in this process.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 from .looks import Ground, Packed, Task, performed
+from .node import key
 
 Work = Callable[[Ground, Task], Packed]
 _GROUND: Ground | None = None
@@ -50,3 +53,54 @@ class Crew:
     def __exit__(self, kind: object, *_: object) -> None:
         if self._pool is not None:
             self._pool.shutdown(wait=kind is None, cancel_futures=True)
+
+
+@dataclass(slots=True)
+class Budget:
+    """Evaluations that a search may spend, those that it spent, and the nodes that were left unasked."""
+
+    # Evaluations allowed, and samples that count as one.
+    allowed: float
+    unit: int
+    spent: int = 0
+    # Those spent on answers that were found when the budget had ended, and the most for the one that is asked now.
+    apart: int = 0
+    until: float = 0.0
+    unasked: list[str] = field(default_factory=list)
+    # Searches for valves that were counted already.
+    questions: set[str] = field(default_factory=set)
+
+    @property
+    def over(self) -> bool:
+        """True where nothing is left to spend."""
+        return self.share >= 1 and self.spent >= self.until
+
+    @property
+    def share(self) -> float:
+        """Evaluations spent over those allowed, late answers left out; last questions are asked up to twice that."""
+        return (self.spent - self.apart) / self.allowed
+
+    @contextmanager
+    def late(self) -> Iterator[None]:
+        """Half the budget for an answer that was found when the budget had ended; nothing once as much went to such."""
+        before, self.until = self.spent, self.spent + self.allowed / 2 if self.apart < self.allowed else 0.0
+        yield
+        self.apart, self.until = self.apart + self.spent - before, 0.0
+
+    def leave(self, names: Iterable[str]) -> None:
+        """Note nodes that are left unasked, each once."""
+        self.unasked += [name for name in dict.fromkeys(names) if name not in self.unasked]
+
+    def answers(self, crew: Crew, tasks: Sequence[Task], always: bool = False) -> Iterator[tuple[Task, Packed]]:
+        """Tasks with their answers as long as the budget lasts, or `always`; the others are left unasked."""
+        answers = iter(crew.map(tasks))
+        for i, task in enumerate(tasks):
+            if self.over and not always:
+                self.leave(key(left.spec) for left in tasks[i:])
+                return
+            answer = next(answers)
+            # What several tasks ask is searched once.
+            fresh = {q: samples for q, samples in answer.questions.items() if q not in self.questions}
+            self.questions |= fresh.keys()
+            self.spent += answer.spent + sum(fresh.values()) // self.unit
+            yield task, answer

@@ -66,8 +66,9 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     chance = p_value is not None and p_value > max(policy.chance, 1.0 / (bootstrap + 1))
     if blur or chance:
         new = ()
-    study = replace(study, tree=tree_of(search, found, order), evaluations=search.spent + (study.evaluations or 0),
-                    unasked=tuple(search.unasked), equivalents=found.equivalents,
+    study = replace(study, tree=tree_of(search, found, order),
+                    evaluations=search.budget.spent + (study.evaluations or 0),
+                    unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
                     missing_reason=found.missing_reason, unexplained=found.shape,
                     candidates=_with_p(_ranking(search, found, order, new), p_value), missing=())
     if blur:

@@ -5,7 +5,7 @@ Source: SELECTION.md section 1; CRITICISM.md section 7.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from ..model.segments import bound
 from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
-from .crew import Crew
+from .crew import Budget, Crew
 from .doubts import judged_drop, lasting, least_cost, odd, rests_instead, slips_like_rests
 from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry, broken, remember, sound
 from .gates import Edge, judged, judged_change
@@ -71,12 +71,9 @@ class Search:
     valves: dict[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
     # Nodes without one effect, by node, effect and innovations: the decision asks for the same ones several times.
     drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
-    spent: int = 0
-    # Searches for valves that were counted already.
-    questions: set[str] = field(default_factory=set)
     # Answers that slide and were asked once more for a valve that rests.
     rested: set[str] = field(default_factory=set)
-    unasked: list[str] = field(default_factory=list)
+    budget: Budget = field(init=False)
     # True where the record is slower than the controller's scan.
     slow: bool = False
     # True where the output was computed between the samples, too, in a way that they do not show.
@@ -84,10 +81,10 @@ class Search:
     # Irreducible noise in the unit of y for a completed model; None where the record is too short.
     floor: Callable[[Refit], float | None] = lambda done: None
 
-    @property
-    def budget(self) -> float:
-        """Evaluations to spend: those of the policy, and more on a record longer than those that looks search on."""
-        return self.policy.budget * float(np.sqrt(max(self.loop.samples / self.policy.fit_samples, 1.0)))
+    def __post_init__(self) -> None:
+        # A record longer than those that looks search on gets more.
+        longer = max(self.loop.samples / self.policy.fit_samples, 1.0)
+        self.budget = Budget(self.policy.budget * float(np.sqrt(longer)), self.policy.unit)
 
     def root(self, fit: Fitted) -> Entry:
         """A fit made elsewhere as a root of the search; the better one of two fits of one node."""
@@ -114,7 +111,7 @@ class Search:
             self.ask(*doubted)
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True)
-        if late and self.only is None and not self.slow and self.spent < 2 * self.budget and not self._carried(best):
+        if late and self.only is None and not self.slow and self.budget.share < 2 and not self._carried(best):
             self.ask(base, late, beside=best)
             best = self._walked()
         return best
@@ -130,9 +127,15 @@ class Search:
             queue = [e for e in queue if e.asked or widths.get(depth(e.spec), 0) < self.policy.beam]
             if not queue:
                 return best
-            if self.spent >= self.budget:
-                self.unasked += [key(e.spec) for e in queue]
-                return best
+            if self.budget.over:
+                self.budget.leave(key(e.spec) for e in queue if e is not best)
+                if best.asked or not depth(best.spec) or best not in queue:
+                    return best
+                with self.budget.late():
+                    if self.budget.over:
+                        return best
+                    self.expand(best)
+                continue
             if queue[0].asked:
                 self.expand_far(queue[0])
             else:
@@ -188,7 +191,7 @@ class Search:
 
     def _opened(self, entry: Entry, words: str) -> tuple[Ground, list[Task]]:
         """A node as the ground of looks, and its edges; `words` say for which."""
-        self.tell(f"{words} {' + '.join(entry.spec.effects) or 'the base'}", min(self.spent / self.budget, 1.0))
+        self.tell(f"{words} {' + '.join(entry.spec.effects) or 'the base'}", min(self.budget.share, 1.0))
         fit = standing(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         return ground, self._edges(entry, fit.model.spec)
@@ -207,17 +210,18 @@ class Search:
         asked = [adding(ground.fit.model.spec, name) for name in names]
         asked = [*filter(self._unfitted, asked), *(t for t in tasks if changes and not t.added)]
         within = changes or beyond is not None
-        spent, self.spent = self.spent, self.spent if within else 0  # (a last question takes few looks)
+        spent = self.budget.spent
+        self.budget.spent = spent if within else 0  # (a last question takes few looks)
         self._search_valves(ground, [t for t in asked if t.added == RESTING])
         looks = self._looked(ground, entry, asked)
         self._finish(ground, entry, [a for a in looks if beyond is None
                                      or self._seen(a).done.gain_over(beyond.scored.done) > 0.0])
-        self.spent += 0 if within else spent
+        self.budget.spent += 0 if within else spent
 
     def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to ask for beside it, once: an answer may be another valve, or lack a drift; or None."""
         spec = entry.spec
-        if key(spec) in self.rested or self.spent >= 2 * self.budget:
+        if key(spec) in self.rested or self.budget.share >= 2:
             return None
         if drifts := [n for n in lasting(self.memo, entry) if n in additions(spec, self.loop, self.only)]:
             return entry, tuple(drifts)
@@ -226,7 +230,7 @@ class Search:
             kind = kind_of(with_effect(before.spec, RESTING))
             self.valves[kind] = (rests_instead(entry.scored.done, slips), *self.valves.get(kind, ()))
             return (before, (RESTING,)) if RESTING in additions(before.spec, self.loop, self.only) else None
-        doubtful = odd(entry, self.policy, lasting=self.spent < self.budget)
+        doubtful = odd(entry, self.policy, lasting=not self.budget.over)
         if not doubtful and spec.held:
             return None
         if RESTING in additions(spec, self.loop, self.only):
@@ -240,7 +244,7 @@ class Search:
     def _structures(self, entry: Entry) -> None:
         """Ask beside every process, lag and command for a valve that rests: two changes may show only together."""
         queue, seen = [entry], {key(entry.spec)}
-        while queue and self.spent < self.budget and not self._only_noise(self.best()):
+        while queue and not self.budget.over and not self._only_noise(self.best()):
             base = queue.pop(0)
             if base is not entry and RESTING in additions(base.spec, self.loop, self.only):
                 # The valves found without a further lag will do: most of them were found without a process.
@@ -297,7 +301,7 @@ class Search:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""
         asked = [question for t in tasks if kind_of(t.spec) not in self.valves for question in t.for_valves]
         with Crew(ground, self.jobs) as crew:
-            for task, answer in self._within_budget(crew, asked):
+            for task, answer in self.budget.answers(crew, asked):
                 kind = kind_of(task.spec)
                 self.valves[kind] = (*self.valves.get(kind, ()), *answer.valves)
 
@@ -328,7 +332,7 @@ class Search:
         """Answers to tasks, whatever the budget with `always`; each look is remembered where it is its node's best."""
         answers = []
         with Crew(ground, self.jobs) as crew:
-            for task, answer in self._within_budget(crew, tasks, always):
+            for task, answer in self.budget.answers(crew, tasks, always):
                 if answer.failed:
                     self.memo.setdefault(key(task.spec), broken(entry, task, answer))
                     continue
@@ -336,21 +340,6 @@ class Search:
                 remember(self.memo, entry, task, answer, scored, self.policy)
                 answers.append(answer)
         return answers
-
-    def _within_budget(self, crew: Crew, tasks: Sequence[Task],
-                       always: bool = False) -> Iterator[tuple[Task, Packed]]:
-        """Tasks with their answers as long as the budget lasts; the others are listed as not asked."""
-        answers = iter(crew.map(tasks))
-        for i, task in enumerate(tasks):
-            if self.spent >= self.budget and not always:
-                self.unasked += [key(left.spec) for left in tasks[i:]]
-                return
-            answer = next(answers)
-            # What several tasks ask is searched once.
-            fresh = {q: samples for q, samples in answer.questions.items() if q not in self.questions}
-            self.questions |= fresh.keys()
-            self.spent += answer.spent + sum(fresh.values()) // self.policy.unit
-            yield task, answer
 
     def _better(self, answer: Packed) -> bool:
         return self.memo[key(answer.spec)].look is answer
