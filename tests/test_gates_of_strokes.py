@@ -127,7 +127,7 @@ def test_a_slip_jump_beyond_the_stickband_must_beat_a_valve_that_rests() -> None
 
 
 def test_a_look_is_kept_where_the_budget_ends_before_it_is_polished(monkeypatch: pytest.MonkeyPatch) -> None:
-    loop: Any = None
+    loop: Any = SimpleNamespace(samples=1000)
     search = Search(loop, POLICY, 0, 1, lambda words, share: None)
     root: Any = Entry(Spec(), SimpleNamespace(done=Done(bic=0.0), rmse=2.0))  # type: ignore[arg-type]
     look = Packed(Spec(effects=("travel-limit",)), "travel-limit")

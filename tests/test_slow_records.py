@@ -20,7 +20,7 @@ from stictionid.selection.decide import pruned
 from stictionid.selection.gates import GATES, Edge
 from stictionid.selection.looks import adding
 from stictionid.selection.policy import Policy
-from stictionid.selection.score import COLOURED, WALKING, completed, noise_name
+from stictionid.selection.score import COLOURED, NARROW, WALKING, completed, noise_name
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
 
@@ -38,13 +38,18 @@ def true_model_under(noise: np.ndarray[Any, Any]) -> Refit:
     return completed(model, best, best[None, :5], np.random.default_rng(0), Policy())
 
 
-def test_a_slow_record_names_noise_but_not_slips_that_come_early_or_late() -> None:
+def test_a_slow_record_names_noise_but_not_slips_that_come_early_or_late(monkeypatch: pytest.MonkeyPatch) -> None:
     rng, policy = np.random.default_rng(5), Policy()
     white, slips = rng.standard_normal(4000), np.where(rng.random(4000) < 0.03, rng.standard_normal(4000), 0.0)
     coloured, walk, late = (true_model_under(noise) for noise in (
         lfilter([0.3], [1.0, -0.8], white), 0.1 * np.cumsum(white), lfilter([1.5], [1.0, -0.8], slips)))
     assert noise_name(coloured, policy, slow=True) == COLOURED and noise_name(walk, policy, slow=True) == WALKING
     assert not late.white and noise_name(late, policy, slow=True) == ""
+    # Where an autoregression leaves more, a band is named that whitens it and gains enough.
+    for white, gain, name in ((True, 50.0, NARROW), (False, 50.0, ""), (True, 10.0, "")):
+        band = SimpleNamespace(white=white, gain_over=lambda other, gain=gain: gain)
+        monkeypatch.setattr("stictionid.selection.score.banded", lambda done, band=band: band)
+        assert noise_name(late, policy) == name
 
 
 def test_an_effect_that_a_walk_stands_for_is_asked_for_in_levels() -> None:

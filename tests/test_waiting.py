@@ -137,7 +137,7 @@ def test_nodes_that_are_each_others_parents_are_judged() -> None:
     one = entry(("re-sticking",), -300.0, 20.0, parent=Spec(effects=("extra-lag",)), failed="free-run")
     other = entry(("extra-lag",), -310.0, 21.0, parent=one.spec, failed="free-run")
     other.failed = "its refit did not converge"
-    loop: Any = None
+    loop: Any = SimpleNamespace(samples=1000)
     search = Search(loop, POLICY, 0, 1, lambda words, share: None, memo=memo_of(root, one, other))
     search._judge(one)
     assert other.gates and not one.passed
