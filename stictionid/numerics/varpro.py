@@ -93,7 +93,7 @@ def _whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
 
 @kernel
 def _whiten_softly(base: FloatArray, samples: int, size: int, share: float, ratio: float) -> None:
-    """Filter each stretch in place with the taps of `_softened`, as a recursion: five products a row for any `size`."""
+    """Filter each stretch in place with the taps of `_softened`, as a recursion: three products for any `size`."""
     lanes = base.shape[1]
     last = ratio**size
     # Differences still in the filter, and the row before the next.
