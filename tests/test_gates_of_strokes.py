@@ -11,6 +11,7 @@ import pytest
 from plants.run import plant_of
 from plants.score import loop_of
 
+from stictionid.fit.cross_validation import Held
 from stictionid.fit.noise.completion import stroke_score
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.selection.doubts import judged_drop, least_cost
@@ -149,3 +150,22 @@ def test_a_drift_that_puts_three_strokes_right_is_not_named() -> None:
     """It gained 149 in BIC, nine tenths of it in three strokes, behind a rounded output."""
     loop = loop_of(plant_of("clean", 14, 43_000))
     assert diagnose(loop, identify(loop), apply=True).missing == ()
+
+
+def held(one_step: list[float], level: float) -> Held:
+    rows = np.full(5, 100.0)
+    return Held(np.square(one_step) * rows, rows, np.full(5, level**2) * rows, rows)
+
+
+def edge(after: Held, before: Held, *, walks: bool = False) -> Edge:
+    child: Any = SimpleNamespace(held=after, done=SimpleNamespace(increments=walks), free_run_at_noise=True, rmse=1.0)
+    parent: Any = SimpleNamespace(held=before, done=SimpleNamespace(increments=False), rmse=9.0)
+    return Edge("gain-nonlinearity", child, parent, POLICY)
+
+
+def test_a_block_predicted_worse_is_no_reason_where_the_held_out_free_run_is_halved() -> None:
+    before, worse = held([1.4, 1.3, 1.3, 1.3, 1.3], 5.0), [2.2, 1.0, 1.0, 1.0, 1.0]
+    assert dict(GATES)["held-out"](edge(held(worse, 1.3), before)) == ""
+    assert dict(GATES)["held-out"](edge(held(worse, 3.0), before)) != ""
+    assert dict(GATES)["held-out"](edge(held(worse, 1.3), before, walks=True)) != ""
+    assert dict(GATES)["held-out"](edge(held([2.2, 1.3, 1.3, 1.3, 1.3], 1.3), before)) != ""

@@ -16,7 +16,7 @@ from stictionid.fit.noise.completion import Refit
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.segments import bound
 from stictionid.model.spec import SOFT, Spec
-from stictionid.selection.decide import pruned
+from stictionid.selection.decide import _idle, pruned
 from stictionid.selection.gates import GATES, Edge
 from stictionid.selection.looks import adding
 from stictionid.selection.policy import Policy
@@ -112,3 +112,17 @@ def test_colour_between_unseen_scans_is_no_answer_and_denies_no_friction() -> No
     after = diagnose(loop, identify(loop), apply=True)
     assert after.steps[-1].effects == () and "between the samples" in after.missing_reason
     assert after.verdict.stiction == "undecided"
+
+
+def test_a_rest_beside_noise_alone_must_show_in_a_slow_record() -> None:
+    policy = Policy()
+
+    def scored(rmse: float) -> Any:
+        return SimpleNamespace(rmse=rmse, done=SimpleNamespace(innovation_sd=rmse), bare=lambda policy: True)
+
+    slow: Any = SimpleNamespace(policy=policy, slow=True)
+    quick: Any = SimpleNamespace(policy=policy, slow=False)
+    assert _idle(slow, scored(1.0), scored(1.05), "re-sticking")
+    assert not _idle(slow, scored(1.0), scored(1.2), "re-sticking")
+    assert not _idle(slow, scored(1.0), scored(1.05), "extra-lag")
+    assert not _idle(quick, scored(1.0), scored(1.05), "re-sticking")

@@ -67,7 +67,7 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     little = winner.scored.explained(search.policy)
     rounds = by_rounding(winner.scored.rmse, done.innovation_sd, winner.scored.moved)
     noise = "" if little or rounds else noise_name(done, search.policy, slow=search.slow)
-    band = banded(done) if noise == NARROW else None
+    band = banded(done) if noise == NARROW and not done.white else None
     white = done.white or (band is not None and band.white)
     shape = None if unseen or white else unexplained(done, tried)
     noise = "" if shape is not None else noise

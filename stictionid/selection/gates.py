@@ -141,8 +141,8 @@ def _held_out(edge: Edge) -> str:
 def holds(after: Held | None, before: Held | None, policy: Policy, *, either: bool = False) -> bool:
     """True where the held-out one-step error falls, in all and in the middle block, or where none could be held out.
 
-    Of a disturbance `either` is enough: a drift may leave most blocks as they are, and nobody can predict a step that
-    lies in the block held out.
+    With `either` one of the two is enough: a drift may leave most blocks as they are, and nobody can predict a step
+    that lies in the block held out.
     """
     if after is None or before is None:
         return True
