@@ -89,6 +89,17 @@ def test_a_shift_is_believed_beyond_what_one_lost_slip_adds_up_to(process: str, 
     assert bool(dict(GATES)["slip"](edge)) is (process == INTEGRATOR and not more)
 
 
+@pytest.mark.parametrize(("between", "believed"), [("hold", True), ("corner", False)])
+def test_coloured_noise_alone_shows_that_no_slip_is_wrong_only_under_a_held_command(between: str,
+                                                                                    believed: bool) -> None:
+    """A ramp of a clean loop whose command moved put one slip right, with S 66 % off."""
+    model = SimpleNamespace(period_s=40.0, spec=Spec(process=INTEGRATOR, between=between))
+    done = SimpleNamespace(model=model, innovation_sd=0.01, evaluated=SimpleNamespace(gain=0.01, values={"S": 5.0}))
+    child, parent = SimpleNamespace(done=done, rmse=0.1, noise_alone=True), SimpleNamespace(rmse=0.4)
+    edge: Any = Edge("ramp-disturbance@output", child, parent, POLICY)  # type: ignore[arg-type]
+    assert (dict(GATES)["slip"](edge) == "") is believed
+
+
 @pytest.mark.parametrize(("tentative", "error", "believed"), [
     (True, 0.1, False), (True, 0.01, True), (False, 0.1, True)])
 def test_beside_a_step_that_may_be_one_slip_both_together_are_judged(tentative: bool, error: float,

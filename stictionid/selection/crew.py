@@ -87,6 +87,13 @@ class Budget:
         yield
         self.apart, self.until = self.apart + self.spent - before, 0.0
 
+    @contextmanager
+    def anew(self) -> Iterator[None]:
+        """A whole budget for one last question, whatever was spent before; it takes few looks."""
+        before, self.spent = self.spent, 0
+        yield
+        self.spent += before
+
     def leave(self, names: Iterable[str]) -> None:
         """Note nodes that are left unasked, each once."""
         self.unasked += [name for name in dict.fromkeys(names) if name not in self.unasked]

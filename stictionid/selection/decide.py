@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import parse
-from ..fit.noise.completion import banded
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
 from ..fit.starts.beside_effect import RESTING
@@ -29,7 +28,7 @@ from .gates import LASTS, lasts
 from .looks import Ground, Task, performed, pool_of, standing
 from .node import BASE_EFFECTS, LAG, additions, key, other_process, physical, plain, shapes, with_effect, without
 from .policy import Policy
-from .score import COLOURED, NARROW, Scored, by_rounding, noise_name
+from .score import COLOURED, NARROW, Scored, by_rounding, least_free_run, noise_name
 from .search import Search
 from .tells import settling
 
@@ -66,8 +65,8 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     # The command between samples and a stem with mass err a little: noise that carries hardly any of it may be that.
     little = winner.scored.explained(search.policy)
     rounds = by_rounding(winner.scored.rmse, done.innovation_sd, winner.scored.moved)
-    noise = "" if little or rounds else noise_name(done, search.policy, slow=search.slow)
-    band = banded(done) if noise == NARROW and not done.white else None
+    noise = "" if little or rounds else noise_name(winner.scored, search.policy, slow=search.slow)
+    band = winner.scored.band if noise == NARROW else None
     white = done.white or (band is not None and band.white)
     shape = None if unseen or white else unexplained(done, tried)
     noise = "" if shape is not None else noise
@@ -161,15 +160,16 @@ def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
 def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
     """True where a model leaves more than noise and does hardly better than one `without` an effect.
 
-    What the model lacks may be the reason for so little. In a record slower than the scan a lag and a rest are judged
-    so, too; a rest also beside noise alone, because what moved between the samples looks like one. Any other effect
-    must lower the free-run error clearly there: a sharper one-step error may be chance of the unseen scans.
+    What the model lacks may be the reason for so little. In a record slower than the scan that holds beside noise
+    alone, too: slips come early or late there, and a few numbers more put some of them right. So an effect must lower
+    the least free-run error clearly; a sharper one-step error may be chance. A lag must show either, and so must a
+    rest, even beside noise alone: what moved between the samples looks like one.
     """
     policy, names = search.policy, plain(name) not in BASE_EFFECTS
+    if names and search.slow:
+        return least_free_run(without, winner) <= policy.nearly * winner.rmse
     if not (names or search.slow) or (winner.bare(policy) and name != RESTING):
         return False
-    if names and search.slow:
-        return without.rmse <= policy.nearly * winner.rmse
     freer = without.rmse > policy.better_base * winner.rmse
     sharper = winner.done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd
     return not (freer or sharper)
@@ -183,7 +183,7 @@ def _loss(winner: Scored, without: Entry, name: str) -> float:
     """
     loss = winner.done.gain_over(without.scored.done)
     wandering = parse(name)[0].columns is not None and winner.rmse > without.scored.rmse / 2
-    band = banded(without.scored.done) if wandering else None
+    band = without.scored.band if wandering else None
     return loss if band is None else min(loss, winner.done.gain_over(band))
 
 
@@ -263,7 +263,7 @@ def candidates(search: Search, parent: Entry, winner: str, alike: tuple[str, ...
 def _noise_gain(search: Search, parent: Entry) -> tuple[Candidate, ...]:
     """The noise model of a node as a candidate of its own, where it has one."""
     done = parent.scored.done
-    name = noise_name(done, search.policy)
+    name = noise_name(parent.scored, search.policy)
     if not name:
         return ()
     numbers = noise_values(name, done.taps, done.increments, done.innovation_sd, done.model.step_s, done.model.pace)

@@ -205,13 +205,15 @@ def _in_range(edge: Edge) -> str:
 def _slip(edge: Edge) -> str:
     """Reject a step or ramp of an integrator that may be one slip in the wrong place, which adds up to one.
 
-    It is believed only where it explains more than one slip, or the free run with it is at the noise, or coloured noise
-    of short memory: then no slip is wrong. An effect beside a step not believed yet is judged together with it.
+    It is believed only where it explains more than one slip, or the free run with it is at the noise. Under a held
+    command coloured noise of short memory will do: then no slip is wrong. A command that moves between the samples
+    hides where the valve slips. An effect beside a step not believed yet is judged together with it.
     """
     child = edge.child
     names = child.done.model.spec.effects if edge.tentative else (edge.name,)
     if child.done.model.spec.process != INTEGRATOR or not any(parse(n)[0].variants for n in names) \
-            or child.noise_alone or edge.beyond_slip or child.rmse <= edge.policy.at_noise * child.done.innovation_sd:
+            or (child.noise_alone and child.done.model.spec.held) or edge.beyond_slip \
+            or child.rmse <= edge.policy.at_noise * child.done.innovation_sd:
         return ""
     return "one slip in the wrong place of an integrator looks the same"
 
@@ -284,17 +286,20 @@ def _sticks(edge: Edge) -> str:
 def _beyond_scans(edge: Edge) -> str:
     """Reject an effect that helps little under an unknown course of the output, and leaves more than noise.
 
-    Unknown scans make single slips early or late, which an autoregression whitens as well as noise. An effect that
-    halves the free run explains more than those, and so does one without which the free run walks. Beside an effect
-    that fails here both together must. A better base than the parent sets the measure: scans that were taken wrong look
-    like an effect beside a wrong base.
+    Unknown scans make single slips early or late, which an autoregression whitens as well as noise. Numbers of the
+    valve put many of them right, so that an effect on the valve must leave noise: on clean loops of benchmarks/plants a
+    travel limit took two fifths of the free run. Any other effect that halves the free run explains more than slips,
+    and so does one without which the free run walks. Beside an effect that fails here both together must. A better base
+    than the parent sets the measure: scans that were taken wrong look like an effect beside a wrong base.
     """
-    child, parent = edge.child, edge.before
-    if edge.base is not None and plain(edge.name) not in BASE_EFFECTS and edge.base.done.gain_over(parent.done) > 0.0:
+    child, parent, names = edge.child, edge.before, plain(edge.name) not in BASE_EFFECTS
+    if edge.base is not None and names and edge.base.done.gain_over(parent.done) > 0.0:
         parent = edge.base
     freed = edge.freed and not edge.tentative
-    if not edge.blurred or freed or child.bare(edge.policy) or child.rmse <= parent.rmse / 2 \
-            or child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd:
+    beyond = child.rmse <= parent.rmse / 2 \
+        or child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd
+    if not edge.blurred or freed or child.bare(edge.policy) \
+            or (beyond and not (names and on_valve(parse(edge.name)[0]))):
         return ""
     return "the unknown course of the output between the samples may explain as much: export faster"
 

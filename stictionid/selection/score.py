@@ -11,6 +11,7 @@ import numpy as np
 from ..effects import built_in, parse
 from ..effects.contract import DIAGNOSE
 from ..fit.cross_validation import Held
+from ..fit.moves import descended
 from ..fit.noise.completion import AUTOREGRESSIVE, RANDOM_WALK, RESONANT, Refit, banded, better, complete, quick
 from ..fit.noise.draws import imitated
 from ..fit.noise.whiteness import remembers
@@ -65,6 +66,11 @@ class Scored:
         model = self.done.model
         named = {**model.named(self.done.values), "S": 0.0, "J": 0.0}
         return model.evaluate(model.vector(named)).rmse
+
+    @cached_property
+    def band(self) -> Refit | None:
+        """The model as it stands with a band of wandering phase as its noise; None where none outlasts its cycle."""
+        return banded(self.done)
 
     @cached_property
     def white(self) -> bool:
@@ -138,6 +144,21 @@ def _noise(done: Refit) -> Noise:
     return fit_noise(np.nan_to_num(e.residual), e.counted > 0, done.model.loop.starts)
 
 
+def least_free_run(scored: Scored, beside: Scored) -> float:
+    """The free-run error of a node, in the unit of y, fitted to that alone from its own point and that of another node.
+
+    Under a noise model a fit gives up some of it.
+    """
+    done = scored.done
+    model = bound(done.model.loop, replace(done.model.spec, increments=False, taps=()), s_max=done.model.s_max,
+                  period_s=done.model.period_s, residual=done.evaluated.left)
+    known = done.model.named(done.values)
+    there = beside.done.model.named(beside.done.values)
+    starts = [model.vector({n: values.get(n, v) for n, v in known.items()}) for values in (known, there)]
+    near = descended(model, model.cube(np.stack(starts, axis=1)))
+    return min(scored.rmse, model.evaluate(model.values(near.points[:1])[:, 0]).rmse)
+
+
 def by_rounding(error: float, without: float, moved: float) -> bool:
     """True where an error is that `without` the rounding of the output and what rounding `moved` the model, or less.
 
@@ -171,7 +192,7 @@ def _lasts(done: Refit) -> bool:
     return averages > float(np.sum((e.residual[counted] - mean) ** 2)) / 2
 
 
-def noise_name(done: Refit, policy: Policy, *, slow: bool = False) -> str:
+def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     """The name of the noise under the free run; empty for white noise, or for less than the margin.
 
     The errors of an integrator's slips add up, so that a noise of long memory has a name there only where it walks
@@ -185,6 +206,7 @@ def noise_name(done: Refit, policy: Policy, *, slow: bool = False) -> str:
     that outlasts several of them is named there, a band of more than two cycles, and noise of short memory; the
     innovations must be white.
     """
+    done = scored.done
     e, starts = done.evaluated, done.model.loop.starts
     residual, good = np.nan_to_num(e.residual), e.counted > 0
     found = fits_of(residual, good, starts)
@@ -199,12 +221,12 @@ def noise_name(done: Refit, policy: Policy, *, slow: bool = False) -> str:
         return ""
     resonance = resonance_of(still.noise, done.model.step_s)
     narrow = resonance is not None
-    if slow and (best.noise.walks or not done.noise_alone):
+    if slow and (best.noise.walks or not scored.noise_alone):
         lasting = _lasts(done) if best.noise.walks else resonance is not None and resonance[1] > 2
-        if not (lasting and done.white):
+        if not (lasting and scored.white):
             return ""
-    if not done.white:
-        band = banded(done)
+    if not scored.white:
+        band = scored.band
         named = band is not None and (narrow or band.white) and band.gain_over(done) >= policy.noise_margin
         return NARROW if named else ""
     walk = found.get(WALK)

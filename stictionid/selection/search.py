@@ -6,6 +6,7 @@ Source: SELECTION.md section 1; CRITICISM.md section 7.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -209,14 +210,11 @@ class Search:
             ground = replace(ground, fit=replace(ground.fit, best=left))
         asked = [adding(ground.fit.model.spec, name) for name in names]
         asked = [*filter(self._unfitted, asked), *(t for t in tasks if changes and not t.added)]
-        within = changes or beyond is not None
-        spent = self.budget.spent
-        self.budget.spent = spent if within else 0  # (a last question takes few looks)
-        self._search_valves(ground, [t for t in asked if t.added == RESTING])
-        looks = self._looked(ground, entry, asked)
-        self._finish(ground, entry, [a for a in looks if beyond is None
-                                     or self._seen(a).done.gain_over(beyond.scored.done) > 0.0])
-        self.budget.spent += 0 if within else spent
+        with nullcontext() if changes or beyond is not None else self.budget.anew():
+            self._search_valves(ground, [t for t in asked if t.added == RESTING])
+            looks = self._looked(ground, entry, asked)
+            self._finish(ground, entry, [a for a in looks if beyond is None
+                                         or self._seen(a).done.gain_over(beyond.scored.done) > 0.0])
 
     def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to ask for beside it, once: an answer may be another valve, or lack a drift; or None."""

@@ -87,7 +87,7 @@ def _answer(failed: Sequence[Gate], edge: Edge, beaten: bool) -> bool | None:
 
 def _of_noise(parent: Scored, name: str, policy: Policy) -> Support:
     """A noise model is supported where it is the one that the residual of the model before asks for."""
-    wanted = noise_name(parent.done, policy)
+    wanted = noise_name(parent, policy)
     added = parse(name)[0].name
     if wanted == added:
         return Support(True, Finding(SUPPORTED, "info", f"the record supports {added}: the residual is such noise", {},
