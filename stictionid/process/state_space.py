@@ -138,36 +138,51 @@ def _run(position: FloatArray, substeps: int, keep: FloatArray, old: FloatArray,
     m, lanes = new.shape
     shared = position.shape[1] < lanes
     samples = position.shape[0] // substeps
-    state, after = np.empty((m, LANES)), np.empty((m, LANES))
-    before, now, out, start = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    # A block of lanes has its constants and states in a table of its own: indices from 0 need no check for a sign.
+    olds, news, rows, states, after = m * m, m * m + m, m * m + 2 * m, m * m + 3 * m, m * m + 4 * m
+    start, before, now, out = after + m, after + m + 1, after + m + 2, after + m + 3
+    part, feed = after + m + 4, after + m + 5
+    work, at = np.empty((after + m + 6, LANES)), np.empty(LANES, np.int64)
+    flat = response.reshape(response.size)
     for first in range(0, lanes, LANES):
         width = min(LANES, lanes - first)
-        state[:] = 0.0
-        before[:] = 0.0
+        work[:] = 0.0
         for p in range(width):
-            start[p] = position[0, 0 if shared else first + p]
+            q = first + p
+            for i in range(m):
+                work[olds + i, p], work[news + i, p], work[rows + i, p] = old[i, q], new[i, q], row[i, q]
+                for j in range(m):
+                    work[i * m + j, p] = keep[i, j, q]
+            work[start, p] = position[0, 0 if shared else q]
+            work[part, p], work[feed, p] = float(pick[q]), through[q]
+            at[p] = (1 + whole[q]) * lanes + q
         for k in range(samples - 1):
             for s in range(substeps):
-                here = position[k * substeps + s]
-                for p in range(width):
-                    now[p] = here[0 if shared else first + p] - start[p]
+                here, one = position[k * substeps + s], float(s)
+                if shared:
+                    for p in range(width):
+                        work[now, p] = here[0] - work[start, p]
+                else:
+                    here = here[first:first + width]
+                    for p in range(width):
+                        work[now, p] = here[p] - work[start, p]
                 for i in range(m):
                     for p in range(width):
-                        after[i, p] = old[i, first + p] * before[p] + new[i, first + p] * now[p]
+                        work[after + i, p] = work[olds + i, p] * work[before, p] + work[news + i, p] * work[now, p]
                     for j in range(m):
                         for p in range(width):
-                            after[i, p] += keep[i, j, first + p] * state[j, p]
-                for i in range(m):
-                    for p in range(width):
-                        state[i, p] = after[i, p]
+                            work[after + i, p] += work[i * m + j, p] * work[states + j, p]
                 for p in range(width):
-                    before[p] = now[p]
-                    out[p] = through[first + p] * now[p] if pick[first + p] == s else out[p]
+                    work[out, p] = work[feed, p] * work[now, p] if work[part, p] == one else work[out, p]
+                    work[before, p] = work[now, p]
                 for i in range(m):
                     for p in range(width):
-                        out[p] += row[i, first + p] * state[i, p] if pick[first + p] == s else 0.0
+                        work[states + i, p] = work[after + i, p]
+                        work[out, p] += work[rows + i, p] * work[after + i, p] if work[part, p] == one else 0.0
+            shift = k * lanes
             for p in range(width):
-                response[1 + k + whole[first + p], first + p] = out[p]
+                # Every lane writes into its own later row, so that dead times differ without a gather.
+                flat[np.uint64(at[p] + shift)] = work[out, p]
 
 
 def series_run(position: FloatArray, T1: FloatArray, L: FloatArray, T2: FloatArray, elements: tuple[Element, ...],
@@ -198,25 +213,49 @@ def series_run(position: FloatArray, T1: FloatArray, L: FloatArray, T2: FloatArr
 
 @kernel
 def _modes(keep: FloatArray, row: FloatArray, out: FloatArray) -> None:
-    """Fill out (m * samples, P): what every state alone (column i), once 1, leaves in the output at the samples."""
-    lanes, m, _ = keep.shape
+    """Fill out (m * samples, P): what every state alone (column i), once 1, leaves in the output at the samples.
+
+    Tables have the candidates last. What has decayed in all of a block of lanes is zero from there on.
+    """
+    m, lanes = row.shape
     samples = out.shape[0] // m
-    state, after = np.empty(m), np.empty(m)
-    for p in range(lanes):
+    rows, states, after, total = m * m, m * m + m, m * m + 2 * m, m * m + 3 * m
+    work = np.empty((total + 1, LANES))
+    for first in range(0, lanes, LANES):
+        width = min(LANES, lanes - first)
+        for p in range(width):
+            for i in range(m):
+                work[rows + i, p] = row[i, first + p]
+                for j in range(m):
+                    work[i * m + j, p] = keep[i, j, first + p]
         for i in range(m):
-            state[:] = 0.0
-            state[i] = 1.0
+            for j in range(m):
+                work[states + j] = 1.0 if j == i else 0.0
+            left = 1.0
             for k in range(samples):
-                y = 0.0
+                line = out[i * samples + k, first:first + width]
+                if left == 0.0:
+                    line[:] = 0.0
+                    continue
+                work[total] = 0.0
                 for j in range(m):
-                    y += row[p, j] * state[j]
-                out[i * samples + k, p] = y if abs(y) > 1e-14 else 0.0
+                    for p in range(width):
+                        work[total, p] += work[rows + j, p] * work[states + j, p]
+                for p in range(width):
+                    y = work[total, p]
+                    line[p] = y if abs(y) > 1e-14 else 0.0
+                left = 0.0
                 for j in range(m):
-                    s = 0.0
+                    work[after + j] = 0.0
                     for n in range(m):
-                        s += keep[p, j, n] * state[n]
-                    after[j] = s if abs(s) > 1e-14 else 0.0
-                state[:] = after
+                        for p in range(width):
+                            work[after + j, p] += work[j * m + n, p] * work[states + n, p]
+                for j in range(m):
+                    for p in range(width):
+                        s = work[after + j, p]
+                        s = s if abs(s) > 1e-14 else 0.0
+                        work[states + j, p] = s
+                        left += abs(s)
 
 
 def modes(element: Element, out: FloatArray, *, step_s: float) -> None:
@@ -224,7 +263,7 @@ def modes(element: Element, out: FloatArray, *, step_s: float) -> None:
     lanes, m = element.B.shape
     keep, take = np.empty((lanes, m, m)), np.empty((lanes, m))
     _held(element.A, element.B, np.full(lanes, step_s), keep, take)
-    _modes(keep, element.C, out)
+    _modes(np.ascontiguousarray(np.moveaxis(keep, 0, 2)), np.ascontiguousarray(element.C.T), out)
 
 
 class Stepped:
