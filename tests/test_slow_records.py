@@ -160,3 +160,17 @@ def test_a_rest_beside_noise_alone_must_show_in_a_slow_record() -> None:
     assert not _idle(slow, scored(1.0), scored(1.2), "re-sticking")
     assert not _idle(slow, scored(1.0), scored(1.05), "extra-lag")
     assert not _idle(quick, scored(1.0), scored(1.05), "re-sticking")
+
+
+@pytest.mark.parametrize(("error", "alone", "stays"), [(1.0, False, True), (8.0, True, True), (8.0, False, False)])
+def test_an_effect_that_is_asked_last_must_leave_noise(error: float, alone: bool, stays: bool) -> None:
+    """A positioner stood for a slew limit, at 8 times the noise and 12 times the stickband."""
+    policy = Policy()
+
+    def scored(rmse: float) -> Any:
+        return SimpleNamespace(rmse=rmse, noise_alone=alone, done=SimpleNamespace(innovation_sd=1.0),
+                               bare=lambda policy: False, nearly=lambda policy: rmse < policy.nearly)
+
+    search: Any = SimpleNamespace(policy=policy, slow=False)
+    assert _idle(search, scored(error), scored(20.0), "positioner") is not stays
+    assert not _idle(search, scored(error), scored(20.0), "travel-limit")

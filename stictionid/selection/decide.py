@@ -164,8 +164,13 @@ def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
     alone, too: slips come early or late there, and a few numbers more put some of them right. So an effect must lower
     the least free-run error clearly; a sharper one-step error may be chance. A lag must show either, and so must a
     rest, even beside noise alone: what moved between the samples looks like one.
+
+    An effect is asked last because nothing else helps, and its many courses help a little beside what is missing. So it
+    must leave noise: a positioner stood for a slew limit at 8 times the noise and 12 times the stickband.
     """
     policy, names = search.policy, plain(name) not in BASE_EFFECTS
+    if parse(name)[0].asked_last and not (winner.noise_alone or winner.nearly(policy)):
+        return True
     if names and search.slow:
         return least_free_run(without, winner) <= policy.nearly * winner.rmse
     if not (names or search.slow) or (winner.bare(policy) and name != RESTING):
