@@ -21,7 +21,7 @@ from .moves import descended, search_model, spreads, with_start
 from .noise.completion import has_noise, quick
 from .own_scan import scanned_starts
 from .starts.basins import along_ridge, with_other_start, with_process
-from .starts.beside_effect import RESTING, across, guessed_valves, on_valve, open_valves, stickbands
+from .starts.beside_effect import RESTING, across, guessed_valves, on_valve, open_guesses, open_valves, stickbands
 from .starts.continuation import distinct
 from .starts.niches import ALONE, PATIENCE, beyond_rest, herded
 from .starts.reparametrised import followed, ridge_of
@@ -107,7 +107,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
         fresh = np.concatenate([scanned_starts(coarse, name, coarse.vector(others), far), fresh])
     elif on_valve(effect) and guesses.size:
         valve = guessed_valves(coarse, name, guesses, coarse.vector(others))
-        fresh = np.concatenate([fresh, valve, with_process(coarse, valve)])
+        fresh = np.concatenate([fresh, valve, with_process(coarse, valve), open_guesses(coarse, name, guesses, fit)])
         if far:
             fresh = np.concatenate([open_valves(coarse, name, fit, rng), fresh])
     near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh])), turns=_GLANCE, settle=_GLANCED)

@@ -21,7 +21,7 @@ from ..fit import Fitted
 from ..moves import first_distinct, longest_piece, neutral_point, search_model, with_start
 from ..noise.completion import own_taps
 from .basins import basins, grown, with_process
-from .continuation import distinct, grown_valves
+from .continuation import distinct, grown_valves, open_costs_of
 
 # Basins of the base that refits start from: from swarms, and from a search on growing parts of the record.
 _SWARMED, _GROWN = 2, 2
@@ -35,6 +35,8 @@ _BAND_S, _BAND_J = np.exp(0.004 * np.arange(-30, 31)), np.array([0.97, 0.985, 1.
 # Then valves that get a start of their own, and valves kept, apart in S or J by a share.
 _ALL_S, _ALL_J, _ALL_STEPS = 0.08, np.array([0.1, 0.3, 0.5, 0.7, 0.9, 1.1]), 40
 _ALL_STARTED, _ALL_KEPT, _ALL_APART = 12, 2, 0.02
+# Initial residual forces of such a scan with no process assumed.
+_ALL_FORCES = np.array([-0.7, 0.0, 0.7])
 # Valves with another S beside a point.
 _STICKBANDS = 4
 # The effect of a valve that rests between the scans of a held command.
@@ -177,17 +179,40 @@ def guessed_valves(model: Model, name: str, guesses: FloatArray, known: FloatArr
 
     A missing effect bends S and J far, but the process little: values `known` (d,) are those of the model so far.
     """
-    S, share, k = (g.ravel() for g in np.meshgrid(np.geomspace(_ALL_S, 1.0, _ALL_STEPS), _ALL_J,
-                                                  np.arange(len(guesses)), indexing="ij"))
-    grid = known[:, None].repeat(S.size, axis=1)
-    grid[0] = model.s_max * S
-    grid[1] = grid[0] * share
-    grid[model.rows_of(name)] = guesses[k].T
-    found = model.cube(grid)
+    found = model.cube(_every_valve(model, name, guesses, known, np.array([known[model.forces[0]]])))
     found = found[np.argsort(model.costs(found), kind="stable")]
     found = with_start(model, found[first_distinct(found, _ALL_STARTED, _ALL_APART)])
     found = found[np.argsort(model.costs(found), kind="stable")]
     return found[first_distinct(found, _ALL_KEPT, _ALL_APART)]
+
+
+def open_guesses(model: Model, name: str, guesses: FloatArray, fit: Fitted) -> FloatArray:
+    """The best few valves (k, d) of an even scan, each with the best guess of the effect and a process that fits it.
+
+    The scan assumes no process: one fitted without the effect may be far off. Nor does it know disturbances.
+    """
+    plain = undisturbed(model, fit.model, fit.values)
+    at = plain.forces[longest_piece(plain)]
+    grid = _every_valve(plain, name, guesses, plain.vector(fit.best.values), _ALL_FORCES, at)
+    found = plain.cube(grid[:, np.argsort(open_costs_of(plain, grid), kind="stable")])
+    found = found[first_distinct(found, _ALL_KEPT, _ALL_APART)]
+    return with_process(model, as_in(model, plain, found, fit))
+
+
+def _every_valve(model: Model, name: str, guesses: FloatArray, known: FloatArray, forces: FloatArray,
+                 at: int | None = None) -> FloatArray:
+    """Values (d, P) of valves on an even grid with each guess of an effect, and each initial residual force at row `at`.
+
+    Everything else is as in values `known` (d,).
+    """
+    S, share, k, force = (g.ravel() for g in np.meshgrid(np.geomspace(_ALL_S, 1.0, _ALL_STEPS), _ALL_J,
+                                                         np.arange(len(guesses)), forces, indexing="ij"))
+    grid = known[:, None].repeat(S.size, axis=1)
+    grid[0] = model.s_max * S
+    grid[1] = grid[0] * share
+    grid[model.rows_of(name)] = guesses[k].T
+    grid[model.forces[0] if at is None else at] = force
+    return grid
 
 
 def stickbands(model: Model, point: FloatArray) -> FloatArray:

@@ -109,10 +109,8 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator,
     benchmarks/plants under such a command (seeds 43000, 45000, 95000, 96000): 78 valves found with 2 points a sample,
     and 78 with 4, which take 1.7 times as long.
     """
-    at = longest_piece(model)
+    at, small = _coarse(model)
     piece = model.pieces[at]
-    whole = search_model(piece, OPEN_SUBSTEPS) if piece.spec.between == CORNER else search_model(piece)
-    small = thinned(whole, thinning(whole))
     shift = model.head - small.head
     middle = neutral_point(small) if known is None else small.cube(model.of(at, known[:, None]))[0]
     own = [2 if c == model.forces[at] else c - (shift if c >= model.head else 0) for c in columns]
@@ -123,6 +121,22 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator,
     # Ranges depend on the grid.
     found = piece.cube(np.stack([piece.vector(small.named(column)) for column in small.values(found).T], axis=1))
     return found if len(model.pieces) == 1 else lifted(model, at, found)
+
+
+def _coarse(model: Model) -> tuple[int, Model]:
+    """The longest segment's number, and its model on the coarse grid of searches that assume no process."""
+    at = longest_piece(model)
+    piece = model.pieces[at]
+    whole = search_model(piece, OPEN_SUBSTEPS) if piece.spec.between == CORNER else search_model(piece)
+    return at, thinned(whole, thinning(whole))
+
+
+def open_costs_of(model: Model, values: FloatArray) -> FloatArray:
+    """Costs (P,) of valves of values (d, P) with the process left open, on the longest segment; inf for one that follows.
+    """
+    at, small = _coarse(model)
+    there = model.of(at, values)
+    return np.where(_sticks(small, there), open_costs(small, open_bank(small), there), np.inf)
 
 
 def _along_ridge(model: Model, own: list[int]) -> bool:
