@@ -78,9 +78,9 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     """The model with effect `name` added, searched far enough to decide on a full refit.
 
     Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. An effect on
-    the valve also gets a scan of all valves beside the known process, and with `far` searches that assume no process.
-    `valves` (k, d) are values of such valves found before; each gets a process that fits it. Without `polish` the
-    search ends after a descent, an eighth of the work.
+    the valve also gets two scans of all valves, one beside the known process and one with none assumed; and with `far`
+    searches on growing parts that assume none. `valves` (k, d) are values of such valves found before; each gets a
+    process that fits it. Without `polish` the search ends after a descent, an eighth of the work.
     """
     model, coarse = widened_by(fit, name)
     spec = model.spec

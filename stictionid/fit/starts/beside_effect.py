@@ -179,7 +179,8 @@ def guessed_valves(model: Model, name: str, guesses: FloatArray, known: FloatArr
 
     A missing effect bends S and J far, but the process little: values `known` (d,) are those of the model so far.
     """
-    found = model.cube(_every_valve(model, name, guesses, known, np.array([known[model.forces[0]]])))
+    force = model.forces[0]
+    found = model.cube(_every_valve(model, name, guesses, known, known[force, None], force))
     found = found[np.argsort(model.costs(found), kind="stable")]
     found = with_start(model, found[first_distinct(found, _ALL_STARTED, _ALL_APART)])
     found = found[np.argsort(model.costs(found), kind="stable")]
@@ -200,10 +201,10 @@ def open_guesses(model: Model, name: str, guesses: FloatArray, fit: Fitted) -> F
 
 
 def _every_valve(model: Model, name: str, guesses: FloatArray, known: FloatArray, forces: FloatArray,
-                 at: int | None = None) -> FloatArray:
-    """Values (d, P) of valves on an even grid with each guess of an effect, and each initial residual force at row `at`.
+                 at: int) -> FloatArray:
+    """Values (d, P) of valves on an even grid with each guess of an effect, the rest as in values `known` (d,).
 
-    Everything else is as in values `known` (d,).
+    Each has each of the initial residual forces, at row `at`.
     """
     S, share, k, force = (g.ravel() for g in np.meshgrid(np.geomspace(_ALL_S, 1.0, _ALL_STEPS), _ALL_J,
                                                          np.arange(len(guesses)), forces, indexing="ij"))
@@ -211,7 +212,7 @@ def _every_valve(model: Model, name: str, guesses: FloatArray, known: FloatArray
     grid[0] = model.s_max * S
     grid[1] = grid[0] * share
     grid[model.rows_of(name)] = guesses[k].T
-    grid[model.forces[0] if at is None else at] = force
+    grid[at] = force
     return grid
 
 

@@ -132,8 +132,7 @@ def _coarse(model: Model) -> tuple[int, Model]:
 
 
 def open_costs_of(model: Model, values: FloatArray) -> FloatArray:
-    """Costs (P,) of valves of values (d, P) with the process left open, on the longest segment; inf for one that follows.
-    """
+    """Costs (P,) of valves of values (d, P) with no process assumed, on the longest segment; inf where one follows."""
     at, small = _coarse(model)
     there = model.of(at, values)
     return np.where(_sticks(small, there), open_costs(small, open_bank(small), there), np.inf)
