@@ -32,7 +32,7 @@ from stictionid.numerics.filter_bank import LagBank
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
-from stictionid.selection.looks import Ground, adding, performed, pool_of
+from stictionid.selection.looks import FAR, NEAR, Ground, adding, performed, pool_of
 from stictionid.selection.policy import Policy
 from stictionid.selection.steps import opened
 from stictionid.verbs.identify import Options, identify
@@ -101,14 +101,16 @@ def test_a_valve_that_overshoots_is_followed_along_its_ridge() -> None:
 
 
 @pytest.mark.parametrize("seed", [337, 338])
-def test_a_look_finds_valves_that_overshoot_beside_a_wrong_process(seed: int) -> None:
+def test_looks_find_valves_that_overshoot_beside_a_wrong_process(seed: int) -> None:
     """A scan beside the process of the model so far ended at S 4.3 for 3.9 (an integrator), at 2.3 for 3.0 (a tank)."""
     setting, loop, (kind, _), _ = loop_of(seed, "slip-overshoot", 0.01, 0.0, 1500)
     assert kind == "scan"
     _, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
-    look = performed(Ground(fit, pool_of(fit, 0), 0, Policy()), adding(fit.model.spec, "slip-overshoot"))
-    assert look.values is not None
-    assert look.values[0] == pytest.approx(setting.S, rel=0.08)
+    task, ground = adding(fit.model.spec, "slip-overshoot"), Ground(fit, pool_of(fit, 0), 0, Policy())
+    for stage in (NEAR, FAR):
+        look = performed(ground, replace(task, stage=stage))
+        assert look.values is not None
+        assert look.values[0] == pytest.approx(setting.S, rel=0.08)
 
 
 def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another(

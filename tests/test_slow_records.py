@@ -116,7 +116,7 @@ def test_the_least_free_run_is_found_from_the_point_of_either_node() -> None:
 
 
 def scans(name: str, child_error: float, *, blurred: bool = True) -> str:
-    """What the gate on unknown scans says of an effect over a parent whose free run errs by 1."""
+    """Words of the gate on unknown scans for an effect, over a free run that errs by 1; empty where it passes."""
     done = SimpleNamespace(innovation_sd=0.2, increments=False)
     child, parent = (SimpleNamespace(rmse=rmse, done=done, free_run_at_noise=False,
                                      bare=lambda policy, rmse=rmse: rmse < 1.05 * done.innovation_sd)
