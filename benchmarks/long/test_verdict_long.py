@@ -1,14 +1,24 @@
-"""Verdicts at length: the other real loops, a wandering load, a dead time samples away, a stop that hides the valve."""
+"""Verdicts at length: the other real loops, wandering loads, a dead time samples away, a stop that hides the valve."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
+import half_real
+import loops
+import missing_cells
+import numpy as np
 import pytest
+import test_verdict
 from loops_with_effects import loop_of
-from test_verdict import SHARED, loops, scanned
+from scipy.signal import lfilter
+from test_verdict import SHARED, scanned
 
 from stictionid.historian import read_loop
+from stictionid.methods import auto
 from stictionid.model.closed_loop import simulate
-from stictionid.verbs.identify import identify
+from stictionid.verbs.identify import Options, identify
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
@@ -67,3 +77,95 @@ def test_a_missing_effect_is_no_random_walk() -> None:
 def test_a_model_far_from_its_noise_claims_nothing() -> None:
     verdict = identify(read_loop(SHARED / "loop_D.csv")).verdict
     assert verdict.stiction == "undecided" and "times its noise" in verdict.reason
+
+
+def test_an_unnamed_colour_does_not_bend_S() -> None:
+    """A band of wandering phase under white noise: no autoregression whitens it, so it has no name."""
+    errors = []
+    for seed in (1, 2, 3):
+        rng, n = np.random.default_rng(seed), 1200
+        taps = np.poly(0.985 * np.exp(np.array([1j, -1j]) * 2 * np.pi / 33)).real
+        band = lfilter([1.0], taps, rng.standard_normal(n + 500))[500:]
+        loop = simulate(replace(scanned(3.0, 1.5, duration_s=float(n)), noise_sd=0.03), seed=seed,
+                        disturbance=4.0 * band / np.ptp(band)).loop
+        loop = replace(loop, position=None)
+        errors.append([abs(identify(loop, options=Options(base_only=only)).estimate.S / 3.0 - 1.0)
+                       for only in (False, True)])
+    own, plain = np.max(errors, axis=0)
+    assert own < 0.02 and own < 0.5 * plain
+
+
+def test_a_ramp_and_a_pv_that_is_mostly_missing_hide_no_stiction(tmp_path: Path) -> None:
+    """Levels alone would deny S of 4 %, differences of y show it."""
+    loop = simulate(missing_cells.LOOPS["with-ramp"], seed=0).loop
+    missing = missing_cells.patterns(loop.samples)["4-of-5"]
+    study = identify(read_loop(missing_cells.write(loop, missing, tmp_path / "a.csv")))
+    assert study.verdict.stiction == "stiction" and study.estimate is not None
+    assert study.estimate.S_interval is not None and abs(study.estimate.S - 4.0) < 0.12
+    assert study.estimate.S_interval[0] < 4.0 < study.estimate.S_interval[1]
+
+
+def test_intervals_under_a_load_that_wanders_allow_for_a_second_lag(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The free run is far from the noise, but the noise model explains the distance."""
+    study = identify(loops.wandering(30003).loop)
+    assert study.adequate and "extra-lag" not in study.steps[-1].effects
+    assert any(f.code == "intervals-conditional" for f in study.steps[-1].findings)
+    monkeypatch.setattr(auto, "_whatever_the_order", lambda run, fit: auto.reaching(fit, run.rng))
+    narrow = identify(loops.wandering(30003).loop)
+    assert study.estimate.J_interval[1] > 1.05 * narrow.estimate.J_interval[1]
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+def test_friction_that_predicts_better_and_errs_less_is_not_denied() -> None:
+    """Under a real load S of 0.5 % is 9 % of the output's swing: it lowers the free-run error by a fifth only."""
+    pieces = half_real.disturbances(SHARED, [])["export_F.csv"]
+    loop, setting, _ = half_real.drawn(pieces, 25016, True)
+    verdict = identify(loop).verdict
+    assert 0.0 < setting.S < 0.2 * np.ptp(loop.output)
+    assert verdict.evidence["likelihood_ratio"] > 0.0 and verdict.evidence["error_drop"] > 0.1
+    assert verdict.stiction != "no stiction"
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+def test_a_bound_below_the_stated_s_says_that_both_cannot_hold() -> None:
+    """A healthy valve under the load of a real record, in which a free run fits a wide stickband."""
+    loop, _, _ = half_real.drawn(half_real.disturbances(SHARED, [])["export_F.csv"], 30009, False)
+    study = identify(loop)
+    assert study.verdict.stiction == "no stiction"
+    assert study.estimate is not None and study.verdict.evidence["S_excluded_above"] < study.estimate.S
+    assert f"the searched S of {study.estimate.S:.2g}, which the one-step errors contradict" in study.verdict.reason
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+def test_two_records_of_one_valve_agree() -> None:
+    G, H = (identify(read_loop(SHARED / f"export_{x}.txt")) for x in "GH")
+    assert {G.verdict.stiction, H.verdict.stiction} <= {"stiction", "undecided"}
+    assert pytest.approx(H.estimate.S, rel=0.2) == G.estimate.S
+    for study in (G, H):
+        # Where the output moved between the samples, unseen, intervals are withheld, and the study says so.
+        said = {finding.code for step in study.steps for finding in step.findings}
+        assert (study.estimate.S_interval is None) == ("scans-unseen" in said)
+    if G.estimate.S_interval and H.estimate.S_interval:
+        assert G.estimate.S_interval[0] <= H.estimate.S_interval[1]
+        assert H.estimate.S_interval[0] <= G.estimate.S_interval[1]
+
+
+@pytest.mark.parametrize("seed", [2])
+def test_friction_that_makes_most_of_the_error_is_told_though_the_setpoint_makes_the_swing(seed: int) -> None:
+    test_verdict.test_friction_that_makes_most_of_the_error_is_told_though_the_setpoint_makes_the_swing(seed)
+
+
+@pytest.mark.parametrize("seed", [50_009, 50_017])
+def test_a_model_that_predicts_worse_than_none_does_not_keep_its_S_possible(seed: int) -> None:
+    test_verdict.test_a_model_that_predicts_worse_than_none_does_not_keep_its_S_possible(seed)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
+@pytest.mark.parametrize(("name", "seed"), [("export_L.txt", 30017)])
+def test_a_searched_s_that_predicts_worse_than_none_leaves_nothing_open(name: str, seed: int) -> None:
+    test_verdict.test_a_searched_s_that_predicts_worse_than_none_leaves_nothing_open(name, seed)
+
+
+@pytest.mark.parametrize(("cause", "word"), [("sine", "steady sine of period")])
+def test_the_verdict_says_what_the_record_looks_like(cause: str, word: str) -> None:
+    test_verdict.test_the_verdict_says_what_the_record_looks_like(cause, word)
