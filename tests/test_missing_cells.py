@@ -249,11 +249,3 @@ def test_the_benchmark_counts_answers_inside_the_intact_interval(intact) -> None
     # Twice the variance: the two differ by an error as large as the intact one's, of which 90 % is in its interval.
     assert moved.within(intact, known) == ([0.0, 1.0], [pytest.approx(0.9, abs=1e-3), 1.0], [0.0, 1.0], [0.0, 0.0])
     assert replace(intact, study=replace(intact.study, estimate=None)).within(intact, known) is None
-
-
-def test_s_is_inside_its_interval_where_the_fit_ends_beside_a_step_of_the_jump() -> None:
-    setting = missing_cells.LOOPS["with-ramp"]
-    estimate = identify(simulate(setting, seed=0).loop).estimate
-    assert estimate is not None and estimate.S_interval is not None
-    low, high = estimate.S_interval
-    assert low <= setting.S <= high and high - low < 0.01 * setting.S

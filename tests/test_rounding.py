@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from plants.run import plant_of
 from plants.score import loop_of
 
 from stictionid.fit.starts.intersample import surely_moves
-from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.process.rounded import derounded, step_of
-from stictionid.record.loop import Loop
-from stictionid.selection.policy import Policy
 from stictionid.selection.score import by_rounding
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
-
-SETTING = Setting(Plant(2.5, 17.0, 5.0), Controller(0.35, 14.0, scan_s=1.0), S=3.6, J=2.6, duration_s=900.0,
-                  setpoint_moves=((0.0, 3.0), (300.0, -4.0), (600.0, 3.0)), noise_sd=0.02)
-
-
-def recorded(step: float) -> Loop:
-    """A clean loop of that setting with its output recorded in steps of `step` %."""
-    loop = simulate(SETTING, seed=2).loop
-    return replace(loop, position=None, output=np.rint(loop.output / step) * step)
 
 
 def test_a_smooth_output_comes_back_from_its_steps() -> None:
@@ -62,15 +48,3 @@ def test_a_clean_loop_with_a_rounded_output_gets_neither_an_effect_nor_a_noise()
     assert after.missing == () and after.steps[-1].effects == ()
     why = [gate.reason for node in after.tree for gate in node.gates if gate.name == "rounding" and not gate.passed]
     assert why and why[0].startswith("the rounding of the output moves the model by ")
-
-
-def test_what_rounding_makes_of_a_clean_loop_is_not_named() -> None:
-    loop = recorded(0.1)
-    study = identify(loop)
-    last = study.steps[-1]
-    # The best model leaves about three times the noise; the rounding moves its y by more.
-    assert last.error.rmse > 2.5 * SETTING.noise_sd and not study.adequate
-    after = diagnose(loop, study, apply=True, policy=Policy(budget=80_000))
-    assert [step.added for step in after.steps] == [None] and after.missing == ()
-    assert "recorded in steps of 0.1 %" in after.adequate_reason
-    assert [f.code for f in after.steps[-1].findings].count("rounded-output") == 1

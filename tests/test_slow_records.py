@@ -21,7 +21,6 @@ from stictionid.selection.gates import GATES, Edge
 from stictionid.selection.looks import adding
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import COLOURED, NARROW, WALKING, Scored, completed, least_free_run, noise_name
-from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
 
 SETTING = Setting(Plant(2.5, 17.0, 5.0), Controller(0.35, 14.0, scan_s=1.0), S=3.6, J=2.6, duration_s=1500.0)
@@ -58,13 +57,6 @@ def test_an_effect_that_a_walk_stands_for_is_asked_for_in_levels() -> None:
     assert not adding(walking, "step-disturbance@output").spec.increments
     assert adding(walking, "extra-lag").spec.increments
     assert adding(replace(walking, process="integrator"), "step-disturbance@load").spec.increments
-
-
-def test_a_step_that_looked_like_a_walk_is_found() -> None:
-    """In differences the step was one outlier, and nothing was named at 2.7 times the noise."""
-    loop = loop_of(plant_of("one", 32, 78_000))
-    after = diagnose(loop, identify(loop), apply=True)
-    assert after.steps[-1].effects == ("step-disturbance",) and after.adequate
 
 
 @pytest.mark.parametrize(("name", "without", "rejected"), [
@@ -138,14 +130,6 @@ def test_a_rival_that_errs_twice_as_much_prunes_nothing(rmse: float, stays: bool
     rival = known(Spec(between="corner", substeps=8), rmse, 5.0)
     search: Any = SimpleNamespace(policy=Policy(), slow=False, memo={"rival": rival}, dropped=lambda *_: parent)
     assert pruned(search, winner) is (winner if stays else rival)
-
-
-def test_colour_between_unseen_scans_is_no_answer_and_denies_no_friction() -> None:
-    """The study named coloured noise, with S 94 % off, and said "no stiction" at a confidence of 0.96."""
-    loop = loop_of(plant_of("clean", 32, 45_000))
-    after = diagnose(loop, identify(loop), apply=True)
-    assert after.steps[-1].effects == () and "between the samples" in after.missing_reason
-    assert after.verdict.stiction == "undecided"
 
 
 def test_a_rest_beside_noise_alone_must_show_in_a_slow_record() -> None:

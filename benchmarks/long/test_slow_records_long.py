@@ -1,0 +1,24 @@
+"""Records slower than the scan at length: a step that looked like a walk, and colour between unseen scans."""
+
+from __future__ import annotations
+
+from plants.run import plant_of
+from plants.score import loop_of
+
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import identify
+
+
+def test_a_step_that_looked_like_a_walk_is_found() -> None:
+    """In differences the step was one outlier, and nothing was named at 2.7 times the noise."""
+    loop = loop_of(plant_of("one", 32, 78_000))
+    after = diagnose(loop, identify(loop), apply=True)
+    assert after.steps[-1].effects == ("step-disturbance",) and after.adequate
+
+
+def test_colour_between_unseen_scans_is_no_answer_and_denies_no_friction() -> None:
+    """The study named coloured noise, with S 94 % off, and said "no stiction" at a confidence of 0.96."""
+    loop = loop_of(plant_of("clean", 32, 45_000))
+    after = diagnose(loop, identify(loop), apply=True)
+    assert after.steps[-1].effects == () and "between the samples" in after.missing_reason
+    assert after.verdict.stiction == "undecided"
