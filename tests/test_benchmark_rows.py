@@ -103,7 +103,7 @@ def test_the_stages_that_are_timed_are_functions_of_the_package() -> None:
 
 
 def test_a_row_of_verdicts_holds_its_outcome() -> None:
-    row = verdicts.row(10_002, True, 600, True, False)
+    row = verdicts.row(10_008, True, 600, True, False)
     again = json.loads(json.dumps(row))
     found = verdicts.outcome_of(again)
     assert row["truth"] == "stiction" == found.cause and found.verdict == row["verdict"]

@@ -76,28 +76,6 @@ def test_an_effect_whose_fit_breaks_down_is_reported_and_the_others_go_on(
     assert broken and all(c.delta_bic is None and "did not converge" in c.statement for c in broken)
 
 
-def test_a_moving_command_taken_for_a_held_one_is_put_right_once_what_hid_it_is_in(
-        stepped: tuple[Loop, Study, Study]) -> None:
-    moving = setting(controller=Controller(0.15, 6.0), effects=(("step-disturbance", {"time_s": 500.0, "size": 1.2}),))
-    loop = simulate(moving, seed=21).loop
-    study = identify(loop, options=HELD)
-    assert study.steps[-1].model["between"] == "hold"
-    after = add(loop, study, "step-disturbance@output")
-    assert after.steps[-1].model["between"] == "corner" and after.steps[-1].error.rmse <= 1.05 * 0.06
-    held = add(*stepped[:2], "step-disturbance@output")
-    assert held.steps[-1].model["between"] == "hold"
-
-
-def test_coloured_noise_is_named_noise_and_its_root_comes_back() -> None:
-    loop = simulate(setting(effects=(("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),), noise_sd=0.0),
-                    seed=5).loop
-    after = diagnose(loop, identify(loop, options=HELD), apply=True)
-    assert after.missing == ("coloured-noise",)
-    assert after.steps[-1].error.rmse_one_step == pytest.approx(0.05, rel=0.06)
-    root = next(p.value for p in after.steps[-1].parameters if p.effect == "coloured-noise" and p.name == "root")
-    assert root == pytest.approx(0.8, abs=0.15)
-
-
 def test_noise_alone_is_told_from_what_valve_process_or_a_disturbance_leave() -> None:
     """In 19 records of noise alone out of 20, and in one of 10 whose innovations hold an effect worth 50 in BIC."""
     loop = simulate(setting(duration_s=1500.0), seed=5).loop
@@ -228,5 +206,3 @@ def test_the_gain_may_change_by_most_of_itself_within_what_most_of_the_record_re
     (limits,) = get_effect("gain-nonlinearity").parameters_for(context)
     assert limits.high == pytest.approx(0.8 / np.quantile(np.abs(y - 50.0), 0.9))
     assert limits.high > 0.8 / 5.0 and limits.low == -limits.high
-
-

@@ -1,4 +1,4 @@
-"""The notebooks of the docs run as written, and their pages show what they print today."""
+"""A notebook of the docs runs as written, and its page shows what it prints today; benchmarks/long runs the other."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_there_are_two_and_the_site_shows_them() -> None:
     assert NAMES == ["one_loop", "plant_month"] and all(f"notebooks/{name}.md" in nav for name in NAMES)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["one_loop"])
 def test_a_notebook_runs_and_its_page_shows_it(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pyplot = pytest.importorskip("matplotlib.pyplot")
     monkeypatch.syspath_prepend(str(ROOT))

@@ -66,3 +66,24 @@ def test_a_noise_model_that_imitates_physics_gives_way_to_it() -> None:
     assert after.missing == ("sinusoidal-disturbance",) and not after.adequate
     assert [s.added for s in after.steps] == [None]
     assert "gave-way" in {f.code for f in after.steps[-1].findings}
+
+
+def test_a_moving_command_taken_for_a_held_one_is_put_right_once_what_hid_it_is_in() -> None:
+    moving = setting(controller=Controller(0.15, 6.0), effects=(("step-disturbance", {"time_s": 500.0, "size": 1.2}),))
+    loop = simulate(moving, seed=21).loop
+    study = identify(loop, options=HELD)
+    assert study.steps[-1].model["between"] == "hold"
+    after = add(loop, study, "step-disturbance@output")
+    assert after.steps[-1].model["between"] == "corner" and after.steps[-1].error.rmse <= 1.05 * 0.06
+    held = add(*hidden("step-disturbance", time_s=500.0, size=1.2), "step-disturbance@output")
+    assert held.steps[-1].model["between"] == "hold"
+
+
+def test_coloured_noise_is_named_noise_and_its_root_comes_back() -> None:
+    loop = simulate(setting(effects=(("coloured-noise", {"root": 0.8, "innovation_sd": 0.05}),), noise_sd=0.0),
+                    seed=5).loop
+    after = diagnose(loop, identify(loop, options=HELD), apply=True)
+    assert after.missing == ("coloured-noise",)
+    assert after.steps[-1].error.rmse_one_step == pytest.approx(0.05, rel=0.06)
+    root = next(p.value for p in after.steps[-1].parameters if p.effect == "coloured-noise" and p.name == "root")
+    assert root == pytest.approx(0.8, abs=0.15)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+import test_identify
 
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.verbs.diagnose import diagnose
@@ -58,3 +59,9 @@ def test_a_load_that_steps_under_an_integrator_is_found_where_the_base_explains_
     assert pytest.approx(5.0, rel=0.01) == study.estimate.S
     assert pytest.approx(3.5, rel=0.05) == study.estimate.J
     assert "friction" in study.verdict.reason and study.adequate
+
+
+@pytest.mark.parametrize(("name", "S", "J", "e_S", "e_J"), [("itptd", 5.0, 3.0, 2.2, 3.4)])
+def test_noise_free_rows_of_the_paper_come_back_closer_than_the_paper(name: str, S: float, J: float, e_S: float,
+                                                                      e_J: float) -> None:
+    test_identify.test_noise_free_rows_of_the_paper_come_back_closer_than_the_paper(name, S, J, e_S, e_J)
