@@ -84,17 +84,15 @@ def test_the_width_stays_between_60_and_200_columns(monkeypatch: pytest.MonkeyPa
         assert width_of(terminal=False) == width
 
 
-def in_terminal(columns: int, commands: list[list[str]]) -> list[str]:
-    """Lines that commands show in a terminal of so many columns, without colours."""
+def in_terminal(commands: list[tuple[int, list[str]]]) -> dict[int, list[str]]:
+    """Lines that commands of one process show in a terminal of so many columns each, without colours, by columns."""
     import pty
-    import struct
-    import termios
-    from fcntl import ioctl
 
     ours, theirs = pty.openpty()
-    ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
     env = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
-    code = f"import sys\nfrom stictionid.cli import main\nfor words in {commands!r}:\n" \
+    code = "import sys\nfrom fcntl import ioctl\nfrom struct import pack\nfrom termios import TIOCSWINSZ\n" \
+           f"from stictionid.cli import main\nfor columns, words in {commands!r}:\n" \
+           "    ioctl(0, TIOCSWINSZ, pack('HHHH', 40, columns, 0, 0))\n    print(chr(0), columns, flush=True)\n" \
            "    sys.argv = ['stictionid', *words]\n    try:\n        main()\n    except SystemExit as e:\n" \
            "        assert not e.code"
     child = subprocess.Popen([sys.executable, "-c", code], stdin=theirs, stdout=theirs, stderr=theirs,
@@ -108,13 +106,17 @@ def in_terminal(columns: int, commands: list[list[str]]) -> list[str]:
         pass  # the other end was closed
     os.close(ours)
     assert child.wait() == 0, text
-    return [re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", line).rstrip() for line in text.decode().splitlines()]
+    shown: dict[int, list[str]] = {}
+    for part in text.decode().split("\0")[1:]:
+        columns, *lines = [re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", line).rstrip() for line in part.splitlines()]
+        shown.setdefault(int(columns), []).extend(lines)
+    return shown
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 def test_a_terminal_sets_the_width() -> None:
     columns = 132
-    lines = in_terminal(columns, [["laws", "chen"], []])
+    lines = in_terminal([(columns, ["laws", "chen"]), (columns, [])])[columns]
     assert columns - 30 < max(map(len, lines)) <= columns
     assert any(line.startswith("Usage: stictionid") for line in lines)
 
@@ -129,14 +131,18 @@ def test_a_line_of_progress_comes_every_few_seconds(capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-@pytest.mark.parametrize("columns", [60, 80, 200])
-def test_a_command_in_a_terminal_fits_it(columns: int, tmp_path: Path) -> None:
+def test_commands_in_a_terminal_fit_it(tmp_path: Path) -> None:
     """Tables of identify, range and batch; messages for scripts are lines of their own length."""
-    shown = in_terminal(columns, [["identify", str(SAMPLE), "-q", "--base-only"], ["range", str(SAMPLE), "-q"],
-                                  ["batch", str(SAMPLE.parent), "-o", str(tmp_path / "out"), "-q", "--level",
-                                   "screen"]])
-    assert max(map(len, shown)) <= columns
-    assert {"estimate", "error", "worst first"} <= set(shown) and any(line.startswith("verdict: ") for line in shown)
+    loops = [str(SAMPLE.parent / name) for name in ("foptd.csv", "foptd_scanned.parquet", "tank.csv")]
+    batch = ["batch", *loops, "-o", str(tmp_path / "out"), "-q", "--level", "screen", "--jobs", "1"]
+    shown = in_terminal([(columns, words) for columns in (200, 80, 60) for words in (
+        ["identify", str(SAMPLE), "-q", "--base-only"], ["range", str(SAMPLE), "-q"],
+        batch if columns == 200 else [*batch, "--resume"])])
+    assert set(shown) == {200, 80, 60}
+    for columns, lines in shown.items():
+        assert max(map(len, lines)) <= columns
+        assert {"estimate", "error", "worst first"} <= set(lines)
+        assert any(line.startswith("verdict: ") for line in lines)
 
 
 def test_counts_have_their_plural() -> None:
