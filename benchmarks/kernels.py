@@ -26,8 +26,11 @@ NEEDED: tuple[str, ...] = (
 FILES = ("foptd_scanned.parquet", "foptd.csv", "healthy.csv", "itptd.parquet")
 
 
-def used() -> list[str]:
-    """Lines of the list: every kernel with every kind of arguments that identifying the sample loops calls it with."""
+def used(rows: int | None = None) -> list[str]:
+    """Lines of the list: every kernel with every kind of arguments that identifying the sample loops calls it with.
+
+    With `rows` only so many first samples of each loop are identified.
+    """
     from numba.core.dispatcher import Dispatcher
 
     from stictionid.historian import read
@@ -44,7 +47,8 @@ def used() -> list[str]:
     Dispatcher._compile_for_args = noted
     try:
         for name in FILES:
-            identify(read(str(ROOT / "sample_data" / name)).loop)
+            loop = read(str(ROOT / "sample_data" / name)).loop
+            identify(loop.cut(0, rows or loop.samples))
     finally:
         Dispatcher._compile_for_args = first_call
     found.pop("", None)

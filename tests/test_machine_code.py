@@ -88,10 +88,17 @@ def test_the_list_names_kernels_that_are_there() -> None:
     assert list(ahead.kernels(("stictionid.numerics.varpro._gone d1C",))) == []
 
 
-def test_identify_asks_for_the_kernels_of_the_list() -> None:
-    code = "import sys; sys.path.insert(0, 'benchmarks'); import kernels; print('\\n'.join(kernels.used()))"
+def asked(rows: int | None) -> set[str]:
+    """Kernels that a process asks for which identifies so many first samples of each sample loop, or all."""
+    code = f"import sys; sys.path.insert(0, 'benchmarks'); import kernels; print('\\n'.join(kernels.used({rows})))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert set(done.stdout.splitlines()) == set(NEEDED), "run benchmarks/kernels.py"
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.splitlines())
+
+
+def test_identify_asks_for_the_kernels_of_the_list() -> None:
+    """A quarter of each sample loop asks for the same kernels as the whole."""
+    assert asked(250) == set(NEEDED), "run benchmarks/kernels.py"
 
 
 def test_a_share_of_the_list_is_compiled_once(tmp_path: Path) -> None:
