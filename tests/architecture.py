@@ -7,6 +7,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 RULES = tomllib.loads((Path(__file__).parent / "architecture.toml").read_text(encoding="utf-8"))
@@ -19,6 +20,13 @@ class Import:
     by: str
     of: str
     name: str | None
+
+
+@cache
+def nodes_of(text: str) -> tuple[ast.AST, ...]:
+    """Imports, attributes and calls, wherever in a module; a text is parsed and walked once in a process."""
+    return tuple(node for node in ast.walk(ast.parse(text))
+                 if isinstance(node, ast.Import | ast.ImportFrom | ast.Attribute | ast.Call))
 
 
 def modules_of(package: Path) -> dict[str, Path]:
@@ -34,7 +42,7 @@ def imports_of(name: str, path: Path, modules: dict[str, Path]) -> Iterator[Impo
     """Imports of the package's own modules, wherever in the file."""
     folder = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
     own = name.split(".")[0]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes_of(path.read_text(encoding="utf-8")):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 if alias.name.split(".")[0] == own:
@@ -118,12 +126,12 @@ def _private(taken: list[Import], modules: dict[str, Path]) -> list[str]:
              if each.name and each.name.startswith("_") and not each.name.startswith("__")]
     for name, path in modules.items():
         aliases = {}
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        nodes = nodes_of(path.read_text(encoding="utf-8"))
         own = {each.of.rpartition(".")[2] for each in taken if each.by == name and each.name is None}
-        for node in ast.walk(tree):
+        for node in nodes:
             if isinstance(node, ast.ImportFrom) and node.level:
                 aliases.update({a.asname or a.name: a.name for a in node.names if a.name in own})
-        for node in ast.walk(tree):
+        for node in nodes:
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in aliases \
                     and node.attr.startswith("_") and not node.attr.startswith("__"):
                 found.append(f"{name} takes the private {node.attr} of {aliases[node.value.id]}")

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from architecture import RULES, faults, modules_of
+from architecture import RULES, faults, modules_of, nodes_of
 
 PACKAGE = Path(__file__).parent.parent / "stictionid"
 
@@ -112,20 +112,21 @@ def test_only_the_command_line_prints_or_exits() -> None:
     for path in PACKAGE.rglob("*.py"):
         if path.relative_to(PACKAGE).parts[0] in ("cli", "__main__.py"):
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path.read_text(encoding="utf-8")):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
                 assert node.func.id not in ("print", "exit", "quit"), f"{path} prints or exits"
 
 
-@pytest.mark.parametrize("room", ["laws", "effects", "methods"])
-def test_a_law_or_an_effect_is_one_file_that_nobody_else_names(room: str) -> None:
-    """Nothing outside its own file may import a single law or effect: the catalogue finds it."""
-    modules = {p.stem for p in (PACKAGE / room).glob("*.py")} - {"__init__", "contract", "physical", "option_check"}
+def test_a_law_an_effect_or_a_method_is_one_file_that_nobody_else_names() -> None:
+    """Nothing outside its own file may import a single law, effect or method: the catalogue finds it."""
+    kept = {"__init__", "contract", "physical", "option_check"}
+    rooms = {room: {p.stem for p in (PACKAGE / room).glob("*.py")} - kept for room in ("laws", "effects", "methods")}
     for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path.read_text(encoding="utf-8")):
             if isinstance(node, ast.ImportFrom) and node.module:
-                parts = node.module.split(".")
-                assert not (room in parts and modules & set(parts)), f"{path} imports {node.module}"
+                parts = set(node.module.split("."))
+                for room, modules in rooms.items():
+                    assert not (room in parts and modules & parts), f"{path} imports {node.module}"
 
 
 def test_the_oldest_dependencies_that_are_tested_are_the_oldest_that_are_allowed() -> None:
