@@ -1,11 +1,25 @@
-"""Records with missing cells at length: an interval that holds S where the fit ends beside a step of the jump."""
+"""Records with missing cells at length: four of five, and an interval where the fit ends beside a step of the jump."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import missing_cells
+import pytest
+import test_missing_cells
 
 from stictionid.model.closed_loop import simulate
+from stictionid.record.loop import Loop
 from stictionid.verbs.identify import identify
+
+# Fixtures of tests/.
+loop, intact = test_missing_cells.loop, test_missing_cells.intact
+
+
+@pytest.mark.parametrize("pattern", ["4-of-5"])
+def test_the_answer_is_that_of_the_intact_record(loop: Loop, intact: missing_cells.Told, tmp_path: Path,
+                                                 pattern: str) -> None:
+    test_missing_cells.test_the_answer_is_that_of_the_intact_record(loop, intact, tmp_path, pattern)
 
 
 def test_s_is_inside_its_interval_where_the_fit_ends_beside_a_step_of_the_jump() -> None:
