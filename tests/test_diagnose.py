@@ -36,20 +36,17 @@ def setting(**more) -> Setting:
     return replace(base, **more)
 
 
-def hidden(name: str, seed: int = 21, **values):
-    loop = simulate(setting(effects=((name, values),)), seed=seed).loop
+@pytest.fixture(scope="module")
+def stepped() -> tuple[Loop, Study]:
+    """A loop with a step disturbance, and its study."""
+    loop = simulate(setting(duration_s=600.0, effects=(("step-disturbance", {"time_s": 350.0, "size": 1.2}),)),
+                    seed=21).loop
     return loop, identify(loop, options=HELD)
 
 
-@pytest.fixture(scope="module")
-def stepped() -> tuple[Loop, Study, Study]:
-    """A loop with a step disturbance, its study, and its diagnosis."""
-    loop, study = hidden("step-disturbance", time_s=500.0, size=1.2)
-    return loop, study, diagnose(loop, study)
-
-
-def test_the_same_seed_gives_the_same_study_whatever_the_jobs(stepped: tuple[Loop, Study, Study]) -> None:
-    loop, study, after = stepped
+def test_the_same_seed_gives_the_same_study_whatever_the_jobs(stepped: tuple[Loop, Study]) -> None:
+    loop, study = stepped
+    after = diagnose(loop, study)
     assert after.missing == ("step-disturbance",) and after.candidates[0].variant == "output"
     # Every effect that is not named has its reason, and gains less beyond noise than the one that is.
     named, *others = [c for c in after.candidates if c.delta_bic is not None]
@@ -59,7 +56,7 @@ def test_the_same_seed_gives_the_same_study_whatever_the_jobs(stepped: tuple[Loo
 
 
 def test_an_effect_whose_fit_breaks_down_is_reported_and_the_others_go_on(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stepped: tuple[Loop, Study]) -> None:
     (tmp_path / "broken.py").write_text(
         "from dataclasses import replace\n"
         "import numpy as np\n"
@@ -68,9 +65,7 @@ def test_an_effect_whose_fit_breaks_down_is_reported_and_the_others_go_on(
         "    raise np.linalg.LinAlgError('SVD did not converge')\n"
         "EFFECT = replace(ramp, name='broken', columns=_columns, confused_with=())\n")
     monkeypatch.setattr(effect_room, "__path__", [*effect_room.__path__, str(tmp_path)])
-    loop = simulate(setting(duration_s=600.0, effects=(("step-disturbance", {"time_s": 350.0, "size": 1.2}),)),
-                    seed=21).loop
-    after = diagnose(loop, identify(loop, options=HELD))
+    after = diagnose(*stepped)
     assert after.missing == ("step-disturbance",)
     broken = [c for c in after.candidates if c.effect == "broken"]
     assert broken and all(c.delta_bic is None and "did not converge" in c.statement for c in broken)
@@ -123,8 +118,8 @@ def test_a_further_tag_is_seen_in_innovations_unless_it_is_in_the_model() -> Non
     assert seen[known] >= 23 and seen[unknown] <= 2
 
 
-def test_a_superfluous_effect_is_named_and_left_out_on_request(stepped: tuple[Loop, Study, Study]) -> None:
-    loop, study, _ = stepped
+def test_a_superfluous_effect_is_named_and_left_out_on_request(stepped: tuple[Loop, Study]) -> None:
+    loop, study = stepped
     wrong = add(loop, study, "sinusoidal-disturbance")
     answer = next(f for f in wrong.steps[-1].findings if f.code == "not-supported")
     assert wrong.steps[-1].supported is False and answer.severity == "warning"
@@ -169,8 +164,8 @@ def test_a_resonance_is_found_in_a_spectrum_made_of_it() -> None:
     assert np.allclose(flat, 1.0)
 
 
-def test_refusals_leave_the_study_as_it_is(tmp_path: Path, stepped: tuple[Loop, Study, Study]) -> None:
-    loop, study, _ = stepped
+def test_refusals_leave_the_study_as_it_is(tmp_path: Path, stepped: tuple[Loop, Study]) -> None:
+    loop, study = stepped
     for name in ("step-disturbence", "measured-disturbance", "measured-disturbance:FEED", "extra-lag@load"):
         with pytest.raises(UsageError) as refusal:
             add(loop, study, name)

@@ -5,12 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from test_diagnose import HELD, hidden, setting
+from test_diagnose import HELD, setting
 
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.record.loop import Loop
+from stictionid.record.study import Study
 from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
+
+
+def hidden(name: str, seed: int = 21, **values: float) -> tuple[Loop, Study]:
+    loop = simulate(setting(effects=((name, values),)), seed=seed).loop
+    return loop, identify(loop, options=HELD)
 
 
 def test_a_valve_effect_beside_a_random_walk_is_found_in_changes_of_y() -> None:
