@@ -1,7 +1,8 @@
-"""Simulated plants for batch tests and benchmarks: tiny loops in every layout that a batch reads."""
+"""Simulated plants for batch tests and benchmarks, tiny loops in every layout; and a crew that works in this process."""
 
 from __future__ import annotations
 
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,22 @@ from stictionid.model.closed_loop import preset, simulate
 from stictionid.record.loop import Loop
 
 ROWS = 400
+
+
+class Inline(Executor):
+    """A crew that works here and now."""
+
+    room, sure = 1, True
+
+    def submit(self, fn, /, *args, **kwargs):
+        future: Future = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+    def dead(self, error):
+        return False
+
+    lost = dead
 
 
 def records(count: int, rows: int = ROWS, *, seed: int = 0) -> dict[str, Loop]:

@@ -8,12 +8,12 @@ import json
 import os
 import signal
 import time
-from concurrent.futures import Executor, Future
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
 import pytest
-from batch_files import records, write_csv, write_wide
+from batch_files import Inline, records, write_csv, write_wide
 
 from stictionid.batch.plan.tasks import plan
 from stictionid.batch.summary.rank import rank_key
@@ -32,22 +32,6 @@ from stictionid.system.csv_safety import harmless
 
 SCREEN = Work("screen")
 RESULTS = ("summary.csv", "summary.parquet", "summary.md", "summary.html")
-
-
-class Inline(Executor):
-    """A crew that works here and now."""
-
-    room, sure = 1, True
-
-    def submit(self, fn, /, *args, **kwargs):
-        future: Future = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
-
-    def dead(self, error):
-        return False
-
-    lost = dead
 
 
 def run(todo, folder: Path, *, crew=None, work=SCREEN, resume=False, attempt=attempt, tell=None) -> Store:

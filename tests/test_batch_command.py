@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import pytest
-from batch_files import records, write_csv
+from batch_files import Inline, records, write_csv
 
 sys.path.insert(0, str(Path(__file__).parent / "faults"))
 
@@ -149,9 +149,10 @@ def test_stopped_it_keeps_what_is_done_and_says_how_to_go_on(sign, site, clean, 
 
 
 def here(monkeypatch, *arguments: object) -> int:
-    """The command in this process; its exit code."""
+    """The command in this process, which does the work of the workers, too; its exit code."""
     from stictionid.cli import main
 
+    monkeypatch.setattr("stictionid.batch.work.crew.crew_for", lambda jobs, scheduler: Inline())
     monkeypatch.setattr(sys, "argv", ["stictionid", "batch", *map(str, arguments)])
     with pytest.raises(SystemExit) as done:
         main()

@@ -11,7 +11,7 @@ from loops_with_effects import BEYOND, NOISE, SMALL, small
 
 from stictionid.effects import catalogue, get, parse
 from stictionid.errors import ModelError, UsageError
-from stictionid.fit.moves import behind_valve, descended
+from stictionid.fit.moves import behind_valve
 from stictionid.fit.options import check_tag
 from stictionid.fit.own_scan import scanned_starts
 from stictionid.fit.public_values import values_of
@@ -70,17 +70,6 @@ def test_parameters_come_back_from_their_own_simulation(name: str) -> None:
     assert set(said) <= {p.name for p in get(name).parameters}
     for key, value in truth.items():
         assert said[key] == pytest.approx(value, rel=0.1), (key, said)
-
-
-def test_a_positioner_comes_back_from_its_own_simulation_with_nothing_known() -> None:
-    setting, loop = small("positioner")
-    model = Model(loop, Spec(effects=("positioner",)), s_max=float(np.ptp(loop.output)), period_s=40.0)
-    found = scanned_starts(model, "positioner", model.vector(model.named(np.ones(model.space.size))), True)
-    best = model.values(descended(model, found).points[:1])[:, 0]
-    named = model.named(best)
-    assert model.evaluate(best).rmse <= 1.05 * NOISE
-    assert named["S"] == pytest.approx(setting.S, rel=0.02) and named["J"] == pytest.approx(setting.J, rel=0.03)
-    assert named["positioner:integral_rate"] == pytest.approx(SMALL["positioner"][2]["integral_rate"], rel=0.05)
 
 
 def test_a_search_for_a_positioner_ends_where_the_model_without_it_leaves_less() -> None:

@@ -150,7 +150,7 @@ def test_a_hidden_effect_is_found_and_the_error_falls_to_the_noise(name: str, ef
 
 
 def test_nothing_is_invented_in_a_loop_with_nothing_hidden() -> None:
-    setting = replace(base(800.0), noise_sd=0.05, setpoint_moves=((0.0, 5.0), (300.0, -6.0), (550.0, 4.0)))
+    setting = replace(base(500.0), noise_sd=0.05, setpoint_moves=((0.0, 5.0), (190.0, -6.0), (340.0, 4.0)))
     loop = simulate(setting, seed=3).loop
     study = identify(loop)
     assert diagnose(loop, study).missing == () and diagnose(loop, study).candidates == ()

@@ -100,7 +100,7 @@ def test_a_valve_that_overshoots_is_followed_along_its_ridge() -> None:
     assert np.allclose(again, cube, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", [337, 338])
+@pytest.mark.parametrize("seed", [337])
 def test_looks_find_valves_that_overshoot_beside_a_wrong_process(seed: int) -> None:
     """A scan beside the process of the model so far ended at S 4.3 for 3.9 (an integrator), at 2.3 for 3.0 (a tank)."""
     setting, loop, (kind, _), _ = loop_of(seed, "slip-overshoot", 0.01, 0.0, 1500)

@@ -294,14 +294,3 @@ def test_identify_uses_a_step_test_as_the_fixed_plant(tmp_path: Path, loop: Loop
                         (["--step-test", "step.csv", "--method", "arx"], 2)):
         refused = run("identify", "loop.csv", *extra, "-q", cwd=tmp_path)
         assert refused.returncode == code and refused.stderr.startswith("stictionid: "), refused.stderr
-
-
-def test_a_valve_that_rests_between_scans_becomes_a_step_of_its_own() -> None:
-    base = with_stiction(preset("foptd"), 5.0, 3.0)
-    held = simulate(replace(base, law="karnopp", noise_sd=0.09, duration_s=1000,
-                            controller=replace(base.controller, scan_s=1.0)), seed=1).loop
-    study = identify(held)
-    assert [step.added for step in study.steps] == [None, "re-sticking"]
-    e = study.estimate
-    assert e is not None and pytest.approx(5.0, rel=0.02) == e.S and pytest.approx(3.0, rel=0.1) == e.J
-    assert study.steps[1].error.rmse < 0.9 * study.steps[0].error.rmse

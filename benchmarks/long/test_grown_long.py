@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import test_grown
 from loops_with_effects import VISIBLE, loop_of, shown
 
 from stictionid.fit.fit import as_it_stands
@@ -118,3 +119,8 @@ def test_a_valve_that_rests_is_found_beside_a_slow_stem() -> None:
     rates = valves[model.rows_of("slew-limit").start] / dict(setting.effects)["slew-limit"]["rate"]
     apart = np.stack([valves[0] / setting.S, valves[1] / setting.J, rates]) - 1.0
     assert np.abs(apart).max(axis=0).min() < 0.25
+
+
+@pytest.mark.parametrize("seed", [338])
+def test_looks_find_valves_that_overshoot_beside_a_wrong_process(seed: int) -> None:
+    test_grown.test_looks_find_valves_that_overshoot_beside_a_wrong_process(seed)

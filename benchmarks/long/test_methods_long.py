@@ -1,12 +1,14 @@
-"""Methods at length: laws that no signal tells apart, and all laws ranked on the command line."""
+"""Methods at length: laws that no signal tells apart, all laws on the command line, and a valve that rests."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from test_methods import loop_of, ranks
 
+from stictionid.model.closed_loop import preset, simulate, with_stiction
 from stictionid.verbs.identify import Options, identify
 
 
@@ -21,3 +23,14 @@ def test_chen_and_kano_cannot_be_told_apart_and_the_default_is_kept() -> None:
 
 def test_all_laws_are_ranked_on_the_command_line(tmp_path: Path) -> None:
     ranks(tmp_path, {"chen", "kano", "he", "he-wang", "choudhury", "stenman"})
+
+
+def test_a_valve_that_rests_between_scans_becomes_a_step_of_its_own() -> None:
+    base = with_stiction(preset("foptd"), 5.0, 3.0)
+    held = simulate(replace(base, law="karnopp", noise_sd=0.09, duration_s=1000,
+                            controller=replace(base.controller, scan_s=1.0)), seed=1).loop
+    study = identify(held)
+    assert [step.added for step in study.steps] == [None, "re-sticking"]
+    e = study.estimate
+    assert e is not None and pytest.approx(5.0, rel=0.02) == e.S and pytest.approx(3.0, rel=0.1) == e.J
+    assert study.steps[1].error.rmse < 0.9 * study.steps[0].error.rmse

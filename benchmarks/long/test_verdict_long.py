@@ -166,6 +166,6 @@ def test_a_searched_s_that_predicts_worse_than_none_leaves_nothing_open(name: st
     test_verdict.test_a_searched_s_that_predicts_worse_than_none_leaves_nothing_open(name, seed)
 
 
-@pytest.mark.parametrize(("cause", "word"), [("sine", "steady sine of period")])
+@pytest.mark.parametrize(("cause", "word"), [("sine", "steady sine of period"), ("noise", "wanders")])
 def test_the_verdict_says_what_the_record_looks_like(cause: str, word: str) -> None:
     test_verdict.test_the_verdict_says_what_the_record_looks_like(cause, word)
