@@ -1,4 +1,4 @@
-"""Simulated plants for batch tests and benchmarks, tiny loops in every layout; and a crew that works in this process."""
+"""Simulated plants for batch tests and benchmarks, tiny loops in every layout; a crew that works in this process."""
 
 from __future__ import annotations
 
