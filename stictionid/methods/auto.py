@@ -217,7 +217,7 @@ def _explains_nothing(run: Run) -> CannotTell:
 def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
     """The fit with intervals that hold even if the process has a second lag, too small to be named."""
     fit = reaching(fit, run.rng, steps_only=True)
-    look = scout(fit, LAG, fit.values[None, :len(BASE)], run.rng, far=False)
+    look = scout(fit, LAG, fit.values[None, :len(BASE)], run.rng)
     model = look.coarse
     top = longest_first(model, look.points[:1])
     known = None

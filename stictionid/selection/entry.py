@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass, replace
-from enum import IntEnum
 
 from ..model.spec import Spec
 from ..record.tree import Gate
@@ -15,8 +14,6 @@ from .policy import Policy
 from .score import Scored
 
 ROOT, ADD, DROP, SWAP = "root", "add", "drop", "swap"
-# Looks taken from a node so far: none, near ones, far ones.
-Asked = IntEnum("Asked", ("NOTHING", "BY_NEAR", "BY_FAR"), start=0)
 
 
 @dataclass(slots=True)
@@ -32,7 +29,8 @@ class Entry:
     # Score of a look that waits beside a full fit to be fitted itself.
     glimpse: Scored | None = None
     gates: tuple[Gate, ...] = ()
-    asked: Asked = Asked.NOTHING
+    # True where looks were taken from the node.
+    asked: bool = False
     settled: bool = False
     failed: str = ""
 
@@ -129,4 +127,4 @@ def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer
                 return
         elif not scored.full and gain <= 0.0 and not freer:
             return
-    memo[name] = replace(reached(parent, task, scored, answer), asked=known.asked if known else Asked.NOTHING)
+    memo[name] = replace(reached(parent, task, scored, answer), asked=known is not None and known.asked)

@@ -43,8 +43,8 @@ from .score import WALKING, Scored, completed, glanced
 
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
-# Stages of a task: searches for valves and for those that rest sometimes, a look from what is known, one with an open
-# process; then a look polished.
+# Stages of a task: searches for valves and for those that rest sometimes; a look from what is known, and one from new
+# valves, too; then a look polished.
 VALVES, SPEEDS, NEAR, FAR, CLOSER = "valves", "speeds", "near", "far", "closer"
 
 
@@ -219,12 +219,6 @@ def kind_of(spec: Spec) -> str:
     return f"{' + '.join(valve)} {spec.between} {' + '.join(words)}".rstrip()
 
 
-def _open_rng(ground: Ground, task: Task) -> np.random.Generator:
-    """The generator of a search for valves with no process assumed: one question for each set of effects on the valve.
-    """
-    return rng_of(ground.seed, f"{FAR} {' + '.join(_valve_effects(task.spec))} {task.spec.between}", 1)
-
-
 def _valves(ground: Ground, task: Task) -> Packed:
     """Valves that may rest, of the child's kind, found on growing parts of the record: once for each kind and record.
 
@@ -235,8 +229,9 @@ def _valves(ground: Ground, task: Task) -> Packed:
         max(int(policy.periods * model.period_s / model.step_s), policy.valve_samples)
     fit = ground.fit if any(changes(name) for name in task.spec.effects) else _beginning(ground.fit, samples)
     _, coarse = widened_by(fit, task.added)
-    # A far look asks for speeds, too.
-    rng = _open_rng(ground, task) if task.stage == SPEEDS else rng_of(ground.seed, kind_of(task.spec), 1)
+    # With no process assumed there is one question for each set of effects on the valve.
+    question = kind_of(task.spec) if task.stage == VALVES else f"{FAR} {RESTING} {task.spec.between}"
+    rng = rng_of(ground.seed, question, 1)
     if sum(map(on_valve, coarse.effects)) > 1:
         found = [coarse.named(column) for column in coarse.values(open_valves(coarse, task.added, fit, rng)).T]
     else:
@@ -287,16 +282,10 @@ def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     mine = {n for n in coarse.names if on_valve(parse(n)[0])}
     valves = [coarse.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
               for named in known]
-    # Nodes of one kind have the same valves, so that these are searched once for a record.
-    of_kind = rng if task.stage == NEAR else _open_rng(ground, task)
-    found = scout(ground.fit, task.added, ground.pool, of_kind, far=task.stage != NEAR,
-                  valves=np.array(valves).reshape(-1, coarse.space.size), polish=task.stage == FAR)
-    for _ in range(2 if task.stage == FAR else 0):
-        before = found.gain
-        found = closer(found, task.added, rng)
-        if found.gain - before < ground.policy.margin:
-            break
-    return found
+    # Nodes with the same effects on the valve have the same valves, which are searched once for a record.
+    question = f"{FAR} {' + '.join(_valve_effects(task.spec))} {task.spec.between}"
+    return scout(ground.fit, task.added, ground.pool, rng_of(ground.seed, question, 1) if task.on_valve else rng,
+                 valves=np.array(valves).reshape(-1, coarse.space.size), polish=False)
 
 
 def _other_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:

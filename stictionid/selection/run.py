@@ -24,7 +24,7 @@ from ..record.tree import TreeNode
 from ..typing import FloatArray, Progress
 from .bootstrap import p_of
 from .decide import Decision, candidates, decided, rounded
-from .entry import ADD, ROOT, Asked, Entry
+from .entry import ADD, ROOT, Entry
 from .ladder import Rung, fitted, in_colour, ordered, said_noise, step_of, with_levels, with_noise
 from .looks import rng_of
 from .node import additions, key, node, physical, plain, spec_of, structure, without
@@ -130,7 +130,7 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
         before = known.get(n.parent) if n.parent is not None else None
         parent = None if before is None else key(spec_of(before.structure, before.effects, fit.model.spec))
         entry = Entry(spec, Scored(glanced(model, model.vector(n.parameters)), True), parent, n.edge.op, n.edge.what,
-                      gates=n.gates, asked=Asked.BY_FAR if whole else Asked.NOTHING)
+                      gates=n.gates, asked=whole)
         have = search.memo.get(key(spec))
         if have is None:
             search.memo[key(spec)] = entry

@@ -22,11 +22,10 @@ from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget, Crew
 from .doubts import judged_drop, lasting, least_cost, odd, rests_instead, slips_like_rests
-from .entry import ADD, DROP, ROOT, SWAP, Asked, Entry, broken, remember, sound
+from .entry import ADD, DROP, ROOT, SWAP, Entry, broken, remember, sound
 from .gates import Edge, judged, judged_change
 from .looks import (
     CLOSER,
-    FAR,
     Ground,
     Packed,
     Task,
@@ -54,7 +53,7 @@ from .node import (
 )
 from .policy import Policy
 from .score import Scored, completed
-from .waiting import better_base, other_structures, ranked, useless_looks, waiting
+from .waiting import better_base, other_structures, ranked, waiting
 
 
 @dataclass(slots=True)
@@ -125,34 +124,29 @@ class Search:
             if self.at_end(best):
                 return best
             queue = waiting(self.memo, self.policy, only_some=self.only is not None)
-            queue = [e for e in queue if e.asked or widths.get(depth(e.spec), 0) < self.policy.beam]
+            queue = [e for e in queue if widths.get(depth(e.spec), 0) < self.policy.beam]
             if not queue:
                 return best
             if self.budget.over:
                 self.budget.leave(key(e.spec) for e in queue if e is not best)
-                if best.asked or not depth(best.spec) or best not in queue:
+                if not depth(best.spec) or best not in queue:
                     return best
                 with self.budget.late():
                     if self.budget.over:
                         return best
                     self.expand(best)
                 continue
-            if queue[0].asked:
-                self.expand_far(queue[0])
-            else:
-                widths[depth(queue[0].spec)] = widths.get(depth(queue[0].spec), 0) + 1
-                self.expand(queue[0])
+            widths[depth(queue[0].spec)] = widths.get(depth(queue[0].spec), 0) + 1
+            self.expand(queue[0])
 
     def at_end(self, entry: Entry) -> bool:
         """True where an entry's free run is white noise, or it was expanded and leaves white innovations.
 
-        An autoregression that whitens everything is no reason to stop before the node was expanded. One of long memory
-        is none before far looks, either: it may stand for a disturbance.
+        An autoregression that whitens everything is no reason to stop before that: it may stand for a disturbance.
         """
         scored = entry.scored
-        if scored.white and (scored.free_run_at_noise or entry.asked == Asked.BY_FAR):
-            return True
-        return bool(entry.asked) and self._only_noise(entry)
+        return (scored.white and scored.free_run_at_noise) or (
+            entry.asked and (scored.white or self._only_noise(entry)))
 
     def best(self) -> Entry:
         """The entry with the best BIC among those that passed all gates."""
@@ -160,7 +154,7 @@ class Search:
 
     def expand(self, entry: Entry) -> None:
         """Look at every edge of a node, fit what may win in full, hand values back; ask again in another basin."""
-        entry.asked, before = Asked.BY_NEAR, entry.scored.done
+        entry.asked, before = True, entry.scored.done
         ground, tasks = self._opened(entry, "expanding")
         if not any(on_valve(effect) for effect in ground.fit.model.effects):
             # A valve that rests is as common as one that slides, and its basin is far from there.
@@ -171,24 +165,7 @@ class Search:
         if entry.op == ROOT or (self.commands and entry is self.best()):
             self._structures(entry)
         if entry.scored.done.gain_over(before) > self.policy.margin:
-            entry.asked = Asked.NOTHING
-
-    def expand_far(self, entry: Entry) -> None:
-        """Look at effects on the valve beside a node that slides and one that rests, with no process assumed."""
-        entry.asked = Asked.BY_FAR
-        useless, rests = useless_looks(self.memo, entry), key(with_effect(entry.spec, RESTING))
-        for name in dict.fromkeys((key(entry.spec), key(without(entry.spec, (RESTING,))), rests)):
-            base = self.memo.get(name)
-            if base is None or base.failed or not base.scored.full:
-                continue
-            ground, _ = self._opened(base, "searching valves beside")
-            known = {key(e.spec): e.scored for e in self.memo.values() if not e.failed}
-            beside = name != rests and rests in known and known[rests].full
-            tasks = [t for t in edges(ground.fit.model.spec, self.loop, self.only, ()) if t.on_valve
-                     and t.added not in useless and (not beside or parse(t.added)[0].slides)]
-            tasks.sort(key=lambda t: -known.get(key(t.spec), base.scored).done.gain_over(base.scored.done))
-            far = self._performed(ground, base, [replace(t, stage=FAR) for t in tasks])
-            self._finish(ground, base, [a for a in far if self._better(a)])
+            entry.asked = False
 
     def _opened(self, entry: Entry, words: str) -> tuple[Ground, list[Task]]:
         """A node as the ground of looks, and its edges; `words` say for which."""

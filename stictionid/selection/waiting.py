@@ -1,4 +1,4 @@
-"""Order in which the nodes of a search are asked: the best one with its far looks, new bases, others, far looks.
+"""Order in which the nodes of a search are asked: new bases by free run, then the others by score.
 
 Source: SELECTION.md section 1; CRITICISM.md section 7.
 """
@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..model.spec import INTEGRATOR
-from .entry import ADD, SWAP, Asked, Entry
+from .entry import SWAP, Entry
 from .node import LAG, depth, key, physical
 from .policy import Policy
 
@@ -24,30 +23,26 @@ def ranked(memo: Memo, policy: Policy, *, tentative: bool = False) -> list[Entry
 
 
 def waiting(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
-    """The nodes to ask: the best one with its far looks, new bases by free run, others by BIC, then far looks.
+    """The nodes to ask: new bases by free run, then others by BIC.
 
     Beside a missing effect an autoregression hides which base is right; the free run does not. Bases that do not help
     alone come where nothing else is left: beside one of them another effect may. With `only_some` effects of the
     catalogue none can, so these bases are left out.
     """
     whole = [e for e in ranked(memo, policy, tentative=True) if depth(e.spec) < policy.depth]
-    far = [e for e in whole if e.asked == Asked.BY_NEAR]
     rest = [e for e in whole if not e.asked]
     if rest and rest[0].scored.only_noise(policy):
         return rest[:1]
     free = [e for e in rest if depth(e.spec) and _frees(memo, e)]
     if free or (rest and rest[0] is whole[0] and depth(whole[0].spec) and whole[0].scored.nearly(policy)):
-        return [*free, *(e for e in rest if e not in free), *far]  # (nothing hides a base)
+        return [*free, *(e for e in rest if e not in free)]  # (nothing hides a base)
     unasked = [e for e in memo.values() if not e.asked and not e.failed and not depth(e.spec)]
     bases = [e for e in unasked if e.scored.full
              and ((not only_some and e is whole[0]) or better_base(memo, e, policy))]
     least = min((e.scored.rmse for e in bases), default=0.0)
     # Bases whose free runs are about as good come by BIC.
     bases.sort(key=lambda e: (e.scored.rmse > 2 * least, _bic(e)))
-    first = [e for e in (_before(memo, e, policy) for e in whole[:1]) if e.asked == Asked.BY_NEAR]
-    if first and bases and bases[0].scored.done.gain_over(first[0].scored.done) > 0.0:
-        first, bases = bases[:1], [*first, *bases[1:]]
-    found = [*first, *bases, *(e for e in rest if depth(e.spec) > 0), *(e for e in far if e not in first)]
+    found = [*bases, *(e for e in rest if depth(e.spec) > 0)]
     return found or ([] if only_some or ranked(memo, policy)[0].scored.white else sorted(unasked, key=_bic))
 
 
@@ -66,35 +61,12 @@ def better_base(memo: Memo, entry: Entry, policy: Policy) -> bool:
     return entry.scored.rmse * policy.better_base < min([before.scored.rmse, *asked])
 
 
-def useless_looks(memo: Memo, entry: Entry) -> set[str]:
-    """Effects whose looks beside an entry gained nothing, where its innovations are white; elsewhere none.
-
-    An integrator is fitted in differences of y, which hide in white innovations what its level shows.
-    """
-    if not entry.scored.white or entry.spec.process == INTEGRATOR:
-        return set()
-    return {e.what for e in memo.values() if e.parent == key(entry.spec) and e.op == ADD and not e.failed
-            and e.scored.done.gain_over(entry.scored.done) <= 0.0}
-
-
 def other_structures(memo: Memo, entry: Entry, best: Entry, policy: Policy) -> list[Entry]:
     """Nodes of another process, lag or command with the effects of an entry, not far behind the best one."""
     bare = {*physical(entry.spec)} - {LAG}
     return [e for e in memo.values() if (e.what == LAG or e.op == SWAP)
             and {*physical(e.spec)} - {LAG} == bare and not e.failed
             and e.scored.done.gain_over(best.scored.done) > -policy.within]
-
-
-def _before(memo: Memo, entry: Entry, policy: Policy) -> Entry:
-    """An entry, or its parent where it does not halve the free run, or a rival does as well; of bases the freest."""
-    parent = memo.get(entry.parent or "")
-    if depth(entry.spec) and parent is not None and parent.asked == Asked.BY_NEAR:
-        least = policy.better_base * entry.scored.rmse
-        rival = any(e.parent == entry.parent and e.op == ADD and e is not entry and not e.failed and e.scored.full
-                    and e.scored.rmse < least for e in memo.values())
-        entry = parent if rival or (not entry.asked and 2 * entry.scored.rmse > parent.scored.rmse) else entry
-    alike = [e for e in memo.values() if e.asked == Asked.BY_NEAR and not e.failed and not depth(e.spec)]
-    return min(alike, key=lambda e: e.scored.rmse) if alike and not depth(entry.spec) else entry
 
 
 def _bic(entry: Entry) -> float:

@@ -30,16 +30,15 @@ from ..moves import (
     thinning,
     with_start,
 )
-from .continuation import LEAST_S, SPARSE_PACE, open_bank, open_costs
+from .continuation import LEAST_S, SPARSE_PACE, even, open_bank, open_costs
 
 GROUPS = 3
 _PARTICLES, _ROUNDS, _SCOUTS = 20, 12, 300
 _DELAYS = 6
 _ROAMERS, _ROAM_ROUNDS = 1, 25
 # Valves of an even scan, and how many of them get a polish. Then the one lag in samples and the longest dead time in
-# periods. Last the steps of the sequence (powers of the root of x^4 = x + 1).
+# periods.
 _SCAN, _SCAN_KEPT, _SCAN_LAG, _SCAN_DEAD = 20000, 96, 0.4, 0.25
-_ROOT_TURNS = 60
 # Shares of the record in a growing search, points polished on each, and periods in the shortest part.
 _GROWTH, _GROWN_KEPT, _GROWN_PERIODS = (0.1, 0.2, 0.4, 0.7, 1.0), 16, 2.0
 # The scan along the curve of equal cost: points and span in S (share), and dead time in samples either way. Then the
@@ -235,23 +234,22 @@ def roamed(model: Model, rng: np.random.Generator) -> FloatArray:
     return found.points[first_distinct(found.points, _ROAMERS)]
 
 
-def grown(model: Model, rng: np.random.Generator, lag_s: float | None = None) -> FloatArray:
+def grown(model: Model, rng: np.random.Generator) -> FloatArray:
     """Starting points (k, d) for records whose ARX cost is all noise: a scan of a tenth, polished on longer parts.
 
-    `lag_s` is a known time constant of the record; the scan tries a single one. An integrator adds up its slips. On a
-    whole record its basin is as narrow as one slip in a wrong sample (0.2 % of S after 80 slips), and swarms miss it.
-    On a tenth it is ten times as wide. An even scan of valves with every dead time finds it there, and each longer part
-    polishes the points of the shorter one. On a Karnopp valve of itptd, held, at 1 % noise, 28 of 32 seeds find it. Of
-    several segments the longest is used.
+    An integrator adds up its slips. On a whole record its basin is as narrow as one slip in a wrong sample (0.2 % of S
+    after 80 slips), and swarms miss it. On a tenth it is ten times as wide. An even scan of valves with every dead time
+    finds it there, and each longer part polishes the points of the shorter one. On a Karnopp valve of itptd, held, at
+    1 % noise, 28 of 32 seeds find it. Of several segments the longest is used.
     """
     if len(model.pieces) > 1:
         at = longest_piece(model)
-        return lifted(model, at, grown(model.pieces[at], rng, lag_s))
+        return lifted(model, at, grown(model.pieces[at], rng))
     points, kept = np.empty((0, model.space.size)), _GROWN_KEPT
     for share in _GROWTH:
         least = model.skip + int(_GROWN_PERIODS * model.period_s / model.step_s)
         part = beginning(model, max(int(share * model.loop.samples), least))
-        known = with_start(part, points) if len(points) else _scan(part, rng, lag_s)
+        known = with_start(part, points) if len(points) else _scan(part, rng)
         near = descended(part, known, turns=6).points[:kept]
         last = refine(part.costs, near, rng, spread=spreads(part, 0.4), rounds=30, population=14, settle=1e-3)
         points = np.concatenate([last.points, near])
@@ -259,18 +257,7 @@ def grown(model: Model, rng: np.random.Generator, lag_s: float | None = None) ->
     return points[:kept // 2]
 
 
-def even(dimensions: int) -> FloatArray:
-    """Steps (d,) of a sequence that fills the unit cube evenly: powers of the root of x^(d + 1) = x + 1.
-
-    Source: Roberts 2018, the unreasonable effectiveness of quasirandom sequences.
-    """
-    root = 2.0
-    for _ in range(_ROOT_TURNS):
-        root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    return root ** -np.arange(1.0, dimensions + 1)
-
-
-def _scan(model: Model, rng: np.random.Generator, lag_s: float | None) -> FloatArray:
+def _scan(model: Model, rng: np.random.Generator) -> FloatArray:
     """The best distinct points (k, d) of an even scan of the valve, the best dead time with each."""
     points = neutral_point(model)[None].repeat(_SCAN, axis=0)
     # S, J and the start, and what an effect does to the friction: where it vanishes there is no such valve to find.
@@ -281,7 +268,7 @@ def _scan(model: Model, rng: np.random.Generator, lag_s: float | None) -> FloatA
     values = model.values(points)
     lag, dead = model.space.parameters[3:5]
     # A lag delays, too: a short one and half samples of dead time stand for all.
-    values[3] = np.clip(_SCAN_LAG * model.step_s if lag_s is None else lag_s, lag.low, lag.high)
+    values[3] = np.clip(_SCAN_LAG * model.step_s, lag.low, lag.high)
     values[4] = np.minimum(dead.low + 0.5 * model.step_s * (np.arange(_SCAN) % 2), dead.high)
     costs = _all_shifted(model, values, int(min(dead.high - dead.low, _SCAN_DEAD * model.period_s) / model.step_s))
     order = np.argsort(costs.min(axis=0), kind="stable")[:_SCAN // 8]

@@ -6,7 +6,6 @@ new basins. Source: METHODS.md section 4, trap 3, and section 6.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,10 +17,10 @@ from ...model.segments import bound
 from ...model.spec import BASE, INTEGRATOR, SOFT, Spec
 from ...typing import FloatArray
 from ..fit import Fitted
-from ..moves import first_distinct, longest_piece, neutral_point, search_model, with_start
+from ..moves import first_distinct, neutral_point, search_model, with_start
 from ..noise.completion import own_taps
 from .basins import basins, grown, with_process
-from .continuation import distinct, grown_valves, open_costs_of
+from .continuation import distinct, grown_valves
 
 # Basins of the base that refits start from: from swarms, and from a search on growing parts of the record.
 _SWARMED, _GROWN = 2, 2
@@ -35,8 +34,6 @@ _BAND_S, _BAND_J = np.exp(0.004 * np.arange(-30, 31)), np.array([0.97, 0.985, 1.
 # Then valves that get a start of their own, and valves kept, apart in S or J by a share.
 _ALL_S, _ALL_J, _ALL_STEPS = 0.08, np.array([0.1, 0.3, 0.5, 0.7, 0.9, 1.1]), 40
 _ALL_STARTED, _ALL_KEPT, _ALL_APART = 12, 2, 0.02
-# Initial residual forces of such a scan with no process assumed.
-_ALL_FORCES = np.array([-0.7, 0.0, 0.7])
 # Valves with another S beside a point.
 _STICKBANDS = 4
 # The effect of a valve that rests between the scans of a held command.
@@ -70,7 +67,7 @@ def resting_valves(model: Model, rng: np.random.Generator, *, sometimes: bool = 
     slides = bare(spec.law, (*lags, RESTING))
     names = () if always else (RESTING,)
     known = slides.named(slides.values(neutral_point(slides)[None])[:, 0]) | _RESTS
-    found = grown_valves(slides, _valve_of(slides, names), rng, slides.vector(known) if always else None)
+    found = grown_valves(slides, names, rng, slides.vector(known) if always else None)
     valves = [slides.named(column) for column in slides.values(found).T]
     if always:
         law = bare(_RESTS_ALWAYS, lags)
@@ -86,22 +83,16 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     base = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
     # Swarms on the one-step error, and a search that assumes no process: they fail on different records.
     plain = undisturbed(base, model, values)
-    far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, _valve_of(base, ()), rng)[:_GROWN]])
+    far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, (), rng)[:_GROWN]])
     fresh = base.values(with_process(base, far))[:len(BASE)].T
     friction = tuple(x.name for x in model.effects if x.friction is not None)
     if friction:
         # A valve that rests has other basins than one that slides.
         own = bound(model.loop, replace(spec, effects=friction), s_max=model.s_max, period_s=model.period_s)
         plain = undisturbed(own, model, values)
-        found = with_process(own, grown_valves(plain, _valve_of(plain, friction), rng)[:_GROWN])
+        found = with_process(own, grown_valves(plain, friction, rng)[:_GROWN])
         fresh = np.concatenate([own.values(found)[:len(BASE)].T, fresh])
     return np.concatenate([values[None, :len(BASE)], fresh])
-
-
-def _valve_of(model: Model, names: Sequence[str]) -> list[int]:
-    """Columns of the unit cube that decide how the valve moves, the parameters of the named effects included."""
-    rows = (model.rows_of(name) for name in names)
-    return [0, 1, model.forces[longest_piece(model)], *(i for r in rows for i in range(r.start, r.stop))]
 
 
 def undisturbed(model: Model, before: Model, values: FloatArray) -> Model:
@@ -143,14 +134,10 @@ def open_valves(model: Model, name: str, fit: Fitted, rng: np.random.Generator) 
     known = {n: v for n, v in fit.best.values.items() if n.partition(":")[0] not in names}
     if plain.spec.held and len(names) > 1:
         names, known = [name], {**known, **_RESTS}
-    found = grown_valves(plain, _valve_of(plain, names), rng, plain.vector(known))
-    return with_process(model, as_in(model, plain, found, fit))
-
-
-def as_in(model: Model, plain: Model, points: FloatArray, fit: Fitted) -> FloatArray:
-    """Points (k, d) of a model without its linear effects as points of the model, those effects as in a fit."""
-    named = [{**fit.best.values, **plain.named(column)} for column in plain.values(points).T]
-    return model.cube(np.stack([model.vector(n) for n in named], axis=1))
+    found = plain.values(grown_valves(plain, names, rng, plain.vector(known)))
+    # The linear effects stay as they are in the fit.
+    named = [{**fit.best.values, **plain.named(column)} for column in found.T]
+    return with_process(model, model.cube(np.stack([model.vector(n) for n in named], axis=1)))
 
 
 def across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray:
@@ -185,19 +172,6 @@ def guessed_valves(model: Model, name: str, guesses: FloatArray, known: FloatArr
     found = with_start(model, found[first_distinct(found, _ALL_STARTED, _ALL_APART)])
     found = found[np.argsort(model.costs(found), kind="stable")]
     return found[first_distinct(found, _ALL_KEPT, _ALL_APART)]
-
-
-def open_guesses(model: Model, name: str, guesses: FloatArray, fit: Fitted) -> FloatArray:
-    """The best few valves (k, d) of an even scan, each with the best guess of the effect and a process that fits it.
-
-    The scan assumes no process: one fitted without the effect may be far off. Nor does it know disturbances.
-    """
-    plain = undisturbed(model, fit.model, fit.values)
-    at = plain.forces[longest_piece(plain)]
-    grid = _every_valve(plain, name, guesses, plain.vector(fit.best.values), _ALL_FORCES, at)
-    found = plain.cube(grid[:, np.argsort(open_costs_of(plain, grid), kind="stable")])
-    found = found[first_distinct(found, _ALL_KEPT, _ALL_APART)]
-    return with_process(model, as_in(model, plain, found, fit))
 
 
 def _every_valve(model: Model, name: str, guesses: FloatArray, known: FloatArray, forces: FloatArray,

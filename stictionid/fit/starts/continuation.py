@@ -46,7 +46,7 @@ _DELAYS, _LONGEST = 6, 0.4
 # Points of the first scan for each searched parameter beyond two. For each search periods of the shortest part and the
 # factor from one part to the next: two under a held command, one under a command that moves. Then the points that the
 # first and the last part leave.
-_SCAN, _HELD, _MOVING, _LEFT = 12_000, ((3.0, 1.4), (8.0, 2.0)), ((5.0, 1.6),), (64, 6)
+_SCAN, _HELD, _MOVING, _LEFT = 12_000, ((3.0, 2.0), (8.0, 2.0)), ((5.0, 2.0),), (32, 5)
 # Shares of the record, with the points that each leaves, where friction changes along it. A short part determines the
 # rate of change so badly that the next part must not be much longer.
 _DRIFTING = ((0.06, 64), (0.1, 48), (0.14, 32), (0.2, 24), (0.28, 16), (0.4, 12), (0.55, 8), (0.75, 8), (1.0, 6))
@@ -56,7 +56,8 @@ _SHORTEST = 2.0
 LEAST_S = 0.1
 # Distance between points that are kept: of the scan, and of what was polished. Share of the range.
 _APART, _NEAR = 0.03, 0.004
-_ROUNDS, _POPULATION, _SETTLED = 12, 14, 1e-3
+# Rounds of a polish, and where friction changes along the record, which is two parameters more. Its population.
+_ROUNDS, _SLOWER, _POPULATION, _SETTLED = 16, 24, 12, 1e-3
 # Number of cached answers, a few hundred numbers each: those of a few rounds over the catalogue.
 _REMEMBERED = 128
 _known: dict[str, tuple[FloatArray, Any, int]] = {}
@@ -100,18 +101,22 @@ def _quick(model: Model) -> FloatArray:
     return y - free_run(y[:, None], Dynamics(alone, 0.0 * alone, 0.0 * alone, False), step_s=model.step_s)[:, 0]
 
 
-def grown_valves(model: Model, columns: list[int], rng: np.random.Generator,
+def grown_valves(model: Model, names: Sequence[str], rng: np.random.Generator,
                  known: FloatArray | None = None) -> FloatArray:
-    """Points (k, d) of the unit cube, best first, from two searches over `columns` (valve, start and effect).
+    """Points (k, d) of the unit cube, best first, searched over the valve, its start and the effects of these names.
 
     The other parameters are as in `known` values (d,), or neutral. Of several segments the longest is searched. A
     command that moves between samples gets a coarse grid: a polish puts right what that costs. Measured on 109 loops of
     benchmarks/plants under such a command (seeds 43000, 45000, 95000, 96000): 78 valves found with 2 points a sample,
     and 78 with 4, which take 1.7 times as long.
     """
-    at, small = _coarse(model)
+    at = longest_piece(model)
     piece = model.pieces[at]
+    whole = search_model(piece, OPEN_SUBSTEPS) if piece.spec.between == CORNER else search_model(piece)
+    small = thinned(whole, thinning(whole))
     shift = model.head - small.head
+    rows = (model.rows_of(name) for name in names)
+    columns = [0, 1, model.forces[at], *(i for r in rows for i in range(r.start, r.stop))]
     middle = neutral_point(small) if known is None else small.cube(model.of(at, known[:, None]))[0]
     own = [2 if c == model.forces[at] else c - (shift if c >= model.head else 0) for c in columns]
     points = _once(small, own, middle, rng)
@@ -121,21 +126,6 @@ def grown_valves(model: Model, columns: list[int], rng: np.random.Generator,
     # Ranges depend on the grid.
     found = piece.cube(np.stack([piece.vector(small.named(column)) for column in small.values(found).T], axis=1))
     return found if len(model.pieces) == 1 else lifted(model, at, found)
-
-
-def _coarse(model: Model) -> tuple[int, Model]:
-    """The longest segment's number, and its model on the coarse grid of searches that assume no process."""
-    at = longest_piece(model)
-    piece = model.pieces[at]
-    whole = search_model(piece, OPEN_SUBSTEPS) if piece.spec.between == CORNER else search_model(piece)
-    return at, thinned(whole, thinning(whole))
-
-
-def open_costs_of(model: Model, values: FloatArray) -> FloatArray:
-    """Costs (P,) of valves of values (d, P) with no process assumed, on the longest segment; inf where one follows."""
-    at, small = _coarse(model)
-    there = model.of(at, values)
-    return np.where(_sticks(small, there), open_costs(small, open_bank(small), there), np.inf)
 
 
 def _along_ridge(model: Model, own: list[int]) -> bool:
@@ -221,20 +211,27 @@ def _through_parts(small: Model, cost_of: Callable[[int], Callable[[FloatArray],
     `parts` are shares of the record, with the points that each leaves.
     """
     points = np.empty((0, scanned))
+    rounds = _SLOWER if _changes(small) else _ROUNDS
     # A record may begin at rest, so a part also has its share of the energy of y.
     happened = np.cumsum(_quick(small) ** 2)
     for share, kept in parts:
         rows = max(int(share * small.loop.samples), small.skip + int(_SHORTEST * small.period_s / small.step_s),
                    int(np.searchsorted(happened, share * happened[-1])) + 1)
         cost = cost_of(min(rows, small.loop.samples))
-        points = _polished(cost, points, share, kept, rng) if len(points) else _first(cost, scanned, kept, rng)
+        points = (_polished(cost, points, share, kept, rounds, rng) if len(points) else
+                  _first(cost, scanned, kept, rng))
     return points
 
 
-def _schedules(model: Model) -> list[list[tuple[float, int]]]:
+def _changes(model: Model) -> bool:
+    """True where friction changes along the record."""
+    return any(effect.profile for effect in model.effects)
+
+
+def _schedules(model: Model) -> list[Sequence[tuple[float, int]]]:
     """Shares of a record, with the points that each leaves, for every search of it."""
-    if any(effect.profile for effect in model.effects):
-        return [list(_DRIFTING)]
+    if _changes(model):
+        return [_DRIFTING]
     return [_parts(model, periods, growth) for periods, growth in (_HELD if model.spec.held else _MOVING)]
 
 
@@ -246,10 +243,10 @@ def _parts(model: Model, periods: float, growth: float) -> list[tuple[float, int
     return list(zip(np.geomspace(first, 1.0, count).tolist(), left.tolist(), strict=True))
 
 
-def _polished(cost: Callable[[FloatArray], FloatArray], points: FloatArray, share: float, kept: int,
+def _polished(cost: Callable[[FloatArray], FloatArray], points: FloatArray, share: float, kept: int, rounds: int,
               rng: np.random.Generator) -> FloatArray:
     """The best distinct points (kept, columns) of one part of the record, from those of the part before."""
-    found = refine(cost, points, rng, spread=_WIDE if share <= _SHORT else _FINE, rounds=_ROUNDS,
+    found = refine(cost, points, rng, spread=_WIDE if share <= _SHORT else _FINE, rounds=rounds,
                    population=_POPULATION, settle=_SETTLED)
     return found.points[distinct(found.points, kept, _NEAR)]
 
