@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from ..effects import parse
 from ..fit.noise.completion import Refit
 from ..fit.starts.beside_effect import RESTING
-from ..model.spec import Spec
 from ..record.tree import Gate
 from .entry import Entry
 from .gates import margin_of
@@ -55,11 +54,6 @@ def lasting(memo: Mapping[str, Entry], entry: Entry) -> list[str]:
     have = {plain(name) for name in physical(entry.spec)}
     names = dict.fromkeys(e.what for e in memo.values() if e.lasts and e.passed and plain(e.what) not in have)
     return [] if entry.scored.noise_alone else list(names)
-
-
-def slips_like_rests(spec: Spec) -> str:
-    """The effect of a node whose slips a valve that rests may show as well; empty where it has none."""
-    return next((name for name in physical(spec) if parse(name)[0].natural is not None), "")
 
 
 def rests_instead(done: Refit, name: str) -> dict[str, float]:

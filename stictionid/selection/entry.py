@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass, replace
 
+from ..fit.starts.beside_effect import RESTING
 from ..model.spec import Spec
 from ..record.tree import Gate
 from .gates import FREE_RUN, LASTS, SCANS, SLIP, margin_of
 from .looks import Packed, Task
-from .node import depth, key, what_of
+from .node import depth, key, slips_like_rests, what_of, with_effect, without
 from .policy import Policy
 from .score import Scored
 
@@ -51,7 +52,7 @@ class Entry:
     def credit(self, memo: Mapping[str, Entry], policy: Policy) -> float:
         """BIC by which disturbances that the noise of other nodes hides make an entry better than its score says.
 
-        Each is worth its margin.
+        Each is worth its margin. Slips that a valve that rests explains as well cost it: such valves are common.
         """
         credit, entry, met = 0.0, self, set[str]()
         while entry.op != DROP and (name := entry.parent or "") in memo and name not in met:
@@ -61,6 +62,9 @@ class Entry:
                 credit += max(margin_of(entry.what, policy) - gain, 0.0)
             met.add(name)
             entry = before
+        if slips := slips_like_rests(self.spec):
+            rests = memo.get(key(with_effect(without(self.spec, (slips,)), RESTING)))
+            credit -= policy.margin if rests is not None and rests.passed and not rests.failed else 0.0
         return credit
 
     @property

@@ -82,6 +82,11 @@ def without(spec: Spec, names: Iterable[str]) -> Spec:
     return replace(spec, effects=tuple(n for n in physical(spec) if n not in gone))
 
 
+def slips_like_rests(spec: Spec) -> str:
+    """The effect of a node whose slips a valve that rests may show as well; empty where it has none."""
+    return next((name for name in physical(spec) if parse(name)[0].natural is not None), "")
+
+
 def other_process(spec: Spec) -> Spec:
     """The node with an integrator for a first order, or the other way without what only an integrator has."""
     process = FIRST_ORDER if spec.process == INTEGRATOR else INTEGRATOR

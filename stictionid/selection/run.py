@@ -75,17 +75,22 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
         return _left_to_rounding(study, blur)
     if chance:
         return study
-    if not apply:
-        return replace(study, missing=(parse(new[0])[0].name,) if new else ())
     changed = new or set(before) - set(order) or key(node(fit.model.spec)) != key(found.winner.spec)
     if not changed:
-        return study
+        after = _reaching(study, found)
+        return after if after.estimate == study.estimate else judge(loop, after, seed)
+    if not apply:
+        return replace(study, missing=(parse(new[0])[0].name,) if new else ())
     tell("fitting the ladder", 1.0)
     steps, fits = ladder_of(run, search, found, fit, (order, rungs), study)
-    after = with_steps(study, run, tuple(steps), fits[-1])
-    if after.estimate is not None:
-        after = replace(after, estimate=reaching_to(after.estimate, found.equivalents))
+    after = _reaching(with_steps(study, run, tuple(steps), fits[-1]), found)
     return replace(judge(loop, after, seed), missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
+
+
+def _reaching(study: Study, found: Decision) -> Study:
+    """The study whose intervals of S and J reach to the models that explain the record alike."""
+    estimate = study.estimate
+    return study if estimate is None else replace(study, estimate=reaching_to(estimate, found.equivalents))
 
 
 def floor_of(run: Run) -> Callable[[Refit], float | None]:

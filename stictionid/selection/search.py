@@ -21,7 +21,7 @@ from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget, Crew
-from .doubts import judged_drop, lasting, least_cost, odd, rests_instead, slips_like_rests
+from .doubts import judged_drop, lasting, least_cost, odd, rests_instead
 from .entry import ADD, DROP, ROOT, SWAP, Entry, broken, remember, sound
 from .gates import Edge, judged, judged_change
 from .looks import (
@@ -48,6 +48,7 @@ from .node import (
     leaking,
     node,
     shapes,
+    slips_like_rests,
     with_effect,
     without,
 )
@@ -210,7 +211,8 @@ class Search:
             return None
         if RESTING in additions(spec, self.loop, self.only):
             return entry, (RESTING,)
-        if not doubtful or RESTING not in spec.effects or self._only_noise(entry):
+        # Under a command that moves a valve that rests may be one that slides and goes past its place.
+        if RESTING not in spec.effects or (spec.held and self._only_noise(entry)):
             return None
         slides = self.dropped(entry, RESTING)
         names = tuple(n for n in additions(slides.spec, self.loop, self.only) if parse(n)[0].slides)
