@@ -52,7 +52,7 @@ class Entry:
     def credit(self, memo: Mapping[str, Entry], policy: Policy) -> float:
         """BIC by which disturbances that the noise of other nodes hides make an entry better than its score says.
 
-        Each is worth its margin. Slips that a valve that rests explains as well cost it: such valves are common.
+        Each is worth its margin. Slips past their place cost theirs where a valve that rests passed, too: it is common.
         """
         credit, entry, met = 0.0, self, set[str]()
         while entry.op != DROP and (name := entry.parent or "") in memo and name not in met:

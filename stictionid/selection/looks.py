@@ -219,6 +219,11 @@ def kind_of(spec: Spec) -> str:
     return f"{' + '.join(valve)} {spec.between} {' + '.join(words)}".rstrip()
 
 
+def _open_rng(ground: Ground, task: Task) -> np.random.Generator:
+    """A generator for valves with no process assumed: one question for each set of effects on the valve."""
+    return rng_of(ground.seed, f"{FAR} {' + '.join(_valve_effects(task.spec))} {task.spec.between}", 1)
+
+
 def _valves(ground: Ground, task: Task) -> Packed:
     """Valves that may rest, of the child's kind, found on growing parts of the record: once for each kind and record.
 
@@ -229,9 +234,7 @@ def _valves(ground: Ground, task: Task) -> Packed:
         max(int(policy.periods * model.period_s / model.step_s), policy.valve_samples)
     fit = ground.fit if any(changes(name) for name in task.spec.effects) else _beginning(ground.fit, samples)
     _, coarse = widened_by(fit, task.added)
-    # With no process assumed there is one question for each set of effects on the valve.
-    question = kind_of(task.spec) if task.stage == VALVES else f"{FAR} {RESTING} {task.spec.between}"
-    rng = rng_of(ground.seed, question, 1)
+    rng = _open_rng(ground, task) if task.stage == SPEEDS else rng_of(ground.seed, kind_of(task.spec), 1)
     if sum(map(on_valve, coarse.effects)) > 1:
         found = [coarse.named(column) for column in coarse.values(open_valves(coarse, task.added, fit, rng)).T]
     else:
@@ -283,8 +286,7 @@ def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     valves = [coarse.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
               for named in known]
     # Nodes with the same effects on the valve have the same valves, which are searched once for a record.
-    question = f"{FAR} {' + '.join(_valve_effects(task.spec))} {task.spec.between}"
-    return scout(ground.fit, task.added, ground.pool, rng_of(ground.seed, question, 1) if task.on_valve else rng,
+    return scout(ground.fit, task.added, ground.pool, _open_rng(ground, task) if task.on_valve else rng,
                  valves=np.array(valves).reshape(-1, coarse.space.size), polish=False)
 
 

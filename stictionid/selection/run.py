@@ -43,8 +43,8 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
 
     `everything` expands the best node even where it leaves only noise. `jobs` processes share the looks and fits.
     `bootstrap` replicates give the effect to add next a p-value; above the policy's chance nothing is named.
-    `judge` gives a study whose last model is another than before its verdict and severity. Raises DataError for an
-    abstained study, and for one that can't be rebuilt.
+    `judge` gives a study whose last model, or whose interval, is another than before its verdict and severity. Raises
+    DataError for an abstained study, and for one that can't be rebuilt.
     """
     policy, tell = policy or Policy(), progress or (lambda text, share: None)
     run, fit = opened(loop, study, seed)

@@ -166,28 +166,17 @@ def guessed_valves(model: Model, name: str, guesses: FloatArray, known: FloatArr
 
     A missing effect bends S and J far, but the process little: values `known` (d,) are those of the model so far.
     """
-    force = model.forces[0]
-    found = model.cube(_every_valve(model, name, guesses, known, known[force, None], force))
-    found = found[np.argsort(model.costs(found), kind="stable")]
-    found = with_start(model, found[first_distinct(found, _ALL_STARTED, _ALL_APART)])
-    found = found[np.argsort(model.costs(found), kind="stable")]
-    return found[first_distinct(found, _ALL_KEPT, _ALL_APART)]
-
-
-def _every_valve(model: Model, name: str, guesses: FloatArray, known: FloatArray, forces: FloatArray,
-                 at: int) -> FloatArray:
-    """Values (d, P) of valves on an even grid with each guess of an effect, the rest as in values `known` (d,).
-
-    Each has each of the initial residual forces, at row `at`.
-    """
-    S, share, k, force = (g.ravel() for g in np.meshgrid(np.geomspace(_ALL_S, 1.0, _ALL_STEPS), _ALL_J,
-                                                         np.arange(len(guesses)), forces, indexing="ij"))
+    S, share, k = (g.ravel() for g in np.meshgrid(np.geomspace(_ALL_S, 1.0, _ALL_STEPS), _ALL_J,
+                                                  np.arange(len(guesses)), indexing="ij"))
     grid = known[:, None].repeat(S.size, axis=1)
     grid[0] = model.s_max * S
     grid[1] = grid[0] * share
     grid[model.rows_of(name)] = guesses[k].T
-    grid[at] = force
-    return grid
+    found = model.cube(grid)
+    found = found[np.argsort(model.costs(found), kind="stable")]
+    found = with_start(model, found[first_distinct(found, _ALL_STARTED, _ALL_APART)])
+    found = found[np.argsort(model.costs(found), kind="stable")]
+    return found[first_distinct(found, _ALL_KEPT, _ALL_APART)]
 
 
 def stickbands(model: Model, point: FloatArray) -> FloatArray:
