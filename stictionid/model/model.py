@@ -11,7 +11,7 @@ Source: paper Eq. 7 to 19; METHODS.md section 4, traps 1, 2, 4 and 5.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -42,9 +42,9 @@ _FEWEST_LANES = 16
 _SKIP_SHARE, _SKIP_PERIODS = 0.05, 0.5
 # Number of initial residual forces tried for a guide, the model whose y helps to rebuild another one's command.
 _GUIDE_FORCES = 13
-# Most rounds of the iteration for the model's own y, which some effects follow, and the change that ends it (share of
-# the error).
-_FOLLOWED, _STILL = 40, 6e-3
+# Most rounds of the iteration for the model's own y, which some effects follow, and the change that ends it, first of a
+# y within bounds (share of the error).
+_FOLLOWED, _NEAR, _STILL = 40, 0.1, 6e-3
 # Share of its first value below which a start-up transient has decayed on all counted samples. Unit: 1. With a higher
 # share the cost has a column that the full run lacks: 24 % of the squared error with lags of 4 and 6 s.
 _DEAD = 1e-8
@@ -216,16 +216,28 @@ class Model(Response):
 
     def _following(self, values: FloatArray, behind: bool) -> Evaluated:
         """One candidate whose effects follow the model's own y; without disturbances at the output where `behind`."""
+        column = values.reshape(-1, 1)
+        before = self._before_y(column)
+        seen = self.context.process_value[self._level_weight() > 0]
+        low, high = seen.min(), seen.max()
+
         def evaluate(guide: FloatArray) -> tuple[Evaluated, FloatArray]:
-            found = self.guided(guide)._evaluate(values)
+            model = self.guided(guide)
+            found = model._evaluate(values, model._beside_y(before, column))
             return found, self._felt(found, values, behind)
 
-        def settled(found: Evaluated, residual: FloatArray) -> bool:
-            return bool(np.sqrt(np.mean(residual**2)) < _STILL * max(found.rmse, 1e-300))
+        def near(guide: FloatArray) -> tuple[Evaluated, FloatArray]:
+            found, felt = evaluate(guide)
+            return found, np.clip(felt, low - (high - low) / 2, high + (high - low) / 2)
 
-        # The iteration starts at a constant: a guess that contains the record could become its own prediction.
+        def moves_less(share: float) -> Callable[[Evaluated, FloatArray], bool]:
+            return lambda found, residual: bool(np.sqrt(np.mean(residual**2)) < share * max(found.rmse, 1e-300))
+
+        # The iteration starts at a constant: a guess that contains the record could become its own prediction. First y
+        # keeps to the record's range and half of it on either side: far beyond, a gain that follows y runs away.
         start = np.full(self.loop.samples, self.context.centre)
-        found = fixed_point(evaluate, start, settled, _FOLLOWED)
+        start = self._felt(fixed_point(near, start, moves_less(_NEAR), _FOLLOWED), values, behind)
+        found = fixed_point(evaluate, start, moves_less(_STILL), _FOLLOWED)
         return replace(found, followed=self._felt(found, values, behind)) if behind else found
 
     def _felt(self, found: Evaluated, values: FloatArray, behind: bool) -> FloatArray:
@@ -238,10 +250,10 @@ class Model(Response):
         other.context = replace(self.context, guide=guide)
         return other
 
-    def _evaluate(self, values: FloatArray) -> Evaluated:
+    def _evaluate(self, values: FloatArray, position: FloatArray | None = None) -> Evaluated:
         values = np.asarray(values, dtype=np.float64)
         column = values.reshape(-1, 1)
-        position = self.positions(column)
+        position = self.positions(column) if position is None else position
         level, offsets = self.responses(column, position, filtered=False)
         own = np.ascontiguousarray(self.own_columns(level, offsets)[:, :, 0].T)
         shared = self.shared_columns()

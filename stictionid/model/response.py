@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import dropwhile, takewhile
 from typing import Any, TypeVar
 
 import numpy as np
@@ -78,6 +79,10 @@ class Response:
         self._logarithmic = np.flatnonzero(self._scales[2]).tolist()
         self._powers = self.space.powers()
         self.effect_rows = self._effect_rows()
+        parameters = self.space.parameters
+        self._labels = [p.name for p in parameters[:self.head]]
+        for name, rows in zip(self.names, self.effect_rows, strict=True):
+            self._labels += [f"{name}:{p.name}" for p in parameters[rows]]
 
     @property
     def pace(self) -> float:
@@ -190,6 +195,10 @@ class Response:
 
         `lent` ones hold until the next call (see `scratch` in numerics/jit.py).
         """
+        return self._beside_y(self._before_y(values, lent=lent), values)
+
+    def _before_y(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
+        """Positions (n*substeps, P) before the first effect that follows y: they are the same for every guide."""
         if self._follows:
             return self._followed()[:, None].repeat(values.shape[1], axis=1)
         table = self.law.searched_friction(values[0], values[1])
@@ -204,7 +213,14 @@ class Response:
         repeat = self.loop.samples * self.parts // position.shape[0]
         if repeat > 1:
             position = np.repeat(position, repeat, axis=0)
-        for effect, rows in zip(self.effects, self.effect_rows, strict=True):
+        for effect, rows in takewhile(_apart, zip(self.effects, self.effect_rows, strict=True)):
+            if effect.moves:
+                position = effect.transformed(position, values[rows], self.context, values[4])
+        return position
+
+    def _beside_y(self, position: FloatArray, values: FloatArray) -> FloatArray:
+        """Positions (n*substeps, P) after all effects, from those of `_before_y`."""
+        for effect, rows in dropwhile(_apart, zip(self.effects, self.effect_rows, strict=True)):
             if effect.moves:
                 position = effect.transformed(position, values[rows], self.context, values[4])
         return position
@@ -297,10 +313,7 @@ class Response:
 
     def named(self, values: FloatArray) -> dict[str, float]:
         """Physical values (d,) by name; an effect's parameters carry the effect's name before a colon."""
-        names = [*BASE, *self._further_forces()]
-        for name, effect in zip(self.names, self.effects, strict=True):
-            names += [f"{name}:{p.name}" for p in effect.parameters_for(self.context)]
-        return {name: float(v) for name, v in zip(names, values, strict=True)}
+        return {name: float(v) for name, v in zip(self._labels, values, strict=True)}
 
     @property
     def follows_y(self) -> bool:
@@ -313,14 +326,11 @@ class Response:
 
     def vector(self, named: dict[str, float]) -> FloatArray:
         """The inverse of `named`; parameters that are missing take their neutral value."""
-        neutral = dict.fromkeys(self._further_forces(), 0.0)
-        neutral |= {f"{name}:{p.name}": p.neutral for name, effect in zip(self.names, self.effects, strict=True)
-                    for p in effect.parameters_for(self.context)}
-        names = [*BASE, *neutral]
         missing = [name for name in BASE if name not in named]
         if missing:
             raise ModelError(f"the model lacks a value for {missing[0]}", "run stictionid identify again")
-        return np.array([named.get(name, neutral.get(name, 0.0)) for name in names])
+        return np.array([named.get(name, p.neutral) for name, p in zip(self._labels, self.space.parameters,
+                                                                       strict=True)])
 
     def describe(self, values: FloatArray) -> dict[str, Any]:
         """Description by which this model runs again without a search (see `rerun` in model/restore.py)."""
@@ -331,3 +341,8 @@ class Response:
                 "friction_free": s.friction_free, "guides": list(s.guides), "s_max": self.s_max,
                 "period_s": self.period_s, "values": self.named(values), **({"written": written} if written else {}),
                 **({"written_law": {"file": self.law.file, "sha256": self.law.sha256}} if self.law.file else {})}
+
+
+def _apart(item: tuple[Effect, slice]) -> bool:
+    """True for an effect that does not follow y."""
+    return not item[0].follows_y

@@ -101,9 +101,14 @@ class Restarted(Model):
         """Level and drift of every segment (n, q): all levels first."""
         return block_columns([piece.shared_columns() for piece in self._pieces])
 
-    def positions(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
-        """Valve positions (n*parts, P) in % of travel, restarted in every segment; never lent."""
-        return np.concatenate([piece.positions(self.of(i, values)) for i, piece in enumerate(self._pieces)])
+    def _before_y(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
+        """Positions (n*parts, P) before the first effect that follows y, restarted in every segment; never lent."""
+        return np.concatenate([piece._before_y(self.of(i, values)) for i, piece in enumerate(self._pieces)])
+
+    def _beside_y(self, position: FloatArray, values: FloatArray) -> FloatArray:
+        """Positions (n*parts, P) after all effects, from those of `_before_y`."""
+        return np.concatenate([piece._beside_y(part, self.of(i, values)) for i, (piece, part)
+                               in enumerate(zip(self._pieces, self.split(position), strict=True))])
 
     def responses(self, values: FloatArray, position: FloatArray | None = None, *,
                   filtered: bool = True, lent: bool = False) -> tuple[FloatArray, tuple[int, ...]]:
