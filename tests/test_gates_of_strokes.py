@@ -145,12 +145,12 @@ def test_a_look_is_kept_where_the_budget_ends_before_it_is_polished(monkeypatch:
 
     def performed(_self: Search, _ground: Any, _entry: Any, tasks: list[Task]) -> list[Packed]:
         stages.extend(t.stage for t in tasks)
-        return [] if tasks[0].stage == CLOSER else [look]
+        return [look] if tasks and tasks[0].stage != CLOSER else []
 
     monkeypatch.setattr(Search, "_performed", performed)
     ground: Any = None
     assert search._looked(ground, root, [Task(look.spec, "travel-limit")]) == [look]
-    assert stages == ["near", CLOSER]
+    assert stages == ["far", CLOSER]
 
 
 def held(one_step: list[float], level: float) -> Held:

@@ -74,13 +74,13 @@ class Scouted:
 
 
 def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
-          valves: FloatArray | None = None, polish: bool = True) -> Scouted:
+          valves: FloatArray | None = None, far: bool = True, polish: bool = True) -> Scouted:
     """The model with effect `name` added, searched far enough to decide on a full refit.
 
     Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. An effect on
-    the valve also gets a scan of all valves beside the known process, and a search on growing parts that assumes none.
-    `valves` (k, d) are values of such valves found before; each gets a process that fits it. Without `polish` the
-    search ends after a descent, an eighth of the work.
+    the valve also gets a scan of all valves beside the known process, and with `far` a search on growing parts that
+    assumes none. `valves` (k, d) are values of such valves found before; each gets a process that fits it. Without
+    `polish` the search ends after a descent, an eighth of the work.
     """
     model, coarse = widened_by(fit, name)
     spec = model.spec
@@ -107,7 +107,9 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
         fresh = np.concatenate([scanned_starts(coarse, name, coarse.vector(others), polish), fresh])
     elif on_valve(effect) and guesses.size:
         valve = guessed_valves(coarse, name, guesses, coarse.vector(others))
-        fresh = np.concatenate([open_valves(coarse, name, fit, rng), fresh, valve, with_process(coarse, valve)])
+        fresh = np.concatenate([fresh, valve, with_process(coarse, valve)])
+        if far:
+            fresh = np.concatenate([open_valves(coarse, name, fit, rng), fresh])
     near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh])), turns=_GLANCE, settle=_GLANCED)
     if len(fresh) and effect.friction is not None and spec.held:
         near = together(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),

@@ -285,9 +285,10 @@ def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     mine = {n for n in coarse.names if on_valve(parse(n)[0])}
     valves = [coarse.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
               for named in known]
+    far = task.stage == FAR
     # Nodes with the same effects on the valve have the same valves, which are searched once for a record.
-    return scout(ground.fit, task.added, ground.pool, _open_rng(ground, task) if task.on_valve else rng,
-                 valves=np.array(valves).reshape(-1, coarse.space.size), polish=False)
+    return scout(ground.fit, task.added, ground.pool, _open_rng(ground, task) if far else rng,
+                 valves=np.array(valves).reshape(-1, coarse.space.size), far=far, polish=False)
 
 
 def _other_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:

@@ -26,6 +26,7 @@ from .entry import ADD, DROP, ROOT, SWAP, Entry, broken, remember, sound
 from .gates import Edge, judged, judged_change
 from .looks import (
     CLOSER,
+    FAR,
     Ground,
     Packed,
     Task,
@@ -295,8 +296,15 @@ class Search:
         return key(task.spec) not in self.memo or not self.memo[key(task.spec)].scored.full
 
     def _looked(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
-        """Looks at tasks, the most promising effects polished: the best by score and by free run."""
-        answers = self._performed(ground, entry, tasks)
+        """Looks at tasks, the most promising effects polished: the best by score and by free run.
+
+        Valves come last, by twos. They are searched with no process assumed as long as no look comes near the noise.
+        """
+        answers = self._performed(ground, entry, [t for t in tasks if not t.on_valve])
+        valves = [t for t in tasks if t.on_valve]
+        for i in range(0, len(valves), 2):
+            near = any(a.added and self._seen(a).nearly(self.policy) for a in answers)
+            answers += self._performed(ground, entry, [t if near else replace(t, stage=FAR) for t in valves[i:i + 2]])
         effects = [a for a in answers if a.added and self._better(a)]
         by_score = sorted(effects, key=lambda a: -self._seen(a).done.gain_over(entry.scored.done))
         by_free_run = sorted(effects, key=lambda a: self._seen(a).rmse)
@@ -354,17 +362,17 @@ class Search:
             count += not structural
             if done:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
-                if self._explained(self.memo[name]):
+                if self.explained(self.memo[name]):
                     explained = self.memo[name].scored
         for child in list(self.memo.values()):
-            if child.nearly(key(entry.spec), entry.scored, self.policy) and not self._explained(child):
+            if child.nearly(key(entry.spec), entry.scored, self.policy) and not self.explained(child):
                 self.settle(child)
         self._hand_back(ground, entry)
         self._judge(entry)
 
     def settle(self, entry: Entry) -> None:
-        """Fit a node with effects once more, unless it leaves white noise that is nearly all of its free run."""
-        if not entry.settled and entry.spec.effects and not entry.scored.explained(self.policy):
+        """Fit a node with effects once more, unless it is explained."""
+        if not entry.settled and entry.spec.effects and not self.explained(entry):
             entry.scored = settled_again(entry.scored, entry.spec, self.seed, self.policy)
         entry.settled = True
 
@@ -393,7 +401,7 @@ class Search:
 
     def _only_noise(self, entry: Entry) -> bool:
         """True where an entry leaves noise of short memory, or is explained."""
-        return entry.scored.noise_alone or self._explained(entry)
+        return entry.scored.noise_alone or self.explained(entry)
 
     def _carried(self, entry: Entry) -> bool:
         """True where an entry leaves only noise and its noise model carries less than half of the free run, or walks.
@@ -404,13 +412,13 @@ class Search:
         return (scored.white and scored.done.increments) or (
             self._only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
 
-    def _explained(self, entry: Entry) -> bool:
+    def explained(self, entry: Entry) -> bool:
         """True where an entry leaves white innovations and its noise model carries little of the free run."""
         scored = entry.scored
         if scored.white:
             return scored.explained(self.policy)
-        if self.loop.samples <= 2 * self.policy.unit:
+        if entry.spec.held and self.loop.samples <= 2 * self.policy.unit:
             return False
-        # Tests for whiteness reject every model of a long record.
+        # Tests for whiteness reject every model of a long record, and one whose command is rebuilt between samples.
         floor = self.floor(scored.done)
         return floor is not None and scored.rmse <= self.policy.carried * floor
