@@ -119,7 +119,8 @@ def test_a_valve_that_rests_under_a_moving_command_may_be_one_that_goes_past_its
     assert found.missing == () and found.steps[-1].error.rmse < 1.05 * sd
     (other,) = found.equivalents
     assert other.effects == ("slip-overshoot",) and "position" in other.what_would_tell
-    # The intervals reach to it, and asking again changes nothing.
+    # The intervals reach beyond it, as far as its own; asking again changes nothing.
     assert found.estimate is not None and found.estimate.S_interval is not None
-    assert found.estimate.S_interval[1] == pytest.approx(other.S) and other.S > 1.2 * study.estimate.S
+    assert other.S > 1.2 * study.estimate.S
+    assert found.estimate.S_interval[0] <= study.estimate.S and found.estimate.S_interval[1] > other.S
     assert diagnose(loop, found) == found

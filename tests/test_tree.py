@@ -16,7 +16,6 @@ from study_factory import node, searched
 
 from stictionid.errors import DataError
 from stictionid.record.study import Estimate, Study, study_from_json, to_json
-from stictionid.record.tree import Equivalent
 from stictionid.reports.pages.write import write_report
 from stictionid.reports.pictures.axes import log_ticks
 from stictionid.reports.pictures.figures import figure_bytes
@@ -253,7 +252,6 @@ def test_the_page_has_the_picture_the_text_and_the_reasons(tmp_path: Path) -> No
 
 def test_the_intervals_reach_to_the_equivalents() -> None:
     estimate = Estimate(4.0, 2.0, "%", (3.9, 4.1), None, 0.9, "chen", 1.0, (10.0,), 2.0, False, 0.0)
-    alike = (Equivalent(3, ("re-sticking",), 4.6, 2.4, 100.0, "the measured valve position"),)
-    wide = reaching_to(estimate, alike)
+    wide = reaching_to(estimate, {"S": (4.3, 4.6), "J": (2.3, 2.4)})
     assert wide.S_interval == (3.9, 4.6) and wide.J_interval is None
-    assert reaching_to(estimate, ()) == estimate
+    assert reaching_to(estimate, {}) == estimate

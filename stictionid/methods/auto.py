@@ -105,7 +105,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
     adequate, why = judged_by(found.shape, *run.adequate(steps[-1]))
     return Outcome(tuple(steps), tuple(fits), adequate, why, tree=tree_of(search, found, order),
                    evaluations=search.budget.spent, unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
-                   missing_reason=found.missing_reason, unexplained=found.shape)
+                   reach=found.reach, missing_reason=found.missing_reason, unexplained=found.shape)
 
 
 def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...], tuple[Fitted, ...]]:

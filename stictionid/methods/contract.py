@@ -7,8 +7,8 @@ adds the verdict, the comparison with a measured position, the cost map and the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 from ..fit.fit import Fitted
 from ..fit.options import USUAL_ORDER
@@ -40,7 +40,8 @@ class Outcome:
     """Result of a method: steps and fits of equal length, of which the last ones count.
 
     A method without S and J returns no steps and a `verdict` with the reason. `gives_jump` is False for a method that
-    says nothing about J; the estimate then holds J = 0 and the interval 0 to S.
+    says nothing about J; the estimate then holds J = 0 and the interval 0 to S. `reach` holds the values of S and J
+    that the equivalents do not exclude.
     """
 
     steps: tuple[Step, ...]
@@ -54,6 +55,7 @@ class Outcome:
     evaluations: int | None = None
     unasked: tuple[str, ...] = ()
     equivalents: tuple[Equivalent, ...] = ()
+    reach: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     missing_reason: str = ""
     unexplained: Unexplained | None = None
 

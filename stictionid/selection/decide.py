@@ -5,12 +5,14 @@ Source: SELECTION.md section 1; CRITICISM.md section 7.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..effects import parse
+from ..errors import ModelError
+from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
 from ..fit.starts.beside_effect import RESTING
@@ -25,7 +27,7 @@ from ..record.unexplained import Unexplained
 from .doubts import jumps_past, least_cost
 from .entry import ADD, DROP, SWAP, Entry
 from .gates import LASTS, lasts
-from .looks import Ground, Task, performed, pool_of, standing
+from .looks import Ground, Task, performed, pool_of, rng_of, standing
 from .node import BASE_EFFECTS, LAG, additions, key, other_process, physical, plain, shapes, with_effect, without
 from .policy import Policy
 from .score import COLOURED, NARROW, Scored, by_rounding, least_free_run, noise_name
@@ -39,6 +41,7 @@ class Decision:
 
     `shape` is that of what is missing, where the winner's innovations answer valve, signals or time.
     `unseen` is True where the course of the output between samples is unknown and the winner leaves more than noise.
+    `reach` holds the values of S and J that the equivalents do not exclude.
     """
 
     winner: Entry
@@ -47,6 +50,7 @@ class Decision:
     missing_reason: str
     unseen: bool = False
     shape: Unexplained | None = None
+    reach: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
@@ -60,20 +64,21 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     unseen = (search.blurred and winner.spec.between != DECIMATED
               and not winner.scored.bare(search.policy))
     ids = {name: i for i, name in enumerate(search.memo)}
-    alike = tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in equivalents(search, winner))
+    alike = equivalents(search, winner)
     tried = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and e.parent == key(winner.spec)}
     # The command between samples and a stem with mass err a little: noise that carries hardly any of it may be that.
     little = winner.scored.explained(search.policy)
     rounds = by_rounding(winner.scored.rmse, done.innovation_sd, winner.scored.moved)
     noise = "" if little or rounds else noise_name(winner.scored, search.policy, slow=search.slow)
     band = winner.scored.band if noise == NARROW else None
-    white = done.white or (band is not None and band.white)
+    white = done.white or (band is not None and band.white) or search.explained(winner)
     shape = None if unseen or white else unexplained(done, tried)
     noise = "" if shape is not None else noise
     if unseen and noise == COLOURED:
         noise = ""  # (slips that unseen scans made early or late look the same)
-    return Decision(winner, noise, alike, missing_reason(winner, white, unseen, shape, slow=search.slow and not noise),
-                    unseen, shape)
+    return Decision(winner, noise, tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in alike),
+                    missing_reason(winner, white, unseen, shape, slow=search.slow and not noise), unseen, shape,
+                    reach_of(search, alike))
 
 
 def with_lag(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
@@ -223,6 +228,26 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
                 and done.gain_over(e.scored.done) < near:
             found.append(e)
     return tuple(sorted(found, key=lambda e: done.gain_over(e.scored.done)))
+
+
+def reach_of(search: Search, alike: Sequence[Entry]) -> dict[str, tuple[float, float]]:
+    """Least and largest S and J that equivalents, the best first, do not exclude; empty without equivalents.
+
+    Those beyond the number of finalists, and those whose model breaks down beside its optimum, give their points.
+    """
+    spans: dict[str, list[float]] = {"S": [], "J": []}
+    for i, entry in enumerate(alike):
+        done = entry.scored.done
+        known: Mapping[str, tuple[float, float]] = {}
+        if i < search.policy.finalists:
+            model = done.white_model()
+            try:
+                known = region(model, model.cube(done.values[:, None])[0], rng_of(search.seed, key(entry.spec), 2))
+            except (ModelError, np.linalg.LinAlgError):
+                known = {}
+        for name, found in spans.items():
+            found += [done.evaluated.values[name], *known.get(name, ())]
+    return {name: (min(found), max(found)) for name, found in spans.items() if found}
 
 
 def as_equivalent(entry: Entry, number: int, winner: Entry) -> Equivalent:

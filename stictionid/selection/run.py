@@ -90,7 +90,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
 def _reaching(study: Study, found: Decision) -> Study:
     """The study whose intervals of S and J reach to the models that explain the record alike."""
     estimate = study.estimate
-    return study if estimate is None else replace(study, estimate=reaching_to(estimate, found.equivalents))
+    return study if estimate is None else replace(study, estimate=reaching_to(estimate, found.reach))
 
 
 def floor_of(run: Run) -> Callable[[Refit], float | None]:

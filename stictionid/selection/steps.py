@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,6 @@ from ..record.loop import Loop
 from ..record.oscillation import find_range
 from ..record.segments import described
 from ..record.study import Estimate, Step, Study, intervals_withheld, with_ranges, without_intervals
-from ..record.tree import Equivalent
 
 
 def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
@@ -62,13 +61,13 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
     return with_ranges(found, study.steps)
 
 
-def reaching_to(found: Estimate, equivalents: Sequence[Equivalent]) -> Estimate:
-    """The estimate with intervals of S and J that reach to the models that explain the record alike."""
-    if not equivalents:
+def reaching_to(found: Estimate, reach: Mapping[str, tuple[float, float]]) -> Estimate:
+    """The estimate with intervals of S and J that reach to those of the models that explain the record alike."""
+    if not reach:
         return found
-    S, J = [e.S for e in equivalents], [e.J for e in equivalents]
-    return replace(found, S_interval=_union(found.S_interval, S), J_interval=_union(found.J_interval, J))
+    return replace(found, S_interval=_union(found.S_interval, reach["S"]),
+                   J_interval=_union(found.J_interval, reach["J"]))
 
 
-def _union(span: tuple[float, float] | None, values: Sequence[float]) -> tuple[float, float] | None:
-    return None if span is None else (min(span[0], *values), max(span[1], *values))
+def _union(span: tuple[float, float] | None, other: tuple[float, float]) -> tuple[float, float] | None:
+    return None if span is None else (min(span[0], other[0]), max(span[1], other[1]))

@@ -103,7 +103,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     if unclear := _unclear(found, outcome.steps[-1]):
         return abstained(loop, found, options, CannotTell(unclear, _CLEARER, code="no-cycles"))
     estimate = with_ranges(_estimate(last, unit, outcome, position), outcome.steps)
-    estimate = reaching_to(estimate, outcome.equivalents)
+    estimate = reaching_to(estimate, outcome.reach)
     severity, swing = meaning_of(piece, estimate, last, verdict)
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
