@@ -145,7 +145,7 @@ def test_a_look_is_kept_where_the_budget_ends_before_it_is_polished(monkeypatch:
 
     def performed(_self: Search, _ground: Any, _entry: Any, tasks: list[Task]) -> list[Packed]:
         stages.extend(t.stage for t in tasks)
-        return [look] if tasks and tasks[0].stage != CLOSER else []
+        return [] if tasks[0].stage == CLOSER else [look]
 
     monkeypatch.setattr(Search, "_performed", performed)
     ground: Any = None

@@ -27,6 +27,7 @@ from .gates import Edge, judged, judged_change
 from .looks import (
     CLOSER,
     FAR,
+    NEAR,
     Ground,
     Packed,
     Task,
@@ -298,13 +299,17 @@ class Search:
     def _looked(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Looks at tasks, the most promising effects polished: the best by score and by free run.
 
-        Valves come last, by twos. They are searched with no process assumed as long as no look comes near the noise.
+        Valves come last but for changes of structure, by twos. As long as no look comes near the noise, they are
+        searched with no process assumed, too, and changes from new valves.
         """
-        answers = self._performed(ground, entry, [t for t in tasks if not t.on_valve])
+        answers: list[Packed] = []
         valves = [t for t in tasks if t.on_valve]
-        for i in range(0, len(valves), 2):
+        for some in filter(None, ([t for t in tasks if t.added and not t.on_valve],
+                                  *(valves[i:i + 2] for i in range(0, len(valves), 2)),
+                                  [t for t in tasks if not t.added])):
             near = any(a.added and self._seen(a).nearly(self.policy) for a in answers)
-            answers += self._performed(ground, entry, [t if near else replace(t, stage=FAR) for t in valves[i:i + 2]])
+            answers += self._performed(ground, entry, [
+                replace(t, stage=NEAR if near else FAR if t.on_valve else t.stage) for t in some])
         effects = [a for a in answers if a.added and self._better(a)]
         by_score = sorted(effects, key=lambda a: -self._seen(a).done.gain_over(entry.scored.done))
         by_free_run = sorted(effects, key=lambda a: self._seen(a).rmse)
