@@ -17,7 +17,6 @@ from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
 from ..fit.starts.beside_effect import RESTING
 from ..model.rounding import moved_by_rounding
-from ..model.spec import BASE, FIRST_ORDER, INTEGRATOR
 from ..process.rounded import step_of
 from ..process.scan import DECIMATED
 from ..record.loop import Loop
@@ -25,10 +24,10 @@ from ..record.study import Candidate, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
 from .doubts import jumps_past, least_cost
-from .entry import ADD, DROP, SWAP, Entry
+from .entry import ADD, DROP, Entry
 from .gates import LASTS, lasts
-from .looks import Ground, Task, performed, pool_of, rng_of, standing
-from .node import BASE_EFFECTS, LAG, additions, key, other_process, physical, plain, shapes, with_effect, without
+from .looks import rng_of
+from .node import BASE_EFFECTS, LAG, additions, key, physical, plain, shapes, with_effect
 from .policy import Policy
 from .score import COLOURED, NARROW, Scored, by_rounding, least_free_run, noise_name
 from .search import Search
@@ -99,29 +98,12 @@ def with_lag(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
 
 
 def _integrating(search: Search, winner: Entry) -> Entry:
-    """The winner with an integrator for a lag of many periods, where that does as well: such a lag has no level.
-
-    A further lag is then the integrator's own.
-    """
-    done = winner.scored.done
-    lag = done.evaluated.values["time_constant_s"]
-    if done.model.spec.process != FIRST_ORDER or winner.spec.fixed \
-            or lag < search.policy.endless_lag * done.model.period_s:
+    """The winner with an integrator for a lag of many periods, where that does as well."""
+    other = search.integrated(winner)
+    if other is None or winner.scored.done.gain_over(other.scored.done) > search.policy.structure_margin:
         return winner
-    fit = standing(winner.scored, winner.spec)
-    ground = Ground(fit, np.concatenate([fit.values[None, :len(BASE)], pool_of(fit, search.seed)]), search.seed,
-                    search.policy)
-    spec = other_process(without(winner.spec, (LAG,)))
-    look = performed(ground, Task(spec))
-    full = look if look.failed else performed(ground, Task(spec, look=look))
-    if full.failed:
-        return winner
-    scored = full.scored(fit)
-    if done.gain_over(scored.done) > search.policy.structure_margin:
-        return winner
-    entry = Entry(spec, scored, key(winner.spec), SWAP, INTEGRATOR)
-    search.memo[key(spec)] = entry
-    return entry
+    other.gates = ()
+    return other
 
 
 def rounded(loop: Loop, study: Study, before: Scored, found: Decision, policy: Policy, seed: int) -> str:

@@ -98,6 +98,12 @@ class Scored:
         """True where a noise model carries only a little of the free run."""
         return self.rmse <= policy.nearly * self.done.innovation_sd
 
+    def endless(self, policy: Policy) -> bool:
+        """True for a first order whose lag is many periods long: an integrator but for its level."""
+        done = self.done
+        return done.model.spec.process == FIRST_ORDER and \
+            done.evaluated.values["time_constant_s"] >= policy.endless_lag * done.model.period_s
+
     @property
     def free_run_at_noise(self) -> bool:
         """True where the noise model carries next to nothing."""
@@ -213,8 +219,7 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     still = min((f for kind, f in found.items() if kind != WALK), key=lambda f: f.bic, default=None)
     if still is None:
         return ""
-    levels = (done.model.spec.process == FIRST_ORDER
-              and e.values["time_constant_s"] < policy.endless_lag * done.model.period_s)
+    levels = done.model.spec.process == FIRST_ORDER and not scored.endless(policy)
     walks = WALK in found and levels
     best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
     if bic_of(residual, Noise(), good, starts) - best.bic < policy.noise_margin:

@@ -49,6 +49,7 @@ from .node import (
     key,
     leaking,
     node,
+    other_process,
     shapes,
     slips_like_rests,
     with_effect,
@@ -164,6 +165,8 @@ class Search:
             self._search_valves(ground, [t for t in tasks if t.added == RESTING])
         self._finish(ground, entry, self._looked(ground, entry, tasks))
         self._lighten()
+        if depth(self.best().spec):
+            self.integrated(self.best())
         self._instead_of_lag(entry)
         if entry.op == ROOT or (self.commands and entry is self.best()):
             self._structures(entry)
@@ -234,6 +237,22 @@ class Search:
             found = {key(e.spec): e for e in other_structures(self.memo, entry, self.best(), self.policy)}
             queue += [e for name, e in found.items() if name not in seen]
             seen |= found.keys()
+
+    def integrated(self, entry: Entry) -> Entry | None:
+        """A node with an integrator for a lag of many periods, which has no level; None where no lag is so long.
+
+        A further lag is then the integrator's own. Beside such a lag effects imitate what the level leaves.
+        """
+        if entry.spec.fixed or not entry.scored.endless(self.policy):
+            return None
+        task = Task(other_process(without(entry.spec, (LAG,))))
+        if self._unfitted(task):
+            ground, _ = self._opened(entry, "asking for an integrator beside")
+            looks = self._performed(ground, entry, [task], always=True)
+            self._performed(ground, entry, [replace(task, look=look) for look in looks], always=True)
+            self._judge(entry)
+        found = self.memo[key(task.spec)]
+        return None if found.failed else found
 
     def _instead_of_lag(self, entry: Entry) -> None:
         """Look at effects on the process in the place of a further lag: beside it they begin far off."""
