@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from stictionid.effects import catalogue, get, parse
 from stictionid.effects.contract import AXES, Context
 from stictionid.errors import StictionidError, UsageError
 from stictionid.fit.moves import descended
+from stictionid.fit.with_effect import Scouted
 from stictionid.historian import read_loop
 from stictionid.laws.contract import neutral_friction
 from stictionid.model.closed_loop import OPERATING_POINT, preset, simulate, with_stiction
@@ -274,3 +276,11 @@ def test_a_step_is_looked_for_where_what_is_left_jumps_and_not_where_it_still_di
     # Without anything known the times are spread over the record.
     plain = get("step-disturbance").guess(replace(known, residual=None))[:, 0]
     assert set(plain) < set(times) and plain.min() < 0.05 * known.length_s < 0.95 * known.length_s < plain.max()
+
+
+def test_a_look_without_a_model_gains_nothing_and_says_so_without_a_warning() -> None:
+    model = Model(simulate(base()).loop, Spec(), s_max=6.0, period_s=50.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gains = [Scouted(model, model, np.empty((0, 5)), cost, 1.0).gain for cost in (np.inf, 1.0, 0.5)]
+    assert gains[:2] == [-np.inf, 0.0] and gains[2] == pytest.approx(model.shared.rows * np.log(2.0))

@@ -65,7 +65,8 @@ class Scouted:
     @property
     def gain(self) -> float:
         """Twice the log-likelihood of the free run that the effect has gained so far."""
-        return self.model.shared.rows * float(np.log(max(self.neutral, 1e-300) / max(self.cost, 1e-300)))
+        before, after = (float(np.log(max(cost, 1e-300))) for cost in (self.neutral, self.cost))
+        return self.model.shared.rows * (before - after)
 
     @property
     def values(self) -> FloatArray:
