@@ -8,6 +8,7 @@ Source: paper Eq. 7 to 19; METHODS.md section 4, traps 1, 2 and 4.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import dropwhile, takewhile
@@ -202,7 +203,7 @@ class Response:
         if self._follows:
             return self._followed()[:, None].repeat(values.shape[1], axis=1)
         table = self.law.searched_friction(values[0], values[1])
-        for effect, rows in zip(self.effects, self.effect_rows, strict=True):
+        for effect, rows in self._placed():
             if effect.friction:
                 table = effect.friction(table, values[rows], self.context.command_step_s,
                                         self.spec.held)
@@ -213,14 +214,19 @@ class Response:
         repeat = self.loop.samples * self.parts // position.shape[0]
         if repeat > 1:
             position = np.repeat(position, repeat, axis=0)
-        for effect, rows in takewhile(_apart, zip(self.effects, self.effect_rows, strict=True)):
-            if effect.moves:
-                position = effect.transformed(position, values[rows], self.context, values[4])
-        return position
+        return self._moved(position, values, takewhile(_apart, self._placed()))
 
     def _beside_y(self, position: FloatArray, values: FloatArray) -> FloatArray:
         """Positions (n*substeps, P) after all effects, from those of `_before_y`."""
-        for effect, rows in dropwhile(_apart, zip(self.effects, self.effect_rows, strict=True)):
+        return self._moved(position, values, dropwhile(_apart, self._placed()))
+
+    def _placed(self) -> Iterator[tuple[Effect, slice]]:
+        """The effects in the order in which they act, each with its rows in values (d, P)."""
+        return zip(self.effects, self.effect_rows, strict=True)
+
+    def _moved(self, position: FloatArray, values: FloatArray, effects: Iterable[tuple[Effect, slice]]) -> FloatArray:
+        """Positions (n*substeps, P) after some of the effects."""
+        for effect, rows in effects:
             if effect.moves:
                 position = effect.transformed(position, values[rows], self.context, values[4])
         return position
@@ -233,7 +239,7 @@ class Response:
     def _dynamics(self, values: FloatArray) -> Dynamics:
         dynamics = Dynamics(values[3], values[4], np.zeros(values.shape[1]), self.spec.process == INTEGRATOR,
                             since_s=self.context.start_s)
-        for effect, rows in zip(self.effects, self.effect_rows, strict=True):
+        for effect, rows in self._placed():
             if effect.dynamics:
                 dynamics = effect.dynamics(dynamics, values[rows])
         return dynamics

@@ -6,6 +6,7 @@ Source: SELECTION.md section 1; CRITICISM.md section 7.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -223,10 +224,8 @@ def reach_of(search: Search, alike: Sequence[Entry]) -> dict[str, tuple[float, f
         known: Mapping[str, tuple[float, float]] = {}
         if i < search.policy.finalists:
             model = done.white_model()
-            try:
+            with suppress(ModelError, np.linalg.LinAlgError):
                 known = region(model, model.cube(done.values[:, None])[0], rng_of(search.seed, key(entry.spec), 2))
-            except (ModelError, np.linalg.LinAlgError):
-                known = {}
         for name, found in spans.items():
             found += [done.evaluated.values[name], *known.get(name, ())]
     return {name: (min(found), max(found)) for name, found in spans.items() if found}

@@ -165,8 +165,8 @@ class Search:
             self._search_valves(ground, [t for t in tasks if t.added == RESTING])
         self._finish(ground, entry, self._looked(ground, entry, tasks))
         self._lighten()
-        if depth(self.best().spec):
-            self.integrated(self.best())
+        if depth((best := self.best()).spec):
+            self.integrated(best)
         self._instead_of_lag(entry)
         if entry.op == ROOT or (self.commands and entry is self.best()):
             self._structures(entry)
@@ -318,8 +318,8 @@ class Search:
     def _looked(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Looks at tasks, the most promising effects polished: the best by score and by free run.
 
-        Valves come last but for changes of structure, by twos. As long as no look comes near the noise, they are
-        searched with no process assumed, too, and changes from new valves.
+        Effects off the valve come first, then those on it by twos, then changes of structure. As long as no look comes
+        near the noise, the latter two are also searched from new valves, with no process assumed.
         """
         answers: list[Packed] = []
         valves = [t for t in tasks if t.on_valve]
@@ -437,7 +437,7 @@ class Search:
             self._only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
 
     def explained(self, entry: Entry) -> bool:
-        """True where an entry leaves white innovations and its noise model carries little of the free run."""
+        """True where white innovations are nearly all of the free run, or that is near the irreducible noise."""
         scored = entry.scored
         if scored.white:
             return scored.explained(self.policy)
