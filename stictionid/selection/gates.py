@@ -325,11 +325,14 @@ GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
 def judged(edge: Edge) -> tuple[Gate, ...]:
     """All gates of an edge, with the reasons of those that it does not pass.
 
-    A disturbance that lasts passes those of the one-step error, with one gate more that says so.
+    A disturbance that lasts passes those of the one-step error, with one gate more that says so. An integrator adds up
+    slips that unseen scans made early or late, as no draw of its noise does: there it must explain more than a slip.
     """
     gates = tuple(Gate(name, not why, why) for name, gate in GATES for why in (gate(edge),))
     failed = {g.name for g in gates if not g.passed}
-    if not failed or not failed <= {GAIN, HELD_OUT} or not lasts(edge.name, edge.child, edge.parent, edge.policy):
+    slips = edge.blurred and edge.child.done.model.spec.process == INTEGRATOR and not edge.beyond_slip
+    if not failed or not failed <= {GAIN, HELD_OUT} or slips \
+            or not lasts(edge.name, edge.child, edge.parent, edge.policy):
         return gates
     said = Gate(LASTS, True, "it halves the free run, and no draw of the noise without it looks so much like it")
     return (*(g if g.passed else Gate(g.name, True, "") for g in gates), said)

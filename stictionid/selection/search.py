@@ -428,12 +428,12 @@ class Search:
         return entry.scored.noise_alone or self.explained(entry)
 
     def _carried(self, entry: Entry) -> bool:
-        """True where an entry leaves only noise and its noise model carries less than half of the free run, or walks.
+        """True where a free run is at the noise, or noise alone is left that walks or carries less than half of it.
 
         A positioner that hunts came out as coloured noise, with S 31 % off.
         """
         scored = entry.scored
-        return (scored.white and scored.done.increments) or (
+        return (scored.white and scored.done.increments) or self._at_floor(scored) or (
             self._only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
 
     def explained(self, entry: Entry) -> bool:
@@ -441,8 +441,9 @@ class Search:
         scored = entry.scored
         if scored.white:
             return scored.explained(self.policy)
-        if entry.spec.held and self.loop.samples <= 2 * self.policy.unit:
-            return False
         # Tests for whiteness reject every model of a long record, and one whose command is rebuilt between samples.
+        return (not entry.spec.held or self.loop.samples > 2 * self.policy.unit) and self._at_floor(scored)
+
+    def _at_floor(self, scored: Scored) -> bool:
         floor = self.floor(scored.done)
         return floor is not None and scored.rmse <= self.policy.carried * floor
