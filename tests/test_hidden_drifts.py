@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from stictionid.effects import parse
 from stictionid.effects.contract import Context
 from stictionid.fit.noise.draws import _share_left, drawn, imitated
-from stictionid.model.spec import Spec
+from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.record.tree import Gate
 from stictionid.selection import gates
 from stictionid.selection.entry import ADD, DROP, Entry
@@ -108,6 +108,21 @@ def test_a_drift_that_lasts_passes_the_gates_of_the_one_step_error_alone(
     found = judged(edge)
     assert all(g.passed for g in found) is named
     assert any(g.name == LASTS for g in found) is (named and bool(failing))
+
+
+@pytest.mark.parametrize(("process", "blurred", "gain", "named"), [
+    (INTEGRATOR, True, 0.01, True),  # (a slip lost for half a cycle shifts y by 1.5, and the ramp by more)
+    (INTEGRATOR, True, 1.0, False),  # (it shifts y by 150)
+    (INTEGRATOR, False, 1.0, True), (FIRST_ORDER, True, 1.0, True)])
+def test_under_unseen_scans_a_drift_of_an_integrator_must_explain_more_than_a_slip(
+        process: str, blurred: bool, gain: float, named: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gates, "GATES", (("gain", lambda edge: "it gains too little"),))
+    straight = ramp() + np.random.default_rng(0).standard_normal(SAMPLES)
+    child = scored(straight, 1.0)
+    child.done.model.spec, child.done.model.period_s = Spec(process=process), 60.0
+    child.done.evaluated.gain, child.done.evaluated.values = gain, {"S": 5.0}
+    edge: Any = Edge("ramp-disturbance@output", child, scored(straight, 24.0), POLICY, blurred=blurred)
+    assert all(g.passed for g in judged(edge)) is named
 
 
 def test_a_drift_that_lasts_ranks_its_margin_above_its_parent_and_so_do_its_children() -> None:
