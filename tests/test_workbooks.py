@@ -194,11 +194,11 @@ def test_a_step_in_the_file_replaces_a_time_vector_that_stands_still(tmp_path):
         _read(tmp_path, mat(Ts=1.0, **vectors(t=np.zeros(ROWS))), no_guess=True)
 
 
-def test_without_the_reader_of_workbooks_the_extra_is_named(tmp_path, monkeypatch):
+def test_without_the_reader_of_workbooks_it_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "python_calamine", None)
     with pytest.raises(DataError, match="not installed") as error:
         _read(tmp_path, SAME["xlsx"])
-    assert "stictionid[excel]" in error.value.hint
+    assert "pip install python-calamine" in error.value.hint
 
 
 def test_commands_read_them_and_remember_the_loop(tmp_path):

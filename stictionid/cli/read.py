@@ -113,10 +113,12 @@ def _show(result: Any) -> None:
 
 
 def _lines(result: Any) -> list[tuple[str, str]]:
+    from ..historian.words.roles import unit_in
+
     loop = result.loop
     lines = [("loop", loop.name), ("shape", _shape_text(result))]
     for role, column in result.columns.items():
-        unit = result.units.get(role, "")
+        unit = "" if unit_in(column) == result.units.get(role) else result.units.get(role, "")
         why = result.why.get(role, "")
         lines.append((role.replace("_", " "), f"{column}{f' [{unit}]' if unit else ''}{f' ({why})' if why else ''}"))
     lines.append(("time format", result.time))

@@ -24,7 +24,7 @@ from .table.rows import CODE, RowBook
 from .table.table import Table
 from .words.codes import blank_codes
 from .words.modes import fractions
-from .words.units import OTHER, output_unit, to_percent
+from .words.units import LIVE_ZERO, OTHER, drives_in_milliamperes, output_unit, to_percent
 
 MIN_SAMPLES = 4
 """Least number of samples of a record, whatever the method; identification has further limits of its own."""
@@ -74,7 +74,7 @@ def assemble(shaped: Shaped, aligned: Aligned, options: ReadOptions, book: RowBo
     findings += blank_codes(frame, options.sentinels, guesses, findings_of_words=shaped.words)
     step = _even_grid(frame, shaped, aligned, options, book, guesses, findings)
     findings += _fresh_only(frame, step)
-    unit_found = _scale(frame, shaped, options)
+    unit_found = _scale(frame, shaped, options, guesses)
     if unit_found is not None:
         findings.append(unit_found)
         if unit_found.code == "output-perhaps-ma":
@@ -160,13 +160,14 @@ def _fresh_only(frame: Frame, step: GridStep) -> list[Finding]:
     every, repeated = repeats(frame, step)
     if every == 1:
         return []
+    empty = np.isnan(frame.values["process_value"])
     frame.values["process_value"] = np.where(repeated, np.nan, frame.values["process_value"])
     frame.reason[repeated & (frame.reason == 0)] = CODE["repeat"]
-    return [notes.held_process_value(every, step, float(repeated.mean()))]
+    return [notes.held_process_value(every, step, float(repeated.mean()), float(empty.mean()))]
 
 
-def _scale(frame: Frame, shaped: Shaped, options: ReadOptions) -> Finding | None:
-    """OP, SP and PV in their final units, in place; the finding when OP is no per cent."""
+def _scale(frame: Frame, shaped: Shaped, options: ReadOptions, guesses: list[str]) -> Finding | None:
+    """OP, SP and PV in their final units, in place; the finding when OP is no per cent. Guesses are added."""
     units, finding = shaped.units, None
     op = frame.values["output"]
     if options.split is not None:
@@ -177,6 +178,10 @@ def _scale(frame: Frame, shaped: Shaped, options: ReadOptions) -> Finding | None
     elif options.span_op is not None:
         op = to_percent(op, options.span_op)
         units["output"] = "%"
+    elif drives_in_milliamperes(op, units.get("output", "")):
+        op = to_percent(op, LIVE_ZERO)
+        units["output"] = "%"
+        guesses.append("OP in mA is 4 to 20 mA, scaled to % (--span-op 4,20, or --span-op 0,20)")
     else:
         unit, finding = output_unit(op, units.get("output", ""))
         units["output"] = unit if unit == "%" or units.get("output", "") in ("", "%") else units["output"]

@@ -19,7 +19,7 @@ from .bytes.source import Source
 from .series.assign import key_of
 from .table.arrow import floats, indices, integers
 from .table.table import Table, table_from_arrow
-from .words.roles import take_apart
+from .words.roles import take_all, take_apart
 
 RESULTS_MARK = "batch.json"
 """A folder that holds this file was written by `batch` and contains no data."""
@@ -75,7 +75,7 @@ def open_dataset(path: Path) -> Opened:
     except (pa.ArrowException, OSError, ValueError) as error:
         raise DataError(f"{path} is no readable Parquet dataset: {_first(error)}", "write or copy it again") from None
     names = tuple(f.name for f in data.schema if not pa.types.is_nested(f.type))
-    roles = {name: take_apart(name) for name in names}
+    roles = dict(zip(names, take_all(names), strict=True))
     texts = {n for n in names if _is_text(data.schema.field(n).type)}
     wide = {"process_value", "output"} <= {t.role for t in roles.values()}
     value = any(t.role == "value" for t in roles.values())
@@ -116,7 +116,7 @@ def words_in(opened: Opened, column: str) -> tuple[str, ...]:
 
 def groups_of(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """Loops with at least PV and OP among tags or columns: name to its tags (and those that share its number)."""
-    tags = [(name, take_apart(name)) for name in names]
+    tags = [(tag.name, tag) for tag in take_all(names)]
     groups: dict[str, tuple[str, set[str], list[str]]] = {}
     numbered: dict[str, list[str]] = {}
     for name, tag in tags:

@@ -26,6 +26,7 @@ MAX_FILES = 20_000
 
 def read_folder(folder: Path, options: ReadOptions) -> tuple[Source, Table]:
     """The one table of a folder's files. UsageError for an empty folder, DataError for files of several tags."""
+    folder = folder if folder.name else folder.resolve()  # "." has no name for messages and for the loop
     parquet = parquet_in(folder)
     if parquet:
         return _dataset(folder, parquet, options)

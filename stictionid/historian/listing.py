@@ -5,7 +5,7 @@ from __future__ import annotations
 from .series.assign import key_of
 from .series.columns import kind_of, long_columns, loop_column, loop_names
 from .table.table import Table
-from .words.roles import take_apart
+from .words.roles import take_all
 
 
 def names_of(table: Table) -> tuple[str, ...]:
@@ -21,8 +21,7 @@ def names_of(table: Table) -> tuple[str, ...]:
     if tag >= 0 and value >= 0:
         names = [str(w) for w in table.columns[tag].cast(pa.string()).unique().to_pylist() if w is not None]
     groups: dict[str, tuple[str, set[str]]] = {}
-    for name in names:
-        found = take_apart(name)
+    for found in take_all(names):
         if found.role in ("process_value", "output") and found.loop:
             groups.setdefault(key_of(found.loop), (found.loop, set()))[1].add(found.role)
     return tuple(name for name, roles in groups.values() if len(roles) == 2)

@@ -13,7 +13,7 @@ from ...historian.folder import tag_of
 from ...historian.listing import names_of
 from ...historian.table.formats import IN_PARTS, loops_of, read_table
 from ...historian.table.table import Table
-from ...historian.words.roles import take_apart
+from ...historian.words.roles import take_all, take_apart
 from .sources import PARQUET, PARTS
 
 _HEAD_BYTES = 64 << 10
@@ -69,7 +69,7 @@ def _columns(path: Path, names: tuple[str, ...], options: ReadOptions) -> Peeked
     groups = {} if options.pv and options.op else groups_of(names)
     if len(groups) > 1:
         return Peeked(path, groups, "wide", names)
-    roles = {take_apart(n).role for n in names if n}
+    roles = {tag.role for tag in take_all(n for n in names if n)}
     there = {"process_value": options.pv is not None, "output": options.op is not None}
     missing = [r for r, said in there.items() if not said and r not in roles]
     if missing:
@@ -109,7 +109,7 @@ def _text(path: Path, options: ReadOptions) -> Peeked:
 
 def _by_rows(table: Table) -> bool:
     """True where the rows of a table distinguish its loops, so that all rows must be read."""
-    roles = [take_apart(n).role for n in table.names]
+    roles = [tag.role for tag in take_all(table.names)]
     if {"process_value", "output"} <= set(roles):
         return any(take_apart(n).role == "loop" and not take_apart(n).loop for n in table.names)
     return ("value" in roles and "tag" in roles) or bool(names_of(table))

@@ -150,7 +150,7 @@ class Cluster:
             import distributed
         except ImportError:
             raise UsageError("--scheduler needs Dask, which is not installed",
-                             "pip install 'stictionid[cluster]', or leave --scheduler out") from None
+                             "pip install distributed, or leave --scheduler out") from None
         import logging
 
         logging.getLogger("distributed").setLevel(logging.CRITICAL)

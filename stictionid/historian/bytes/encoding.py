@@ -117,9 +117,19 @@ def _code_page(data: bytes) -> str:
         # Chinese land mostly outside it.
         if sum(0xB0 <= b <= 0xD7 for b in leads) >= MIN_COMMON_SHARE * len(leads):
             return "gbk"
-    letters = sum(len(r) for r in high)
-    cyrillic = sum(len(r) for r in high if len(r) >= 2 and all(b >= 0xC0 or b in (0xA8, 0xB8) for b in r))
-    return "cp1251" if cyrillic >= MIN_COMMON_SHARE * letters else "cp1252" if _decodes(data, "cp1252") else "latin-1"
+    if _decodes(data, "cp1251") and _is_cyrillic(data[:_SAMPLE]):
+        return "cp1251"
+    return "cp1252" if _decodes(data, "cp1252") else "latin-1"
+
+
+def _is_cyrillic(sample: bytes) -> bool:
+    """True where most words with letters beyond ASCII are wholly Cyrillic under cp1251.
+
+    No word of a language mixes Latin and Cyrillic letters: "StellgrцЯe" is cp1252. A single letter tells nothing.
+    """
+    words = {w for w in re.findall(r"[^\W\d_]{2,}", sample.decode("cp1251", "replace")) if not w.isascii()}
+    whole = sum(all("\u0400" <= c <= "\u04ff" for c in word) for word in words)
+    return 2 * whole > len(words)
 
 
 def _common(runs: list[bytes], code: str, ranges: tuple[tuple[int, int], ...], share: float) -> bool:

@@ -194,14 +194,20 @@ def oversampled(every: int, step: GridStep) -> Finding:
     )
 
 
-def held_process_value(every: int, step: GridStep, share: float) -> Finding:
-    """Finding on a PV that is repeated between its measurements while OP moves on."""
+def held_process_value(every: int, step: GridStep, share: float, empty: float) -> Finding:
+    """Finding on a PV that is repeated, or whose cells are empty, between its measurements while OP moves on.
+
+    `share` and `empty` are the shares of the samples whose PV repeats and whose PV is missing.
+    """
+    repeats = f"a PV that repeats ({100 * share:.3g} % of the samples) is no measurement and does not count"
+    between = f"the PV cells in between are empty ({100 * empty:.3g} % of the samples)"
     return Finding(
         "process-value-held",
         "info",
-        f"PV changes only every {every * step.ns / 1e9:g} s, OP every {step.ns / 1e9:g} s: a PV that repeats "
-        f"({100 * share:.0f} % of the samples) is no measurement and does not count; the valve runs on by OP",
-        {"every": every, "step_s": every * step.ns / 1e9, "share": share},
+        f"PV changes only every {every * step.ns / 1e9:g} s, OP every {step.ns / 1e9:g} s: "
+        f"{'; '.join([repeats] * (share > 0.0) + [between] * (empty > 0.0))}; "
+        "the valve runs on by OP",
+        {"every": every, "step_s": every * step.ns / 1e9, "share": share, "empty": empty},
         source="HISTORIAN.md 3.15",
     )
 

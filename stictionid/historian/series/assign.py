@@ -8,7 +8,7 @@ from typing import Any
 from ...errors import DataError, UsageError
 from ..bytes.options import ReadOptions
 from ..words.cells import brief, shown
-from ..words.roles import Tag, listing, pick, take_apart, tidy
+from ..words.roles import Tag, listing, pick, take_all, take_apart, tidy
 
 _OPTIONS = {"setpoint": "sp", "process_value": "pv", "output": "op", "position": "position", "mode": "mode"}
 _FLAG = {
@@ -19,6 +19,8 @@ _FLAG = {
     "mode": "--mode",
     "time": "--time",
 }
+_PLAIN = ("", "ascii", "utf-8")
+"""Encodings that spoil no name: none (Parquet, workbook), ASCII, and UTF-8, whose bytes prove it."""
 _SURE_WORDS = """
     co, controller output, date time, datetime, meas, mode, mode actual, op, out cv, position, process value,
     process variable, pv, pv cv, set point, setpoint, sp, sp cv, spt, stem position, sv, t s, time, time s,
@@ -40,8 +42,11 @@ class Assignment:
     unused: list[str] = field(default_factory=list)
 
 
-def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set[int], numeric: set[int]) -> Assignment:
+def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set[int], numeric: set[int],
+           encoding: str = "") -> Assignment:
     """Roles of the signal columns. `skip` are columns already used (time); `numeric` those that hold numbers.
+
+    `encoding` is that of the file, which an error names where it may have spoilt the names.
 
     DataError where PV or OP is in no column or in several; UsageError where the loop is unknown or several are found.
     """
@@ -56,23 +61,15 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
         found.extras[names[place]] = place
     _refuse_shared(found.index | {f"extra {n}": i for n, i in found.extras.items()}, skip, names, file)
     taken = set(found.index.values()) | set(found.extras.values()) | skip
-    tags = {i: take_apart(n) for i, n in enumerate(names) if i not in taken}
+    tags = {i: tag for i, tag in enumerate(take_all(names)) if i not in taken}
     tags = {i: t for i, t in tags.items() if t.role in _OPTIONS and (i in numeric or t.role == "mode")}
     for i in _flags_like_mode(tags):
         del tags[i]
     group = _choose_loop(tags, found, names, options, file)
     _complete(found, tags, group, options.roles, file)
-    for role, flag in (("process_value", "--pv"), ("output", "--op")):
-        if role not in found.index:
-            words = {"process_value": "process value (PV)", "output": "controller output (OP)"}[role]
-            for other, i in found.index.items():
-                if take_apart(names[i]).role == role:
-                    raise DataError(
-                        f"{file}: column {shown(names[i])} would be both {role.replace('_', ' ')} (by its name) and "
-                        f"{other.replace('_', ' ')} (said with {_FLAG[other]})",
-                        f"name another column with {flag}; columns: {listing(names)}",
-                    )
-            raise DataError(f"{file} has no column for the {words}", f"name it with {flag}; columns: {listing(names)}")
+    missing = [role for role in ("process_value", "output") if role not in found.index]
+    if missing:
+        raise _not_found(missing, found, tags, names, file, encoding)
     _refuse_shared(found.index, skip, names, file)
     used = set(found.index.values()) | set(found.extras.values()) | skip
     found.unused = [n for i, n in enumerate(names) if i not in used and n]
@@ -80,6 +77,29 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
         loops = [take_apart(names[found.index[r]]).loop for r in ("output", "process_value")]
         found.loop = next((loop for loop in loops if loop), "")
     return found
+
+
+def _not_found(
+    missing: list[str], found: Assignment, tags: dict[int, Tag], names: tuple[str, ...], file: str, encoding: str
+) -> DataError:
+    """The error for PV or OP in no column; it names the role that no column has, even of another loop."""
+    role = next((r for r in missing if all(tag.role != r for tag in tags.values())), missing[0])
+    columns = f"columns: {listing(names)}"
+    for other, i in found.index.items():
+        if take_apart(names[i]).role == role:
+            return DataError(
+                f"{file}: column {shown(names[i])} would be both {role.replace('_', ' ')} (by its name) and "
+                f"{other.replace('_', ' ')} (said with {_FLAG[other]})",
+                f"name another column with {_FLAG[role]}; {columns}",
+            )
+    if any(tag.role == role for tag in tags.values()):
+        return DataError(f"{file} has no loop with both a process value (PV) and a controller output (OP)",
+                         f"name the columns of one with --pv and --op; {columns}")
+    read_as, more = "", ""
+    if encoding not in _PLAIN:
+        read_as, more = f", read as {encoding},", ", or the file's encoding with --encoding (cp1252, cp1251, gbk)"
+    words = {"process_value": "process value (PV)", "output": "controller output (OP)"}[role]
+    return DataError(f"{file}{read_as} has no column for the {words}", f"name it with {_FLAG[role]}{more}; {columns}")
 
 
 def _flags_like_mode(tags: dict[int, Tag]) -> list[int]:

@@ -8,7 +8,7 @@ from ..bytes.options import ReadOptions
 from ..table.table import Table
 from ..time.datetext import looks_like_time
 from ..words.cells import to_numbers
-from ..words.roles import pick, take_apart
+from ..words.roles import pick, take_all, take_apart
 
 _PEEK = 50
 
@@ -46,7 +46,7 @@ def long_columns(table: Table, kinds: list[str]) -> tuple[int, int]:
     """Columns of tags and of values in a long table, -1 where there is none."""
     import pyarrow as pa
 
-    roles = [take_apart(n).role for n in table.names]
+    roles = [tag.role for tag in take_all(table.names)]
     if {"process_value", "output"} <= set(roles):
         return -1, -1
     tag = -1

@@ -34,7 +34,8 @@ def shape_long(
     code = indices(tags, -1)
     headers = [i for i, w in enumerate(words) if tidy(w) == tidy(table.names[tag_column])]
     book.mark(np.isin(code, headers), "repeated header")
-    assignment = assign(words, options, table.file, skip=set(), numeric=set(range(len(words))) - set(headers))
+    assignment = assign(words, options, table.file, skip=set(), numeric=set(range(len(words))) - set(headers),
+                        encoding=table.encoding)
     assignment.unused = [w for w in assignment.unused if w not in {words[h] for h in headers}]
     shaped = Shaped("long", assignment, {}, {}, {}, None, guesses=list(assignment.guesses))
     shaped.columns["time"] = "+".join(table.names[i] for i in time_columns)
@@ -115,6 +116,7 @@ def shape_paired(table: Table, options: ReadOptions, book: RowBook, stamps: list
         table.file,
         skip=set(stamps),
         numeric={c for c in owner if kinds[c] in ("number", "nothing")},
+        encoding=table.encoding,
     )
     shaped = Shaped("paired", assignment, {}, {}, {}, None, guesses=list(assignment.guesses))
     shaped.columns["time"] = table.names[owner[assignment.index["process_value"]]] or "time"

@@ -25,7 +25,8 @@ def wanted_columns(head: Table, options: ReadOptions) -> tuple[set[int] | None, 
     times |= set(time_columns(head, kinds, options))
     quality = {i for i, n in enumerate(head.names) if take_apart(n).role == "quality"}
     numeric = {i for i, k in enumerate(kinds) if k in ("number", "nothing")} - quality
-    found = assign(head.names, without_loop_column(head, kinds, options), head.file, skip=times, numeric=numeric)
+    found = assign(head.names, without_loop_column(head, kinds, options), head.file, skip=times, numeric=numeric,
+                   encoding=head.encoding)
     if options.quality is not None:
         quality.add(pick(head.names, options.quality, "--quality", head.file))
     named = {i for i, n in enumerate(head.names) if n.strip().lower() == "used"} | {loop_column(head, kinds)}

@@ -33,7 +33,8 @@ def shape_wide(table: Table, kinds: list[str], options: ReadOptions, book: RowBo
     numeric = {i for i, k in enumerate(kinds) if k == "number" or k == "nothing"} - quality_columns
     rows = _loop_rows(table, kinds, options, book)
     assignment = assign(
-        table.names, without_loop_column(table, kinds, options), table.file, skip=set(stamps), numeric=numeric
+        table.names, without_loop_column(table, kinds, options), table.file, skip=set(stamps), numeric=numeric,
+        encoding=table.encoding,
     )
     if assignment.loop == "" and options.loop:
         assignment.loop = options.loop

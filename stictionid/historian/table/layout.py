@@ -12,7 +12,9 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from ...errors import DataError
+from ..words.roles import role_of, unit_in
 from ..words.states import is_state
+from ..words.units import TIED
 
 SAMPLE_BYTES = 1 << 16
 SAMPLE_LINES = 300
@@ -33,9 +35,8 @@ _TIME = re.compile(
 )
 _EXCEL_TEXT = re.compile(r'="([^"]*)"\Z')
 _UNIT = re.compile(
-    r"\s*[\[(<]?\s*(?:%|pct|percent|°[CFK]|deg\s?[CFK]|K|bar[ga]?|mbar|[kM]?Pa[ga]?|psi[ga]?|mmH2O|inH2O|atm|mA|V|A|Hz|rpm|[kM]?W|"
-    r"(?:[kM]?N?m[³3]|[kM]?g|k?t|l|L|scf|gal|kmol|bbl|t)\s?/\s?(?:h|hr|min|s|d|sec)|[km]?m|cm|in|ft|s|sec|seconds|ms|min|h|d|"
-    r"kg/cm2|pH|ppm|mol\s?%|vol\s?%|m3|m³|date(?:\s?time)?|time|datetime|-|eu|text|bool|UTC|local)\s*[\])>]?\s*\Z",
+    rf"\s*[\[(<]?\s*(?:{TIED}|K|V|A|[kM]?W|[km]?m|cm|in|ft|s|sec|seconds|ms|min|h|d|"
+    r"date(?:\s?time)?|time|datetime|-|eu|text|bool|UTC|local)\s*[\])>]?\s*\Z",
     re.IGNORECASE,
 )
 
@@ -250,8 +251,6 @@ def _filled(row: list[str]) -> int:
 
 def _named(row: list[str]) -> int:
     """Number of cells of a header line with a known role; it finds the line of tags among lines of descriptions."""
-    from ..words.roles import role_of
-
     return sum(role_of(c) is not None for c in row)
 
 
@@ -266,12 +265,6 @@ def _units_row(row: list[str]) -> bool:
 
 def _bare(unit: str) -> str:
     return unit.strip().strip("[](){}<>").strip()
-
-
-def unit_in(name: str) -> str:
-    """The unit inside a column name: "FIC-101.PV (m3/h)" has m3/h."""
-    match = re.search(r"[\[(]([^\])]{1,15})[\])]\s*$", name)
-    return match.group(1).strip() if match else ""
 
 
 def _refuse_comma_in_comma(header: list[list[str]], width: int, separator: str, name: str) -> None:

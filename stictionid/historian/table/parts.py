@@ -12,7 +12,7 @@ from ...errors import DataError, UsageError
 from ..bytes.options import ReadOptions
 from ..series.assign import key_of
 from ..words.cells import brief, shown
-from ..words.roles import listing, take_apart
+from ..words.roles import listing, take_all
 from .table import Table
 
 _NEEDED = {"process_value", "output"}
@@ -31,7 +31,7 @@ class Part:
         """True where the columns, or the tags of a long table, are those of a loop."""
         if options.pv is not None and options.op is not None:
             return {options.pv, options.op} <= set(self.head.names) or options.pv.isdecimal()
-        roles = {take_apart(n).role for n in self.head.names}
+        roles = {tag.role for tag in take_all(self.head.names)}
         return bool(self.loops) or roles >= _NEEDED or {"tag", "value"} <= roles
 
 

@@ -13,6 +13,7 @@ from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
 from ..bytes.source import Source, in_short
 from ..words.cells import NULLS, shown
+from ..words.roles import unit_in
 from .layout import Layout, find_layout, split_line
 
 MIN_THREADED_BYTES = 1 << 20
@@ -249,8 +250,6 @@ def table_from_arrow(table: Any, name: str, notes: tuple[str, ...] = ()) -> Tabl
     meta = {
         k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (table.schema.metadata or {}).items()
     }
-    from .layout import unit_in
-
     return Table(
         name,
         tuple(f.name for f in fields),

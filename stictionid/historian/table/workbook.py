@@ -83,7 +83,7 @@ def _opened(source: Source, limits: Limits) -> Any:
         import python_calamine as calamine
     except ImportError:
         raise DataError(f"{source.name} is a workbook, and python-calamine, which reads workbooks, is not installed",
-                        "pip install 'stictionid[excel]', or save the sheet as CSV UTF-8") from None
+                        "pip install python-calamine, or save the sheet as CSV UTF-8") from None
     locked = DataError(f"{source.name} is protected by a password",
                        "open it, take the password off (File, Info, Protect Workbook) and save it again")
     if source.data.startswith(b"\xd0\xcf\x11\xe0") and (_ENCRYPTED in source.data or _has_password(source.data)):

@@ -8,10 +8,12 @@ from __future__ import annotations
 import difflib
 import functools
 import re
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 from ...errors import DataError
 from .cells import brief, shown
+from .units import TIED
 
 _WORDS = {
     "setpoint": """
@@ -78,6 +80,8 @@ _ISA_ROLES = (
     (r"[A-Z]Y\Z", "output"),
     (r"ZI?T?\Z|G[TI]\Z", "position"),
 )
+_TIED = re.compile(rf"(?P<head>.*?[^\s_,\-])(?:[\s_,\-]+(?:in\s+)?(?P<unit>{TIED})|(?P<mark>%))\s*\Z", re.IGNORECASE)
+_SIGNALS = ("setpoint", "process_value", "output", "position")
 _MEASURED = "FPLTAQDMSJ"
 """First letters of ISA 5.1: flow, pressure, level, temperature, analysis, quantity, density, moisture, speed, power."""
 
@@ -114,6 +118,9 @@ def take_apart(name: str) -> Tag:
     if text in _LOOKUP:
         role, rank = _LOOKUP[text]
         return Tag(name, role, "", rank, f"name {text!r}")
+    tied = _TIED.match(bare)
+    if tied and (tag := take_apart(tied["head"])).role in _SIGNALS:
+        return replace(tag, name=name)
     words = text.split(" ")
     for take in (3, 2, 1):
         suffix = " ".join(words[-take:])
@@ -127,6 +134,38 @@ def take_apart(name: str) -> Tag:
         role, rank = _LOOKUP[first.group(1)]
         return Tag(name, role, re.sub(r"^[A-Za-z]+[\s_\-./\\:|!]+", "", bare), rank + 50, f"prefix {first.group(1)!r}")
     return _by_instrument(name, bare)
+
+
+def unit_in(name: str) -> str:
+    """The unit in a column name: "FIC-101.PV (m3/h)" has m3/h, "OP mA" has mA; "FIC101.MA" is a mode and has none."""
+    match = re.search(r"[\[(]([^\])]{1,15})[\])]\s*$", name)
+    if match:
+        return match.group(1).strip()
+    tied = _TIED.match(name.strip().strip("\"'"))
+    if not tied:
+        return ""
+    unit = tied["unit"] or tied["mark"]
+    return unit if unit == "mA" or take_apart(tied["head"]).role in _SIGNALS else ""
+
+
+def take_all(names: Iterable[str]) -> list[Tag]:
+    """Parts of all column names of a table; Y beside another process value, without an output, is the output.
+
+    DIN 19227 calls the controller output Y, beside W and X. Elsewhere y is the process value, beside r and u.
+    """
+    tags = [take_apart(name) for name in names]
+
+    def near(tag: Tag, role: str) -> list[Tag]:
+        digits = re.sub(r"\D", "", tag.loop)
+        return [other for other in tags if other.role == role and (
+            tidy(other.loop) == tidy(tag.loop) or (digits and re.sub(r"\D", "", other.loop) == digits))]
+
+    def is_output(tag: Tag) -> bool:
+        return (tag.role == "process_value" and tag.why.endswith(" 'y'") and not near(tag, "output")
+                and any(other.why != tag.why for other in near(tag, "process_value")))
+
+    return [replace(tag, role="output", why=f"{tag.why} beside another process value") if is_output(tag) else tag
+            for tag in tags]
 
 
 def _tag_like(word: str) -> bool:

@@ -16,7 +16,14 @@ MILLIAMPERES = (3.6, 21.0)
 """Range of a 4-20 mA signal with the margins of NAMUR NE 43."""
 MAX_SPAN = 1e12
 """Largest bound of a span, and its inverse the smallest width: beyond that no instrument has a range."""
+LIVE_ZERO = (4.0, 20.0)
+"""Range of an output in mA that drives a valve."""
 OTHER = "unit of OP"
+TIED = (
+    r"%|pct|percent|°[CFK]|deg\s?[CFK]|bar[ga]?|mbar|[kM]?Pa[ga]?|psi[ga]?|mmH2O|inH2O|atm|mA|Hz|rpm|kg/cm2|pH|ppm|"
+    r"(?:[kM]?N?m[³3]|[kM]?g|k?t|l|L|scf|gal|kmol|bbl|t)\s?/\s?(?:h|hr|min|s|d|sec)|mol\s?%|vol\s?%|m3|m³"
+)
+"""Pattern of the units that a name may end in without a bracket: "PV mA", "OP_%"."""
 _RANGES = (
     (0.0, 1.0),
     (0.0, 10.0),
@@ -45,15 +52,22 @@ def to_percent(values: FloatArray, span: tuple[float, float]) -> FloatArray:
     return (values - span[0]) / (span[1] - span[0]) * 100.0
 
 
+def drives_in_milliamperes(values: FloatArray, unit: str) -> bool:
+    """True for an output in mA whose values stay within 4 to 20."""
+    known = values[~np.isnan(values)]
+    return unit.strip().lower() == "ma" and known.size > 0 and bool(
+        MILLIAMPERES[0] <= known.min() and known.max() <= MILLIAMPERES[1])
+
+
 def output_unit(values: FloatArray, unit: str) -> tuple[str, Finding | None]:
     """Unit of OP ("%" or "unit of OP") by its values and its unit cell, with a finding where it is no per cent."""
     known = values[~np.isnan(values)]
     if not known.size:
         return OTHER, None
     low, high = float(known.min()), float(known.max())
-    if unit.strip().lower() == "ma" or (unit.strip() not in ("", "%") and _not_percent_unit(unit)):
+    if unit.strip() not in ("", "%") and _not_percent_unit(unit):
         return OTHER, _finding(
-            low, high, f"its unit is {unit!r}", "--span-op 4,20" if unit.strip().lower() == "ma" else "--span-op LO,HI"
+            low, high, f"its unit is {unit!r}", "--span-op 0,20" if unit.strip().lower() == "ma" else "--span-op LO,HI"
         )
     if unit.strip().startswith("%") and low >= PERCENT_LOW and high <= PERCENT_HIGH:
         return "%", None
