@@ -17,16 +17,16 @@ from ._version import __version__ as __version__
 if TYPE_CHECKING:
     from .api.loop import Loop, read_loop
     from .api.study import Study
-    from .api.workflow import add, compare, diagnose, identify, report
+    from .api.workflow import add, compare, diagnose, identify, remove, report
 
 _HOMES = {
     "api.loop": ("Loop", "read_loop"),
     "api.study": ("Study",),
-    "api.workflow": ("add", "compare", "diagnose", "identify", "report"),
+    "api.workflow": ("add", "compare", "diagnose", "identify", "remove", "report"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-__all__ = ["Loop", "Study", "add", "compare", "diagnose", "identify", "read_loop", "report"]
+__all__ = ["Loop", "Study", "add", "compare", "diagnose", "identify", "read_loop", "remove", "report"]
 
 
 def __dir__() -> list[str]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import inspect
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -46,7 +48,7 @@ def study(loop: st.Loop) -> st.Study:
 
 
 def test_dir_shows_the_public_names_alone() -> None:
-    assert dir(st) == ["Loop", "Study", "add", "compare", "diagnose", "identify", "read_loop", "report"]
+    assert dir(st) == ["Loop", "Study", "add", "compare", "diagnose", "identify", "read_loop", "remove", "report"]
     assert all(hasattr(st, name) for name in dir(st))
     names = {path.stem for path in (ROOT / "stictionid" / "api").glob("*.py")}
     assert not names & {name for name in dir(st) if name.islower()}
@@ -123,6 +125,71 @@ def test_a_missing_column_is_named_with_those_there(frame: pd.DataFrame) -> None
     assert "step_s" in caught.value.hint and "--" not in caught.value.hint
 
 
+def test_a_dataframe_is_read_as_a_file_of_the_same_cells(frame: pd.DataFrame, loop: st.Loop) -> None:
+    words = frame.astype({"PV": object})
+    words.loc[5, "PV"] = "Bad"
+    found = st.Loop.from_dataframe(words)
+    assert not found.used[5] and found.used.sum() == len(frame) - 1
+    assert [f.code for f in found.findings if "text" in f.code] == ["state-as-text"]
+    for text in (frame.astype(str), frame.astype("string"), frame.astype(str).astype("category"),
+                 frame.astype(str).apply(lambda column: column.str.replace(".", ","))):
+        found = st.Loop.from_dataframe(text)
+        assert (found.process_value == loop.process_value).all() and found.step_s == loop.step_s
+
+
+def test_of_columns_with_one_name_the_number_chooses(frame: pd.DataFrame, loop: st.Loop) -> None:
+    twice = pd.concat([frame[["time_s", "SP", "PV"]], -frame["PV"], frame["OP"]], axis=1)
+    for name in (None, "PV"):
+        with pytest.raises(DataError, match="'PV'") as caught:
+            st.Loop.from_dataframe(twice, process_value=name)
+        assert "process_value=3 or process_value=4" in caught.value.__notes__[0]
+    found = st.Loop.from_dataframe(twice, process_value=4, time=1)  # type: ignore[arg-type]
+    assert (found.process_value == -loop.process_value).all()
+    assert found.rows is not None and found.rows.time.equals(frame["time_s"])
+
+
+def test_a_constant_output_is_told_in_the_words_of_python(frame: pd.DataFrame) -> None:
+    study = st.identify(frame.assign(OP=40.0))
+    assert "with start and end" in study.verdict.reason and "--start" in study.record.verdict.reason
+
+
+@pytest.mark.parametrize(("call", "said", "give"), [
+    (lambda f: st.identify(f, law=3), "law is 3", "chen"),
+    (lambda f: st.identify(f, seed="a"), "seed is 'a'", "seed=0"),
+    (lambda f: st.identify(f, effects=3), "effects is 3", "extra-lag"),
+    (lambda f: st.identify(f, plant=2), "plant is 2", "gain"),
+    (lambda f: st.identify(f, scan_s="1 s"), "scan_s is '1 s'", "1.0"),
+    (lambda f: st.identify(3), "int is no loop", "path"),
+    (lambda f: st.diagnose("study.json"), "study is 'study.json'", "st.Study.load"),
+    (lambda f: st.add(None, "extra-lag"), "study is None", "st.identify"),
+    (lambda f: st.compare("a"), "study is 'a'", "load"),
+    (lambda f: st.report(["a.json"], "a.html"), "study is 'a.json'", "load"),
+    (lambda f: st.read_loop(3), "path is 3", "csv"),
+    (lambda f: st.Loop.from_dataframe("a.csv"), "str is no DataFrame", "st.read_loop"),
+    (lambda f: st.Loop.from_dataframe(f, step_s="a"), "step_s is 'a'", "step_s=1.0"),
+    (lambda f: st.Loop.from_dataframe(f, extra=3), "extra is 3", "TI101")])
+def test_an_argument_of_a_wrong_kind_is_a_usage_error(call: Any, said: str, give: str, frame: pd.DataFrame) -> None:
+    with pytest.raises(UsageError, match=re.escape(said)) as caught:
+        call(frame)
+    assert give in caught.value.hint
+
+
+def test_help_names_units_and_kinds_of_loops() -> None:
+    for verb in (st.identify, st.diagnose, st.add, st.remove, st.compare):
+        assert "Loop | pd.DataFrame | str" in str(inspect.signature(verb))
+    text = inspect.getdoc(st.identify) or ""
+    assert all(unit in text for unit in ("% of travel", "unit of PV per %", "in s"))
+
+
+def test_times_with_a_zone_are_shown_in_it(frame: pd.DataFrame) -> None:
+    for zone, offset in (("Europe/Berlin", "+01:00"), ("UTC", "+00:00")):
+        index = pd.date_range("2026-03-04 08:00", periods=len(frame), freq="1s", tz=zone)
+        shown = repr(st.Loop.from_dataframe(frame.drop(columns="time_s").set_axis(index)))
+        assert f"from 2026-03-04T08:00:00{offset} ({zone})" in shown
+    assert "from 2026-03-04T08:00:00 to" in repr(st.Loop.from_dataframe(
+        frame.drop(columns="time_s").set_axis(index.tz_localize(None))))
+
+
 @pytest.mark.parametrize("kind", ["good", "searched", "doubtful", "abstained", "hostile"])
 def test_the_short_texts_are_short_and_safe(kind: str) -> None:
     record = getattr(study_factory, kind)().study
@@ -142,7 +209,8 @@ def test_the_tables_hold_the_numbers_of_the_record(study: st.Study) -> None:
     assert e is not None and e.S_interval is not None
     table = study.summary()
     assert table.loc["S", ["value", "low", "high"]].tolist() == [e.S, *e.S_interval]
-    assert table.loc["verdict", "value"] == "stiction"
+    assert table.loc["verdict", "value"] == "stiction" and "missing" not in table.index
+    assert max(map(len, table.to_string().splitlines())) <= 80
     last = study.parameters.set_index("name")
     assert last.loc["time_constant_s", "value"] == e.time_constants_s[0] and last["effect"].isna().all()
     record = study_factory.searched().study
@@ -153,6 +221,9 @@ def test_the_tables_hold_the_numbers_of_the_record(study: st.Study) -> None:
 def test_a_study_is_frozen(study: st.Study) -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         study.record = None  # type: ignore[misc,assignment]
+    for thing, name in ((study, "verdict"), (study.plot, "fit"), (study.loop, "name")):
+        with pytest.raises(dataclasses.FrozenInstanceError, match=f"cannot assign to field '{name}'"):
+            setattr(thing, name, 1)
 
 
 def test_the_verbs_return_new_studies(study: st.Study, loop: st.Loop, tmp_path: Path) -> None:
@@ -160,6 +231,11 @@ def test_the_verbs_return_new_studies(study: st.Study, loop: st.Loop, tmp_path: 
     told: list[float] = []
     more = st.add(study, "extra-lag", loop, progress=lambda text, share: told.append(share))
     assert [s.added for s in more.steps] == [None, "extra-lag"] and told
+    assert more.summary().loc["effect", "value"] == "extra-lag" and "missing" not in more.summary().index
+    less = st.remove(more, "extra-lag", loop)
+    assert less.steps[-1].effects == () and less.loop is loop and more.steps[-1].effects == ("extra-lag",)
+    with pytest.raises(UsageError, match="the model has no effect travel-limit"):
+        st.remove(study, "travel-limit")
     assert st.diagnose(study).adequate and to_json(study.record) == before
     compared = st.compare(study, loop)
     assert compared.adequate and not compared.record.validates and len(repr(compared).splitlines()) < 12
@@ -228,7 +304,7 @@ def test_no_message_of_the_package_names_a_flag_in_python() -> None:
     flags = [text for _, text in said if re.search(r"--[a-z]", text)]
     assert len(flags) > 60
     assert [(name, in_python(text)) for name, text in said
-            if re.search(r"(?<![\w-])--[a-z]| -o\b|stictionid (read|identify|diagnose|add|compare|report)\b",
+            if re.search(r"(?<![\w-])--[a-z]| -o\b|stictionid (read|identify|diagnose|add|remove|compare|report)\b",
                          in_python(text))] == []
     assert in_python("give --step SECONDS, or --span-op 4,20 or --order 2; stictionid identify") \
         == "give step_s SECONDS, or span_op=(4, 20) or order=2; st.identify"

@@ -13,6 +13,7 @@ from ..record.loop import Finding
 from ..record.loop import Loop as Record
 from ..system.plurals import counted
 from ..typing import BoolArray, FloatArray
+from .arguments import checked
 from .messages import as_html, in_python, speaking_python
 from .rows import InputRows, rows_behind
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 _SHOWN = 3
 
 
-@dataclass(frozen=True, slots=True, repr=False, eq=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Loop:
     """Setpoint, controller output and process value of one loop, on an even time grid.
 
@@ -37,6 +38,7 @@ class Loop:
 
     @classmethod
     @speaking_python
+    @checked
     def from_dataframe(cls, frame: pd.DataFrame, *, setpoint: str | None = None, process_value: str | None = None,
                        output: str | None = None, time: str | None = None, position: str | None = None,
                        extra: Sequence[str] = (), step_s: float | None = None, name: str | None = None,
@@ -46,11 +48,15 @@ class Loop:
         `time` names the column of time; without it the index counts where it holds dates, else a column of time, else
         `step_s` gives the seconds between two rows. `extra` are columns of measured disturbances. `units` maps roles
         ("process_value") to units. `options` are further options of reading by their names in `ReadOptions`
-        ({"dayfirst": True}). Raises UsageError for columns that are not there, DataError for content without a loop.
+        ({"dayfirst": True}). Of columns that share a name the number, from 1 on, chooses one. Raises UsageError for
+        columns that are not there, DataError for content without a loop.
         """
         from ..historian.reading import read_frame
 
-        frame = frame.rename(columns=str)
+        if not (hasattr(frame, "iloc") and hasattr(frame, "columns")):
+            raise UsageError(f"{type(frame).__name__} is no DataFrame",
+                             "give a pandas DataFrame, or read a file with st.read_loop(path)")
+        frame = frame.set_axis([str(c) for c in frame.columns], axis=1)
         dated = _has_dates(frame) and time is None
         if dated and frame.index.name is None:
             frame = frame.rename_axis("time" if "time" not in frame.columns else "time of the index")
@@ -58,7 +64,7 @@ class Loop:
             time = str(frame.index.name)
         roles = {"setpoint": setpoint, "process_value": process_value, "output": output, "position": position}
         for role, column in {**roles, "time": None if dated else time}.items():
-            if column is not None and str(column) not in frame.columns and str(column) not in frame.index.names:
+            if column is not None and str(column) not in frame.index.names and _place(frame, column) is None:
                 raise UsageError(f"the DataFrame has no column {column!r} for {role}",
                                  "its columns: " + ", ".join(map(str, frame.columns[:20])))
         reading = read_frame(frame, options=_options(roles, time, extra, step_s, options), name=name or "loop")
@@ -66,7 +72,8 @@ class Loop:
         known = {**read.units, **(units or {})}
         record = replace(read, name=name or read.name, units=known,
                          origin=replace(read.origin, file=None, units={**read.origin.units, **(units or {})}))
-        own = frame.index if dated or time in frame.index.names else frame[str(time)] if time is not None else None
+        place = None if dated or time is None else _place(frame, time)
+        own = frame.iloc[:, place] if place is not None else frame.index if time is not None else None
         return cls(record, rows_behind(reading, len(frame), own))
 
     @property
@@ -129,7 +136,7 @@ class Loop:
     def _lines(self) -> list[str]:
         r, at = self.record, self.record.origin
         lines = [f"Loop {r.name}: {counted(r.samples, 'sample')} of {r.step_s:g} s, {int(r.used.sum()):,} of them used",
-                 f"from {at.start or 'its start'} to {at.end or 'its end'}, "
+                 f"from {self._stamp(at.start) or 'its start'} to {self._stamp(at.end) or 'its end'}, "
                  f"{counted(len(r.starts), 'segment')}"]
         for role in ("setpoint", "process_value", "output", "position"):
             values = getattr(r, role)
@@ -141,7 +148,18 @@ class Loop:
         return lines + ([f"{len(told) - _SHOWN} more findings"] if len(told) > _SHOWN else [])
 
 
+    def _stamp(self, stamp: str | None) -> str | None:
+        """A stamp in the zone of the input's own times; the record holds UTC."""
+        zone = getattr(getattr(getattr(self.rows, "time", None), "dtype", None), "tz", None)
+        if zone is None or stamp is None:
+            return stamp
+        import pandas as pd
+
+        return f"{pd.Timestamp(stamp).tz_convert(zone).isoformat()} ({zone})"
+
+
 @speaking_python
+@checked
 def read_loop(path: Any, *, setpoint: str | None = None, process_value: str | None = None, output: str | None = None,
               time: str | None = None, position: str | None = None, extra: Sequence[str] = (),
               step_s: float | None = None, loop: str | None = None, start: str | None = None, end: str | None = None,
@@ -181,6 +199,15 @@ def _options(roles: Mapping[str, Any], time: Any, extra: Sequence[str], step_s: 
         if value is not None:
             said[key] = value
     return options_from(said)
+
+
+def _place(frame: pd.DataFrame, column: Any) -> int | None:
+    """Place of a column by its name, or by its number from 1 on where no column is called so; None where it is none."""
+    same = [i for i, name in enumerate(frame.columns) if name == str(column)]
+    if same:
+        return same[0]
+    number = int(column) if str(column).isdecimal() and len(str(column)) < 10 else 0
+    return number - 1 if 1 <= number <= len(frame.columns) else None
 
 
 def _has_dates(frame: pd.DataFrame) -> bool:

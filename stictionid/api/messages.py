@@ -21,7 +21,7 @@ _KEYWORDS = {
 }
 # Commands as functions of `st`; those that have none keep their name.
 _FUNCTIONS = {"read": "st.read_loop", "identify": "st.identify", "diagnose": "st.diagnose", "add": "st.add",
-              "compare": "st.compare", "report": "st.report"}
+              "remove": "st.remove", "compare": "st.compare", "report": "st.report"}
 _WHOLE = (
     ("a file written by stictionid identify -o", "a file written by Study.save"),
     ("write one with stictionid read FILE --save-profile", "write one with the command `read` and its profile option"),

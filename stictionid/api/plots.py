@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..reports.pictures.picture import Picture
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Plots:
     """Pictures of one study. Each method draws on `ax`, or on the axes of a new figure, and returns the axes.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,7 +43,7 @@ class Tree(tuple[TreeNode, ...]):
         return f"<pre>{escape(repr(self))}</pre>"
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class Study:
     """Result of `identify`, `diagnose` or `add`. Nothing changes a study; every function returns a new one.
 
@@ -79,8 +79,8 @@ class Study:
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict on stiction, with reason and confidence."""
-        return self.record.verdict
+        """Verdict on stiction, with reason and confidence; what the reason says to do is in the words of Python."""
+        return replace(self.record.verdict, reason=in_python(self.record.verdict.reason))
 
     @property
     def estimate(self) -> Estimate | None:
@@ -144,7 +144,7 @@ class Study:
         return Plots(self.record, self.loop)
 
     def summary(self) -> pd.DataFrame:
-        """Main numbers, one row each: value, ends of its interval, unit and a note."""
+        """Main numbers, one row each: value, ends of its interval, and unit; it prints within 80 columns."""
         from .tables import summary
 
         return summary(self.record)

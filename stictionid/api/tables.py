@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -24,31 +25,32 @@ _FINDINGS = ("severity", "code", "statement", "suggests")
 
 
 def summary(study: Study) -> pd.DataFrame:
-    """Main numbers of a study, one row each: value, ends of its interval, unit and a note."""
-    rows: list[tuple[str, Any, Any, Any, str, str]] = [
-        ("verdict", study.verdict.stiction, None, None, "", study.verdict.reason),
-        ("confidence", study.verdict.confidence, None, None, "", "0 to 1, no probability")]
+    """Main numbers of a study, one row each: value, ends of its interval, and unit.
+
+    A column of sentences would make pandas hide the others. An effect that the model has stands as "effect", one that
+    it lacks as "missing".
+    """
+    rows: list[tuple[str, Any, Any, Any, str]] = [("verdict", study.verdict.stiction, None, None, ""),
+                                                  ("confidence", study.verdict.confidence, None, None, "")]
     e, unit = study.estimate, study.data.units.get("process_value") or "unit of y"
     if e is not None:
-        note = f"{100 * e.interval_level:g} % interval"
         per = " per s" if e.integrating else ""
-        rows += [("S", e.S, *_ends(e.S_interval), e.unit, f"stickband plus deadband, {note}"),
-                 ("J", e.J, *_ends(e.J_interval), e.unit, f"slip jump, {note}"),
-                 ("gain", e.gain, *_ends(e.gain_interval), f"{unit}/{e.unit}{per}", "of the process")]
+        rows += [("S", e.S, *_ends(e.S_interval), e.unit), ("J", e.J, *_ends(e.J_interval), e.unit),
+                 ("gain", e.gain, *_ends(e.gain_interval), f"{unit}/{e.unit}{per}")]
         spans = (*e.time_constants_intervals, *[None] * len(e.time_constants_s))
-        rows += [("time constant", value, *_ends(spans[i]), "s", "") for i, value in enumerate(e.time_constants_s)]
-        rows.append(("dead time", e.dead_time_s, *_ends(e.dead_time_interval), "s", ""))
+        rows += [("time constant", value, *_ends(spans[i]), "s") for i, value in enumerate(e.time_constants_s)]
+        rows.append(("dead time", e.dead_time_s, *_ends(e.dead_time_interval), "s"))
     if study.range.period_median_s is not None:
-        rows.append(("period", study.range.period_median_s, None, None, "s", "median of the whole cycles"))
+        rows.append(("period", study.range.period_median_s, None, None, "s"))
     if study.steps:
         error = study.steps[-1].error
-        rows += [("error", error.rmse, None, None, unit, "free run of the last model"),
-                 ("error held out", error.rmse_holdout, None, None, unit, "on blocks that were not fitted"),
-                 ("noise", error.noise_sd, None, None, unit, "irreducible"),
-                 ("adequate", study.adequate, None, None, "", study.adequate_reason)]
-    if study.missing or study.unexplained:
-        rows.append(("missing", ", ".join(study.missing) or "none of these", None, None, "", study.missing_reason))
-    table = _frame(rows, ["quantity", "value", "low", "high", "unit", "note"])
+        rows += [("error", error.rmse, None, None, unit), ("error held out", error.rmse_holdout, None, None, unit),
+                 ("noise", error.noise_sd, None, None, unit), ("adequate", study.adequate, None, None, "")]
+    have = study.steps[-1].effects if study.steps else ()
+    lacks = [name for name in study.missing if name not in {re.split("[@:]", own)[0] for own in have}]
+    rows += [("effect", name, None, None, "") for name in have]
+    rows += [("missing", name, None, None, "") for name in lacks or ["none of these"] * (study.unexplained is not None)]
+    table = _frame(rows, ["quantity", "value", "low", "high", "unit"])
     return table.astype({"low": float, "high": float}).set_index("quantity")
 
 

@@ -6,10 +6,11 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import UsageError
 from ..typing import Progress
+from .arguments import checked, refuse
 from .loop import Loop
 from .messages import as_html, in_python, speaking_python
 from .plots import is_own, loop_for
@@ -31,17 +32,20 @@ _SHOWN = 5
 
 
 @speaking_python
+@checked
 @one_thread
-def identify(loop: Any, *, law: str | None = None, effects: Sequence[str] = (), method: str = "auto",
-             base_only: bool = False, between: str = "auto", scan_s: float | None = None,
-             plant: Mapping[str, float] | None = None, seed: int = 0, budget: int | None = None,
-             progress: Progress | None = None) -> Study:
+def identify(loop: Loop | pd.DataFrame | str | os.PathLike[str], *, law: str | None = None,
+             effects: Sequence[str] = (), method: str = "auto", base_only: bool = False, between: str = "auto",
+             scan_s: float | None = None, plant: Mapping[str, float] | None = None, seed: int = 0,
+             budget: int | None = None, progress: Progress | None = None) -> Study:
     """S, J, process, errors and verdict of a loop: a Loop, a DataFrame, or the path of a file.
 
-    `law` names a stiction law or "all", `effects` are put into the model from the start, `base_only` stops at the base
-    model. `plant` holds what is known of the process: gain, time_constant_s, dead_time_s. `between` says what the
-    output did between samples, `scan_s` the scan of the controller. `budget` limits the cost evaluations. The same seed
-    gives the same study. A record that can't tell gives a study with the verdict "undecided" and its reason.
+    S and J are in % of travel, the gain of the process in the unit of PV per %, lags and dead time in s, errors in the
+    unit of PV. `law` names a stiction law or "all", `effects` are put into the model from the start, `base_only` stops
+    at the base model. `plant` holds what is known of the process: gain (unit of PV per %, of an integrator per s,
+    too), time_constant_s and dead_time_s (s). `between` says what the output did between samples, `scan_s` is the scan
+    of the controller in s. `budget` is the largest number of cost evaluations. The same seed gives the same study. A
+    record that can't tell gives a study with the verdict "undecided" and its reason.
     """
     from ..fit.options import USUAL_SCAN_S, Options
     from ..verbs.identify import identify as run
@@ -57,9 +61,11 @@ def identify(loop: Any, *, law: str | None = None, effects: Sequence[str] = (), 
 
 
 @speaking_python
+@checked
 @one_thread
-def diagnose(study: Study, loop: Any = None, *, apply: bool = False, everything: bool = False, bootstrap: int = 0,
-             seed: int = 0, jobs: int = 1, budget: int | None = None, progress: Progress | None = None) -> Study:
+def diagnose(study: Study, loop: Loop | pd.DataFrame | str | os.PathLike[str] | None = None, *,
+             apply: bool = False, everything: bool = False, bootstrap: int = 0, seed: int = 0, jobs: int = 1,
+             budget: int | None = None, progress: Progress | None = None) -> Study:
     """The study with ranked candidates and the effect to add next; `apply` adds all that the search finds.
 
     `everything` asks for the whole catalogue even where the model is adequate. `bootstrap` replicates give the named
@@ -73,9 +79,10 @@ def diagnose(study: Study, loop: Any = None, *, apply: bool = False, everything:
 
 
 @speaking_python
+@checked
 @one_thread
-def add(study: Study, effect: str, loop: Any = None, *, prune: bool = False, seed: int = 0,
-        progress: Progress | None = None) -> Study:
+def add(study: Study, effect: str, loop: Loop | pd.DataFrame | str | os.PathLike[str] | None = None, *,
+        prune: bool = False, seed: int = 0, progress: Progress | None = None) -> Study:
     """The study with one more step: the model refitted with an effect ("step-disturbance@load" names a variant).
 
     `prune` leaves out earlier effects that it makes superfluous. Raises UsageError for an unknown effect or one that
@@ -87,7 +94,23 @@ def add(study: Study, effect: str, loop: Any = None, *, prune: bool = False, see
     return Study(run(found.record, study.record, effect, seed=seed, prune=prune, progress=teller(progress)), found)
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@speaking_python
+@checked
+@one_thread
+def remove(study: Study, effect: str, loop: Loop | pd.DataFrame | str | os.PathLike[str] | None = None, *,
+           seed: int = 0, progress: Progress | None = None) -> Study:
+    """The study without an effect: the steps that came after it are refitted, and the verdict is that of what is left.
+
+    A finding of the last step says what the effect was worth. Raises UsageError for an effect that the model does not
+    have, DataError for an abstained study.
+    """
+    from ..verbs.remove import remove as run
+
+    found = loop_for(study.record, loop, study.loop)
+    return Study(run(found.record, study.record, effect, seed=seed, progress=teller(progress)), found)
+
+
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """A model held against a record: its errors, and findings that say where it fails. `record` holds all arrays."""
 
@@ -123,8 +146,9 @@ class Comparison:
 
 
 @speaking_python
+@checked
 @one_thread
-def compare(study: Study, loop: Any = None) -> Comparison:
+def compare(study: Study, loop: Loop | pd.DataFrame | str | os.PathLike[str] | None = None) -> Comparison:
     """The study's last model against its own record; another loop validates it there.
 
     On another record the valve and the process are held, start state and bias are refitted.
@@ -141,7 +165,8 @@ def compare(study: Study, loop: Any = None) -> Comparison:
 
 @speaking_python
 @one_thread
-def report(study: Study | Sequence[Study], path: str | os.PathLike[str], loop: Any = None, *, figures: str = "svg",
+def report(study: Study | Sequence[Study], path: str | os.PathLike[str],
+           loop: Loop | pd.DataFrame | str | os.PathLike[str] | None = None, *, figures: str = "svg",
            force: bool = False, progress: Progress | None = None) -> Path:
     """Write a report of one study, or of several, and return its place; .html, .md with its pictures, or .json.
 
@@ -150,7 +175,9 @@ def report(study: Study | Sequence[Study], path: str | os.PathLike[str], loop: A
     from ..reports.pages.write import write_report
     from ..reports.pictures.curves import Case, curves, gather
 
-    studies = [study] if isinstance(study, Study) else list(study)
+    studies = list(study) if isinstance(study, list | tuple) else [study]
+    for name, value in (*(("study", each) for each in studies), ("figures", figures), ("path", path)):
+        refuse(name, value)
     if loop is not None and len(studies) > 1:
         raise UsageError(f"one loop and {len(studies)} studies do not go together", "report them one by one")
     cases = []

@@ -95,13 +95,10 @@ def read(file: Any, *, options: ReadOptions | None = None) -> Reading:
 
 def read_frame(frame: Any, *, options: ReadOptions | None = None, name: str = "data frame") -> Reading:
     """The loop in a pandas data frame, read as a file with the same columns would be."""
-    import pyarrow as pa
+    from .table.frame import frame_table
 
-    from .table.table import table_from_arrow
-
-    named = any(n is not None for n in frame.index.names)
-    table = table_from_arrow(pa.Table.from_pandas(frame, preserve_index=named), name)
-    return reading_of(Source(name, "parquet", b"", ""), table, settled(options))
+    options = settled(options)
+    return reading_of(Source(name, "parquet", b"", ""), frame_table(frame, name, options.decimal), options)
 
 
 def reading_of(source: Source, table: Table, options: ReadOptions) -> Reading:

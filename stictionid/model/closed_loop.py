@@ -114,7 +114,7 @@ def check_setting(setting: Setting) -> None:
         if math.isnan(value):
             raise UsageError(f"{what} nan is no number", f"give {what} {max(low, 1.0):g}, for example")
         if value < low:
-            raise UsageError(f"{what} {value:g} is below its limit {low:g}", f"give {what} {max(low, 1.0):g} or more")
+            raise UsageError(f"{what} {value:g} is below its limit {low:g}", f"give {what} {low:g} or more")
         if value > LARGEST:
             raise UsageError(f"{what} {value:g} is above its limit {LARGEST:g}", f"give {what} 1, for example")
     if c.integral_time_s <= 0:

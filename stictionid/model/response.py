@@ -110,7 +110,7 @@ class Response:
         reach = S_OVER_S_MAX * self.s_max * max((e.reach for e in self.effects), default=1.0)
         base = [
             Parameter("S", "%", _SMALLEST_S * self.s_max, reach, 0.0, "stickband plus deadband"),
-            Parameter("J", "S", 0.0, 1.0 if self.law.one_parameter else J_OVER_S, 0.0, "slip jump, as a share of S"),
+            Parameter("J", "S", 0.0, 1.0 if self.law.one_parameter else J_OVER_S, 0.0, "slip jump"),
             Parameter("initial_residual_force", "f_s", -1.0, 1.0, 0.0, "e(0) as a share of f_s"),
             Parameter("time_constant_s", "s", 0.02 * step, hi_T, 0.0, "lag of the process", log=True),
             Parameter("dead_time_s", "s", 0.0, max(0.6 * period, 5.0 * step), 0.0, "dead time of the process"),
