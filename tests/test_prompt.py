@@ -16,7 +16,9 @@ import study_factory
 from commands import run
 
 import stictionid as st
+from stictionid import laws
 from stictionid.cli.app import app
+from stictionid.cli.common.completion import effect_names, law_names
 from stictionid.cli.common.output import Progress, width_of
 from stictionid.effects import catalogue
 from stictionid.model.closed_loop import preset
@@ -56,12 +58,24 @@ def test_completion_is_shown_and_installed(shell: str, word: str, tmp_path: Path
 
 
 @pytest.mark.parametrize(("words", "number", "found"), [("stictionid identify --span", "2",
-                                                         ["--span-pv", "--span-op"])])
+                                                         ["--span-pv", "--span-op"]),
+                                                        ("stictionid add trav", "2", ["travel-limit"]),
+                                                        ("stictionid remove gain-n", "2", ["gain-nonlinearity"]),
+                                                        ("stictionid effects lea", "2", ["leak"]),
+                                                        ("stictionid simulate --effect slip", "3", ["slip-overshoot"]),
+                                                        ("stictionid identify --with back", "3", ["backlash"]),
+                                                        ("stictionid identify --law ka", "3", ["kano", "karnopp"]),
+                                                        ("stictionid laws he", "2", ["he", "he-wang"])])
 def test_words_are_completed(words: str, number: str, found: list[str]) -> None:
-    done = subprocess.run([sys.executable, "-m", "stictionid"], capture_output=True, text=True,
+    done = subprocess.run([sys.executable, "-X", "importtime", "-m", "stictionid"], capture_output=True, text=True,
                           env={**os.environ, "_STICTIONID_COMPLETE": "complete_bash", "COMP_WORDS": words,
                                "COMP_CWORD": number})
     assert done.stdout.split() == found
+    assert not any(heavy in done.stderr for heavy in ("numpy", "numba", "pyarrow"))
+
+
+def test_names_to_complete_are_those_of_the_catalogues() -> None:
+    assert effect_names("") == sorted(catalogue()) and law_names("") == sorted(laws.catalogue())
 
 
 @pytest.mark.parametrize("columns", [60, 200])

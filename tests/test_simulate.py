@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stictionid.errors import StictionidError
+from stictionid.errors import StictionidError, UsageError
 from stictionid.model.closed_loop import preset, simulate, with_stiction
 
 ROOT = Path(__file__).parent.parent
@@ -58,6 +58,14 @@ def test_values_out_of_range_are_refused_in_a_sentence(change: dict) -> None:
     with pytest.raises(StictionidError) as refusal:
         simulate(replace(preset("foptd"), **change))
     assert refusal.value.exit_code == 2 and refusal.value.hint
+
+
+def test_a_refusal_names_the_limit_itself() -> None:
+    for change, hint in (({"noise_sd": -0.1}, "give --noise 0 or more"), ({"step_s": 0.0}, "give --step 1e-06 or more"),
+                         ({"step_s": 2.0, "duration_s": 1.0}, "give --duration 2 or more")):
+        with pytest.raises(UsageError) as refusal:
+            simulate(replace(preset("foptd"), **change))
+        assert refusal.value.hint == hint
 
 
 def test_sample_data_are_what_make_py_makes(tmp_path: Path) -> None:

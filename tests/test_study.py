@@ -69,5 +69,17 @@ def test_what_is_no_study_is_refused(text: str) -> None:
 def test_one_damaged_field_is_named() -> None:
     content = json.loads((GOLDEN / "study_schema_1.json").read_text(encoding="utf-8"))
     content["estimate"]["S"] = "large"
-    with pytest.raises(DataError, match=r"study\.estimate\.S"):
+    with pytest.raises(DataError, match=r"^the study is damaged: estimate\.S is 'large', not a number$"):
         study_from_json(json.dumps(content))
+
+
+def test_missing_fields_are_named_in_words() -> None:
+    text = (GOLDEN / "study_schema_1.json").read_text(encoding="utf-8")
+    content = json.loads(text)
+    del content["steps"][0]["error"]["rmse"]
+    for damaged, said in (('{"schema": "stictionid.study/1"}', "damaged: it has no created_by, data, range"),
+                          (json.dumps(content), r"damaged: steps\[0\]\.error has no rmse$"),
+                          (text[:len(text) // 2], "cut off: it is no JSON from line [0-9]+, column [0-9]+ on$")):
+        with pytest.raises(DataError, match=said) as refusal:
+            study_from_json(damaged)
+        assert "__init__" not in refusal.value.message and refusal.value.hint

@@ -182,7 +182,13 @@ def test_a_candidate_without_finite_numbers_is_rejected(tmp_path: Path) -> None:
     (1, "can't be imported", "raise SystemExit(0)\n"),
     (2, "NaN", WIDTH + "def valve(p, t, width):\n    return p if width == 0 else p * float('nan')\n"),
     (3, "changes its input", WIDTH + "def valve(p, t, width):\n    p += width\n    return p\n"),
-    (2, "not neutral", WIDTH + "def valve(position, time_s, width):\n    return 0.9 * position\n"),
+    (2, "correct neutral in PARAMETERS", WIDTH + "def valve(position, time_s, width):\n    return 0.9 * position\n"),
+    (2, "take the rate 1/tau as the parameter, neutral 0",
+     'PARAMETERS = {"tau": {"unit": "s", "range": (10, 1e9), "neutral": 1e9, "log": True}}\n'
+     "def valve(position, time_s, tau):\n    return position * 2.718281828 ** (-time_s / tau)\n"),
+    (2, "take the rate 1/gap as the parameter, neutral 0",
+     'PARAMETERS = {"gap": {"unit": "s", "range": (10, 100), "neutral": 100}}\n'
+     "def tf(gap):\n    return [5 - 5 / gap, 1], [5, 1]\n"),
     (1, "built-in", 'NAME = "extra-lag"\n' + WIDTH + "def valve(position, time_s, width):\n    return position\n"),
     (1, "is no name", 'NAME = "Extra Lag"\n' + WIDTH + "def valve(position, time_s, width):\n    return position\n"),
     (2, "returns shape (239,)", WIDTH + "def valve(position, time_s, width):\n    return position[1:]\n"),

@@ -11,6 +11,7 @@ import typer
 
 from ..historian.bytes.options import ReadOptions
 from .app import app
+from .common.completion import law_names
 from .common.outcomes import outcome
 from .common.output import (
     ForceOption,
@@ -41,7 +42,8 @@ def agree(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Report to write: .md with its picture beside "
                                                 "it, or .json.")] = None,
     figures: Annotated[str, typer.Option("--figures", help="Picture beside markdown: svg or png.")] = "svg",
-    law: Annotated[str | None, typer.Option(help="Stiction law, see stictionid laws.", show_default="chen")] = None,
+    law: Annotated[str | None, typer.Option(autocompletion=law_names, show_default="chen",
+                                            help="Stiction law, see stictionid laws.")] = None,
     base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: as identify.")] = "auto",
     scan: Annotated[float, typer.Option(metavar="SECONDS", help="Scan of the controller: as identify.")] = 1.0,

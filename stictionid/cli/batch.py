@@ -15,6 +15,7 @@ from ..historian.bytes.options import ReadOptions
 from ..system.plurals import counted
 from .app import app
 from .common.batch_progress import Watch
+from .common.completion import effect_names, law_names
 from .common.outcomes import outcome
 from .common.output import (
     MOST_JOBS,
@@ -59,9 +60,10 @@ def batch(
     resume: Annotated[bool, typer.Option("--resume", help="Skip loops whose study still holds: same data, options and "
                                          "version.")] = False,
     method: Annotated[str, typer.Option(help="As in identify.")] = "auto",
-    law: Annotated[str | None, typer.Option(help="Stiction law; all fits and ranks every one.", show_default="chen")]
-    = None,
-    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", help="Put an effect into every "
+    law: Annotated[str | None, typer.Option(autocompletion=law_names, show_default="chen",
+                                            help="Stiction law; all fits and ranks every one.")] = None,
+    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", autocompletion=effect_names,
+                                                          help="Put an effect into every "
                                                           "model; repeatable.")] = None,
     base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold or corner.")] = "auto",

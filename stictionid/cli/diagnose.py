@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import app
+from .common.completion import effect_names
 from .common.outcomes import outcome
 from .common.output import (
     ForceOption,
@@ -82,7 +83,8 @@ def diagnose(
 
 @app.command(epilog=outcome("the study, in place or to -o", json="schema stictionid.study/1"))
 def add(
-    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="Name of an effect; see stictionid effects.")],
+    effect: Annotated[str, typer.Argument(metavar="EFFECT", autocompletion=effect_names,
+                                           help="Name of an effect; see stictionid effects.")],
     study: StudyArgument, file: DataArgument = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write here instead of in place.")] = None,
     prune: Annotated[bool, typer.Option("--prune", help="Leave out earlier effects that it makes superfluous.")]
@@ -112,7 +114,8 @@ def add(
 
 @app.command(epilog=outcome("the study, in place or to -o", json="schema stictionid.study/1"))
 def remove(
-    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="Name of an effect that the study has.")],
+    effect: Annotated[str, typer.Argument(metavar="EFFECT", autocompletion=effect_names,
+                                           help="Name of an effect that the study has.")],
     study: StudyArgument, file: DataArgument = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write here instead of in place.")] = None,
     effects: EffectsOption = None, laws: LawsOption = None,

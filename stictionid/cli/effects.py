@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from .app import app
+from .common.completion import effect_names
 from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, say
 from .common.user_files import EffectsOption, check_files, write_template
@@ -15,7 +16,8 @@ from .common.user_files import EffectsOption, check_files, write_template
 
 @app.command(epilog=outcome("nothing", json="a list of effects"))
 def effects(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Show one effect in full.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", autocompletion=effect_names,
+                                                help="Show one effect in full.")] = None,
     new: Annotated[str | None, typer.Option("--new", metavar="NAME", help="Write a template of a user-written effect "
                                             "to -o FILE.py.")] = None,
     check: Annotated[list[Path] | None, typer.Option("--check", metavar="FILE", show_default=False, help="Run the "

@@ -12,6 +12,7 @@ import typer
 
 from ..historian.bytes.options import ReadOptions
 from .app import app
+from .common.completion import effect_names, law_names
 from .common.outcomes import outcome
 from .common.output import (
     MOST_JOBS,
@@ -45,9 +46,10 @@ def identify(
     method: Annotated[str, typer.Option(help="auto, arx (the paper exactly: ARX and particle swarm), or one of those "
                                         "it compares itself with: one-parameter, ellipse, polynomial, jelali.")]
     = "auto",
-    law: Annotated[str | None, typer.Option(help="Stiction law, see stictionid laws; all fits and ranks every one.",
-                                            show_default="chen")] = None,
-    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", help="Put an effect into the "
+    law: Annotated[str | None, typer.Option(autocompletion=law_names, show_default="chen", help="Stiction law, see "
+                                            "stictionid laws; all fits and ranks every one.")] = None,
+    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", autocompletion=effect_names,
+                                                          help="Put an effect into the "
                                                           "model from the start; repeatable.")] = None,
     base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold, corner, or "

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .app import app
+from .common.completion import law_names
 from .common.law_option import forces, from_forces, parse_law
 from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, out_console, print_json, say
@@ -28,8 +29,10 @@ _KINDS = (".png", ".svg")
                   "Example: stictionid laws he --test ramp --S 4 --J 2\n\n"
                   "Example: stictionid laws --test karnopp:mass=2,F_s=220,F_c=60")
 def laws(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="A law, shown in full.")] = None,
-    test: Annotated[str | None, typer.Option("--test", metavar="NAME", help="Bench: the law to test; or, after a "
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", autocompletion=law_names,
+                                                help="A law, shown in full.")] = None,
+    test: Annotated[str | None, typer.Option("--test", metavar="NAME", autocompletion=law_names,
+                                              help="Bench: the law to test; or, after a "
                                              "law, one test's name or 'all'. Numbers of its own after a colon, "
                                              "forces F_s and F_c in N in place of S and J.")] = None,
     S: Annotated[float, typer.Option("--S", help="Stickband plus deadband on the bench, %.")] = 5.0,

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from .app import app
+from .common.completion import effect_names, law_names
 from .common.law_option import from_forces, parse_law
 from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, SeedOption, print_json, say
@@ -20,11 +21,13 @@ def simulate(
     output: Annotated[Path, typer.Option("--output", "-o", help="Data file: .csv, .tsv, .txt or .parquet.")],
     preset: Annotated[str, typer.Option(help="Loop to start from: foptd, itptd (the paper's Table 1) or tank.")]
     = "foptd",
-    law: Annotated[str, typer.Option(metavar="NAME[:par=value,…]", help="Stiction law of the valve, see stictionid "
-                                     "laws; numbers of its own after a colon, karnopp:mass=2.")] = "chen",
+    law: Annotated[str, typer.Option(metavar="NAME[:par=value,…]", autocompletion=law_names,
+                                     help="Stiction law of the valve, see stictionid laws; numbers of its own after a "
+                                     "colon, karnopp:mass=2.")] = "chen",
     S: Annotated[float | None, typer.Option("--S", help="Stickband plus deadband, % of travel.")] = None,
     J: Annotated[float | None, typer.Option("--J", help="Slip jump, % of travel.")] = None,
     effect: Annotated[list[str] | None, typer.Option(
+        autocompletion=effect_names,
         help="NAME:par=value,… hides a physical effect; repeatable. NAME alone takes numbers that show, and prints "
              "them.")]
     = None,

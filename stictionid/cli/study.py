@@ -12,6 +12,7 @@ import typer
 from ..historian.bytes.options import ReadOptions
 from ..system.plurals import counted
 from .app import app
+from .common.completion import effect_names, law_names
 from .common.outcomes import outcome
 from .common.output import (
     ForceOption,
@@ -47,8 +48,10 @@ def study(
     reading: ReadOptions,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT", show_default=False,
                                          help="The page (.html or .md), the study (.json), or a folder for both.")],
-    law: Annotated[str | None, typer.Option(help="Stiction law, see stictionid laws.", show_default="chen")] = None,
-    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", help="Put an effect into the "
+    law: Annotated[str | None, typer.Option(autocompletion=law_names, show_default="chen",
+                                            help="Stiction law, see stictionid laws.")] = None,
+    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", autocompletion=effect_names,
+                                                          help="Put an effect into the "
                                                           "model from the start; repeatable.")] = None,
     between: Annotated[str, typer.Option(help="What the output did between samples: as identify.")] = "auto",
     scan: Annotated[float, typer.Option(metavar="SECONDS", help="Scan of the controller: as identify.")] = 1.0,

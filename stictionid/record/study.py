@@ -9,13 +9,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import types
-import typing
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..errors import DataError
+from .built import built
 from .loop import Finding
 from .rhythm import Rhythm
 from .swing import Swing
@@ -358,7 +357,9 @@ def study_from_json(text: str) -> Study:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise DataError(f"not a study: {error}", "give a file written by stictionid identify -o") from None
+        at = f" from line {error.lineno}, column {error.colno} on" if isinstance(error, json.JSONDecodeError) else ""
+        raise DataError(f"not a study, or one that was cut off: it is no JSON{at}",
+                        "give a file written by stictionid identify -o") from None
     schema = content.get("schema") if isinstance(content, dict) else None
     if not isinstance(schema, str) or not schema.startswith("stictionid.study/"):
         raise DataError("not a study: it has no schema 'stictionid.study/…'",
@@ -368,58 +369,9 @@ def study_from_json(text: str) -> Study:
         raise DataError(f"the study has schema {schema}, newer than {SCHEMA} that this version reads",
                         "update stictionid")
     try:
-        return typing.cast(Study, _build(Study, content, "study"))
+        return built(Study, content)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         raise DataError(f"the study is damaged: {error}", "run stictionid identify again") from None
-
-
-def _build(kind: Any, content: Any, where: str) -> Any:
-    """`content` as an instance of the annotation `kind`; unknown fields are ignored, missing ones need a default."""
-    origin = typing.get_origin(kind)
-    if kind is Any:
-        return content
-    if origin in (typing.Union, types.UnionType):
-        choices = typing.get_args(kind)
-        if content is None and type(None) in choices:
-            return None
-        return _build(next(c for c in choices if c is not type(None)), content, where)
-    if origin is tuple:
-        if not isinstance(content, list):
-            raise ValueError(f"{where} is not a list")
-        inner = typing.get_args(kind)
-        kinds = [inner[0]] * len(content) if inner[-1] is Ellipsis else list(inner)
-        if len(kinds) != len(content):
-            raise ValueError(f"{where} has {len(content)} entries, not {len(kinds)}")
-        return tuple(_build(k, c, f"{where}[{i}]") for i, (k, c) in enumerate(zip(kinds, content, strict=True)))
-    if origin is dict:
-        if not isinstance(content, dict):
-            raise ValueError(f"{where} is not an object")
-        return {k: _build(typing.get_args(kind)[1], v, f"{where}.{k}") for k, v in content.items()}
-    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
-        if not isinstance(content, dict):
-            raise ValueError(f"{where} is not an object")
-        hints = _hints(kind)
-        known = {f.name for f in dataclasses.fields(kind)}
-        values = {k: _build(hints[k], v, f"{where}.{k}") for k, v in content.items() if k in known}
-        return kind(**values)
-    if kind is float:
-        if isinstance(content, bool) or not isinstance(content, (int, float)):
-            raise ValueError(f"{where} is {content!r}, not a number")
-        return float(content)
-    if kind in (int, bool, str):
-        if not isinstance(content, kind) or (kind is int and isinstance(content, bool)):
-            raise ValueError(f"{where} is {content!r}, not {kind.__name__}")
-        return content
-    raise TypeError(f"{where}: no reading for {kind}")
-
-
-_HINTS: dict[Any, dict[str, Any]] = {}
-
-
-def _hints(kind: Any) -> dict[str, Any]:
-    if kind not in _HINTS:
-        _HINTS[kind] = typing.get_type_hints(kind)
-    return _HINTS[kind]
 
 
 def intervals_withheld(steps: Iterable[Step]) -> bool:

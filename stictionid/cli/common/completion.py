@@ -1,4 +1,7 @@
-"""Completion of the command line in bash, zsh and fish: its script shown, or installed for the next terminal."""
+"""Completion of the command line in bash, zsh and fish: its script shown, or installed for the next terminal.
+
+Names of effects and laws are completed from the files of the catalogues, without the second that loading them takes.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,23 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...errors import UsageError
+from ...system.registry import names_in
 
 SHELLS = ("bash", "zsh", "fish")
 INSTALL, SHOW = "--install-completion", "--show-completion"
 PROGRAM = "stictionid"
 # The variable by which a shell's script asks this program for completions.
 ASKS = "_STICTIONID_COMPLETE"
+
+
+def effect_names(incomplete: str) -> list[str]:
+    """Names of the built-in effects that begin so."""
+    return [name for name in names_in("stictionid.effects", "EFFECT") if name.startswith(incomplete)]
+
+
+def law_names(incomplete: str) -> list[str]:
+    """Names of the built-in laws that begin so."""
+    return [name for name in names_in("stictionid.laws", "LAW") if name.startswith(incomplete)]
 
 
 def with_shell(words: Sequence[str]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -13,21 +14,18 @@ from .output import out_console, print_json, safe, say
 
 
 def _load_effects(context: typer.Context, places: list[Path] | None) -> list[Path] | None:
-    from ... import effects
-
-    return _load(context, places, effects)
+    return _load(context, places, "effects")
 
 
 def _load_laws(context: typer.Context, places: list[Path] | None) -> list[Path] | None:
-    from ... import laws
-
-    return _load(context, places, laws)
+    return _load(context, places, "laws")
 
 
-def _load(context: typer.Context, places: list[Path] | None, room: Any) -> list[Path] | None:
+def _load(context: typer.Context, places: list[Path] | None, catalogue: str) -> list[Path] | None:
     """Add the entries of files and folders to a catalogue, and name them to worker processes."""
     if not places or context.resilient_parsing:
-        return places
+        return places  # the catalogues take a second to load, which help and completion do without
+    room = importlib.import_module(f"stictionid.{catalogue}")
     room.use(places)
     # Workers that are spawned read them from the environment, the only place they share with this process.
     have = os.environ.get(room.VARIABLE, "")

@@ -48,6 +48,8 @@ _MODEL_S, SLOW, _LANES, _TIMED = 5e-9, 10.0, 64, 3
 _SAME = 1e-9
 # The same for coefficients, whose shortest lag may stand for none, at these frequencies. Units: 1, rad / s.
 _NEAR, _FREQUENCIES = 1e-3, (1e-3, 0.1, 10.0)
+# Factor by which a neutral value is raised to see whether the effect vanishes at infinity only.
+_FURTHER = 10.0
 _KEYS = {"unit", "range", "neutral", "meaning", "log"}
 _EXAMPLE = 'PARAMETERS = {"width": {"unit": "%", "range": (0, 20), "neutral": 0}}'
 Tell = Callable[[str], None]
@@ -219,19 +221,37 @@ def _neutral(function: Function, neutral: dict[str, float], position: FloatArray
     if function.kind == "disturbance":
         say("it vanishes at size 0")
         return
-    most = _SAME
-    if function.kind in ("tf", "ss"):
-        element, most = coefficients(function, neutral), _NEAR
-        away = max(abs(_gain(element, w) - 1.0) for w in _FREQUENCIES)
-    else:
-        signal = position if function.kind == "valve" else position - position[0]
-        away = float(np.abs(function.signal(signal, time_s, **neutral) - signal).max() / np.abs(signal).max())
-    if not away <= most:
+    linear = function.kind in ("tf", "ss")
+    signal = position if function.kind == "valve" else position - position[0]
+
+    def distance(values: dict[str, float]) -> float:
+        if linear:
+            element = coefficients(function, values)
+            return max(abs(_gain(element, w) - 1.0) for w in _FREQUENCIES)
+        return float(np.abs(function.signal(signal, time_s, **values) - signal).max() / np.abs(signal).max())
+
+    away = distance(neutral)
+    if not away <= (_NEAR if linear else _SAME):
+        endless = _endless(distance, neutral, away)
         raise fault(function.file, function.line, f"{function.kind}() is not neutral at {said(neutral)}: it differs "
-                    f"from its input by {100 * away:.3g} %; return the input there, or correct neutral in PARAMETERS")
+                    f"from its input by {100 * away:.3g} %; " + (
+                        f"it comes nearer as {endless} grows, so neutral is at infinity: take the rate 1/{endless} as "
+                        "the parameter, neutral 0" if endless else
+                        "return the input there, or correct neutral in PARAMETERS"))
     say("it vanishes at the neutral values")
     if function.kind == "process":
         say("it rests while its input rests at 0")
+
+
+def _endless(distance: Callable[[dict[str, float]], float], neutral: dict[str, float], away: float) -> str:
+    """The parameter beyond whose neutral value the effect goes on vanishing; empty where there is none."""
+    for name, value in neutral.items():
+        try:
+            if value and distance({**neutral, name: value * _FURTHER}) * _FURTHER < 2.0 * away:
+                return name
+        except DataError:  # the function was not made for values out of its range
+            continue
+    return ""
 
 
 def _gain(element: Any, frequency: float) -> complex:
