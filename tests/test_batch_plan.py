@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -132,16 +133,23 @@ def test_foreign_files_are_skipped_with_their_reason_and_damaged_ones_fail(tmp_p
         write_csv(tmp_path / f"{name}.csv", loop)
     (tmp_path / "manual.pdf").write_bytes(b"%PDF")
     (tmp_path / "README.txt").write_text("Exported by night shift.\n")
+    (tmp_path / "trend.csv").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(128, 256)))
+    (tmp_path / "FIC300.csv").mkdir()
     (tmp_path / "prices.csv").write_text("item,price\n1,2\n3,4\n")
     (tmp_path / "FIC200.csv").write_text("")
     (tmp_path / "FIC201.parquet").write_bytes(b"PAR1 cut off")
+    (tmp_path / "FIC202.txt").write_text("")
+    (tmp_path / "FIC203.csv.gz").write_bytes(gzip.compress(b"time,PV,OP\n" * 99)[:40])
+    (tmp_path / "FIC200.parquet").write_bytes(b"")
     todo = plan([str(tmp_path)], SCREEN)
-    assert {Path(s.file).name for s in todo.skipped} == {"manual.pdf", "README.txt", "prices.csv"}
+    assert {Path(s.file).name for s in todo.skipped} == {"manual.pdf", "README.txt", "prices.csv", "trend.csv",
+                                                             "FIC300.csv"}
     assert all(s.reason and s.hint for s in todo.skipped)
     bad = {t.loop: t for t in todo.tasks if t.problem}
-    assert set(bad) == {"FIC200", "FIC201"}
-    assert attempt(bad["FIC200"], SCREEN).status == FAILED
-    assert "empty" in attempt(bad["FIC200"], SCREEN).message
+    assert set(bad) == {"FIC200.csv", "FIC200.parquet", "FIC201", "FIC202", "FIC203"}
+    for name, said in (("FIC200.csv", "is empty"), ("FIC202", "is empty"), ("FIC203", "damaged gzip")):
+        assert attempt(bad[name], SCREEN).status == FAILED and said in attempt(bad[name], SCREEN).message
+    assert plan([str(tmp_path / "FIC202.txt")], SCREEN).tasks[0].problem
 
 
 def test_results_of_a_batch_are_no_data(tmp_path, loops) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
 
+from stictionid.effects import catalogue
 from stictionid.errors import DataError
 from stictionid.historian import ReadOptions, read_loop
 
@@ -41,6 +43,26 @@ def test_ci_runs_the_readmes_commands() -> None:
 
 def test_the_readme_is_short() -> None:
     assert len(TEXT.splitlines()) <= 150
+
+
+def test_git_ignores_what_the_readme_writes() -> None:
+    ignored = [line[1:] for line in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+               if line.startswith("/")]
+    code = "\n".join(re.findall(r"```(?:sh|console|python)\n(.*?)```", TEXT, re.DOTALL))
+    written = {*re.findall(r"(?: -o | > )(\S+\.\w+)", code),
+               *re.findall(r"(?:savefig|save|report)\((?:found, )?\"(\S+)\"\)", code), "loop.truth.json",
+               "report-ladder.svg"}
+    assert {"study.json", "loop.csv", "fit.png", "loop.html", "diagnose.txt"} <= written
+    assert [name for name in written if not any(fnmatch(name, pattern) for pattern in ignored)] == []
+
+
+def test_no_page_counts_the_effects_and_those_by_hand_are_in_the_table() -> None:
+    guide = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    for text in (page.read_text(encoding="utf-8") for page in PAGES):
+        assert not re.search(r"(?i)\b(\d+|(twenty|thirty)(-\w+)?|three|four|five) (physical )?effects are\b", text)
+        assert not re.search(r"(?i)\b(\d+|(twenty|thirty)(-\w+)?) are known\b", text)
+    by_hand = [effect.name for effect in catalogue().values() if effect.asked == "by hand"]
+    assert by_hand and [name for name in by_hand if not re.search(rf"^\| `{name}\b", guide, re.MULTILINE)] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -7,14 +7,15 @@ from pathlib import Path
 
 from ...errors import DataError, StictionidError, UsageError
 from ...historian.bytes.options import ReadOptions
-from ...historian.bytes.source import Source, open_source
+from ...historian.bytes.source import NoRecord, Source, open_source
 from ...historian.dataset import SIGNALS, Opened, groups_of, open_dataset, words_in
 from ...historian.folder import tag_of
 from ...historian.listing import names_of
 from ...historian.table.formats import IN_PARTS, loops_of, read_table
+from ...historian.table.layout import NoTable
 from ...historian.table.table import Table
 from ...historian.words.roles import take_all, take_apart
-from .sources import PARQUET, PARTS
+from .sources import NOTES, PARQUET, PARTS
 
 _HEAD_BYTES = 64 << 10
 # Columns of a file with one tag: date, clock, value, quality.
@@ -46,6 +47,8 @@ def peek(path: Path, options: ReadOptions) -> Peeked:
             return from_dataset(open_dataset(path), options)
         return _in_parts(path, options) or _text(path, options)
     except StictionidError as error:
+        if isinstance(error, NoRecord) or (isinstance(error, NoTable) and path.suffix.lower() in NOTES):
+            return Peeked(path, {}, foreign=error.message, hint=error.hint)
         return Peeked(path, {}, damaged=error.message, hint=error.hint)
 
 

@@ -16,6 +16,9 @@ PARQUET = (".parquet", ".pq")
 PARTS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".mat")
 DATA = (*TEXT, *PARQUET, *PARTS)
 """Endings of files that may hold a loop."""
+NOTES = (".txt",)
+"""Endings of files that may as well hold a letter: one without a table is no record, where a .csv is damaged."""
+EMPTY_FOLDER = "a folder without any file"
 FOREIGN = "neither text, Parquet, workbook nor MATLAB file by its name"
 
 
@@ -43,8 +46,10 @@ def look(paths: Iterable[str], *, leave: Iterable[Path] = ()) -> FoundFiles:
                 named[place] = None
                 continue
             files = []
-            for file in _walk(place, left):
-                if file.suffix.lower() in DATA:
+            for file in _walk(place, left) or [place]:
+                if file.is_dir():
+                    skipped[file] = EMPTY_FOLDER
+                elif file.suffix.lower() in DATA:
                     files.append(file)
                 else:
                     skipped[file] = FOREIGN
@@ -71,7 +76,8 @@ def _real(place: Path) -> Path:
 def _walk(folder: Path, left: set[Path]) -> list[Path]:
     """Files of a folder and its subfolders in order, without hidden ones, marks (_SUCCESS), locks (~$) and results.
 
-    A link to a folder that contains it is not followed.
+    An empty folder stands for itself where it is called like a file of data. A link to a folder that contains it is
+    not followed.
     """
     found: list[Path] = []
     if (folder / RESULTS_MARK).is_file():
@@ -80,7 +86,8 @@ def _walk(folder: Path, left: set[Path]) -> list[Path]:
         if entry.name.startswith((".", "_", "~$")) or _real(entry) in left:
             continue
         if entry.is_dir():
-            found += _walk(entry, left | {_real(folder)})
+            inside = _walk(entry, left | {_real(folder)})
+            found += inside or [entry] * (entry.suffix.lower() in DATA)
         elif entry.is_file():
             found.append(entry)
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,10 +21,8 @@ from ..task import Skipped, Task, Work
 from .file_names import key_for
 from .loop_lists import Listed, read_list
 from .peeking import Peeked, from_dataset, peek
-from .sources import DATA, FOREIGN, PARQUET, PARTS, FoundFiles, look
+from .sources import DATA, FOREIGN, PARQUET, FoundFiles, look
 
-# Endings of files meant as data: a damaged one is a failed loop, not a foreign file.
-_MEANT = (".csv", ".tsv", *PARQUET, *PARTS)
 _NAME = "name the columns with --sp --pv --op, or give a loop list with --loops"
 _EXPORT = "export it as CSV, Parquet, a workbook or a MATLAB file, or leave it out"
 
@@ -57,6 +56,7 @@ def plan(paths: Iterable[str], work: Work, *, reading: ReadOptions | None = None
         first = next(iter(left.values()), None)
         raise DataError("no loop was found" + (f" of {counted(len(left), 'file')}: {first.file}: {first.reason}"
                                                if first else " (no file)"), _NAME)
+    tasks = _with_endings(tasks)
     _refuse_twins(tasks)
     return Plan(tuple(tasks), tuple(left[name] for name in sorted(left)))
 
@@ -66,7 +66,7 @@ def _without_loop(peeked: Peeked) -> Skipped:
     if peeked.damaged:
         return Skipped(str(peeked.path), peeked.damaged, peeked.hint or "export it again")
     if peeked.foreign:
-        return Skipped(str(peeked.path), peeked.foreign, _NAME)
+        return Skipped(str(peeked.path), peeked.foreign, peeked.hint or _NAME)
     return Skipped(str(peeked.path), "holds no loop of the list", "add its tags to the list, or leave the file out")
 
 
@@ -109,8 +109,7 @@ def _found(peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[T
     for p in peeked:
         path = _absolute(p.path)
         if p.damaged:
-            if p.path.suffix.lower() in _MEANT:
-                yield _task(p.path.name.split(".")[0], "file", path, work, reading, problem=p.damaged)
+            yield _task(p.path.name.split(".")[0], "file", path, work, reading, problem=p.damaged)
             continue
         if p.tag:
             single.setdefault(p.path.parent, {})[p.tag] = path
@@ -159,6 +158,13 @@ def _listed(listed: tuple[Listed, ...], peeked: list[Peeked], work: Work, readin
 def _task(loop: str, kind: str, path: str, work: Work, reading: ReadOptions, *, select: tuple[str, ...] = (),
           files: tuple[str, ...] = (), problem: str = "") -> Task:
     return Task(loop, kind, path, reading, key_for(loop), command_for(path, work, reading), select, files, problem)
+
+
+def _with_endings(tasks: list[Task]) -> list[Task]:
+    """The tasks, damaged files with the ending in their name where another loop is called so, too."""
+    called = Counter(task.loop for task in tasks)
+    return [task if not task.problem or called[task.loop] == 1 or not task.path else
+            replace(task, loop=Path(task.path).name, key=key_for(Path(task.path).name)) for task in tasks]
 
 
 def _refuse_twins(tasks: list[Task]) -> None:

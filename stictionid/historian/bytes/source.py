@@ -57,6 +57,10 @@ READ = ("text", "parquet", "workbook", "matlab")
 """Kinds that are read."""
 
 
+class NoRecord(DataError):
+    """Content of a kind that holds no record: a picture, a PDF, an archive."""
+
+
 @dataclass(frozen=True, slots=True)
 class Source:
     """One file's content: `kind` is one of `READ`; Parquet keeps only its path or bytes."""
@@ -168,8 +172,8 @@ def _from_bytes(data: bytes, name: str, limits: Limits, path: Path | None = None
     if not data[:_BLOCK].strip(_BLANK) and not data.strip(_BLANK):
         raise DataError(f"{name} is empty", "export it again, with a header line and one row per time")
     if kind not in READ:
-        raise DataError(f"{name} is {kind}, not text, Parquet, a workbook or a MATLAB file",
-                        "save or export it as CSV (Excel: Save as, CSV UTF-8)")
+        raise NoRecord(f"{name} is {kind}, not text, Parquet, a workbook or a MATLAB file",
+                       "save or export it as CSV (Excel: Save as, CSV UTF-8)")
     if kind == "text":
         _check_lines(data, name, limits)
     return Source(name, kind, data, digest, path, notes)

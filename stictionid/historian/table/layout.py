@@ -41,6 +41,10 @@ _UNIT = re.compile(
 )
 
 
+class NoTable(DataError):
+    """Text without rows of cells: a letter or a note, not a damaged export."""
+
+
 @dataclass(frozen=True, slots=True)
 class Layout:
     """Layout of a text file; `offset` is the byte where data begin and `first_line` its 1-based line number."""
@@ -125,7 +129,7 @@ def _separator(lines: list[str], name: str) -> str:
     """The separator under which most lines have the same number of well-typed cells."""
     tail = [line for line in lines if line.strip()]
     if not tail:
-        raise DataError(f"{name} has no table in it", "check that it is the export you meant")
+        raise NoTable(f"{name} has no table in it", "check that it is the export you meant")
     tail = tail[len(tail) // 3 :]
     scores: list[tuple[float, str]] = []
     for candidate in _SEPARATORS:
@@ -139,7 +143,7 @@ def _separator(lines: list[str], name: str) -> str:
         if candidate != " " or (typed > MIN_TYPED_BLANKS and not any(score > MIN_SURE_SCORE for score, _ in scores)):
             scores.append((round(min(votes / len(rows), 0.95) * (0.2 + typed), 2), candidate))
     if not scores:
-        raise DataError(
+        raise NoTable(
             f"{name} has one column: line {len(lines)} is {_short(tail[-1])!r}",
             "export time and tags side by side, or name the separator with --separator",
         )
@@ -169,7 +173,7 @@ def _data_start(cells: list[list[str]], width: int, name: str) -> int:
         following = [g for g, row in zip(good[i : i + 8], cells[i : i + 8], strict=True) if any(row)]
         if fine and sum(following) >= 0.6 * len(following):
             return i
-    raise DataError(
+    raise NoTable(
         f"{name} has no rows of numbers (line 1 is {_short(' '.join(cells[0]))!r})",
         "check that it is a table of time and values; --header and --separator say how it is built",
     )
