@@ -175,7 +175,9 @@ def report(study: Study | Sequence[Study], path: str | os.PathLike[str],
     from ..reports.pages.write import write_report
     from ..reports.pictures.curves import Case, curves, gather
 
-    studies = list(study) if isinstance(study, list | tuple) else [study]
+    if not isinstance(study, Sequence) or isinstance(study, str):
+        refuse("study", study)
+    studies = [study] if isinstance(study, Study) else list(study)
     for name, value in (*(("study", each) for each in studies), ("figures", figures), ("path", path)):
         refuse(name, value)
     if loop is not None and len(studies) > 1:
