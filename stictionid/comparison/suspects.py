@@ -60,9 +60,7 @@ def suspects_of(findings: Iterable[Finding], present: Sequence[str], tree: Seque
         if gain is not None:
             words.insert(0, f"a refit with it gains {gain:.0f} BIC beyond noise")
         elif expected is not None:
-            of = "one-step error" if expected.of_innovations else "free-run error"
-            words.insert(0, f"its trace explains {100 * expected.share:.0f} % of the {of}'s square, "
-                            f"worth {expected.gain:.0f} BIC")
+            words.insert(0, f"its trace explains {100 * expected.share:.0f} % of the free-run error's square")
         found.append(Suspect(effect, sum(w for w, _ in said), len(said), "; ".join(words), gain,
                              expected.gain if expected else None))
     return tuple(sorted(found, key=lambda s: (-(s.gain_beyond_noise or 0.0), -(s.gain_expected or 0.0), -s.score,
