@@ -56,12 +56,12 @@ def suspects_of(findings: Iterable[Finding], present: Sequence[str], tree: Seque
     found = []
     for effect in {**gains, **match, **votes}:
         said, gain, expected = votes.get(effect, []), gains.get(effect), match.get(effect)
-        words = [max(said)[1]] if said else []
+        speaks = [max(said)[1]] if said else []
         if gain is not None:
-            words.insert(0, f"a refit with it gains {gain:.0f} BIC beyond noise")
+            speaks.insert(0, f"a refit with it gains {gain:.0f} BIC beyond noise")
         elif expected is not None:
-            words.insert(0, f"its trace explains {100 * expected.share:.0f} % of the free-run error's square")
-        found.append(Suspect(effect, sum(w for w, _ in said), len(said), "; ".join(words), gain,
+            speaks.insert(0, f"its trace explains {100 * expected.share:.0f} % of the free-run error's square")
+        found.append(Suspect(effect, sum(w for w, _ in said), len(said), "; ".join(speaks), gain,
                              expected.gain if expected else None))
     return tuple(sorted(found, key=lambda s: (-(s.gain_beyond_noise or 0.0), -(s.gain_expected or 0.0), -s.score,
                                               s.effect)))
