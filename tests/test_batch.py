@@ -9,6 +9,7 @@ import os
 import signal
 import time
 from concurrent.futures import Future
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,11 @@ import pytest
 from batch_files import Inline, records, write_csv, write_wide
 
 from stictionid.batch.plan.tasks import plan
-from stictionid.batch.summary.rank import rank_key
+from stictionid.batch.summary.page import page_of
+from stictionid.batch.summary.rank import RULE, rank_key
 from stictionid.batch.summary.rows import COLUMNS, rows_of
 from stictionid.batch.summary.write import write_summary
-from stictionid.batch.task import FAILED, OK, Task, TaskOutcome, Work
+from stictionid.batch.task import ABSTAINED, FAILED, OK, Task, TaskOutcome, Work
 from stictionid.batch.work import store as store_room
 from stictionid.batch.work.crew import Processes, crew_for
 from stictionid.batch.work.drive import drive
@@ -347,7 +349,14 @@ def test_the_worst_loop_comes_first() -> None:
     rows = [row("a", FAILED), row("b", verdict="no stiction", S=9.0), row("c", verdict="undecided", S=1.0),
             row("d", verdict="stiction", S=1.0, J=0.5), row("e", verdict="stiction", S=5.0, J=0.1),
             row("f", verdict="stiction", S=1.0, J=0.9), row("g", verdict="stiction", share=0.3)]
-    assert "".join(r["loop"] for r in sorted(rows, key=rank_key)) == "gefdcba"
+    assert "".join(r["loop"] for r in sorted(rows, key=rank_key)) == "efdgcba"
+    # The band of S stands above the share, and the share above S; a loop without an answer stands behind all answers.
+    rows = [row("h", verdict="stiction", S=4.9, share=0.2), row("i", verdict="stiction", S=3.0, share=0.9),
+            row("j", verdict="stiction", S=6.0, share=0.1), row("k", ABSTAINED, "undecided"),
+            row("l", verdict="no stiction", S=0.1)]
+    assert "".join(r["loop"] for r in sorted(rows, key=rank_key)) == "jihlk"
+    page = page_of([{**dict.fromkeys(COLUMNS), "rhythm": None, **r, "adequate": "no"} for r in rows])
+    assert escape(RULE) in page and "severe from 5 %" in RULE and page.count("<td>not adequate</td>") == len(rows)
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1+cmd", "@SUM(A1)", "\t=1", "\r=1", " =1", "a\n=1"])

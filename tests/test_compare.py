@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import commands
@@ -22,6 +23,7 @@ from stictionid.model.segments import bound
 from stictionid.model.spec import Spec
 from stictionid.numerics.autoregression import chi_square_z
 from stictionid.record.loop import Loop
+from stictionid.record.study import Study
 from stictionid.reports.pages.comparison import MOST_SUSPECTS, write_beside, write_comparison
 from stictionid.reports.pictures.comparison_pictures import comparison_pictures, overview
 from stictionid.verbs.identify import Options, identify
@@ -151,7 +153,10 @@ def test_pictures_and_pages_are_written_whole(stepped, tmp_path: Path) -> None:
     assert all(p.alt and p.caption for p in drawn.values())
     page = write_comparison(found, "a <loop>", tmp_path / "c.html")
     text = page[0].read_text()
-    assert text.count("<details>") == len(drawn) and "a &lt;loop&gt;" in text and "<loop>" not in text
+    assert text.count("<details>") == len(drawn) - 1 and "a &lt;loop&gt;" in text and "<loop>" not in text
+    # The picture that the reader came for stands open, before the suspects and every fold.
+    assert text.index(escape(drawn["fit"].title)) < text.index('class="pic desk"') < text.index('id="who"')
+    assert text.index('id="who"') < text.index("<details>") and f"<summary>{drawn['fit'].title}" not in text
     square = len(overview(found)) + sum(not p.wide for p in drawn.values())
     wide = sum(p.wide for p in drawn.values())
     assert text.count('class="pic"') == square + 1
@@ -160,6 +165,23 @@ def test_pictures_and_pages_are_written_whole(stepped, tmp_path: Path) -> None:
     assert all(f"<b>{s.effect}</b>" in text for s in found.suspects[:MOST_SUSPECTS])
     written = write_comparison(found, "a loop", tmp_path / "c.md")
     assert len(written) == len(drawn) + 1 and all(p.stat().st_size for p in written)
+
+
+def base_of(effect: str, **values: float) -> tuple[Loop, Study]:
+    """A simulated loop with one effect, and the study of its base model, which lacks it."""
+    loop = simulate(setting(effects=((effect, values),), setpoint_moves=((0.0, 5.0), (450.0, -6.0))), seed=0).loop
+    return loop, identify(loop, options=HELD)
+
+
+@pytest.mark.parametrize(("effect", "values"), [("valve-characteristic", {"log_rangeability": 3.5}),
+                                                ("gain-drift", {"drift": -44.4}),
+                                                ("travel-limit", {"upper": 51.5}),
+                                                ("sinusoidal-disturbance", {"period_s": 30.0, "amplitude": 1.4})])
+def test_the_effect_that_is_missing_is_among_the_suspects_shown(effect: str, values: dict[str, float]) -> None:
+    suspects = compare(*base_of(effect, **values)).suspects
+    assert effect in [s.effect for s in suspects[:3]]
+    first = suspects[0]
+    assert first.gain_expected and "% of the" in first.speaks_for
 
 
 def test_the_command_prints_findings_json_and_series(clean, tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from ..record.segments import chosen, described
 from ..record.study import Study
 from ..record.unexplained import Unexplained
 from .cells import Cell
+from .matches import matches
 from .model_run import Ground, prepare
 from .questions import ask_all
 from .residual_tests import POINT_99, Spectra, follows_valve, frequencies, own_innovation, whiteness
@@ -114,9 +115,11 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     adequate, why = _adequate(errors, study, other is None)
     shape = None if other is not None else _shape(ground, study)
     adequate, why = judged_by(shape, adequate, why)
+    at_noise = errors.noise_sd is not None and errors.rmse <= ADEQUATE * errors.noise_sd
+    matched = () if other is not None or at_noise else matches(ground)
     return Comparison(errors, tuple(found), adequate, why, {name: cells for name, cells, _ in answers}, spectra, notes,
                       other is not None, ground, shape,
-                      suspects_of(found, ground.model.spec.effects, study.tree))
+                      suspects_of(found, ground.model.spec.effects, study.tree, matched))
 
 
 def _shape(ground: Ground, study: Study) -> Unexplained | None:

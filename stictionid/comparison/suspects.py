@@ -1,8 +1,9 @@
-"""Suspects of a comparison: the effects that its findings point to as one ranked list, each with its strongest number.
+"""Suspects of a comparison: the effects that may be missing as one ranked list, each with its strongest number.
 
-A refit in the study's tree ranks an effect by its gain. Other effects follow by their traces: a finding's weight is its
+A refit in the study's tree ranks an effect by its gain. Effects without one rank by the BIC that their own change of
+the model output gains (see matches.py). Others, such as noise models, follow by their traces: a finding's weight is its
 z value; an effect gets all of it where it stands first among those that leave such a trace, half where it stands
-second, a quarter third. Traces only suspect; `diagnose` refits.
+second, a quarter third. All this only suspects; `diagnose` refits.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 
 from ..record.loop import Finding
 from ..record.tree import TreeNode, added_to
+from .matches import Match
 
 # Largest weight of one finding: beyond it a test of many samples says no more. Unit: standard deviations.
 _LARGEST = 10.0
@@ -23,34 +25,46 @@ _UNSPECIFIC = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Suspect:
-    """One effect that may be missing: its score by traces, the findings that point to it, the number that speaks for it
-    in words, and the BIC that a refit gained beyond noise (None where none was made)."""
+    """One effect that may be missing: score by traces, number of findings that point to it, and what speaks for it.
+
+    `gain_expected` is the BIC that its change of the model output gains beside the base parameters, taken as linear;
+    `gain_beyond_noise` is the BIC that a refit gained. Each is None where there is none.
+    """
 
     effect: str
     score: float
     findings: int
     speaks_for: str
     gain_beyond_noise: float | None = None
+    gain_expected: float | None = None
 
 
-def suspects_of(findings: Iterable[Finding], present: Sequence[str], tree: Sequence[TreeNode]) -> tuple[Suspect, ...]:
-    """The effects that a refit in the `tree` gained by or that findings point to, without those `present` in the model.
+def suspects_of(findings: Iterable[Finding], present: Sequence[str], tree: Sequence[TreeNode],
+                matched: Sequence[Match] = ()) -> tuple[Suspect, ...]:
+    """Effects that a refit in the `tree` gained by, that match the residual, or that findings point to.
+
+    Those `present` in the model are left out.
     """
     votes: dict[str, list[tuple[float, str]]] = {}
     have, gains = {_plain(name) for name in present}, _gains(present, tree)
+    match = {m.effect: m for m in matched if m.effect not in have}
     for f in findings:
         weight, words = _weight(f), _number(f)
         for rank, effect in enumerate(f.suggests):
             if effect not in have:
                 votes.setdefault(effect, []).append((weight / 2**rank, words))
     found = []
-    for effect in {**gains, **votes}:
-        said, gain = votes.get(effect, []), gains.get(effect)
-        words = max(said)[1] if said else ""
+    for effect in {**gains, **match, **votes}:
+        said, gain, expected = votes.get(effect, []), gains.get(effect), match.get(effect)
+        speaks = [max(said)[1]] if said else []
         if gain is not None:
-            words = f"a refit with it gains {gain:.0f} BIC beyond noise" + f"; {words}" * bool(words)
-        found.append(Suspect(effect, sum(w for w, _ in said), len(said), words, gain))
-    return tuple(sorted(found, key=lambda s: (-(s.gain_beyond_noise or 0.0), -s.score, s.effect)))
+            speaks.insert(0, f"a refit with it gains {gain:.0f} BIC beyond noise")
+        elif expected is not None:
+            speaks.insert(0, f"its trace explains {100 * expected.share:.0f} % of the free-run error's square")
+        found.append(Suspect(effect, sum(w for w, _ in said), len(said), "; ".join(speaks), gain,
+                             expected.gain if expected else None))
+    return tuple(sorted(found, key=lambda s: (-(s.gain_beyond_noise or 0.0), -(s.gain_expected or 0.0), -s.score,
+                                              s.effect)))
 
 
 def _plain(name: str) -> str:

@@ -60,7 +60,7 @@ def _size(name: str, best: Refit) -> str | None:
     wide = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s,
                  residual=best.evaluated.left)
     values = wide.vector(best.evaluated.values)
-    directions = _directions(model, best)
+    directions = directions_of(model, best)
     good = model.weight > 0
     variance = best.innovation_sd**2
     goal = need(float(good.sum()), len(effect.parameters)) * variance
@@ -69,7 +69,7 @@ def _size(name: str, best: Refit) -> str | None:
     return _searched_size(effect, name, wide, values, directions, good, goal, best)
 
 
-def _directions(model: Model, best: Refit) -> FloatArray:
+def directions_of(model: Model, best: Refit) -> FloatArray:
     """Orthonormal directions (n, q) in which the base parameters and linear columns move the prewhitened output."""
     values = best.evaluated.values
     vector = model.vector(values)
@@ -78,7 +78,7 @@ def _directions(model: Model, best: Refit) -> FloatArray:
         step = _DELTA * max(abs(vector[i]), 1e-3 if i in model.forces else 0.02 * model.step_s if i > 2 else 0.1)
         trial[i, 1 + 2 * i] += step
         trial[i, 2 + 2 * i] -= step
-    output, own = _outputs(model, trial, best.evaluated.own)
+    output, own = outputs(model, trial, best.evaluated.own)
     moved = np.stack([output[:, 1 + 2 * i] - output[:, 2 + 2 * i] for i in range(model.head)], axis=1)
     columns = np.concatenate([moved, own[:, 0, :], model.shared.basis], axis=1)
     columns = columns * (model.weight > 0)[:, None]
@@ -88,7 +88,7 @@ def _directions(model: Model, best: Refit) -> FloatArray:
     return u[:, s > 1e-8 * s[0]]
 
 
-def _outputs(model: Model, values: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def outputs(model: Model, values: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Prewhitened outputs (n, P) with the linear sizes held, and all own columns (n, P, k)."""
     own = np.ascontiguousarray(np.moveaxis(model.own_columns(*model.responses(values)), 0, 2))
     k = min(len(sizes), own.shape[2])
@@ -144,7 +144,7 @@ def _searched_size(effect: Effect, name: str, wide: Model, values: FloatArray, d
                 else p.neutral + _LADDER * (end - p.neutral)
             trial = values[:, None].repeat(sizes.size + 1, axis=1)
             trial[rows.start + i, 1:] = sizes
-            output, _ = _outputs(wide, trial, best.evaluated.own)
+            output, _ = outputs(wide, trial, best.evaluated.own)
             energy = _left(output[:, 1:] - output[:, :1], directions, good)
             # From here on every larger size would have been seen, too.
             hidden = np.flatnonzero(~(energy >= goal))

@@ -14,7 +14,7 @@ from ...system.plurals import counted
 from ..task import ABSTAINED, FAILED, OK, SKIPPED, Skipped
 from ..work.store import Store, status_of
 from .groups import grouped, groups_said
-from .rank import rank_key
+from .rank import RULE, rank_key
 
 # Columns in order; True for numbers. Whole ones, and those that the markdown shows, below.
 COLUMNS = {
@@ -26,8 +26,8 @@ COLUMNS = {
     "friction_share": True, "study": False,
 }
 _WHOLE = ("rank", "group")
-_SHOWN = ("rank", "loop", "status", "verdict", "S", "J", "period_median_s", "group", "role", "missing",
-          "rmse_before", "rmse_after", "message")
+_SHOWN = ("rank", "loop", "status", "verdict", "S", "J", "friction_share", "period_median_s", "group", "role",
+          "missing", "rmse_before", "rmse_after", "adequate", "message")
 _DIGITS = 4
 _LONGEST_MESSAGE = 160
 
@@ -76,7 +76,6 @@ def _done(key: str, study: dict[str, Any]) -> Row:
     """A study's row; every part of the study may be absent."""
     verdict, estimate = study.get("verdict") or {}, study.get("estimate") or {}
     data, found, steps = study.get("data") or {}, study.get("range") or {}, study.get("steps") or []
-    evidence = verdict.get("evidence") or {}
     status = status_of(study)
     S, J = estimate.get("S_interval") or (None, None), estimate.get("J_interval") or (None, None)
     errors = [step.get("error") or {} for step in steps] or [{}]
@@ -88,7 +87,7 @@ def _done(key: str, study: dict[str, Any]) -> Row:
         period_median_s=found.get("period_median_s"), s_max=found.get("s_max"),
         oscillating=_yes(found.get("oscillating")), missing="; ".join(study.get("missing") or ()),
         rmse_before=errors[0].get("rmse"), rmse_after=errors[-1].get("rmse"), noise_sd=errors[-1].get("noise_sd"),
-        adequate=_yes(study.get("adequate")), friction_share=_share(study, evidence),
+        adequate=_yes(study.get("adequate")), friction_share=_share(study),
         rhythm=study.get("rhythm"), study=f"studies/{key}.json")
 
 
@@ -130,12 +129,12 @@ def as_parquet(rows: list[Row]) -> bytes:
 
 
 def as_markdown(rows: list[Row]) -> str:
-    """Counts and a table, worst first."""
+    """Counts, the rule of ranking and a table."""
     from ...reports.pages.markdown import escape
 
     sticks = sum(row["verdict"] == "stiction" for row in rows)
     lines = ["# Batch summary", "",
-             f"{counts_said(rows)}; {counted(sticks, 'sticks', 'stick')}. Worst first; `summary.csv` and "
+             f"{counts_said(rows)}; {counted(sticks, 'sticks', 'stick')}. {RULE} `summary.csv` and "
              "`summary.parquet` hold all columns.", "",
              *(line for said in groups_said(rows) for line in (escape(said), "")),
              "| " + " | ".join(_SHOWN) + " |",
@@ -169,7 +168,7 @@ def _utf8(text: str) -> str:
 __all__ = ["COLUMNS", "Row", "as_csv", "as_markdown", "as_parquet", "counts_of", "counts_said", "rows_of", "shown"]
 
 
-def _share(study: dict[str, Any], evidence: dict[str, Any]) -> float | None:
-    """Share of PV's variance that the valve causes, by the loop simulated without friction, else by the fit."""
-    again = (study.get("severity") or {}).get("share_of_pv_variance")
-    return again if again is not None else evidence.get("share_of_pv_variance")
+def _share(study: dict[str, Any]) -> float | None:
+    """Share of PV's swing about its setpoint that goes away with a perfect valve; None where it is not known."""
+    causes = (study.get("swing") or {}).get("causes") or ()
+    return next((cause["share"] for cause in causes if cause.get("part") == "valve"), None)

@@ -22,6 +22,10 @@ from .place import refuse_other_kinds
 MARK = "<!-- stictionid comparison -->"
 KIND = f"<!doctype html>\n{MARK}"
 KINDS = {".md": MARK.encode(), ".html": KIND.encode()}
+# The picture that stands open above all others.
+_FIRST = "fit"
+SUSPECTED = ("Ranked by the trace that each effect would leave beside this model, its other numbers held; "
+             "only a refit tells which it is (stictionid diagnose).")
 # Most suspects of a page and of the terminal; the JSON has all.
 MOST_SUSPECTS = 6
 
@@ -87,12 +91,13 @@ def sentences(c: Comparison) -> list[str]:
     return [f"The free run misses PV by {wording.with_unit(e.rmse, unit)}{times}.",
             f"One step ahead the model misses by {wording.with_unit(e.rmse_one_step, unit)}; the last value as "
             f"forecast misses by {wording.with_unit(e.persistence, unit)}.",
-            f"Successive errors hang together: {wording.count(e.rows)} samples say as much as "
-            f"{wording.count(round(e.effective_rows))} independent ones."]
+            *([f"Successive errors hang together: {wording.count(e.rows)} samples say as much as "
+               f"{wording.count(round(e.effective_rows))} independent ones."]
+              if round(e.effective_rows) < e.rows else ())]
 
 
 def _suspects(c: Comparison) -> PageTable | None:
-    """The ranked list of suspects; None where no finding points to any."""
+    """The ranked list of suspects; None where nothing points to any."""
     if not c.suspects:
         return None
     rows = []
@@ -110,7 +115,7 @@ def _markdown(c: Comparison, title: str, drawn: dict[str, Picture], names: list[
     parts = [MARK, "", f"# {plain(wording.clean(title))}", "", f"**{plain(wording.sentence(c.adequate_reason))}**", ""]
     parts += [part for sentence in sentences(c) for part in (plain(sentence), "")]
     suspects = _suspects(c)
-    parts += [table_text(suspects), ""] if suspects is not None else []
+    parts += [plain(SUSPECTED), "", table_text(suspects), ""] if suspects is not None else []
     parts += [f"- **{f.severity}**, {plain(wording.sentence(f.statement))}" for f in (*c.findings, *c.notes)]
     if not c.findings:
         parts.append("- nothing stands out")
@@ -120,33 +125,38 @@ def _markdown(c: Comparison, title: str, drawn: dict[str, Picture], names: list[
 
 
 def _html(c: Comparison, title: str, drawn: dict[str, Picture]) -> str:
-    """One screen with the suspects and an overview of the errors; every large picture is folded below."""
+    """Model against measurement first, then suspects and an overview of the errors; others are folded below."""
     from .html import escaped, page_html, wide_figure
 
     kind = "v-free" if c.adequate else "v-sticks"
     said = "".join(f"<p>{escaped(wording.clean(s))}</p>" for s in sentences(c))
     suspects = _suspects(c)
-    shown = "<ol>" + "".join(f"<li><b>{escaped(name)}</b>, {escaped(what)}. {escaped(wording.sentence(number))}</li>"
-                             for name, what, number in suspects.rows) + "</ol>" if suspects is not None \
-        else "<p>No finding points to an effect.</p>"
+    shown = "<p>Nothing points to an effect.</p>"
+    if suspects is not None:
+        shown = f"<p>{escaped(SUSPECTED)}</p><ol>" + "".join(
+            f"<li><b>{escaped(name)}</b>, {escaped(what)}. {escaped(wording.sentence(number))}</li>"
+            for name, what, number in suspects.rows) + "</ol>"
     small = "".join(f'<figure><h3>{escaped(p.title)}</h3><div class="pic">{svg.inline(p, f"o{i}", small=True)}</div>'
                     "</figure>" for i, p in enumerate(overview(c)))
     points = "".join(f"<li><b>{escaped(f.severity)}</b>, {escaped(wording.sentence(f.statement))}</li>"
                      for f in (*c.findings, *c.notes)) or "<li>nothing stands out</li>"
-    figures = "".join(
-        f"<details><summary>{escaped(p.title)}</summary>"
-        + (wide_figure(p, f"c{i}", p.alt) if p.wide else
-           f'<figure class="square"><div class="pic">{svg.inline(p, f"c{i}")}</div>'
-           f"<figcaption>{escaped(p.alt)} {escaped(p.caption)}</figcaption></figure>") + "</details>"
-        for i, p in enumerate(drawn.values()))
+    figures = {key: wide_figure(p, f"c{i}", p.alt) if p.wide else
+               f'<figure class="square"><div class="pic">{svg.inline(p, f"c{i}")}</div>'
+               f"<figcaption>{escaped(p.alt)} {escaped(p.caption)}</figcaption></figure>"
+               for i, (key, p) in enumerate(drawn.items())}
+    folded = "".join(f"<details><summary>{escaped(p.title)}</summary>{figures[key]}</details>"
+                     for key, p in drawn.items() if key != _FIRST)
+    first = (f'<section aria-labelledby="{_FIRST}"><h2 id="{_FIRST}">{escaped(drawn[_FIRST].title)}</h2>'
+             f"{figures[_FIRST]}</section>")
     links = "".join(f'<li><a href="#{key}">{word}</a></li>' for key, word in (
-        ("who", "Suspects"), ("where", "Where it fails"), ("found", "Findings"), ("details", "Pictures")))
+        (_FIRST, drawn[_FIRST].title), ("who", "Suspects"), ("where", "Where it fails"), ("found", "Findings"),
+        ("details", "Pictures")))
     body = (f'<h1>{escaped(wording.clean(title))}</h1><div class="verdict {kind}"><p class="said">'
             f'{escaped(wording.sentence(c.adequate_reason))}</p>{said}</div>'
             f'<nav aria-label="Sections"><ul>{links}</ul></nav>'
-            f'<section aria-labelledby="who"><h2 id="who">Suspects</h2>{shown}</section>'
+            f'{first}<section aria-labelledby="who"><h2 id="who">Suspects</h2>{shown}</section>'
             '<section aria-labelledby="where"><h2 id="where">Where it fails</h2><p>Free-run error of each part of the '
             f'record, all on one scale; dashed: the whole record.</p><div class="small">{small}</div></section>'
             f'<section aria-labelledby="found"><h2 id="found">Findings</h2><ul>{points}</ul></section>'
-            f'<section aria-labelledby="details"><h2 id="details">Pictures</h2>{figures}</section>')
+            f'<section aria-labelledby="details"><h2 id="details">Pictures</h2>{folded}</section>')
     return page_html(title, body, __version__, KIND)

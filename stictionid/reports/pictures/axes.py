@@ -69,7 +69,8 @@ def limits(panel: Panel, axis: str) -> tuple[float, float]:
         room = max(abs(low), 1.0) * 0.05
         return low - room, high + room
     room = _MARGIN * (high - low)
-    is_time = axis == "x" and not panel.names and not any(line.style in ("arrows", "bars") for line in panel.lines)
+    spread = ("arrows", "bars", "dots", "points")
+    is_time = axis == "x" and not panel.names and not any(line.style in spread for line in panel.lines)
     if is_time:
         return low, high
     if any(line.style == "bars" for line in panel.lines):

@@ -16,6 +16,8 @@ from .picture import Line, Panel, Picture
 
 # Roles of the curves of effects, taken in turn.
 _ROLES = ("position", "op", "bound", "optimum", "last")
+# A part that moves less than this share of PV's range is a flat line, which the table names.
+_SEEN = 0.02
 _FIXED = {Share.VALVE: "model", Share.START: "sp", Share.NOISE: "residual"}
 
 
@@ -38,13 +40,15 @@ def contributions(study: Study, step: Step, loop: Loop) -> Picture:
     # Before the first sample that counts the parts may be far larger than PV and cancel.
     counted = ~model.starting()[shown]
     free = iter(_ROLES * len(parts))
+    least = _SEEN * np.ptp(lines[0].y)
+    seen = [p for p in parts if not counted.any() or np.ptp(p.curve[shown][counted]) > least]
     lines += [_line(f"{names[p.name]}, {shares[p.name]}", _FIXED.get(p.name) or next(free), t,
-                    np.where(counted, p.curve[shown], np.nan)) for p in parts]
+                    np.where(counted, p.curve[shown], np.nan)) for p in seen]
     said = wording.listed([f"{shares[p.name]} {names[p.name]}" for p in parts])
     return Picture("contributions", "Parts of PV", f"The variance of PV: {said}.",
                    "Each part of PV about its mean, with its share of the variance of PV, cov(part, PV) / var(PV). The "
                    "shares add up to 100 %. They do not say what causes a cycle: in a closed loop parts go together.",
-                   (Panel(f"time, {unit}", study_pictures.axis_label("about the mean", loop, "process_value"),
+                   (Panel(f"time, {unit}", study_pictures.axis_label("PV about its mean", loop, "process_value"),
                           tuple(lines)),), wide=True)
 
 

@@ -151,10 +151,11 @@ def _dots(name: str, role: str, x: FloatArray, curves: Curves, good: np.ndarray)
 
 
 def _mean(name: str, role: str, x: FloatArray, curves: Curves, good: np.ndarray) -> Line:
-    """Mean residual in bins of equal counts."""
-    order = np.argsort(x[good], kind="stable")
-    xs, rs = x[good][order], curves.residual[good][order]
-    parts = [p for p in np.array_split(np.arange(xs.size), _BINS) if p.size >= _FEWEST]
+    """Mean residual in bins of equal counts; all samples at one place, such as a stop, share a bin."""
+    xs, rs = x[good], curves.residual[good]
+    edges = np.unique(np.quantile(xs, np.linspace(0.0, 1.0, _BINS + 1))) if xs.size else xs
+    which = np.searchsorted(edges, xs, side="right")
+    parts = [p for p in (np.flatnonzero(which == k) for k in np.unique(which)) if p.size >= _FEWEST]
     return Line(name, role, np.array([xs[p].mean() for p in parts]), np.array([rs[p].mean() for p in parts]))
 
 

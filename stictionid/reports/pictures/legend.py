@@ -6,6 +6,7 @@ Names go outside the frame, so that they never cover a curve.
 from __future__ import annotations
 
 from collections.abc import Callable
+from textwrap import wrap
 
 from .. import wording
 from . import palette
@@ -45,9 +46,13 @@ def legend(panel: Panel, left: float, width: int, top: float, character: float, 
         size = SAMPLE + character * min(len(name), wording.LONGEST_NAME) + BETWEEN
         if at + size > width and at > left:
             at, row = left, row + 1
-        y = top + 13 + ROW * row
-        parts.append(_sample(kind, role, at, y))
-        parts.append(f'<text x="{at + SAMPLE:.0f}" y="{y + 4:.0f}">{cut(name, width - at - SAMPLE)}</text>')
+        parts.append(_sample(kind, role, at, top + 13 + ROW * row))
+        # A name that is wider than the picture goes on in the next row.
+        whole = wording.clean(name, wording.LONGEST_NAME)
+        for k, piece in enumerate(wrap(whole, max(int((width - at - SAMPLE) / character), 1))):
+            row += k > 0
+            parts.append(f'<text x="{at + SAMPLE:.0f}" y="{top + 17 + ROW * row:.0f}">'
+                         f"{cut(piece, width - at - SAMPLE)}</text>")
         at += size
     rows = row + 1 if parts else 0
     scale = _scale(panel, left, top + 13 + ROW * rows, character, cut)

@@ -160,8 +160,7 @@ def characteristic(study: Study, loop: Loop, last: Curves) -> Picture | None:
     lines = []
     ends = np.array([float(np.nanmin(u)), float(np.nanmax(u))]) if u.size else np.array([0.0, 1.0])
     half = (e.S - e.J) / 2
-    lines += [Line("sliding up, OP - f_d", "guide", ends, ends - half),
-              Line("sliding down, OP + f_d", "guide", ends, ends + half)]
+    lines += [Line("sliding, OP ± f_d", "guide", ends, ends - half), Line("", "guide", ends, ends + half)]
     if loop.position is not None:
         lines.append(Line("measured position", "position", u, _as_travel(study, loop.position[k])))
     lines.append(Line("inferred position", "model", u, v, "arrows"))

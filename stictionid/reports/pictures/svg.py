@@ -29,7 +29,7 @@ CHARACTER = 7.3
 # Distance of arrow heads along a curve. Unit: px.
 _ARROW_EVERY = 95.0
 # Most of a picture's width for names of bars, as a share; longer names are cut in the middle.
-_WIDEST_NAMES = 0.42
+_WIDEST_NAMES = 0.5
 # Height of one row of names or of a tree, and of the rest of such a frame. Unit: px.
 _ROW, _BESIDE_ROWS = 26, 46
 # Distance of a label from the middle of its node. Unit: px.
