@@ -227,8 +227,9 @@ class LawResult:
 class Candidate:
     """One effect of the catalogue added to the model and refitted: its gain, and the decision to accept it or not.
 
-    `gain_beyond_noise` is the BIC gained over the best pure noise model. `rejected_because` is empty for an accepted
-    effect. `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
+    `gain_beyond_noise` is the BIC gained over the best pure noise model. Of the `blocks` held out of the fit, the
+    one-step error falls in `blocks_better`; null where none could be held out. `rejected_because` is empty
+    for an accepted effect. `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
     """
 
     effect: str
@@ -238,6 +239,8 @@ class Candidate:
     rmse_one_step_holdout: float | None
     error_drop_percent: float | None
     one_step_drop_percent: float | None
+    blocks_better: int | None = field(default=None, kw_only=True)
+    blocks: int | None = field(default=None, kw_only=True)
     delta_bic: float | None
     gain_beyond_noise: float | None = field(default=None, kw_only=True)
     equivalent_to: tuple[str, ...] = ()

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import ModelError
+from ..fit.cross_validation import blocks_won
 from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
@@ -262,12 +263,13 @@ def candidates(search: Search, parent: Entry, winner: str, alike: tuple[str, ...
         if e.what == winner and (test := settling(winner, alike)):
             said += f"; what would settle it: {test}"
         held = e.scored.held
+        better, blocks = blocks_won(held, base.held)
         out.append(Candidate(
             effect.name, e.what == winner, e.scored.rmse, held.rmse if held else None,
             held.rmse_one_step if held else None, drop_percent(base.rmse, e.scored.rmse),
             drop_percent(base.done.innovation_sd, done.innovation_sd), gain, alike if e.what == winner else (), None,
             rows_for(e.what, values_of(e.what, done.model, done.values, done.evaluated)), said, variant,
-            gain_beyond_noise=gain, rejected_because=why))
+            gain_beyond_noise=gain, rejected_because=why, blocks_better=better, blocks=blocks))
     return tuple(out) if not noise else (*out[:1 if winner else 0], *noise, *out[1 if winner else 0:])
 
 
