@@ -47,7 +47,10 @@ def summary(study: Study) -> pd.DataFrame:
                  ("noise", error.noise_sd, None, None, unit, "irreducible"),
                  ("adequate", study.adequate, None, None, "", study.adequate_reason)]
     if study.missing or study.unexplained:
-        rows.append(("missing", ", ".join(study.missing) or "none of these", None, None, "", study.missing_reason))
+        # Applied, a diagnosis names the effects that it put into the model.
+        within = study.missing and {s.added for s in study.steps}.issuperset(study.missing)
+        rows.append(("added" if within else "missing", ", ".join(study.missing) or "none of these", None, None, "",
+                     study.missing_reason))
     table = _frame(rows, ["quantity", "value", "low", "high", "unit", "note"])
     return table.astype({"low": float, "high": float}).set_index("quantity")
 
