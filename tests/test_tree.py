@@ -220,13 +220,13 @@ def test_an_axis_of_less_than_a_factor_of_two_has_ticks() -> None:
     assert log_ticks(1.05, 1.4) == pytest.approx([1.1, 1.2, 1.3, 1.4])
 
 
-def test_diagnose_prints_the_tree_and_identify_on_request(tmp_path: Path) -> None:
+def test_diagnose_and_identify_print_the_tree_on_request(tmp_path: Path) -> None:
     study = searched().study
     file = tmp_path / "study.json"
     file.write_text(to_json(study), encoding="utf-8")
     with mock.patch("stictionid.verbs.diagnose.diagnose", return_value=study), \
             mock.patch("stictionid.cli.diagnose.open_data"):
-        shown = run("diagnose", file, "-q")
+        answered, shown = (run("diagnose", file, "-q", *options) for options in ((), ("--details",)))
         told = run("diagnose", file, "--json")
     assert shown.returncode == told.returncode == 0, shown.stderr + told.stderr
     assert len(json.loads(told.stdout)["tree"]) == len(study.tree)
@@ -235,10 +235,11 @@ def test_diagnose_prints_the_tree_and_identify_on_request(tmp_path: Path) -> Non
     for out in (shown, asked):
         assert "|- + travel-limit" in out.stdout and "12,345 cost evaluations; not asked:" in out.stdout
     assert "travel-limit" not in bare.stdout
-    for out in (shown, asked, bare):
+    assert not any(words in answered.stdout for words in ("travel-limit", "12,345", "gain-nonlinearity"))
+    for out in (shown, answered, asked, bare):
         assert max(map(len, out.stdout.splitlines())) <= 80
         assert "explained alike by extra-lag and slip-overshoot" in out.stdout
-    assert "a stop of the valve cuts the peaks of PV" in shown.stdout
+    assert "a stop of the valve cuts the peaks of PV" in " ".join(answered.stdout.split())
 
 
 def test_the_page_has_the_picture_the_text_and_the_reasons(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import typer
 
 from ..historian.bytes.options import ReadOptions
 from .app import app
+from .common.next_step import next_step
 from .common.outcomes import outcome
 from .common.output import (
     MOST_JOBS,
@@ -31,12 +32,13 @@ from .common.output import (
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
+from .common.study_files import check_study_place
 from .common.tree import print_equivalents, print_tree
 from .common.user_files import EffectsOption, LawsOption
 
 
 @app.command(epilog=outcome("the study with -o", json="schema stictionid.study/1", abstains=True,
-                            strict="when the verdict is undecided or the model not adequate"))
+                            strict="undecided with S and J, or a model that is not adequate"))
 @reads_file
 def identify(
     file: FileArgument,
@@ -73,18 +75,19 @@ def identify(
 ) -> None:
     """Find S, J, the process and whether the valve sticks, from controller output and process value.
 
-    Exit code 3 when the record can't tell; the study then says why.
+    A record that holds too little ends with exit code 3: no S and J, and the reason (abstained). Undecided with S and
+    J ends with 0, and with --strict with 4.
 
     Example: stictionid identify sample_data/foptd.csv -o study.json
     """
     from ..fit.options import Options
     from ..methods.option_check import check_options
     from ..record.study import to_json
-    from ..system.files import ensure_writable, keep_apart, write_whole
+    from ..system.files import keep_apart, write_whole
 
     if output is not None:
         keep_apart(output, file, *([step_test] if step_test is not None else []))
-        ensure_writable(output, force=force, kind=b"{")
+        check_study_place(output, force=force)
     fixed = {name: value for name, value in (("gain", gain), ("time_constant_s", time_constant),
                                              ("dead_time_s", dead_time)) if value is not None}
     options = Options(method, law, tuple(with_effect or ()), base_only, between, fixed, seed, order, delay,
@@ -106,7 +109,8 @@ def identify(
     else:
         show(study, quiet, tree=tree)
         if output is not None:
-            say(f"wrote {output}; next: stictionid report {output} -o report.md", quiet=quiet)
+            say(f"wrote {output}", quiet=quiet)
+            say(f"next: {next_step(study, output, effects=effects, laws=laws)}", quiet=quiet)
     if study.estimate is None:
         raise typer.Exit(3)
     if strict and (study.verdict.stiction == "undecided" or not study.adequate):
@@ -140,8 +144,13 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
 
 def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
     """The study as tables on stdout, the models tried among them if asked for; findings on stderr."""
+    from ..reports.facts import position_sentences, size
+
     console = out_console()
     console.print(f"verdict: {study.verdict.stiction} (confidence {study.verdict.confidence:.2f})")
+    if study.estimate is not None:
+        console.print(safe(size(study.estimate)))
+        console.print(f"adequate: {'yes' if study.adequate else 'no'}, {safe(study.adequate_reason)}")
     console.print(f"because: {safe(study.verdict.reason)}")
     if study.estimate is None:
         return
@@ -151,9 +160,10 @@ def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
         console.print(_law_table(study))
     if tree:
         print_tree(study, console)
-    console.print(f"adequate: {'yes' if study.adequate else 'no'}, {study.adequate_reason}")
     if study.interval_caution:
         console.print(study.interval_caution)
+    for sentence in position_sentences(study):
+        console.print(safe(sentence))
     print_equivalents(study, console)
     for finding in study.steps[-1].findings:
         say(f"{finding.severity}: {finding.statement}", quiet=quiet)
