@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..fit.context import ADEQUATE
+from ..fit.adequacy import ADEQUATE
 from ..record.study import Candidate, Study
 from . import effect_words, wording
 from .document import PageTable
