@@ -19,7 +19,8 @@ import study_factory
 from commands import Done, run
 
 from stictionid.errors import UsageError
-from stictionid.record.study import Severity, to_json
+from stictionid.record.study import to_json
+from stictionid.record.swing import Severity
 from stictionid.reports import wording
 from stictionid.reports.facts import facts
 from stictionid.reports.pages.json import report_json

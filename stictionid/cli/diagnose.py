@@ -25,7 +25,7 @@ from .common.output import (
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.study_files import DataArgument, StudyArgument, check_study_place, open_data, open_study
-from .common.study_tables import ladder_table, print_answer, print_change, print_ranking, write_study
+from .common.study_tables import print_answer, print_change, print_ranking, write_study
 from .common.tree import print_equivalents, print_tree
 from .common.user_files import EffectsOption, LawsOption
 
@@ -70,7 +70,7 @@ def diagnose(
     print_answer(after, console, applied=apply)
     print_ranking(after, console, whole=details)
     if apply and after.missing:
-        console.print(ladder_table(after))
+        print_change(before, after, console)
     print_equivalents(after, console)
     if details:
         print_tree(after, console)

@@ -21,7 +21,6 @@ from .common.output import (
     Progress,
     QuietOption,
     SeedOption,
-    interval,
     number,
     out_console,
     plain_table,
@@ -170,18 +169,24 @@ def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
 
 
 def _estimate_table(study: Any) -> Any:
+    """The main values with their intervals, in the digits of every other output."""
+    from ..reports import wording
+
     e = study.estimate
     unit_y = study.data.units.get("process_value") or "unit of y"
     table = plain_table("estimate", "value", "90 % interval", "from position", title="estimate")
+
+    def row(label: str, value: float, unit: str, span: tuple[float, float] | None, seen: float | None = None) -> None:
+        shown, ends = wording.apart(value, span)
+        table.add_row(label, f"{shown} {safe(unit)}", ends, number(seen, e.unit))
+
     seen = e.from_position
-    table.add_row("S stickband plus deadband", number(e.S, e.unit), interval(e.S_interval),
-                  number(seen.S, e.unit) if seen else "-")
-    table.add_row("J slip jump", number(e.J, e.unit), interval(e.J_interval), number(seen.J, e.unit) if seen else "-")
-    per = " per s" if e.integrating else ""
-    table.add_row("process gain", number(e.gain, f"{unit_y}/{e.unit}{per}"), interval(e.gain_interval), "-")
+    row("S stickband plus deadband", e.S, e.unit, e.S_interval, seen.S if seen else None)
+    row("J slip jump", e.J, e.unit, e.J_interval, seen.J if seen else None)
+    row("process gain", e.gain, f"{unit_y}/{e.unit}{' per s' if e.integrating else ''}", e.gain_interval)
     for i, (lag, span) in enumerate(zip_longest(e.time_constants_s, e.time_constants_intervals)):
-        table.add_row("time constant" if i == 0 else "second time constant", number(lag, "s"), interval(span), "-")
-    table.add_row("dead time", number(e.dead_time_s, "s"), interval(e.dead_time_interval), "-")
+        row("time constant" if i == 0 else "second time constant", lag, "s", span)
+    row("dead time", e.dead_time_s, "s", e.dead_time_interval)
     table.add_row("residual force at start", f"{e.initial_residual_force:.2f} of f_s", "-", "-")
     return table
 

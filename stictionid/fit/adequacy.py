@@ -78,6 +78,5 @@ def adequate(step: Step) -> tuple[bool, str]:
                       f"noise {noise:.4g}: nothing is left to explain")
     times = f"the free-run error {error:.4g} is {error / noise:.3g} times the irreducible noise {noise:.4g}"
     if carried := carrier(step):
-        return False, (f"{BUT_FOR} {carried}: {times}, and the noise model carries what is left, which may be physics "
-                       "(stictionid diagnose)")
-    return False, f"{times}: something is missing (stictionid diagnose)"
+        return False, f"{BUT_FOR} {carried}: {times}, and the noise model carries what is left, which may be physics"
+    return False, f"{times}: something is missing"

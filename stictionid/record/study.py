@@ -18,7 +18,7 @@ from typing import Any
 from ..errors import DataError
 from .loop import Finding
 from .rhythm import Rhythm
-from .swing import Swing
+from .swing import Severity, Swing
 from .tree import Equivalent, TreeNode
 from .unexplained import Unexplained
 
@@ -138,28 +138,6 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Severity:
-    """Effect of the friction on the plant: band of S, the bands its interval touches, and the loop with repaired valve.
-
-    `pv_sd` and `pv_sd_repaired` are in the unit of y, travel in % a day. `share_of_pv_variance` is the valve's share
-    of the variance of y. Gain and integral time are those of the PI law read from the record. Null where the loop could
-    not be run again; `statement` then gives the reason.
-    """
-
-    band: str | None
-    band_interval: tuple[str, ...]
-    pv_sd: float
-    pv_sd_repaired: float | None
-    share_of_pv_variance: float | None
-    travel_per_day: float
-    travel_per_day_repaired: float | None
-    controller_gain: float | None
-    integral_time_s: float | None
-    statement: str
-    source: str
-
-
-@dataclass(frozen=True, slots=True)
 class ParameterValue:
     """One fitted number; `effect` is null for the base model (valve law and process)."""
 
@@ -229,9 +207,9 @@ class LawResult:
 class Candidate:
     """One effect of the catalogue added to the model and refitted: its gain, and the decision to accept it or not.
 
-    `gain_beyond_noise` is the BIC gained over the best pure noise model. Of the `blocks` held out of the fit, the
-    one-step error falls in `blocks_better`; null where none could be held out. `rejected_because` is empty
-    for an accepted effect. `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
+    `gain_beyond_noise` is the BIC gained over the best pure noise model. With an accepted effect the one-step error
+    falls in `blocks_better` of the `blocks` held out of the fit; null where none could be held out. `rejected_because`
+    is empty for an accepted effect. `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
     """
 
     effect: str

@@ -21,8 +21,8 @@ def answers(study: Study, *, applied: bool) -> tuple[str, ...]:
     named = tuple(_named(study, name, applied) for name in study.missing)
     if named and not applied:
         return (*named, *([f"beside it: {wording.clean(study.missing_reason)}"] if study.missing_reason else []))
-    if named and study.adequate is not False:
-        return named
+    if named and (study.adequate is not False or study.completed):
+        return (*named, *([wording.sentence(study.adequate_reason)] if study.completed else []))
     return (*named, ("still " if named else "") + _unnamed(study))
 
 
@@ -52,8 +52,8 @@ def _named(study: Study, name: str, applied: bool) -> str:
         shown = replace(study, steps=(*study.steps, replace(study.steps[-1], parameters=c.parameters)))
         before, after = study.steps[-1].error.rmse, c.rmse
     effect, _ = effect_words.known(full)
-    told = effect is None or effect_words.parameters(shown, full)
-    said = effect_words.sentence(shown, full).rstrip(".") if told else effect.summary
+    sized = effect is None or effect_words.parameters(shown, full)
+    said = effect.summary if effect is not None and not sized else effect_words.sentence(shown, full).rstrip(".")
     said = said if said[:2].isupper() else said[:1].lower() + said[1:]
     parts = [f"{'added' if applied else 'missing'}: {said} ({wording.name(full)})."]
     if before is not None and after is not None:
@@ -66,7 +66,7 @@ def _named(study: Study, name: str, applied: bool) -> str:
 def _unnamed(study: Study) -> str:
     """The line of a search that names nothing: nothing is missing, or nobody knows what."""
     error = study.steps[-1].error
-    if study.adequate is not False:
+    if study.adequate is not False or study.completed:
         if error.noise_sd and error.rmse <= ADEQUATE * error.noise_sd:
             return f"missing: nothing. The free-run error {wording.number(error.rmse)} is the noise."
         return f"missing: nothing, {wording.clean(study.adequate_reason)}"
@@ -87,13 +87,13 @@ def _level(study: Study, rmse: float) -> str:
 def change(before: Study, after: Study) -> PageTable:
     """Error, S, J and verdict of two studies; both errors are beside the noise of `after`."""
     noise = after.steps[-1].error.noise_sd
-    unit = wording.name(after.data.units.get("process_value") or "unit of y")
-    rows = [[f"free-run error ({unit})"], ["x noise"], ["S"], ["J"], ["verdict"]]
+    unit = after.data.units.get("process_value") or "unit of y"
+    rows = [["free-run error"], ["x noise"], ["S"], ["J"], ["verdict"]]
     for study in (before, after):
         error, e = study.steps[-1].error.rmse, study.estimate
         sizes = (wording.NOTHING,) * 2 if e is None else (wording.estimate(e.S, e.S_interval, e.unit),
                                                           wording.estimate(e.J, e.J_interval, e.unit))
-        cells = (wording.number(error), wording.number(error / noise if noise else None), *sizes,
+        cells = (wording.with_unit(error, unit), wording.number(error / noise if noise else None), *sizes,
                  f"{wording.name(study.verdict.stiction)} ({study.verdict.confidence:.2f})")
         for row, cell in zip(rows, cells, strict=True):
             row.append(cell)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import ModelError
-from ..fit.cross_validation import blocks_won
+from ..fit.cross_validation import Held, blocks_won, held_out
 from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, values_of
@@ -304,13 +304,18 @@ def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: 
         said += "".join(f"; but {g.reason}" for g in holds.gates if g.name == LASTS and plain(holds.what) == name)
         said += f"; what would settle it: {test}" if (test := settling(whole, alike)) else ""
     done = scored.done
-    better, blocks = blocks_won(model.scored.held, without.scored.held)
+    better, blocks = blocks_won(_held(model), _held(without)) if accepted else (None, None)
     return Candidate(
         name, accepted, error.rmse, error.rmse_holdout, error.rmse_one_step_holdout,
         drop_percent(_error(without, stated).rmse, error.rmse),
         drop_percent(without.scored.done.innovation_sd, model.scored.done.innovation_sd), gain, alike, None,
         rows_for(whole, values_of(whole, done.model, done.values, done.evaluated)), said, parse(whole)[1],
         gain_beyond_noise=gain, rejected_because=why, blocks_better=better, blocks=blocks)
+
+
+def _held(entry: Entry) -> Held | None:
+    """The held-out errors of a node; one that an earlier search fitted brings none."""
+    return entry.scored.held or held_out(entry.scored.done)
 
 
 def _error(entry: Entry, stated: Mapping[str, ErrorSummary]) -> ErrorSummary:

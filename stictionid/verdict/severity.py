@@ -15,7 +15,8 @@ import numpy as np
 
 from ..numerics.jit import kernel
 from ..record.loop import Loop, bridged
-from ..record.study import Estimate, Severity
+from ..record.study import Estimate
+from ..record.swing import Severity
 from ..typing import FloatArray
 
 BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (float("inf"), "severe"))

@@ -15,8 +15,8 @@ import numpy as np
 from ..fit.fit import Fitted
 from ..model.parts import parts_of
 from ..record.loop import Loop, bridged
-from ..record.study import Estimate, Severity, Verdict
-from ..record.swing import Share, Swing
+from ..record.study import Estimate, Verdict
+from ..record.swing import Severity, Share, Swing
 from ..typing import FloatArray
 from .severity import ControllerLaw, controller_law, perfect_valve, severity, without_gaps
 

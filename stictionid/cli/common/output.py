@@ -125,11 +125,6 @@ def number(value: float | None, unit: str = "", digits: int = 4) -> str:
     return f"{value:.{digits}g}" + (f" {unit}" if unit else "")
 
 
-def interval(span: tuple[float, float] | None, digits: int = 4) -> str:
-    """An interval for a table."""
-    return "-" if span is None else f"{span[0]:.{digits}g} to {span[1]:.{digits}g}"
-
-
 # Seconds between two lines of progress where stderr is no terminal, and before the same words stand there again.
 _EVERY_S, _AGAIN_S = 5.0, 60.0
 
