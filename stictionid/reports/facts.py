@@ -178,8 +178,8 @@ def ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:
         label = "base model" if step.added is None else f"+ {wording.name(step.added)}{evidence.flag(step)}"
         change = wording.NOTHING if not before else f"{100 * (e.rmse / before - 1):+.0f} %"
         rows.append((label, wording.number(e.rmse), change, wording.number(e.rmse_holdout),
-                     wording.times(e.rmse, e.noise_sd), wording.number(e.rmse_one_step), wording.percent(e.fit_percent, 3),
-                     f"{step.restarts.agree} of {step.restarts.runs}"))
+                     wording.times(e.rmse, e.noise_sd), wording.number(e.rmse_one_step),
+                     wording.percent(e.fit_percent, 3), f"{step.restarts.agree} of {step.restarts.runs}"))
         before = e.rmse
     return tuple(rows)
 
