@@ -82,7 +82,7 @@ def _said(study: Study, words: str) -> list[str]:
     for number in _GAIN.findall(words):
         wrong += [] if _near(number, (c.gain_beyond_noise for c in study.candidates)) else [f"gain {number}: {words}"]
     if re.search(r"\berrors?\b|\berrs\b", words):
-        left = _NOISE.sub("noise", _TIMES.sub("", words))
+        left = _TIMES.sub("", _NOISE.sub("noise", words))
         after = re.split(r"\berrors?\b|\berrs\b", left, maxsplit=1)[1]
         for number in _ERROR.findall(after):
             wrong += [] if "." not in number or _near(number, errors) else [f"error {number}: {words}"]

@@ -104,7 +104,8 @@ def test_a_number_that_is_not_the_studys_is_found(shown: dict[str, tuple[Study, 
     if kind != "json":
         start, end = text.rfind("</body>"), "</p>"
         for more in (f"The free-run error is {2.3 * error.rmse:.4g}.",
-                     f"The irreducible noise {2 * error.noise_sd:.4g}.", "It is 31.7 times the irreducible noise.", "It gains 77123 BIC beyond noise."):
+                     f"The irreducible noise {2 * error.noise_sd:.4g}.",
+                     "It is 31.7 times the irreducible noise.", "It gains 77123 BIC beyond noise."):
             page = f"{text[:start]}<p>{more}{end}{text[start:]}" if kind == "html" else f"{text}\n\n{more}\n"
             assert wrong_numbers(study, page), more
             assert not set(wrong_numbers(study, page.replace(more, f"On stretches held out: {more}"))) \
