@@ -81,7 +81,7 @@ def _level(study: Study, rmse: float) -> str:
     if not noise:
         return shown
     return f"{shown}, " + ("the noise" if rmse <= ADEQUATE * noise else
-                           f"{wording.number(rmse / noise)} x the noise {wording.number(noise)}")
+                           f"{wording.times(rmse, noise)} x the noise {wording.number(noise)}")
 
 
 def change(before: Study, after: Study) -> PageTable:
@@ -93,7 +93,7 @@ def change(before: Study, after: Study) -> PageTable:
         error, e = study.steps[-1].error.rmse, study.estimate
         sizes = (wording.NOTHING,) * 2 if e is None else (wording.estimate(e.S, e.S_interval, e.unit),
                                                           wording.estimate(e.J, e.J_interval, e.unit))
-        cells = (wording.with_unit(error, unit), wording.number(error / noise if noise else None), *sizes,
+        cells = (wording.with_unit(error, unit), wording.times(error, noise), *sizes,
                  f"{wording.name(study.verdict.stiction)} ({study.verdict.confidence:.2f})")
         for row, cell in zip(rows, cells, strict=True):
             row.append(cell)

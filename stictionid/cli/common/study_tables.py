@@ -23,17 +23,14 @@ def write_study(study: Any, place: Path, force: bool, quiet: bool) -> None:
 
 
 def ranking_table(study: Any, *, most: int | None = None) -> Any:
-    """Effects that were asked for, best first, each with its error, gain and answer; `most` bounds the rows."""
-    from ...reports import wording
-    from ...reports.ranking import ranked
+    """Effects that were asked for, best first, without the size that would have shown; `most` bounds the rows."""
+    from ...reports.ranking import table as ranking
 
-    noise = study.steps[-1].error.noise_sd
-    table = plain_table("effect", "error", "x noise", "gain", "answer", title="effects asked, best first")
+    found = ranking(study)
+    table = plain_table(*(name.removesuffix(" beyond noise") for name in found.columns[:-1]), title="effects asked")
     table.columns[0].no_wrap, table.columns[-1].justify = True, "left"
-    for r in ranked(study)[:most]:
-        c = r.candidate
-        times = wording.number(c.rmse / noise if c.rmse is not None and noise else None)
-        table.add_row(safe(r.name), wording.number(c.rmse), times, wording.number(c.gain_beyond_noise), safe(r.words))
+    for row in found.rows[:most]:
+        table.add_row(*map(safe, row[:-1]))
     return table
 
 
@@ -45,7 +42,7 @@ def print_ranking(study: Any, console: Any, *, whole: bool) -> None:
     more = 0 if whole else len(study.candidates) - _RANKED
     if more > 0:
         console.print(f"and {more} more: --details")
-    console.print("gain: BIC over the best model without the effect; 10 name an effect")
+    console.print("gain: BIC over the best model without the effect; 10 or 20 name one")
 
 
 def print_answer(study: Any, console: Any, *, applied: bool) -> None:

@@ -22,7 +22,7 @@ from ..pictures.curves import Case
 # Sections shown on a terminal; the rest is in the written reports.
 _SECTIONS = ("equivalents", "no-pictures", "ladder", "candidates", "laws", "next")
 # Columns kept of wide tables on a console narrower than _ROOMY columns.
-_NARROW = {"ladder": (0, 1, 2, 3, 4, 6), "candidates": (0, 1, 2, 3)}
+_NARROW = {"ladder": (0, 1, 2, 3, 4, 6), "candidates": (0, 1, 2, 3, 4)}
 _ROOMY = 110
 # Most rows of a table; the rest is left to the written reports.
 _MOST_ROWS = 8
