@@ -156,12 +156,13 @@ def _lines(text: str) -> tuple[list[str], list]:
     tables: list[tuple[str, list[str], list[list[str]]]] = []
     caption, inside, tree = "", False, False
     for line in text.splitlines():
-        tree = (tree and bool(line.strip()) and "```" not in line) or "beside its noise model" in line
+        ends = not line.strip() or line.startswith(("```", "+--"))
+        tree = (tree and not ends) or "beside its noise model" in line
         if tree:
             continue
         cells = [c.strip() for c in re.split(r"[|│┃]", line.strip().strip("|│┃"))]
         if not re.match(r"\s*[|│┃]", line) or len(cells) < 2:
-            if not re.match(r"\s*[+┌└├╭╰┏┡┗-]{2}", line):
+            if not re.match(r"\s*([+┌└├╭╰┏┡┗-]{2}|\|[-+]+\|$)", line.rstrip()):
                 caption, inside = (line if line.strip() else caption), False
                 prose.append(line)
             continue

@@ -82,8 +82,8 @@ def tree_lines(study: Study, *, plain: bool = False, width: int = _WIDTH) -> tup
         rows.append((guides[1], "   ", f"{found.more} more", "", "", found.rest))
     unit = wording.clean(study.data.units.get("process_value") or "", 8)
     room = min(max(len(head + label) for head, _, label, *_ in rows), _LABEL, width - _ERROR - _TIMES - 2 - _WORDS)
-    beside = "error beside its noise model" + (f", {unit}" if unit else "")
-    head = f"{'model':<{room}}{'error':>{_ERROR}}{'x noise':>{_TIMES}}  {beside}"
+    head = f"{'model':<{room}}{'error':>{_ERROR}}{'x noise':>{_TIMES}}  beside its noise model"
+    head += f", {unit}" if unit and len(head) + len(unit) + 2 <= width else ""
     lines = [head.rstrip()]
     for first, next_head, label, error, times, words in rows:
         folded = _folded(words, max(width - room - _ERROR - _TIMES - 2, _WORDS))

@@ -64,7 +64,8 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     if bootstrap and new and not is_noise(new[0]):
         p_value = p_of(search, here, new[0], bootstrap, tell)
     chance = p_value is not None and p_value > max(policy.chance, 1.0 / (bootstrap + 1))
-    study = with_noise_of(study, found.winner.scored)
+    if key(here.spec) != key(found.winner.spec):
+        study = with_noise_of(study, found.winner.scored)
     doubt = "may be rounding" if blur else "may be chance" if chance else ""
     if doubt:
         new = ()

@@ -38,8 +38,11 @@ def with_steps(study: Study, steps: tuple[Step, ...], after: Fitted) -> Study:
         steps = without_intervals(steps)
     steps = with_one_noise(steps)
     holds, why = adequate(steps[-1])
+    # The best model that holds these effects is now the last step.
+    rows = tuple(replace(c, rmse=steps[-1].error.rmse) if c.effect in steps[-1].effects else c
+                 for c in study.candidates)
     return replace(study, steps=steps, estimate=estimate(study, after), adequate=holds, adequate_reason=why,
-                   missing=())
+                   missing=(), candidates=rows)
 
 
 def with_noise_of(study: Study, found: Scored) -> Study:

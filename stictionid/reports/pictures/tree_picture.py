@@ -33,9 +33,9 @@ def tree(study: Study) -> Picture | None:
     rules = (Rule("x", noise, "noise", "bound"),) if noise else ()
     left_out = f" {wording.count(found.more)} more models are in the JSON." if found.more else ""
     return Picture("tree", "Models tried", _alt(study, found.shown, unit),
-                   "Each dot is a model at its error beside its noise model; a line leads from the model that it was made from, with "
-                   "the effect added (+), dropped (-) or the structure swapped (~). The text below, and the pointer "
-                   f"on a dot, say why a search went no further there.{left_out}",
+                   "Each dot is a model at its error beside its noise model; a line leads from the model that it was "
+                   "made from, with the effect added (+), dropped (-) or the structure swapped (~). The text below, "
+                   f"and the pointer on a dot, say why a search went no further there.{left_out}",
                    (Panel(f"error beside its noise model, {unit}", "", rules=rules, log_x=True, branches=branches),),
                    wide=True)
 
