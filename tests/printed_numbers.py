@@ -156,8 +156,8 @@ def _lines(text: str) -> tuple[list[str], list]:
     tables: list[tuple[str, list[str], list[list[str]]]] = []
     caption, inside, tree = "", False, False
     for line in text.splitlines():
-        ends = not line.strip() or line.startswith(("```", "+--"))
-        tree = (tree and not ends) or "beside its noise model" in line
+        tree = (tree and re.match(r"base:|[|`├└│ ]", line) is not None and bool(line.strip())) \
+            or (line.startswith("model ") and "beside its noise model" in line)
         if tree:
             continue
         cells = [c.strip() for c in re.split(r"[|│┃]", line.strip().strip("|│┃"))]

@@ -81,7 +81,7 @@ def test_nothing_is_invented_where_nothing_is_hidden(kind: str, more: dict) -> N
     if kind == "no moves":
         # The small loop rests without its moves; this one cycles by itself.
         more = more | {"plant": Plant(1.2, 20.0, 4.0), "controller": Controller(0.7, 12.0, scan_s=1.0)}
-    setting, loop = small(*(["coloured-noise"] if kind == "coloured" else []), **more)
+    _, loop = small(*(["coloured-noise"] if kind == "coloured" else []), **more)
     study = identify(loop)
     assert study.steps, study.verdict.reason
     after = diagnose(loop, study, apply=True)
