@@ -149,35 +149,37 @@ def test_every_next_step_runs_as_printed_from_the_record_to_the_page(tmp_path: P
                "--setpoint", "0:4", "--setpoint", "300:-5", "--effect", "step-disturbance:time_s=350,size=3",
                "-o", "a.csv")
     assert told(made) == ["identify", "a.csv"]
-    identified = run("identify", "a.csv", "--base-only", "-o", "s.json")
-    assert told(identified) == told(run("compare", "s.json")) == ["diagnose", "s.json"]
+    keep = told(run("identify", "a.csv", "--base-only"))
+    assert keep == ["identify", "a.csv", "--base-only", "-o", "a.json"]
+    identified = run(*keep)
+    assert told(identified) == told(run("compare", "a.json")) == ["diagnose", "a.json"]
     assert identified.stdout.splitlines()[0].startswith("verdict: stiction")
     assert identified.stdout.splitlines()[1].startswith("S ") and "adequate: no" in identified.stdout
-    asked = run("diagnose", "s.json")
+    asked = run("diagnose", "a.json")
     assert asked.stdout.startswith("missing: ") and "(step-disturbance" in asked.stdout.split(". Error")[0]
     add = told(asked)
-    assert add[0] == "add" and add[1].startswith("step-disturbance@") and told(run("compare", "s.json")) == add
-    before = study_from_json((tmp_path / "s.json").read_text())
+    assert add[0] == "add" and add[1].startswith("step-disturbance@") and told(run("compare", "a.json")) == add
+    before = study_from_json((tmp_path / "a.json").read_text())
     added = run(*add)
-    after = study_from_json((tmp_path / "s.json").read_text())
+    after = study_from_json((tmp_path / "a.json").read_text())
     assert "answer: the record supports step-disturbance" in " ".join(added.stdout.split())
     assert all(cell in added.stdout for row in change(before, after).rows for cell in row)
-    assert told(added) == ["report", "s.json", "-o", "s.html"] and run(*told(added)).returncode == 0
-    assert (tmp_path / "s.html").is_file()
+    assert told(added) == ["report", "a.json", "-o", "a.html"] and run(*told(added)).returncode == 0
+    assert (tmp_path / "a.html").is_file()
 
     # An effect that makes the error worse is said to, and the next step takes it out again.
     last = after.steps[-1]
     worse = replace(last, supported=False, error=replace(last.error, rmse=2.0 * before.steps[-1].error.rmse),
                     findings=(Finding("not-supported", "warning", "the record does not support it", {}),))
     with mock.patch("stictionid.verbs.add.add", return_value=replace(after, steps=(*after.steps[:-1], worse))):
-        (tmp_path / "s.json").write_text(to_json(before))
+        (tmp_path / "a.json").write_text(to_json(before))
         grown = run(*add)
     assert grown.stdout.startswith("the free-run error is larger with step-disturbance")
     assert "answer: the record does not support it" in grown.stdout
-    assert told(grown) == ["remove", "step-disturbance", "s.json"]
+    assert told(grown) == ["remove", "step-disturbance", "a.json"]
     removed = run(*told(grown))
-    assert told(removed) == ["diagnose", "s.json"] and "What changed" in removed.stdout
-    assert study_from_json((tmp_path / "s.json").read_text()).steps[-1].effects == ()
+    assert told(removed) == ["diagnose", "a.json"] and "What changed" in removed.stdout
+    assert study_from_json((tmp_path / "a.json").read_text()).steps[-1].effects == ()
 
 
 @pytest.mark.parametrize("name", ["x.csv", "x.TXT", "x.parquet", "x.xlsx", "x.mat"])

@@ -110,6 +110,9 @@ def identify(
         if output is not None:
             say(f"wrote {output}", quiet=quiet)
             say(f"next: {next_step(study, output, effects=effects, laws=laws)}", quiet=quiet)
+        elif file != "-":
+            kept = shlex.quote(f"{Path(file).stem or 'study'}.json")
+            say(f"next: {options.command} -o {kept}", quiet=quiet)
     if study.estimate is None:
         raise typer.Exit(3)
     if strict and (study.verdict.stiction == "undecided" or not study.adequate):
