@@ -24,7 +24,7 @@ from stictionid.model.spec import Spec
 from stictionid.numerics.autoregression import chi_square_z
 from stictionid.record.loop import Loop
 from stictionid.record.study import Study
-from stictionid.reports.pages.comparison import MOST_SUSPECTS, write_beside, write_comparison
+from stictionid.reports.pages.comparison import MOST_SUSPECTS, rows_of, sentences, write_beside, write_comparison
 from stictionid.reports.pictures.comparison_pictures import comparison_pictures, overview
 from stictionid.verbs.identify import Options, identify
 
@@ -48,6 +48,14 @@ def clean():
 def stepped():
     loop = simulate(setting(effects=(("travel-limit", {"upper": 51.5}),)), seed=12).loop
     return loop, identify(loop, options=HELD)
+
+
+def test_errors_are_called_dependent_only_where_they_are(clean) -> None:
+    found = compare(*clean)
+    for share, hang in ((1.0, False), (0.5, True)):
+        made = replace(found, error=replace(found.error, effective_rows=share * found.error.rows))
+        assert ("hang together" in " ".join(sentences(made))) == hang
+        assert ("as good as independent ones" in dict(rows_of(made))) == hang
 
 
 def test_a_clean_loop_shows_no_fault_and_its_errors_agree(clean) -> None:

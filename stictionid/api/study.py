@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import DataError
-from ..record.study import Estimate, Range, Severity, Step, Verdict, study_from_json, to_json
+from ..record.study import Estimate, Range, Step, Verdict, study_from_json, to_json
 from ..record.study import Study as Record
+from ..record.swing import Severity
 from ..record.tree import TreeNode
 from ..record.unexplained import Unexplained
 from .loop import Loop

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from .app import app
+from .common.next_step import next_step
 from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, safe, say
 from .common.study_files import StudyArgument, open_data, open_other, open_study
@@ -57,7 +58,7 @@ def compare(
     if as_json:
         print_json(_plain(found, series))
         return
-    _print(found, study, quiet)
+    _print(found, before, study, quiet, data=file if other is None else None, effects=effects, laws=laws)
 
 
 def _against(study: Path, other: Path, file: Path | None, output: Path | None, force: bool, as_json: bool,
@@ -102,7 +103,7 @@ def _plain(found: Any, series: bool) -> dict[str, Any]:
             "spectra": found.spectra, "series": curves}
 
 
-def _print(found: Any, study: Path, quiet: bool) -> None:
+def _print(found: Any, before: Any, study: Path, quiet: bool, **given: Any) -> None:
     from ..reports.pages.comparison import MOST_SUSPECTS, rows_of
 
     console = out_console()
@@ -123,5 +124,5 @@ def _print(found: Any, study: Path, quiet: bool) -> None:
     for f in found.notes:
         console.print(f"{f.severity}: {safe(f.statement)}")
     console.print(("adequate: " if found.adequate else "not adequate: ") + safe(found.adequate_reason))
-    if not found.adequate and not found.validates:
-        say(f"next: stictionid diagnose {study}", quiet=quiet)
+    if not found.validates:
+        say(f"next: {next_step(before, study, **given)}", quiet=quiet)

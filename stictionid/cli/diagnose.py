@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .app import app
 from .common.completion import effect_names
+from .common.next_step import next_step, remove_step
 from .common.outcomes import outcome
 from .common.output import (
     ForceOption,
@@ -24,13 +25,13 @@ from .common.output import (
     say,
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
-from .common.study_files import DataArgument, StudyArgument, open_data, open_study
-from .common.study_tables import candidates_table, ladder_table, print_outcome, write_study
-from .common.tree import print_tree
+from .common.study_files import DataArgument, StudyArgument, check_study_place, open_data, open_study
+from .common.study_tables import print_answer, print_change, print_ranking, write_study
+from .common.tree import print_equivalents, print_tree
 from .common.user_files import EffectsOption, LawsOption
 
 if TYPE_CHECKING:
-    from ..record.study import Study
+    from ..record.study import Step
 
 
 @app.command(epilog=outcome("the study, in place or to -o", json="schema stictionid.study/1"))
@@ -43,6 +44,8 @@ def diagnose(
     jobs: JobsOption = None,
     bootstrap: Annotated[int, typer.Option("--bootstrap", min=0, max=100_000, metavar="N", help="Replicates for a "
                                            "p-value of the named effect, 99 or more; about half a second each.")] = 0,
+    details: Annotated[bool, typer.Option("--details", help="Show every effect asked, the models tried, those not "
+                                          "asked, and the counts of work.")] = False,
     policy: PolicyOption = None, budget: BudgetOption = None, effects: EffectsOption = None, laws: LawsOption = None,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
@@ -50,12 +53,11 @@ def diagnose(
 
     Example: stictionid diagnose study.json
     """
-    from ..system.files import ensure_writable
     from ..verbs.diagnose import diagnose as run
 
     steered = policy_of(policy, budget)
     if output is not None:
-        ensure_writable(output, force=force, kind=b"{")
+        check_study_place(output, force=force)
     before = open_study(study)
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:
@@ -66,19 +68,18 @@ def diagnose(
         print_json(after)
         return
     console = out_console()
-    if after.candidates:
-        console.print(candidates_table(after))
-    print_tree(after, console)
-    for c in after.candidates:
-        if c.accepted:
-            console.print(safe(c.statement))
-    print_outcome(after, console, applied=apply)
+    print_answer(after, console, applied=apply)
+    print_ranking(after, console, whole=details)
+    if apply and after.missing:
+        print_change(before, after, console)
+    print_equivalents(after, console)
+    if details:
+        print_tree(after, console)
     for step in after.steps[-1:]:
         for f in step.findings:
             if f.code in ("better-optimum", "gave-way", "rounded-output"):
                 say(f"{f.severity}: {f.statement}", quiet=quiet)
-    if after.missing and not apply:
-        say(f"next: stictionid add {after.missing[0]} {output or study}", quiet=quiet)
+    say(f"next: {next_step(after, output or study, data=file, effects=effects, laws=laws, asked=True)}", quiet=quiet)
 
 
 @app.command(epilog=outcome("the study, in place or to -o", json="schema stictionid.study/1"))
@@ -98,18 +99,36 @@ def add(
     Example: stictionid add extra-lag study.json
     """
     from ..effects import parse
-    from ..system.files import ensure_writable
+    from ..reports.answer import worse
+    from ..reports.effect_words import named_in, sentence
     from ..verbs.add import add as run
     from ..verbs.support import CODES
 
-    parse(effect)
+    wanted, _ = parse(effect)
     if output is not None:
-        ensure_writable(output, force=force, kind=b"{")
+        check_study_place(output, force=force)
     before = open_study(study)
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:
         after = run(loop, before, effect, seed=seed, prune=prune, progress=progress)
-    _show_ladder(after, output or study, (*CODES, "superfluous", "pruned", "entering-elsewhere"), force, quiet, as_json)
+    place = output or study
+    write_study(after, place, force, quiet)
+    if as_json:
+        print_json(after)
+        return
+    console = out_console()
+    step = next((s for s in reversed(after.steps) if s.added == wanted.name), after.steps[-1])
+    name = named_in(step)
+    grew = worse(before, after) and step.supported is not True
+    if grew:
+        console.print(f"the free-run error is larger with {safe(name)} than without it")
+    console.print(safe(sentence(after, name)))
+    print_change(before, after, console)
+    _print_findings(step, CODES, console, "answer")
+    _print_findings(step, ("superfluous", "pruned", "entering-elsewhere"), console)
+    said = remove_step(name, place, data=file, effects=effects, laws=laws) if grew else \
+        next_step(after, place, data=file, effects=effects, laws=laws, asked=False)
+    say(f"next: {said}", quiet=quiet)
 
 
 @app.command(epilog=outcome("the study, in place or to -o", json="schema stictionid.study/1"))
@@ -125,30 +144,27 @@ def remove(
 
     Example: stictionid remove extra-lag study.json
     """
-    from ..system.files import ensure_writable
     from ..verbs.remove import remove as run
 
     if output is not None:
-        ensure_writable(output, force=force, kind=b"{")
+        check_study_place(output, force=force)
     before = open_study(study)
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:
         after = run(loop, before, effect, seed=seed, progress=progress)
-    _show_ladder(after, output or study, ("removed",), force, quiet, as_json)
-
-
-def _show_ladder(after: Study, path: Path, codes: tuple[str, ...], force: bool, quiet: bool, as_json: bool) -> None:
-    """Write a study that has other steps now, and show its ladder and the findings with some codes, or its JSON."""
-    from ..reports.effect_words import named_in, sentence
-
-    write_study(after, path, force, quiet)
+    place = output or study
+    write_study(after, place, force, quiet)
     if as_json:
         print_json(after)
         return
     console = out_console()
-    console.print(ladder_table(after))
-    if (added := after.steps[-1].added) is not None:
-        console.print(safe(sentence(after, named_in(after.steps[-1]) or added)))
-    for f in after.steps[-1].findings:
+    print_change(before, after, console)
+    _print_findings(after.steps[-1], ("removed",), console)
+    say(f"next: {next_step(after, place, data=file, effects=effects, laws=laws, asked=False)}", quiet=quiet)
+
+
+def _print_findings(step: Step, codes: tuple[str, ...], console: Any, word: str = "") -> None:
+    """The findings of a step with some codes, one line each, led by a word or by their severity."""
+    for f in step.findings:
         if f.code in codes:
-            console.print(f"{f.severity}: {safe(f.statement)}")
+            console.print(f"{word or f.severity}: {safe(f.statement)}")

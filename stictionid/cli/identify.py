@@ -13,6 +13,7 @@ import typer
 from ..historian.bytes.options import ReadOptions
 from .app import app
 from .common.completion import effect_names, law_names
+from .common.next_step import next_step
 from .common.outcomes import outcome
 from .common.output import (
     MOST_JOBS,
@@ -21,7 +22,6 @@ from .common.output import (
     Progress,
     QuietOption,
     SeedOption,
-    interval,
     number,
     out_console,
     plain_table,
@@ -32,12 +32,13 @@ from .common.output import (
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
+from .common.study_files import check_study_place
 from .common.tree import print_equivalents, print_tree
 from .common.user_files import EffectsOption, LawsOption
 
 
 @app.command(epilog=outcome("the study with -o", json="schema stictionid.study/1", abstains=True,
-                            strict="when the verdict is undecided or the model not adequate"))
+                            strict="undecided with S and J, or a model that is not adequate"))
 @reads_file
 def identify(
     file: FileArgument,
@@ -75,18 +76,19 @@ def identify(
 ) -> None:
     """Find S, J, the process and whether the valve sticks, from controller output and process value.
 
-    Exit code 3 when the record can't tell; the study then says why.
+    A record that holds too little ends with exit code 3: no S and J, and the reason (abstained). Undecided with S and
+    J ends with 0, and with --strict with 4.
 
     Example: stictionid identify sample_data/foptd.csv -o study.json
     """
     from ..fit.options import Options
     from ..methods.option_check import check_options
     from ..record.study import to_json
-    from ..system.files import ensure_writable, keep_apart, write_whole
+    from ..system.files import keep_apart, write_whole
 
     if output is not None:
         keep_apart(output, file, *([step_test] if step_test is not None else []))
-        ensure_writable(output, force=force, kind=b"{")
+        check_study_place(output, force=force)
     fixed = {name: value for name, value in (("gain", gain), ("time_constant_s", time_constant),
                                              ("dead_time_s", dead_time)) if value is not None}
     options = Options(method, law, tuple(with_effect or ()), base_only, between, fixed, seed, order, delay,
@@ -108,7 +110,11 @@ def identify(
     else:
         show(study, quiet, tree=tree)
         if output is not None:
-            say(f"wrote {output}; next: stictionid report {output} -o report.md", quiet=quiet)
+            say(f"wrote {output}", quiet=quiet)
+            say(f"next: {next_step(study, output, effects=effects, laws=laws)}", quiet=quiet)
+        elif file != "-":
+            kept = shlex.quote(f"{Path(file).stem or 'study'}.json")
+            say(f"next: {options.command} -o {kept}", quiet=quiet)
     if study.estimate is None:
         raise typer.Exit(3)
     if strict and (study.verdict.stiction == "undecided" or not study.adequate):
@@ -142,8 +148,13 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
 
 def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
     """The study as tables on stdout, the models tried among them if asked for; findings on stderr."""
+    from ..reports.facts import position_sentences, size
+
     console = out_console()
     console.print(f"verdict: {study.verdict.stiction} (confidence {study.verdict.confidence:.2f})")
+    if study.estimate is not None:
+        console.print(safe(size(study.estimate)))
+        console.print(f"adequate: {'yes' if study.adequate else 'no'}, {safe(study.adequate_reason)}")
     console.print(f"because: {safe(study.verdict.reason)}")
     if study.estimate is None:
         return
@@ -153,27 +164,34 @@ def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
         console.print(_law_table(study))
     if tree:
         print_tree(study, console)
-    console.print(f"adequate: {'yes' if study.adequate else 'no'}, {study.adequate_reason}")
     if study.interval_caution:
         console.print(study.interval_caution)
+    for sentence in position_sentences(study):
+        console.print(safe(sentence))
     print_equivalents(study, console)
     for finding in study.steps[-1].findings:
         say(f"{finding.severity}: {finding.statement}", quiet=quiet)
 
 
 def _estimate_table(study: Any) -> Any:
+    """The main values with their intervals, in the digits of every other output."""
+    from ..reports import wording
+
     e = study.estimate
     unit_y = study.data.units.get("process_value") or "unit of y"
     table = plain_table("estimate", "value", "90 % interval", "from position", title="estimate")
+
+    def row(label: str, value: float, unit: str, span: tuple[float, float] | None, seen: float | None = None) -> None:
+        shown, ends = wording.apart(value, span)
+        table.add_row(label, f"{shown} {safe(unit)}", ends, number(seen, e.unit))
+
     seen = e.from_position
-    table.add_row("S stickband plus deadband", number(e.S, e.unit), interval(e.S_interval),
-                  number(seen.S, e.unit) if seen else "-")
-    table.add_row("J slip jump", number(e.J, e.unit), interval(e.J_interval), number(seen.J, e.unit) if seen else "-")
-    per = " per s" if e.integrating else ""
-    table.add_row("process gain", number(e.gain, f"{unit_y}/{e.unit}{per}"), interval(e.gain_interval), "-")
+    row("S stickband plus deadband", e.S, e.unit, e.S_interval, seen.S if seen else None)
+    row("J slip jump", e.J, e.unit, e.J_interval, seen.J if seen else None)
+    row("process gain", e.gain, f"{unit_y}/{e.unit}{' per s' if e.integrating else ''}", e.gain_interval)
     for i, (lag, span) in enumerate(zip_longest(e.time_constants_s, e.time_constants_intervals)):
-        table.add_row("time constant" if i == 0 else "second time constant", number(lag, "s"), interval(span), "-")
-    table.add_row("dead time", number(e.dead_time_s, "s"), interval(e.dead_time_interval), "-")
+        row("time constant" if i == 0 else "second time constant", lag, "s", span)
+    row("dead time", e.dead_time_s, "s", e.dead_time_interval)
     table.add_row("residual force at start", f"{e.initial_residual_force:.2f} of f_s", "-", "-")
     return table
 

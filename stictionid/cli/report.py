@@ -22,10 +22,11 @@ if TYPE_CHECKING:
                   "Without -o it prints the result as a table.\n\n"
                   "Example: stictionid report study.json -o report.html")
 def report(
-    studies: Annotated[list[Path], typer.Argument(metavar="STUDY...", help="Studies written by identify -o.")],
+    studies: Annotated[list[Path], typer.Argument(metavar="STUDY... [FILE]", help="Studies written by identify -o; "
+                                                  "after one study its data file, when it has moved.")],
     out: Annotated[Path | None, typer.Option("--output", "-o", help="Report to write; .md, .html or .json.")] = None,
     figures: Annotated[str, typer.Option("--figures", help="Pictures beside markdown: svg or png.")] = "svg",
-    data: Annotated[Path | None, typer.Option("--data", help="Data file, when it has moved (one study only).")] = None,
+    data: Annotated[Path | None, typer.Option("--data", help="The data file (one study only).")] = None,
     effects: EffectsOption = None, laws: LawsOption = None,
     as_json: JsonOption = False,
     force: ForceOption = False,
@@ -37,8 +38,9 @@ def report(
     from ..system.files import keep_apart
     from ..system.plurals import counted
 
+    studies, data = _apart(studies, data)
     if data is not None and len(studies) > 1:
-        raise UsageError(f"--data names one file, but there are {len(studies)} studies", "report them one by one")
+        raise UsageError(f"one data file was given, but there are {len(studies)} studies", "report them one by one")
     if out is not None:
         keep_apart(out, *studies, what="the study")
         if data is not None:
@@ -67,6 +69,30 @@ def report(
         console = out_console()
         for case in cases:
             print_case(case, console)
+
+
+def _apart(given: list[Path], data: Path | None) -> tuple[list[Path], Path | None]:
+    """The studies, and the data file behind the first of them: a study is JSON, and no data file is.
+
+    UsageError for a second data file.
+    """
+    from ..errors import UsageError
+
+    files = [path for path in given[1:] if _is_data(path)]
+    if len(files) + (data is not None) > 1:
+        raise UsageError("report takes one data file", "report the studies one by one")
+    return [path for path in given if path not in files], files[0] if files else data
+
+
+def _is_data(path: Path) -> bool:
+    """True for a folder, and for a file that does not begin as JSON does; an absent one is taken for a study."""
+    if path.is_dir():
+        return True
+    try:
+        with open(path, "rb") as file:
+            return not file.read(64).lstrip().startswith(b"{")
+    except OSError:
+        return False
 
 
 def _case(path: Path, data: Path | None) -> Case:

@@ -31,7 +31,8 @@ from .common.output import (
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
-from .common.study_tables import print_outcome, write_study
+from .common.study_tables import ladder_table, print_answer, write_study
+from .common.tree import print_equivalents
 from .common.user_files import EffectsOption, LawsOption
 
 _PAGES = (".html", ".md")
@@ -41,7 +42,7 @@ _READ, _STUDIED = 0.05, 0.9
 
 @app.command(epilog=outcome("the page and, under its name, the study: loop.html and loop.json", abstains=True,
                             json="schema stictionid.study/1",
-                            strict="when the verdict is undecided or the model not adequate"))
+                            strict="undecided with S and J, or a model that is not adequate"))
 @reads_file
 def study(
     file: FileArgument,
@@ -146,4 +147,6 @@ def _show(found: Any) -> None:
     console.print(f"verdict: {found.verdict.stiction} (confidence {found.verdict.confidence:.2f})")
     console.print(f"because: {safe(found.verdict.reason)}")
     if found.estimate is not None:
-        print_outcome(found, console, applied=True)
+        print_answer(found, console, applied=True)
+        console.print(ladder_table(found))
+        print_equivalents(found, console)

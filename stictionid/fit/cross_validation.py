@@ -51,6 +51,13 @@ class Held:
         return float(np.sqrt(self.level.sum() / max(self.level_rows.sum(), 1.0)))
 
 
+def blocks_won(after: Held | None, before: Held | None) -> tuple[int | None, int | None]:
+    """Held-out blocks whose one-step error is lower with `after`, and all blocks; None where none could be held out."""
+    if after is None or before is None:
+        return None, None
+    return int((after.blocks < before.blocks).sum()), after.blocks.size
+
+
 def held_out(done: Refit) -> Held | None:
     """Held-out errors of a refit; None where the record is too short for the folds."""
     return held_out_of(done.white_model(), done.values, done.evaluated)

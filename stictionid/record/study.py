@@ -9,18 +9,19 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import DataError
 from .built import built
 from .loop import Finding
 from .rhythm import Rhythm
-from .swing import Swing
+from .swing import Severity, Swing
 from .tree import Equivalent, TreeNode
 from .unexplained import Unexplained
 
+# First words of the reason of a model that is not adequate because a noise carries what it leaves.
+BUT_FOR = "explained but for"
 SCHEMA = "stictionid.study/1"
 _SCHEMA_NUMBER = 1
 
@@ -135,28 +136,6 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Severity:
-    """Effect of the friction on the plant: band of S, the bands its interval touches, and the loop with repaired valve.
-
-    `pv_sd` and `pv_sd_repaired` are in the unit of y, travel in % a day. `share_of_pv_variance` is the valve's share
-    of the variance of y. Gain and integral time are those of the PI law read from the record. Null where the loop could
-    not be run again; `statement` then gives the reason.
-    """
-
-    band: str | None
-    band_interval: tuple[str, ...]
-    pv_sd: float
-    pv_sd_repaired: float | None
-    share_of_pv_variance: float | None
-    travel_per_day: float
-    travel_per_day_repaired: float | None
-    controller_gain: float | None
-    integral_time_s: float | None
-    statement: str
-    source: str
-
-
-@dataclass(frozen=True, slots=True)
 class ParameterValue:
     """One fitted number; `effect` is null for the base model (valve law and process)."""
 
@@ -172,7 +151,10 @@ class ParameterValue:
 
 @dataclass(frozen=True, slots=True)
 class ErrorSummary:
-    """Distance of model and measurement in the unit of y; see the contract for each field."""
+    """Distance of model and measurement in the unit of y: `rmse` is the free run, `rmse_one_step` the innovations.
+
+    `noise_sd` is the irreducible noise, one number for all steps of a study (fit/adequacy.py).
+    """
 
     rmse: float
     rmse_holdout: float | None = None
@@ -226,8 +208,10 @@ class LawResult:
 class Candidate:
     """One effect of the catalogue added to the model and refitted: its gain, and the decision to accept it or not.
 
-    `gain_beyond_noise` is the BIC gained over the best pure noise model. `rejected_because` is empty for an accepted
-    effect. `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
+    `gain_beyond_noise` and `delta_bic` are the BIC of the best model that holds the effect over the best one without
+    it. With an accepted effect the one-step error falls in `blocks_better` of the `blocks` held out of the fit; null
+    where none could be held out. `rejected_because` is empty for an effect of the model. `variant` says where a
+    disturbance enters ("output" or "load"), or which tag it is.
     """
 
     effect: str
@@ -237,6 +221,8 @@ class Candidate:
     rmse_one_step_holdout: float | None
     error_drop_percent: float | None
     one_step_drop_percent: float | None
+    blocks_better: int | None = field(default=None, kw_only=True)
+    blocks: int | None = field(default=None, kw_only=True)
     delta_bic: float | None
     gain_beyond_noise: float | None = field(default=None, kw_only=True)
     equivalent_to: tuple[str, ...] = ()
@@ -249,7 +235,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class CostMap:
-    """Free-run error over a grid of S (rows) and J (columns), the rest held, for the S-J picture.
+    """Error over a grid of S (rows) and J (columns), the rest held: the one that the fit of `step` made small.
 
     `step` is the index of the step whose model it maps (None in files of older versions, which did not write it).
     """
@@ -296,9 +282,14 @@ class Study:
     schema: str = SCHEMA
 
     @property
+    def completed(self) -> bool:
+        """True for a model that is not adequate only because a noise carries what it leaves."""
+        return self.adequate is False and self.adequate_reason.startswith(BUT_FOR)
+
+    @property
     def interval_caution(self) -> str:
-        """Caution about the intervals of a model that is not adequate, as a sentence; empty for an adequate one."""
-        if self.adequate is not False or self.estimate is None or self.estimate.S_interval is None:
+        """Caution about the intervals of a model that is not adequate, as a sentence; empty for any other one."""
+        if self.adequate is not False or self.completed or not self.estimate or self.estimate.S_interval is None:
             return ""
         return "The intervals hold only as far as this model does; what it misses may move S and J out of them."
 
@@ -372,27 +363,3 @@ def study_from_json(text: str) -> Study:
         return built(Study, content)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         raise DataError(f"the study is damaged: {error}", "run stictionid identify again") from None
-
-
-def intervals_withheld(steps: Iterable[Step]) -> bool:
-    """True where a finding of some step withholds the intervals (`no_intervals` in its evidence)."""
-    return any(finding.evidence.get("no_intervals") for step in steps for finding in step.findings)
-
-
-def with_ranges(found: Estimate, steps: Iterable[Step]) -> Estimate:
-    """The estimate with the ranges of S and J that a finding states, and its own values, as intervals.
-
-    The evidence holds `S_range`, `J_range`, and the share of S by which they become `wider`.
-    """
-    said = next((f.evidence for step in steps for f in step.findings if "S_range" in f.evidence), None)
-    if said is None:
-        return found
-    S, J = ((max(min(said[name][0], value) - said["wider"] * found.S, 0.0),
-             max(said[name][1], value) + said["wider"] * found.S)
-            for name, value in (("S_range", found.S), ("J_range", found.J)))
-    return replace(found, S_interval=S, J_interval=J)
-
-
-def without_intervals(steps: Iterable[Step]) -> tuple[Step, ...]:
-    """The steps with no interval of any number."""
-    return tuple(replace(step, parameters=tuple(replace(p, interval=None) for p in step.parameters)) for step in steps)

@@ -1,4 +1,4 @@
-"""Parts of a process value and causes of its swing, as frozen dataclasses of a study."""
+"""Parts of a process value, causes of its swing and harm of its valve, as frozen dataclasses of a study."""
 
 from __future__ import annotations
 
@@ -35,3 +35,25 @@ class Swing:
     sd_perfect: float | None = None
     goes_on: bool | None = None
     reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Severity:
+    """Effect of the friction on the plant: band of S, the bands its interval touches, and the loop with repaired valve.
+
+    `pv_sd` and `pv_sd_repaired` are in the unit of y, travel in % a day. `share_of_pv_variance` is the valve's share
+    of the variance of y. Gain and integral time are those of the PI law read from the record. Null where the loop could
+    not be run again; `statement` then gives the reason.
+    """
+
+    band: str | None
+    band_interval: tuple[str, ...]
+    pv_sd: float
+    pv_sd_repaired: float | None
+    share_of_pv_variance: float | None
+    travel_per_day: float
+    travel_per_day_repaired: float | None
+    controller_gain: float | None
+    integral_time_s: float | None
+    statement: str
+    source: str

@@ -7,17 +7,15 @@ study. Terminal, markdown, HTML and JSON therefore cannot disagree.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
-from ..record.study import Estimate, PositionEstimate, Study
+from ..record.study import Estimate, Study
 from ..system.plurals import counted
 from . import effect_words, evidence, ranking, sections, story, wording
 from .document import Facts, KeyNumber, PageTable, Section
 
 # J is called weakly known when its interval is wider than this share of its value: half the value either way.
 WEAK_J_SHARE = 0.5
-# Free-run error up to this multiple of the noise counts as the noise floor. METHODS.md section 6 measured 0.95 to 1.04
-# for the right model, and 1.4 and more with an effect missing.
-NOISE_FLOOR_RATIO = 1.1
 
 # S from the position differs where it is this share outside the interval of S.
 DIFFERS = 0.1
@@ -28,8 +26,8 @@ _HEADINGS = {"stiction": "The valve sticks", "no stiction": "No stiction found",
 def facts(study: Study, *, no_pictures: str = "") -> Facts:
     """All facts of one study in reading order; `no_pictures` says why there are none (data not found)."""
     order = (story.section, _size, sections.equivalents, _ladder, _pictures_note(no_pictures), _trends, _valve, _map,
-             _fit, ranking.section, sections.tree, sections.laws, sections.next_steps, sections.oscillation,
-             sections.data, sections.parameters, sections.method)
+             _fit, ranking.section, sections.laws, sections.next_steps, sections.oscillation,
+             sections.data, sections.parameters, sections.method, sections.tree)
     made = [s for make in order if (s := make(study)) is not None]
     # The evidence stands behind the ladder that added the effects, or behind the size.
     at = next((i + 1 for i, s in enumerate(made) if s.key == "ladder"), 0)
@@ -138,7 +136,7 @@ def _size(study: Study) -> Section | None:
                   f"error of that fit {wording.number(p.rmse)}"),
                  ("J read from the measured position", wording.number(p.J), wording.NOTHING, wording.name(e.unit), "")]
         text.append("The measured valve position was not used for S and J above; it is the check on them.")
-        text += _disagreement(study, e, p)
+        text += position_sentences(study)
     text += severity_sentences(study)
     bands = " · ".join(f"{word} {'above 5' if limit > 1e9 else f'below {limit:g}'} %"
                        for limit, word in wording.SEVERITY_BANDS)
@@ -148,18 +146,39 @@ def _size(study: Study) -> Section | None:
     return Section("size", "How big it is", tuple(text), (), (table,))
 
 
-def _disagreement(study: Study, e: Estimate, p: PositionEstimate) -> list[str]:
-    """The reason why S from the position may differ from S, where it does."""
-    low, high = e.S_interval or (e.S, e.S)
-    if (1.0 - DIFFERS) * low <= p.S <= (1.0 + DIFFERS) * high:
+def position_sentences(study: Study) -> list[str]:
+    """The reason why S or J from the position may differ from S or J, where they do.
+
+    The intervals of a model that misses something do not bound the difference, so its values stand for them.
+    """
+    e = study.estimate
+    if e is None or e.from_position is None:
         return []
-    if study.verdict.stiction == "no stiction" and high >= p.S:
-        return []  # both find no friction worth a number
+    p, found = e.from_position, []
+    for name, value, span, seen in (("S", e.S, e.S_interval, p.S), ("J", e.J, e.J_interval, p.J)):
+        low, high = span if span and not study.interval_caution else (value, value)
+        small = study.verdict.stiction == "no stiction" and high >= seen  # both find no friction worth a number
+        if not small and not (1.0 - DIFFERS) * low <= seen <= (1.0 + DIFFERS) * high:
+            found.append(f"{name} from the position, {wording.with_unit(seen, e.unit)}, differs from {name}, "
+                         f"{wording.with_unit(value, e.unit)}")
+    return [f"{wording.listed(found)}: {_why_it_differs(study)}."] if found else []
+
+
+def _why_it_differs(study: Study) -> str:
+    """The likeliest reason for S and J from the position that are others than those of the model."""
     valve = [n for n in (study.steps[-1].effects if study.steps else ()) if effect_words.moves_valve(n)]
-    why = (f"the position was fitted without {wording.listed([effect_words.noun(study, n) for n in valve])}" if valve
-           else "the position signal may be filtered, scaled or only a demand, or the model may lack an effect")
-    return [f"S from the position, {wording.with_unit(p.S, e.unit)}, differs from S, {wording.with_unit(e.S, e.unit)}: "
-            f"{why}."]
+    if valve:
+        return f"the position was fitted without {wording.listed([effect_words.noun(study, n) for n in valve])}"
+    if study.adequate is False:
+        return "both were fitted without what the model misses"
+    return "the position signal may be filtered, scaled or only a demand, or the model may lack an effect"
+
+
+def size(e: Estimate) -> str:
+    """S and J with their intervals in one line."""
+    level = wording.number(100 * e.interval_level, 2)
+    return (f"S {wording.estimate(e.S, e.S_interval, e.unit)}, J {wording.estimate(e.J, e.J_interval, e.unit)}, "
+            f"{level} % intervals")
 
 
 def severity_sentences(study: Study) -> list[str]:
@@ -179,10 +198,9 @@ def ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:
         e = step.error
         label = "base model" if step.added is None else f"+ {wording.name(step.added)}{evidence.flag(step)}"
         change = wording.NOTHING if not before else f"{100 * (e.rmse / before - 1):+.0f} %"
-        times = wording.number(e.rmse / e.noise_sd, 3) if e.noise_sd else wording.NOTHING
-        rows.append((label, wording.number(e.rmse), change, wording.number(e.rmse_holdout), times,
-                     wording.number(e.rmse_one_step), wording.percent(e.fit_percent, 3),
-                     f"{step.restarts.agree} of {step.restarts.runs}"))
+        rows.append((label, wording.number(e.rmse), change, wording.number(e.rmse_holdout),
+                     wording.times(e.rmse, e.noise_sd), wording.number(e.rmse_one_step),
+                     wording.percent(e.fit_percent, 3), f"{step.restarts.agree} of {step.restarts.runs}"))
         before = e.rmse
     return tuple(rows)
 
@@ -196,8 +214,11 @@ def _ladder(study: Study) -> Section | None:
                   ladder_rows(study), tuple(range(1, 8)))
     text = [_ladder_sentence(study, unit)]
     if study.adequate is not None:
-        word = "adequate" if study.adequate else "not adequate"
-        text.append(f"The model is {word}: {_tail(study.adequate_reason)}")
+        word = "" if study.completed else "adequate: " if study.adequate else "not adequate: "
+        text.append(f"The model is {word}{_tail(study.adequate_reason)}")
+    text += [f"With {wording.name(b.added)} the free run errs more, {wording.number(b.error.rmse)} for "
+             f"{wording.number(a.error.rmse)} without it." for a, b in pairwise(study.steps)
+             if b.added and b.error.rmse > a.error.rmse]
     if study.missing:
         text.append("Effects named by the search: " + ", ".join(wording.name(m) for m in study.missing) + ".")
     if study.missing_reason:
@@ -215,9 +236,8 @@ def _ladder_sentence(study: Study, unit: str) -> str:
                  f"{counted(len(study.steps) - 1, 'added effect')}")
     if not last.noise_sd:
         return moved + "."
-    ratio = last.rmse / last.noise_sd
-    where = "at the noise floor" if ratio <= NOISE_FLOOR_RATIO else "above the noise: something is still unexplained"
-    return f"{moved}, {wording.number(ratio)} times the measurement noise: {where}."
+    return (f"{moved}, {wording.times(last.rmse, last.noise_sd)} times the irreducible noise "
+            f"{wording.with_unit(last.noise_sd, unit)}.")
 
 
 def _pv_unit(study: Study) -> str:
@@ -259,7 +279,7 @@ def comparison(studies: list[Study]) -> PageTable:
     rows = []
     for study in studies:
         e, last = study.estimate, study.steps[-1].error if study.steps else None
-        ratio = wording.number(last.rmse / last.noise_sd) if last and last.noise_sd else wording.NOTHING
+        ratio = wording.times(last.rmse, last.noise_sd) if last else wording.NOTHING
         rows.append((
             wording.name(study.data.name), wording.name(study.verdict.stiction),
             wording.estimate(e.S, e.S_interval, e.unit) if e else wording.NOTHING,

@@ -93,7 +93,7 @@ class Edge:
 
 def _gains(edge: Edge) -> str:
     enough = edge.gain >= edge.margin
-    return "" if enough else f"it gains {edge.gain:.0f} BIC beyond noise, {edge.margin:g} name an effect"
+    return "" if enough else f"it gains {edge.gain:.0f} BIC over its parent, {edge.margin:g} name an effect"
 
 
 def _is_there(edge: Edge) -> str:
@@ -320,6 +320,12 @@ GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
     (GAIN, _gains), ("there", _is_there), ("blocks", _blocks), ("strokes", _strokes), (HELD_OUT, _held_out),
     (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _slip), ("kick", _kick), ("rest", _beyond_rest),
     ("friction", _sticks), ("rounding", _beyond_rounding), (SCANS, _beyond_scans))
+# Each gate's answer in a few words, for the ranking of all effects.
+SHORT = {GAIN: "gains too little", "there": "ends where it vanishes", "blocks": "helps in few blocks",
+         "strokes": "helps in few strokes", HELD_OUT: "predicts no better", FREE_RUN: "makes the free run worse",
+         "range": "ends at a limit", SLIP: "may be one slip", "kick": "may be the setpoint move",
+         "rest": "a rest does as well", "friction": "needs no friction", "rounding": "may be rounding",
+         SCANS: "may be unseen scans"}
 
 
 def judged(edge: Edge) -> tuple[Gate, ...]:
@@ -341,4 +347,4 @@ def judged(edge: Edge) -> tuple[Gate, ...]:
 def judged_change(edge: Edge) -> tuple[Gate, ...]:
     """The gate of another process or command: its gain in BIC."""
     enough = edge.gain >= edge.policy.structure_margin
-    return (Gate("gain", enough, "" if enough else f"it gains {edge.gain:.0f} BIC"),)
+    return (Gate("gain", enough, "" if enough else f"it gains {edge.gain:.0f} BIC over its parent"),)

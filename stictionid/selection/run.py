@@ -27,11 +27,11 @@ from .decide import Decision, candidates, decided, rounded
 from .entry import ADD, ROOT, Entry
 from .ladder import Rung, fitted, in_colour, ordered, said_noise, step_of, with_levels, with_noise
 from .looks import rng_of
-from .node import additions, key, node, physical, plain, spec_of, structure, without
+from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
 from .score import Scored, glanced, is_noise, noise_words
 from .search import Search
-from .steps import opened, reaching_to, with_steps
+from .steps import opened, reaching_to, with_noise_of, with_steps
 
 # Gives a study with another last model its verdict and severity.
 Judge = Callable[[Loop, Study, int], Study]
@@ -64,18 +64,27 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     if bootstrap and new and not is_noise(new[0]):
         p_value = p_of(search, here, new[0], bootstrap, tell)
     chance = p_value is not None and p_value > max(policy.chance, 1.0 / (bootstrap + 1))
-    if blur or chance:
+    if key(here.spec) != key(found.winner.spec):
+        study = with_noise_of(study, found.winner.scored)
+    doubt = "may be rounding" if blur else "may be chance" if chance else ""
+    if doubt:
         new = ()
-    study = replace(study, tree=tree_of(search, found, order),
-                    evaluations=search.budget.spent + (study.evaluations or 0),
-                    unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
-                    missing_reason=found.missing_reason, unexplained=found.shape,
-                    candidates=_with_p(_ranking(search, found, order, new), p_value), missing=())
+
+    def ranked(study: Study) -> Study:
+        """The study with its ranking; nodes that are steps of it have the errors of the step."""
+        errors = {key(rebuild_model(run.loop, step.model)[0].spec): step.error for step in study.steps}
+        rows = candidates(search, found, new, study, errors, doubt)
+        return replace(study, candidates=_with_p(rows, p_value))
+
+    study = ranked(replace(study, tree=tree_of(search, found, order),
+                           evaluations=search.budget.spent + (study.evaluations or 0),
+                           unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
+                           missing_reason=found.missing_reason, unexplained=found.shape, missing=()))
     if blur:
         return _left_to_rounding(study, blur)
     if chance:
         return study
-    changed = new or set(before) - set(order) or key(node(fit.model.spec)) != key(found.winner.spec)
+    changed = new or set(before) - set(order) or key(here.spec) != key(found.winner.spec)
     if not changed:
         after = _reaching(study, found)
         return after if after.estimate == study.estimate else judge(loop, after, seed)
@@ -83,7 +92,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
         return replace(study, missing=(parse(new[0])[0].name,) if new else ())
     tell("fitting the ladder", 1.0)
     steps, fits = ladder_of(run, search, found, fit, (order, rungs), study)
-    after = _reaching(with_steps(study, run, tuple(steps), fits[-1]), found)
+    after = ranked(_reaching(with_steps(study, tuple(steps), fits[-1]), found))
     return replace(judge(loop, after, seed), missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
 
 
@@ -182,7 +191,7 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
         if final and study is not None:
             fit = with_levels(run, fit, rng_of(search.seed, key(spec), 1))
         if full.taps != spec.taps:
-            said = (*said, said_noise(run, fit))
+            said = (*said, said_noise(fit))
         if searched:
             fit = replace(fit, runs=first.runs, agree=first.agree, searched=first.searched)
         step = run.step_again(run.step(first, name), fit) if searched else step_of(run, fit, name)
@@ -192,7 +201,7 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
         model = with_noise(found.winner.scored, found.noise, found.winner.spec)
         values = model.vector(found.winner.scored.done.model.named(found.winner.scored.done.values))
         fits.append(fitted(model, values, rng_of(search.seed, found.noise, 2), last=True))
-        steps.append(step_of(run, fits[-1], found.noise, (*_said(found, study), said_noise(run, fits[-1]))))
+        steps.append(step_of(run, fits[-1], found.noise, (*_said(found, study), said_noise(fits[-1]))))
     return steps, fits
 
 
@@ -227,18 +236,6 @@ def _said(found: Decision, study: Study | None) -> tuple[Finding, ...]:
         return ()
     return (Finding("gave-way", "info", f"left out again, because the model does as well without: {', '.join(gone)}",
                     {"effects": gone}, tuple(sorted(have - had - {""})), "CRITICISM.md section 7, step 8"),)
-
-
-def _ranking(search: Search, found: Decision, order: Sequence[str], new: Sequence[str]) -> tuple[Candidate, ...]:
-    """The candidates beside the node to which the last new effect was added; beside the winner where none is new."""
-    last = next((name for name in reversed(order) if name in new), "")
-    if not last:
-        return candidates(search, found.winner, "", ())
-    before = node(without(found.winner.spec, order[order.index(last):]), soft=found.winner.spec.increments)
-    parent = search.memo.get(key(before)) or search.memo[next(iter(search.memo))]
-    alike = tuple(dict.fromkeys(plain(n) for e in found.equivalents for n in e.effects
-                                if n not in order))
-    return candidates(search, parent, last, alike)
 
 
 def _left_to_rounding(study: Study, words: str) -> Study:

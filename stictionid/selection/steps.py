@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from ..errors import DataError
+from ..fit.adequacy import adequate, with_one_noise
 from ..fit.context import Run, process_numbers
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.noise.completion import has_noise
 from ..fit.options import Options
 from ..model.restore import rebuild_model
 from ..record.loop import Loop
 from ..record.oscillation import find_range
 from ..record.segments import described
-from ..record.study import Estimate, Step, Study, intervals_withheld, with_ranges, without_intervals
+from ..record.study import Estimate, Step, Study
+from .score import Scored
 
 
 def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
@@ -31,21 +32,26 @@ def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
     return run, as_it_stands(model, values)
 
 
-def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -> Study:
-    """The study with new steps: main values and adequacy are those of the last step's fit."""
-    adequate, why = judged(run, steps[-1], after)
-    main = estimate(study, after)
+def with_steps(study: Study, steps: tuple[Step, ...], after: Fitted) -> Study:
+    """The study with new steps and one noise for all; main values and adequacy are those of the last step's fit."""
     if intervals_withheld(study.steps):
         steps = without_intervals(steps)
-    return replace(study, steps=steps, estimate=main, adequate=adequate, adequate_reason=why, missing=())
+    steps = with_one_noise(steps)
+    holds, why = adequate(steps[-1])
+    # The best model that holds these effects is now the last step.
+    rows = tuple(replace(c, rmse=steps[-1].error.rmse) if c.effect in steps[-1].effects else c
+                 for c in study.candidates)
+    return replace(study, steps=steps, estimate=estimate(study, after), adequate=holds, adequate_reason=why,
+                   missing=(), candidates=rows)
 
 
-def judged(run: Run, step: Step, after: Fitted) -> tuple[bool, str]:
-    """True where a step is adequate (free run at the noise, or white innovations under a noise model); and the reason.
-    """
-    if has_noise(after.model.spec):
-        return True, f"the one-step error {step.error.rmse_one_step:.4g} is that of white innovations"
-    return run.adequate(step)
+def with_noise_of(study: Study, found: Scored) -> Study:
+    """The study whose noise is bounded by the innovations of a search's answer, too, and judged by it."""
+    steps = with_one_noise(study.steps, found.done.innovation_sd)
+    if steps == study.steps:
+        return study
+    holds, why = adequate(steps[-1])
+    return replace(study, steps=steps, adequate=holds, adequate_reason=why)
 
 
 def estimate(study: Study, fit: Fitted) -> Estimate | None:
@@ -71,3 +77,27 @@ def reaching_to(found: Estimate, reach: Mapping[str, tuple[float, float]]) -> Es
 
 def _union(span: tuple[float, float] | None, other: tuple[float, float]) -> tuple[float, float] | None:
     return None if span is None else (min(span[0], other[0]), max(span[1], other[1]))
+
+
+def intervals_withheld(steps: Iterable[Step]) -> bool:
+    """True where a finding of some step withholds the intervals (`no_intervals` in its evidence)."""
+    return any(finding.evidence.get("no_intervals") for step in steps for finding in step.findings)
+
+
+def with_ranges(found: Estimate, steps: Iterable[Step]) -> Estimate:
+    """The estimate with the ranges of S and J that a finding states, and its own values, as intervals.
+
+    The evidence holds `S_range`, `J_range`, and the share of S by which they become `wider`.
+    """
+    said = next((f.evidence for step in steps for f in step.findings if "S_range" in f.evidence), None)
+    if said is None:
+        return found
+    S, J = ((max(min(said[name][0], value) - said["wider"] * found.S, 0.0),
+             max(said[name][1], value) + said["wider"] * found.S)
+            for name, value in (("S_range", found.S), ("J_range", found.J)))
+    return replace(found, S_interval=S, J_interval=J)
+
+
+def without_intervals(steps: Iterable[Step]) -> tuple[Step, ...]:
+    """The steps with no interval of any number."""
+    return tuple(replace(step, parameters=tuple(replace(p, interval=None) for p in step.parameters)) for step in steps)

@@ -124,7 +124,7 @@ def _extended(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bo
     tell("judging the effect", 0.95)
     support = support_of(run, study, fit, after, name, Policy())
     step = replace(step_of(run, after, name, [support.finding, *findings]), supported=support.supported)
-    return with_steps(study, run, (*study.steps, step), after)
+    return with_steps(study, (*study.steps, step), after)
 
 
 def _as_it_moved(run: Run, fit: Fitted) -> Fitted:

@@ -49,7 +49,7 @@ def remove(loop: Loop, study: Study, effect: str, *, seed: int = 0, progress: Pr
     steps[-1] = replace(steps[-1], findings=(*steps[-1].findings, _worth(gone[0], before, fit)))
     tell("judging", 0.9)
     after = with_steps(replace(study, candidates=(), equivalents=(), missing_reason="",
-                               tree=tuple(_off_the_path(n, gone) for n in study.tree)), run, tuple(steps), fit)
+                               tree=tuple(_off_the_path(n, gone) for n in study.tree)), tuple(steps), fit)
     return asked_anew(loop, after, seed)
 
 

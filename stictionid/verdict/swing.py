@@ -15,8 +15,8 @@ import numpy as np
 from ..fit.fit import Fitted
 from ..model.parts import parts_of
 from ..record.loop import Loop, bridged
-from ..record.study import Estimate, Severity, Verdict
-from ..record.swing import Share, Swing
+from ..record.study import Estimate, Verdict
+from ..record.swing import Severity, Share, Swing
 from ..typing import FloatArray
 from .severity import ControllerLaw, controller_law, perfect_valve, severity, without_gaps
 
@@ -49,8 +49,9 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
     share = causes.causes[0].share if causes.causes else 0.0
     reason = f"not simulated: {other}" if other and share > _CONTRADICTS else ""
     if share < -_CONTRADICTS:
-        reason = other = (f"not told: by this model a perfect valve would make PV scatter by {causes.sd_perfect:.3g} "
-                          f"instead of {causes.sd:.3g}, so that the model fails in the closed loop")
+        reason = other = ("not told: by this model a perfect valve would make PV scatter about its setpoint by "
+                          f"{causes.sd_perfect:.3g} instead of {causes.sd:.3g}, so that the model fails in the closed "
+                          "loop")
     if reason:
         return replace(found, pv_sd_repaired=None, share_of_pv_variance=None, travel_per_day_repaired=None,
                        statement=reason), replace(own, reason=other)

@@ -6,7 +6,8 @@ _CODES = {
     0: "done, whatever the answer", 1: "a rate is worse than chance allows",
     2: "usage, or a file absent or not writable", 3: "content that can't be used", 130: "interrupted",
 }
-ABSTAINED = "content that can't be used, or a record that can't tell"
+# Undecided with S and J is another outcome: it ends with 0, and with 4 under --strict.
+ABSTAINED = "content that can't be used, or a record that holds too little for S and J (abstained)"
 
 
 def outcome(writes: str, *, json: str = "", abstains: bool = False, strict: str = "", fails: bool = False) -> str:

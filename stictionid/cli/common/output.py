@@ -125,17 +125,12 @@ def number(value: float | None, unit: str = "", digits: int = 4) -> str:
     return f"{value:.{digits}g}" + (f" {unit}" if unit else "")
 
 
-def interval(span: tuple[float, float] | None, digits: int = 4) -> str:
-    """An interval for a table."""
-    return "-" if span is None else f"{span[0]:.{digits}g} to {span[1]:.{digits}g}"
-
-
-# Seconds between two lines of progress where stderr is no terminal.
-_EVERY_S = 5.0
+# Seconds between two lines of progress where stderr is no terminal, and before the same words stand there again.
+_EVERY_S, _AGAIN_S = 5.0, 60.0
 
 
 class Progress:
-    """Progress on stderr: a bar on a terminal after a second, elsewhere a line every few seconds, nothing when quiet.
+    """Progress on stderr: a bar on a terminal after a second, elsewhere a line for each stage, nothing when quiet.
 
     It goes on while models are evaluated, and says first which user-written effects are slow.
     """
@@ -145,7 +140,7 @@ class Progress:
 
         self._start, self._clock = time.monotonic(), time.monotonic
         self._quiet, self._terminal = quiet, sys.stderr.isatty()
-        self._said = self._start
+        self._said, self._words = self._start, ""
         self._bar: Any = None
         self._task: Any = None
         self._last: tuple[str, float] | None = None
@@ -156,10 +151,12 @@ class Progress:
         if self._quiet or (self._bar is None and self._clock() - self._start < 1.0):
             return
         if not self._terminal:
-            if self._clock() - self._said > _EVERY_S and share < 1.0:
-                self._said = self._clock()
+            words = f"{text}, {100.0 * share:.0f} %"
+            wait = _AGAIN_S if words == self._words else _EVERY_S
+            if self._clock() - self._said > wait and share < 1.0:
+                self._said, self._words = self._clock(), words
                 self._warn()
-                say(f"{text}, {100.0 * share:.0f} % after {self._said - self._start:.0f} s")
+                say(f"{words} after {self._said - self._start:.0f} s")
             return
         if self._bar is None:
             self._warn()

@@ -29,16 +29,33 @@ def open_study(path: Path) -> Any:
                         if swapped else error.hint) from None
 
 
+def check_study_place(output: Path, *, force: bool) -> None:
+    """Refuse a place that can't take a study before any work is done; UsageError for the name of a data file."""
+    from ...batch.plan.sources import DATA
+    from ...system.files import ensure_writable
+
+    if output.suffix.lower() in DATA:
+        raise UsageError(f"-o {output} is the name of a data file, and a study is JSON",
+                         f"type -o {output.with_suffix('.json')}")
+    ensure_writable(output, force=force, kind=b"{")
+
+
+def data_place(study: Any, study_path: Path, given: Path | None) -> Path | None:
+    """The place of a study's data: the file given, else the one that it names, else one beside it; None without any."""
+    name = study.data.file
+    places = [given] if given else [Path(name), study_path.parent / Path(name).name] if name else []
+    return next((p for p in places if p is not None and (p.is_file() or p.is_dir())), None)
+
+
 def open_data(study: Any, study_path: Path, given: Path | None) -> Any:
     """The loop behind a study; DataError when its sha256 has changed, UsageError when the file is nowhere."""
     from ...historian import options_from, read_loop
     from ...system.files import sha256_of
 
-    name = study.data.file
-    places = [given] if given else [Path(name), study_path.parent / Path(name).name] if name else []
-    found = next((p for p in places if p is not None and (p.is_file() or p.is_dir())), None)
+    found = data_place(study, study_path, given)
     if found is None:
-        raise UsageError(f"the data of the study ({name or 'unnamed'}) are not there", "give the file after the study")
+        raise UsageError(f"the data of the study ({study.data.file or 'unnamed'}) are not there",
+                         "give the file after the study")
     # A file is known by its bytes before it is read, a folder by the rows read from it.
     sha256, loop = (None, read_loop(found, options=options_from(study.data.options))) if found.is_dir() else (
         sha256_of(found), None)

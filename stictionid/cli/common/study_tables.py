@@ -1,4 +1,4 @@
-"""Tables of a study on a terminal, its ladder and its candidates, and the study written."""
+"""Tables of a study on a terminal, its ladder and its ranking, its answer in words, and the study written."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from .output import number, plain_table, safe, say
-from .tree import print_equivalents
 
 # Characters for a name in the ladder at 80 columns.
 _NAME = 19
+# Most effects of a ranking without --details.
+_RANKED = 12
 
 
 def write_study(study: Any, place: Path, force: bool, quiet: bool) -> None:
@@ -21,30 +22,46 @@ def write_study(study: Any, place: Path, force: bool, quiet: bool) -> None:
     say(f"wrote {place}", quiet=quiet)
 
 
-def candidates_table(study: Any) -> Any:
-    """Effects that were asked for, ranked by what they explain beyond noise, with the reason of each answer."""
+def ranking_table(study: Any, *, most: int | None = None) -> Any:
+    """Effects that were asked for, best first, without the size that would have shown; `most` bounds the rows."""
     from ...reports.ranking import table as ranking
 
     found = ranking(study)
-    table = plain_table(*found.columns[:-1], title="candidates")
+    table = plain_table(*(name.removesuffix(" beyond noise") for name in found.columns[:-1]), title="effects asked")
     table.columns[0].no_wrap, table.columns[-1].justify = True, "left"
-    for row in found.rows:
+    for row in found.rows[:most]:
         table.add_row(*map(safe, row[:-1]))
     return table
 
 
-def print_outcome(study: Any, console: Any, *, applied: bool) -> None:
-    """The ladder, the effects named, the reason, and the models that explain the record alike."""
-    if len(study.steps) > 1:
-        console.print(ladder_table(study))
-    if study.missing:
-        console.print(("added: " if applied else "missing: ") + ", ".join(study.missing))
-    else:
-        console.print("missing: nothing" + (f", {study.adequate_reason}" if study.adequate else
-                                            "; nothing in the catalogue helps enough"))
-    if study.missing_reason:
-        console.print(safe(study.missing_reason))
-    print_equivalents(study, console)
+def print_ranking(study: Any, console: Any, *, whole: bool) -> None:
+    """The ranking of the effects asked, its first rows or the `whole`; nothing where none was asked."""
+    if not study.candidates:
+        return
+    console.print(ranking_table(study, most=None if whole else _RANKED))
+    more = 0 if whole else len(study.candidates) - _RANKED
+    if more > 0:
+        console.print(f"and {more} more: --details")
+    console.print("gain: BIC over the best model without the effect; 10 or 20 name one")
+
+
+def print_answer(study: Any, console: Any, *, applied: bool) -> None:
+    """The effects named with their numbers, or what else the search found."""
+    from ...reports.answer import answers
+
+    for line in answers(study, applied=applied):
+        console.print(safe(line))
+
+
+def print_change(before: Any, after: Any, console: Any) -> None:
+    """Error, S, J and verdict before and after a change of the model."""
+    from ...reports.answer import change
+
+    found = change(before, after)
+    table = plain_table(*found.columns, title=found.caption)
+    for row in found.rows:
+        table.add_row(*map(safe, row))
+    console.print(table)
 
 
 def ladder_table(study: Any) -> Any:

@@ -80,7 +80,7 @@ def rows_of(c: Comparison) -> list[tuple[str, str]]:
             ("error of the last value as forecast", wording.with_unit(e.persistence, unit)),
             ("irreducible noise", wording.with_unit(e.noise_sd, unit)),
             ("samples that count", wording.count(e.rows)),
-            ("as good as independent ones", wording.count(round(e.effective_rows)))]
+            *([("as good as independent ones", wording.count(round(e.effective_rows)))] * _dependent(c))]
 
 
 def sentences(c: Comparison) -> list[str]:
@@ -92,8 +92,12 @@ def sentences(c: Comparison) -> list[str]:
             f"One step ahead the model misses by {wording.with_unit(e.rmse_one_step, unit)}; the last value as "
             f"forecast misses by {wording.with_unit(e.persistence, unit)}.",
             *([f"Successive errors hang together: {wording.count(e.rows)} samples say as much as "
-               f"{wording.count(round(e.effective_rows))} independent ones."]
-              if round(e.effective_rows) < e.rows else ())]
+               f"{wording.count(round(e.effective_rows))} independent ones."] * _dependent(c))]
+
+
+def _dependent(c: Comparison) -> bool:
+    """True where successive errors hang together, so that the samples say less than as many independent ones."""
+    return round(c.error.effective_rows) < c.error.rows
 
 
 def _suspects(c: Comparison) -> PageTable | None:

@@ -12,19 +12,17 @@ from typing import Any
 import numpy as np
 
 from ...record.loop import Loop
-from ...record.study import Study
 from ...typing import FloatArray
 from .. import facts as facts_of
 from .. import wording
 from ..document import Facts, PageTable
 from ..pictures import measures, study_pictures
 from ..pictures.curves import Case
-from ..tree_text import tree_lines
 
 # Sections shown on a terminal; the rest is in the written reports.
-_SECTIONS = ("equivalents", "no-pictures", "ladder", "candidates", "tree", "laws", "next")
+_SECTIONS = ("equivalents", "no-pictures", "ladder", "candidates", "laws", "next")
 # Columns kept of wide tables on a console narrower than _ROOMY columns.
-_NARROW = {"ladder": (0, 1, 2, 3, 4, 6), "candidates": (0, 1, 2, 3)}
+_NARROW = {"ladder": (0, 1, 2, 3, 4, 6), "candidates": (0, 1, 2, 3, 4)}
 _ROOMY = 110
 # Most rows of a table; the rest is left to the written reports.
 _MOST_ROWS = 8
@@ -54,10 +52,10 @@ def print_case(case: Case, console: Any) -> None:
                                tuple((n.label, n.value, n.note) for n in facts.numbers)), console, encoding))
     for line in trend(case, min(console.width - _AXIS - 4, _MOST_COLUMNS), braille=_has(encoding, "\u28ff")):
         console.print(_text(line, encoding), no_wrap=True, overflow="crop", crop=True)
-    _sections(case.study, facts, console, encoding)
+    _sections(facts, console, encoding)
 
 
-def _sections(study: Study, facts: Facts, console: Any, encoding: str) -> None:
+def _sections(facts: Facts, console: Any, encoding: str) -> None:
     for section in facts.sections:
         if section.key not in _SECTIONS and not section.key.startswith("evidence"):
             continue
@@ -67,11 +65,6 @@ def _sections(study: Study, facts: Facts, console: Any, encoding: str) -> None:
         for bullet in section.bullets:
             console.print(textwrap.fill(_text(f"- {bullet}", encoding), max(console.width, 20),
                                         subsequent_indent="  "))
-        lines = tree_lines(study, width=console.width) if section.key == "tree" else section.lines
-        for line in lines:
-            # A line keeps its width: one dot for the three of a cut text.
-            line = line if _has(encoding, "…") else line.replace("…", ".")
-            console.print(_text(line, encoding), no_wrap=True, overflow="ignore", crop=False)
         for table in section.tables:
             kept = _NARROW.get(section.key) if console.width < _ROOMY else None
             more = len(table.rows) - _MOST_ROWS
