@@ -16,9 +16,9 @@ from stictionid.reports.pictures.curves import gather
 
 _WIDE = {"COLUMNS": "400"}
 _KINDS = ("html", "json", "md")
-_MOVES = ("--setpoint", "0:5", "--setpoint", "300:-6")
-LOOPS = {"stop": ("--effect", "travel-limit:upper=52"),
-         "sine": ("--effect", "sinusoidal-disturbance:period_s=61,amplitude=1"), "sticking": ()}
+_SHORT = ("--seed", 12, "--duration", 600, "--setpoint", "300:-6")
+LOOPS = {"stop": ("--seed", 1, "--duration", 900, "--setpoint", "450:-6", "--effect", "travel-limit:upper=52"),
+         "sine": (*_SHORT, "--effect", "sinusoidal-disturbance:period_s=61,amplitude=1"), "sticking": _SHORT}
 
 
 def outputs(folder: Path) -> dict[str, tuple[Study, str]]:
@@ -44,7 +44,7 @@ def outputs(folder: Path) -> dict[str, tuple[Study, str]]:
 def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Study, str]]:
     """The outputs of one short simulated loop."""
     folder = tmp_path_factory.mktemp("one-number")
-    out = run("simulate", "--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--seed", 12, "--duration", 600, *_MOVES,
+    out = run("simulate", "--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--setpoint", "0:5",
               *LOOPS[request.param], "-o", "loop.csv", cwd=folder)
     assert out.returncode == 0, out.stderr
     return outputs(folder)
