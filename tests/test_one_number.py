@@ -78,6 +78,12 @@ def test_each_effect_has_one_row_and_those_of_the_model_are_never_rejected(
     assert all(c.rejected_because for c in study.candidates if c.effect not in study.steps[-1].effects)
 
 
+def test_the_slip_jump_in_percent_of_travel_is_called_no_share(shown: dict[str, tuple[Study, str]]) -> None:
+    for study, text in shown.values():
+        jump = next(p for p in study.steps[-1].parameters if p.name == "J")
+        assert (jump.unit, jump.meaning) == ("%", "slip jump") and "as a share of S" not in text
+
+
 def test_the_map_of_the_cost_marks_the_estimate_of_its_step(shown: dict[str, tuple[Study, str]]) -> None:
     study, _ = shown["base, json"]
     m, e = study.cost_map, study.estimate
