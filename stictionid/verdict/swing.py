@@ -39,7 +39,7 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
     parts, piece = parts_of(fit.model, fit.values), loop.longest_segment()
     outside = {p.name: np.where(best.counted > 0, p.curve, np.nan)[rows] for p in parts
                if p.name not in (Share.VALVE, Share.START)}
-    found = severity(piece, estimate, np.sum(list(outside.values()), axis=0), best.position[rows], held=held)
+    found = severity(piece, estimate, np.sum(list(outside.values()), axis=0), best.stem[rows], held=held)
     own = Swing(tuple(Share(p.name, p.share) for p in parts), reason=found.statement)
     law = controller_law(piece, held=held)
     if found.pv_sd_repaired is None or law is None:
