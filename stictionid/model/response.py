@@ -205,8 +205,7 @@ class Response:
         return self._moved(self._by_law(values, lent=lent), values, takewhile(_apart, self._placed()))
 
     def stem(self, values: FloatArray, position: FloatArray) -> FloatArray:
-        """Positions (n*substeps, P) of the stem in % of travel, before the trim; `position` are those after all effects.
-        """
+        """Positions (n*substeps, P) of the stem, before the trim; `position` are those after all effects."""
         if not any(effect.moves and effect.place not in _STEM for effect in self.effects):
             return position
         return self._moved(self._by_law(values), values, takewhile(_on_stem, self._placed()))

@@ -17,11 +17,31 @@ _EXPLAINS = 0.5
 
 
 def cause(study: Study) -> str:
+    """The causes of the swing, what a perfect valve would leave, and what else is in the last model; empty where none
+    is known."""
+    return " ".join(filter(None, (_swing(study), _also(study))))
+
+
+def _also(study: Study) -> str:
+    """The effects of the last model that the causes of the swing don't name."""
+    rest = _beside_causes(study, _SHOWN)
+    return f"Also in the model: {wording.listed([effect_words.noun(study, n) for n in rest])}." if rest else ""
+
+
+def _beside_causes(study: Study, least: float) -> list[str]:
+    """Names of the effects of the last model whose share of the swing is below the `least`, or has no number."""
+    causes = study.swing.causes if study.swing is not None else ()
+    named = {effect_words.plain(s.part) for s in causes if abs(s.share) >= least}
+    return [n for n in effect_words.of_model(study) if effect_words.plain(n) not in named]
+
+
+def _swing(study: Study) -> str:
     """The causes of the swing in one sentence, and what a perfect valve would leave; empty where they are not known."""
     swing = study.swing
     if swing is None or study.estimate is None:
         return ""
     what = "makes the loop swing" if study.range.oscillating else "moves PV"
+    what += " about its setpoint" * bool(swing.causes)
     explained = _explained(study)
     if not swing.causes:
         why, mark, rest = swing.reason.replace("not told: ", "not simulated: ", 1).partition("not simulated: ")
@@ -85,9 +105,11 @@ def action(study: Study) -> str:
     swing = study.swing
     if swing is None or study.estimate is None:
         return ""
+    others = [effect_words.action(study, n) for n in _beside_causes(study, 0.0) if not effect_words.is_noise(n)]
     if not swing.causes:
-        return ("To do: Put the loop in manual for five periods. If the swing stops, look at valve and tuning; "
-                "if it goes on, look outside this loop.") if study.range.oscillating else ""
+        said = ["Put the loop in manual for five periods. If the swing stops, look at valve and tuning; if it goes on, "
+                "look outside this loop."] * study.range.oscillating + others
+        return "To do: " + " ".join(filter(None, said)) if any(said) else ""
     sticks = study.verdict.stiction == "stiction"
     said = []
     for s in sorted(swing.causes, key=lambda s: -s.share):
@@ -98,10 +120,10 @@ def action(study: Study) -> str:
             said += ["Test the valve in manual before any work on it."] * (study.verdict.stiction == "undecided")
         elif s.part not in (Share.SETPOINT, Share.NOISE, Share.START):
             said.append(effect_words.action(study, s.part))
-    if not said:
-        return ("The valve can wait: its friction hardly moves PV." if sticks else
-                "Nothing to repair on this valve by this record.")
-    return "To do: " + " ".join(filter(None, said))
+    idle = "" if said else ("The valve can wait: its friction hardly moves PV." if sticks else
+                            "Nothing to repair on this valve by this record.")
+    said = list(filter(None, [*said, *others]))
+    return " ".join(filter(None, [idle, "To do: " + " ".join(said) if said else ""]))
 
 
 def section(study: Study) -> Section | None:
@@ -114,17 +136,16 @@ def section(study: Study) -> Section | None:
     names = list(dict.fromkeys([*parts, *causes]))
     of = dict(zip(parts, shares(list(parts.values())), strict=True))
     by = dict(zip(causes, shares(list(causes.values())), strict=True))
-    labels = {Share.VALVE: "valve and process"}
-    rows = tuple((labels.get(n) or effect_words.part(study, n), of.get(n, wording.NOTHING), by.get(n, wording.NOTHING))
+    labels = {n: effect_words.fitted_part(study, n) if n in parts else effect_words.part(study, n) for n in names}
+    rows = tuple((labels[n], of.get(n, wording.NOTHING), by.get(n, wording.NOTHING))
                  for n in names if {of.get(n, "0 %"), by.get(n, "0 %")} != {"0 %"})
-    said = wording.listed([f"{of[n]} {labels.get(n) or effect_words.part(study, n)}" for n in parts
-                           if abs(parts[n].share) >= _SHOWN])
-    text = [f"The fitted parts of PV: {said}."]
+    said = wording.listed([f"{of[n]} {labels[n]}" for n in parts if abs(parts[n].share) >= _SHOWN])
+    text = [f"The fitted parts of PV about its mean: {said}."]
     if causes:
         text.append("The causes come from the same loop run again with a perfect valve: in a closed loop the parts go "
                     "together, so that the parts alone do not say what swings it.")
     else:
         text.append(wording.sentence(f"No share of the swing is given to a cause: {simulated(swing.reason)}"))
-    table = PageTable("Parts of PV, and causes of its swing about the setpoint", ("part", "share of PV", "cause of the "
-                      "swing"), rows, (1, 2))
+    table = PageTable("Parts of PV about its mean, and causes of its swing about the setpoint",
+                      ("part", "share of PV about its mean", "cause of the swing about the setpoint"), rows, (1, 2))
     return Section("swing", "What makes the loop swing", tuple(text), (), (table,), ("contributions",))

@@ -15,7 +15,7 @@ from ..effects import parse
 from ..errors import ModelError
 from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import said_missing, unexplained
-from ..fit.public_values import noise_values, rows_for, values_of
+from ..fit.public_values import noise_values, rows_for, rows_in
 from ..fit.starts.beside_effect import RESTING
 from ..model.rounding import moved_by_rounding
 from ..process.rounded import step_of
@@ -266,7 +266,7 @@ def candidates(search: Search, parent: Entry, winner: str, alike: tuple[str, ...
             effect.name, e.what == winner, e.scored.rmse, held.rmse if held else None,
             held.rmse_one_step if held else None, drop_percent(base.rmse, e.scored.rmse),
             drop_percent(base.done.innovation_sd, done.innovation_sd), gain, alike if e.what == winner else (), None,
-            rows_for(e.what, values_of(e.what, done.model, done.values, done.evaluated)), said, variant,
+            rows_in(e.what, done.model, done.values, done.evaluated), said, variant,
             gain_beyond_noise=gain, rejected_because=why))
     return tuple(out) if not noise else (*out[:1 if winner else 0], *noise, *out[1 if winner else 0:])
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..fit.fit import Fitted
-from ..model.parts import parts_of
+from ..model.parts import joined, parts_of
 from ..record.loop import Loop, bridged
 from ..record.study import Estimate, Severity, Verdict
 from ..record.swing import Share, Swing
@@ -40,7 +40,7 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
     outside = {p.name: np.where(best.counted > 0, p.curve, np.nan)[rows] for p in parts
                if p.name not in (Share.VALVE, Share.START)}
     found = severity(piece, estimate, np.sum(list(outside.values()), axis=0), best.stem[rows], held=held)
-    own = Swing(tuple(Share(p.name, p.share) for p in parts), reason=found.statement)
+    own = Swing(tuple(Share(p.name, p.share) for p in joined(parts)), reason=found.statement)
     law = controller_law(piece, held=held)
     if found.pv_sd_repaired is None or law is None:
         return found, own
@@ -52,6 +52,9 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
         reason = other = (f"not told: by this model a perfect valve would make PV scatter by {causes.sd_perfect:.3g} "
                           f"instead of {causes.sd:.3g}, so that the model fails in the closed loop")
     if reason:
+        # Only a valve that is denied leaves the cause to what the record looks like.
+        if verdict.stiction != "no stiction" and not other.startswith("not told"):
+            other = f"not told: {other}"
         return replace(found, pv_sd_repaired=None, share_of_pv_variance=None, travel_per_day_repaired=None,
                        statement=reason), replace(own, reason=other)
     return found, causes
