@@ -41,7 +41,6 @@ def _swing(study: Study) -> str:
     if swing is None or study.estimate is None:
         return ""
     what = "makes the loop swing" if study.range.oscillating else "moves PV"
-    what += " about its setpoint" * bool(swing.causes)
     explained = _explained(study)
     if not swing.causes:
         why, mark, rest = swing.reason.replace("not told: ", "not simulated: ", 1).partition("not simulated: ")
@@ -53,12 +52,12 @@ def _swing(study: Study) -> str:
     shown = sorted((s for s in swing.causes if abs(s.share) >= _SHOWN), key=lambda s: -s.share)
     said = wording.listed([f"{share} {effect_words.part(study, s.part)}"
                            for s, share in zip(shown, shares(shown), strict=True)])
-    told = f"What {what}: {said}. {_perfect_valve(study)}"
+    told = f"What {what} about its setpoint: {said}. {_perfect_valve(study)}"
     if explained is None:
         return told
     if explained < _EXPLAINS:
         return (f"What {what} is not proven, because the model explains only {_percent(explained)} of PV. By this "
-                f"model: {said}. {_perfect_valve(study)}")
+                f"model, about the setpoint: {said}. {_perfect_valve(study)}")
     return (f"{told} These shares are rough: the model explains {_percent(explained)} of PV and still misses "
             "something.")
 
@@ -124,6 +123,18 @@ def action(study: Study) -> str:
                             "Nothing to repair on this valve by this record.")
     said = list(filter(None, [*said, *others]))
     return " ".join(filter(None, [idle, "To do: " + " ".join(said) if said else ""]))
+
+
+def asked_position(study: Study) -> str:
+    """The answer of the measured position, where a model fails that was fitted without it; empty elsewhere."""
+    e = study.estimate
+    p = e.from_position if e is not None else None
+    if e is None or p is None or p.rmse_proportional is None or study.adequate is not False:
+        return ""
+    return (f"The measured position gives S {wording.with_unit(p.S, e.unit)} and J {wording.with_unit(p.J, e.unit)}. "
+            f"These two leave {wording.number(p.rmse)} of it, where a position in proportion to OP leaves "
+            f"{wording.number(p.rmse_proportional)}. The rest acts between OP and stem, such as a positioner, a stop "
+            "or friction that changes.")
 
 
 def section(study: Study) -> Section | None:
