@@ -17,8 +17,6 @@ from ..record.swing import Share
 from . import wording
 
 _PLACE, _CHOICE = re.compile(r"\{(\w+)\}"), re.compile(r"\[([^]]*\|[^]]*)\]")
-# Digits of a number in a noun, which has no interval.
-_DIGITS = 4
 _PARTS = {Share.SETPOINT: "setpoint moves", Share.NOISE: "noise", Share.START: "the start of the record"}
 # Name of the valve's share of a swing, by verdict.
 _VALVE = {"stiction": "the valve's friction", "undecided": "the valve, if it sticks",
@@ -112,10 +110,11 @@ def fitted_part(study: Study, name: str, inside: Sequence[str] = ()) -> str:
 
 def parameters(study: Study, name: str) -> list[ParameterValue]:
     """Values of an effect in the last step that has it, or those with which `diagnose` proposes it."""
-    effect, _ = known(name)
-    plain = name if effect is None else effect.name
-    found = [*(step.parameters for step in reversed(study.steps)), *(c.parameters for c in study.candidates)]
-    mine = ([p for p in rows if p.effect in (plain, name)] for rows in found)
+    effect, at = known(name)
+    own = name if effect is None else effect.name
+    found = [*(step.parameters for step in reversed(study.steps)),
+             *(c.parameters for c in study.candidates if c.variant == at or not at)]
+    mine = ([p for p in rows if p.effect in (own, name)] for rows in found)
     return next((rows for rows in mine if rows), [])
 
 
@@ -142,5 +141,8 @@ def _value(study: Study, p: ParameterValue, at: str, ends: bool) -> str:
         # A disturbance at the load is given in the travel that would make it.
         pv = "%" if at == "load" else wording.name(study.data.units.get("process_value") or "")
         unit = re.sub(r"^/ ", "per ", unit.replace("unit of y", pv).strip())
-    return wording.estimate(p.value, p.interval if ends else None, unit if unit != "-" else "") if ends \
-        else wording.with_unit(p.value, unit if unit != "-" else "", _DIGITS)
+    unit = unit if unit != "-" else ""
+    if ends:
+        return wording.estimate(p.value, p.interval, unit)
+    # The digits are those of the value beside its interval.
+    return f"{wording.apart(p.value, p.interval)[0]} {wording.name(unit)}".rstrip()

@@ -61,7 +61,7 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
     """
     run, fit = opened(loop, study, seed)
     main = study.estimate
-    if main is not None and any(effect.friction is not None for effect in fit.model.effects):
+    if main is not None:
         position = from_position(run.loop.longest_segment(), law=run.law, s_max=swing_of(run.loop, run.found),
                                  rng=np.random.default_rng(seed), fit=fit)
         main = replace(main, from_position=position)

@@ -96,7 +96,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
         outcome, last = replace(outcome, steps=without_intervals(outcome.steps)), replace(last, intervals={})
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),
-                             rng=np.random.default_rng(run.options.seed))
+                             rng=np.random.default_rng(run.options.seed), fit=near_fit)
     verdict = judge(run, near_fit, loop, position)
     if verdict.stiction == "undecided" and verdict.evidence.get("code") == UNANSWERED:
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
