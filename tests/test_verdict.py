@@ -469,28 +469,6 @@ def test_the_controller_turned_round_is_no_process() -> None:
     assert before.gain < 0.0 and before.sse < 0.2 * evaluated.sse
 
 
-def test_an_effect_alone_is_no_valve(monkeypatch: pytest.MonkeyPatch) -> None:
-    from stictionid.verdict import judge
-
-    loop = simulate(scanned(5.0, 3.0), seed=5).loop
-    assert identify(replace(loop, position=None)).verdict.stiction == "stiction"
-    monkeypatch.setattr(judge, "_plain", lambda sticking: replace(sticking, innovation=3.0 * sticking.innovation))
-    verdict = identify(replace(loop, position=None)).verdict
-    assert verdict.stiction == "undecided" and "S and J alone" in verdict.reason
-
-
-def test_the_plain_valve_of_a_model_keeps_a_rest() -> None:
-    from stictionid.verdict.judge import _plain
-
-    loop, values = simulate(scanned(5.0, 3.0), seed=5).loop, {"S": 5.0, "J": 3.0, "time_constant_s": 5.0,
-                                                             "dead_time_s": 5.0, "initial_residual_force": 0.5}
-    found = []
-    for effects in ((), ("re-sticking",), ("asymmetric-stiction",)):
-        model = Model(loop, Spec(effects=effects), s_max=7.0, period_s=60.0)
-        found.append(_plain(whitened(model, model.vector(values))))
-    assert found[0] is found[1] is None and found[2] is not None and found[2].model.spec.effects == ()
-
-
 def test_friction_that_explains_most_of_the_free_run_is_not_denied(monkeypatch: pytest.MonkeyPatch) -> None:
     from stictionid.verdict import judge
     from stictionid.verdict.excluded import Possible

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import loops
 import pytest
 
 from stictionid.model.closed_loop import Setting, preset, simulate, with_stiction
@@ -39,6 +40,14 @@ def test_a_drifting_valve_sticks_and_has_no_neighbour(seed: int, position: bool)
     study = whole_study(loop_of(4.0, 2.0, seed, DRIFT, position=position), options=Options())
     assert study.verdict.stiction == "stiction"
     assert "neighbour" not in told(study) and "the valve's friction" in told(study)
+
+
+@pytest.mark.parametrize("effect", ["asymmetric-stiction", "stiction-drift", "slip-overshoot"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_an_effect_on_friction_makes_no_neighbours_cycle_a_sticking_valve(seed: int, effect: str) -> None:
+    loop = loops.clean(seed, "elsewhere", samples=700).loop
+    study = identify(loop, options=Options(base_only=True))
+    assert add(loop, study, effect).verdict.stiction != "stiction"
 
 
 def test_a_drift_added_by_hand_has_one_verdict_with_and_without_what_it_replaces() -> None:
