@@ -49,8 +49,8 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
     share = causes.causes[0].share if causes.causes else 0.0
     reason = f"not simulated: {other}" if other and share > _CONTRADICTS else ""
     if share < -_CONTRADICTS:
-        reason = (f"not told: by this model a perfect valve would make PV scatter by {causes.sd_perfect:.3g} instead of "
-                  f"{causes.sd:.3g}, so that the model fails in the closed loop")
+        reason = (f"not told: by this model a perfect valve would make PV scatter by {causes.sd_perfect:.3g} instead "
+                  f"of {causes.sd:.3g}, so that the model fails in the closed loop")
     if reason:
         # Only a valve that is denied leaves the cause to what the record looks like.
         known = other if other and verdict.stiction == "no stiction" else reason
