@@ -95,7 +95,7 @@ def _plain(found: Any, series: bool) -> dict[str, Any]:
     curves = None
     if series:
         curves = {"time_s": g.loop.time_s, "y": g.loop.process_value, "model": g.evaluated.model,
-                  "residual": g.evaluated.residual, "innovation": g.innovation, "position": g.evaluated.position,
+                  "residual": g.evaluated.residual, "innovation": g.innovation, "position": g.evaluated.stem,
                   "output": g.loop.output, "setpoint": g.loop.setpoint, "counted": g.good}
     return {"error": found.error, "findings": found.findings, "adequate": found.adequate,
             "adequate_reason": found.adequate_reason, "notes": found.notes, "validates": found.validates,

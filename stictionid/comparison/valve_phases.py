@@ -50,7 +50,7 @@ def directions(ground: Ground) -> dict[str, BoolArray]:
 
 
 def _changes(ground: Ground) -> FloatArray:
-    position = ground.evaluated.position
+    position = ground.evaluated.stem
     change = np.diff(position, prepend=position[0])
     change[list(ground.loop.starts)] = 0.0
     rest = _REST * max(ground.evaluated.values["S"], 1e-12)

@@ -42,7 +42,7 @@ EFFECT = Effect(
     sentence="Errors of successive samples hang together, with a root of {root}; {innovation_sd} is new in each "
              "sample.",
     seen_over="spectrum",
-    action="Nothing on the valve: look for turbulence, mixing or a filter.",
+    action="Look for turbulence, mixing or a filter; this noise asks for nothing on the valve.",
     settled_by="a record with the loop in manual",
     told_apart={
         "random-walk-disturbance": "a longer record with the loop in manual: noise has a level, a walk has none",

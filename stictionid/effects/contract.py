@@ -212,7 +212,8 @@ class Effect:
     with its rank among those that leave the same one. `settled_by` is a test that shows the effect, and `told_apart`
     one for each effect that looks alike. `noun`
     names the effect for a reader at the plant, `sentence` says its size, `action` what to do; {name} in them stands for
-    a parameter with its unit. `seen_over`, one of AXES, is the axis over which a residual shows the effect. `of_record`
+    a parameter with its unit. Of the parts in [above {lower}|below {upper}] only those stay whose numbers the record
+    fixes. `seen_over`, one of AXES, is the axis over which a residual shows the effect. `of_record`
     names the parameters that belong to one record, such as the phase of a wave; those of the plant hold in every
     record. `sudden` is true for a disturbance that comes at once. `visible` gives public values that plainly show in a
     simulated loop, the middle of those that tests find. The smallest size that shows is asked for at five values

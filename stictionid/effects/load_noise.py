@@ -43,7 +43,7 @@ EFFECT = Effect(
     noun="random disturbances of the load",
     sentence="Random disturbances enter before the process, {innovation_sd} new in each sample.",
     seen_over="spectrum",
-    action="Nothing on the valve: look at what feeds the process.",
+    action="Look at what feeds the process; this noise asks for nothing on the valve.",
     settled_by="a tag of the suspected load, read with --extra",
     told_apart={
         "coloured-noise": "a tag of the suspected load, read with --extra",

@@ -54,17 +54,26 @@ def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
 
 
 def _guess(context: Context) -> FloatArray:
-    """Periods of the strongest lines in the residual's spectrum."""
-    n = context.process_value.size
-    signal = np.zeros(n) if context.residual is None else np.nan_to_num(context.residual)
+    """Periods of the strongest lines in the residual's spectrum, then that in y.
+
+    Any linear loop answers a sine as if it were its own: a process that took the sine leaves no line of it.
+    """
+    y = context.process_value
+    signal = np.zeros(y.size) if context.residual is None else np.nan_to_num(context.residual)
+    return np.array(_lines(signal, _LINES - 1) + _lines(y, 1))[:, None] * context.step_s
+
+
+def _lines(signal: FloatArray, count: int) -> list[float]:
+    """Periods in samples of the strongest lines in a signal (n,)."""
+    n = signal.size
     spectrum = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(n), 4 * n)) ** 2
     spectrum[:8] = 0.0
     found = []
-    for _ in range(_LINES):
+    for _ in range(count):
         k = int(spectrum.argmax())
-        found.append(4 * n * context.step_s / max(k, 1))
+        found.append(4 * n / max(k, 1))
         spectrum[max(k - 8, 0):k + 9] = 0.0
-    return np.array(found)[:, None]
+    return found
 
 
 def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:

@@ -347,7 +347,7 @@ def _started(model: Model, best: Evaluated, values: FloatArray) -> FloatArray:
     """
     out = values.copy()
     fs = values[0] + values[1]
-    for row, z in zip(model.forces, model.split(best.position), strict=True):
+    for row, z in zip(model.forces, model.split(best.stem), strict=True):
         moves = np.diff(z)
         way = float(np.sign(moves[np.flatnonzero(moves)[:1]].sum())) or 1.0
         out[row] = np.clip(way * (1.0 - (1.0 - way * values[row, 0]) * fs[0] / np.maximum(fs, 1e-12)), -1.0, 1.0)

@@ -63,6 +63,13 @@ def rows_for(name: str, numbers: dict[str, float]) -> tuple[ParameterValue, ...]
                  for key, value in numbers.items())
 
 
+def rows_in(name: str, model: Model, values: FloatArray, evaluated: Evaluated) -> tuple[ParameterValue, ...]:
+    """Rows for the values of one physical effect in a model; those that change nothing in it are not identifiable."""
+    idle = _idle(model, values)
+    return tuple(replace(row, identifiable=f"{name}:{row.name}" not in idle)
+                 for row in rows_for(name, values_of(name, model, values, evaluated)))
+
+
 def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[ParameterValue, ...]:
     """A step's rows with every effect's public values; intervals stay where a value was searched itself."""
     out = [r for r in rows if r.effect is None]

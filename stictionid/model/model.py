@@ -296,12 +296,12 @@ class Model(Response):
             if mine and np.isfinite(self.loop.process_value[first]):
                 coefficients[mine[0]] = y[first] - model[first]
                 model = model + coefficients[mine[0]] * own[:, mine[0]]
-        sampled = position[::self.parts, 0]
+        stem = self.stem(column, position)[::self.parts, 0]
         means = np.concatenate([_interval_means(part, self.parts) for part in self.split(position[:, 0])])
         return Evaluated(self.named(values), float(coefficients[0]), float(coefficients[k]),
                          coefficients[:k], own[:, k - lags:] @ coefficients[k - lags:k], lags, model,
                          np.where(np.isfinite(self.loop.process_value), y - model, np.nan),
-                         innovation, sampled, means, int(w.sum()), sse, self._level_weight(),
+                         innovation, position[::self.parts, 0], stem, means, int(w.sum()), sse, self._level_weight(),
                          starts=self.loop.starts)
 
     @staticmethod

@@ -13,6 +13,9 @@ from ..record.swing import Share
 from ..typing import FloatArray
 from .model import Model
 
+# Share of a part that opposes the others, from which it is joined to the largest one. Unit: 1.
+_OPPOSES = 0.01
+
 
 @dataclass(frozen=True, slots=True)
 class Part:
@@ -46,3 +49,17 @@ def parts_of(model: Model, values: FloatArray) -> tuple[Part, ...]:
     power = float(centred @ centred)
     return tuple(Part(name, curve, float(curve[good] @ centred) / power if power else 0.0)
                  for name, curve in curves.items())
+
+
+def joined(parts: tuple[Part, ...]) -> tuple[Part, ...]:
+    """The parts, those that cancel as one: a part that opposes the others joined to the largest, names linked by "+".
+
+    A start that takes away most of what the valve adds says nothing of either.
+    """
+    against = [p for p in parts if p.share <= -_OPPOSES]
+    if not against:
+        return parts
+    both = [max(parts, key=lambda p: p.share), *against]
+    names = [p.name for p in both]
+    one = Part("+".join(names), np.sum([p.curve for p in both], axis=0), sum(p.share for p in both))
+    return (one, *(p for p in parts if p.name not in names))

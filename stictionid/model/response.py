@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from .. import effects as effect_room
 from .. import laws as law_room
-from ..effects.contract import Context, Effect
+from ..effects.contract import Context, Effect, Place
 from ..errors import ModelError
 from ..numerics.autoregression import Links, pace_of
 from ..numerics.parameters import Parameter, Space
@@ -38,6 +38,8 @@ S_OVER_S_MAX = 1.2
 J_OVER_S = 1.5
 # Smallest S of the search, as a share of S_max: a smaller one can't be told from a linear valve. Unit: 1.
 _SMALLEST_S = 0.01
+# Places of effects that a measured valve position shows.
+_STEM = (Place.FRICTION, Place.STEM)
 # Parts of a sample where an effect moves the stem between two values of a held command.
 _FINE_PARTS = 4
 
@@ -200,6 +202,16 @@ class Response:
 
     def _before_y(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
         """Positions (n*substeps, P) before the first effect that follows y: they are the same for every guide."""
+        return self._moved(self._by_law(values, lent=lent), values, takewhile(_apart, self._placed()))
+
+    def stem(self, values: FloatArray, position: FloatArray) -> FloatArray:
+        """Positions (n*substeps, P) of the stem, before the trim; `position` are those after all effects."""
+        if not any(effect.moves and effect.place not in _STEM for effect in self.effects):
+            return position
+        return self._moved(self._by_law(values), values, takewhile(_on_stem, self._placed()))
+
+    def _by_law(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
+        """Positions (n*substeps, P) by the law and the effects on its friction."""
         if self._follows:
             return self._followed()[:, None].repeat(values.shape[1], axis=1)
         table = self.law.searched_friction(values[0], values[1])
@@ -212,9 +224,7 @@ class Response:
         if not self.spec.held:
             interval_means(self.context.command, table, self.profile, position)
         repeat = self.loop.samples * self.parts // position.shape[0]
-        if repeat > 1:
-            position = np.repeat(position, repeat, axis=0)
-        return self._moved(position, values, takewhile(_apart, self._placed()))
+        return np.repeat(position, repeat, axis=0) if repeat > 1 else position
 
     def _beside_y(self, position: FloatArray, values: FloatArray) -> FloatArray:
         """Positions (n*substeps, P) after all effects, from those of `_before_y`."""
@@ -347,6 +357,11 @@ class Response:
                 "friction_free": s.friction_free, "guides": list(s.guides), "s_max": self.s_max,
                 "period_s": self.period_s, "values": self.named(values), **({"written": written} if written else {}),
                 **({"written_law": {"file": self.law.file, "sha256": self.law.sha256}} if self.law.file else {})}
+
+
+def _on_stem(item: tuple[Effect, slice]) -> bool:
+    """True for an effect on friction or stem."""
+    return item[0].place in _STEM
 
 
 def _apart(item: tuple[Effect, slice]) -> bool:

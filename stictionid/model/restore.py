@@ -113,4 +113,4 @@ def rerun(loop: Loop, description: dict[str, Any]) -> Curves:
         return whole
 
     return Curves(loop.time_s, loop.setpoint, loop.output, loop.process_value, shown(e.model), shown(e.residual),
-                  shown(e.position, hide=False), shown(e.innovation))
+                  shown(e.stem, hide=False), shown(e.innovation))

@@ -105,6 +105,11 @@ class Restarted(Model):
         """Positions (n*parts, P) before the first effect that follows y, restarted in every segment; never lent."""
         return np.concatenate([piece._before_y(self.of(i, values)) for i, piece in enumerate(self._pieces)])
 
+    def stem(self, values: FloatArray, position: FloatArray) -> FloatArray:
+        """Positions (n*parts, P) of the stem, restarted in every segment."""
+        return np.concatenate([piece.stem(self.of(i, values), part) for i, (piece, part)
+                               in enumerate(zip(self._pieces, self.split(position), strict=True))])
+
     def _beside_y(self, position: FloatArray, values: FloatArray) -> FloatArray:
         """Positions (n*parts, P) after all effects, from those of `_before_y`."""
         return np.concatenate([piece._beside_y(part, self.of(i, values)) for i, (piece, part)

@@ -61,7 +61,7 @@ class Spec:
 
 @dataclass(frozen=True, slots=True)
 class Curves:
-    """One model run against its record, arrays (n,), for pictures. NaN where not defined."""
+    """One model run against its record, arrays (n,), for pictures. NaN where not defined. `position` is the stem's."""
 
     time_s: FloatArray
     setpoint: FloatArray | None
@@ -75,7 +75,10 @@ class Curves:
 
 @dataclass(frozen=True, slots=True)
 class Evaluated:
-    """One candidate in full: named values, linear coefficients, curves in the unit of y, and the sums behind them."""
+    """One candidate in full: named values, linear coefficients, curves in the unit of y, and the sums behind them.
+
+    `stem` (n,) is the valve position that could be measured; `position` moves the process, behind trim and gain.
+    """
 
     values: dict[str, float]
     gain: float
@@ -87,6 +90,7 @@ class Evaluated:
     residual: FloatArray
     innovation: FloatArray
     position: FloatArray
+    stem: FloatArray
     position_means: FloatArray
     rows: int
     sse: float

@@ -8,7 +8,10 @@ from typing import ClassVar
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """Share of one part in the variance of y. `part` is VALVE, SETPOINT, NOISE, START or the name of an effect."""
+    """Share of one part in the variance of y. `part` is VALVE, SETPOINT, NOISE, START or the name of an effect.
+
+    The names of parts that cancel, and are counted as one, are linked by "+".
+    """
 
     part: str
     share: float

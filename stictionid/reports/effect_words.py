@@ -7,6 +7,7 @@ that a user wrote, is named by its summary.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from ..effects import parse
 from ..effects.contract import Effect, Place
@@ -15,7 +16,7 @@ from ..record.study import ParameterValue, Step, Study
 from ..record.swing import Share
 from . import wording
 
-_PLACE = re.compile(r"\{(\w+)\}")
+_PLACE, _CHOICE = re.compile(r"\{(\w+)\}"), re.compile(r"\[([^]]*\|[^]]*)\]")
 _PARTS = {Share.SETPOINT: "setpoint moves", Share.NOISE: "noise", Share.START: "the start of the record"}
 # Name of the valve's share of a swing, by verdict.
 _VALVE = {"stiction": "the valve's friction", "undecided": "the valve, if it sticks",
@@ -33,7 +34,13 @@ def known(name: str) -> tuple[Effect | None, str]:
 def named_in(step: Step) -> str:
     """The name of the effect that a step added, with its variant."""
     added = step.added or ""
-    return next((n for n in step.effects if n.partition("@")[0].partition(":")[0] == added), added)
+    return next((n for n in step.effects if plain(n) == added), added)
+
+
+def is_noise(name: str) -> bool:
+    """True for an effect that is a model of the noise."""
+    effect, _ = known(name)
+    return effect is not None and effect.noise is not None
 
 
 def moves_valve(name: str) -> bool:
@@ -61,6 +68,25 @@ def sentence(study: Study, name: str) -> str:
     return wording.sentence(f"{effect.summary if effect is not None else wording.name(name)}{': ' * bool(said)}{said}")
 
 
+def plain(name: str) -> str:
+    """The name of an effect without its variant."""
+    return name.partition("@")[0].partition(":")[0]
+
+
+def of_model(study: Study) -> list[str]:
+    """Names of the effects of the last model, with their variants, in the order in which the steps added them."""
+    if not study.steps:
+        return []
+    variants = {plain(n): n for n in study.steps[-1].model.get("effects", ())}
+    added = [step.added for step in study.steps if step.added in study.steps[-1].effects]
+    return [variants.get(n, n) for n in dict.fromkeys([*added, *study.steps[-1].effects]) if n]
+
+
+def to_do(study: Study) -> list[str]:
+    """The size of each effect of the last model in a sentence, followed by the action that it asks for."""
+    return [f"{sentence(study, name)} {action(study, name)}".strip() for name in of_model(study)]
+
+
 def action(study: Study, name: str) -> str:
     """The action that an effect asks for; empty where its file has none."""
     effect, _ = known(name)
@@ -68,28 +94,45 @@ def action(study: Study, name: str) -> str:
 
 
 def part(study: Study, name: str) -> str:
-    """A part of a swing in words (see Share)."""
+    """A cause of a swing in words (see Share)."""
     if name == Share.VALVE:
         return _VALVE.get(study.verdict.stiction, _VALVE["undecided"])
     return _PARTS.get(name) or noun(study, name)
 
 
+def fitted_part(study: Study, name: str, inside: Sequence[str] = ()) -> str:
+    """A fitted part of PV in words, or several that cancel; `inside` names effects that act within the valve's part."""
+    words: list[str] = []
+    for one in name.split("+"):
+        words += ["valve", "process", *inside] if one == Share.VALVE else [part(study, one)]
+    return wording.listed(words)
+
+
 def parameters(study: Study, name: str) -> list[ParameterValue]:
-    """Values of an effect in the last step that has it."""
-    effect, _ = known(name)
-    plain = name if effect is None else effect.name
-    found = ([p for p in step.parameters if p.effect in (plain, name)] for step in reversed(study.steps))
-    return next((rows for rows in found if rows), [])
+    """Values of an effect in the last step that has it, or those with which `diagnose` proposes it."""
+    effect, at = known(name)
+    own = name if effect is None else effect.name
+    found = [*(step.parameters for step in reversed(study.steps)),
+             *(c.parameters for c in study.candidates if c.variant == at or not at)]
+    mine = ([p for p in rows if p.effect in (own, name)] for rows in found)
+    return next((rows for rows in mine if rows), [])
 
 
 def _filled(study: Study, name: str, text: str, *, ends: bool = True) -> str:
     rows = {p.name: p for p in parameters(study, name)}
     at = known(name)[1]
 
+    def met(part: str) -> bool:
+        return all(p in rows and rows[p].identifiable for p in _PLACE.findall(part))
+
+    def chosen(choice: re.Match[str]) -> str:
+        parts = choice[1].split("|")
+        return wording.listed([part for part in parts if met(part)] or parts)
+
     def value(place: re.Match[str]) -> str:
         return _value(study, rows[place[1]], at, ends) if place[1] in rows else "an unknown size"
 
-    return _PLACE.sub(value, text)
+    return _PLACE.sub(value, _CHOICE.sub(chosen, text))
 
 
 def _value(study: Study, p: ParameterValue, at: str, ends: bool) -> str:
@@ -98,5 +141,8 @@ def _value(study: Study, p: ParameterValue, at: str, ends: bool) -> str:
         # A disturbance at the load is given in the travel that would make it.
         pv = "%" if at == "load" else wording.name(study.data.units.get("process_value") or "")
         unit = re.sub(r"^/ ", "per ", unit.replace("unit of y", pv).strip())
-    return wording.estimate(p.value, p.interval if ends else None, unit if unit != "-" else "") if ends \
-        else wording.with_unit(p.value, unit if unit != "-" else "")
+    unit = unit if unit != "-" else ""
+    if ends:
+        return wording.estimate(p.value, p.interval, unit)
+    # The digits are those of the value beside its interval.
+    return f"{wording.apart(p.value, p.interval)[0]} {wording.name(unit)}".rstrip()

@@ -75,7 +75,10 @@ def valve_state(study: Study) -> str:
         rough = " What the model misses may move S out of this range." if study.interval_caution else ""
         return f"{word}: S is {size}{span}, {_band(e)}.{rough}"
     if study.verdict.stiction == "no stiction":
-        return f"{word}: a model without friction does as well; with friction the best S would be {size}."
+        above = study.verdict.evidence.get("S_excluded_above")
+        rest = (f"S above {wording.with_unit(above, e.unit, 2)} is excluded" if above is not None else
+                f"with friction the best S would be {size}")
+        return f"{word}: a model without friction does as well; {rest}."
     return f"{word}: S would be {size} ({_band(e)}), but this record does not prove that the valve sticks."
 
 

@@ -8,7 +8,7 @@ from itertools import zip_longest
 
 from ..record.oscillation import holds_start
 from ..record.study import Estimate, Step, Study
-from . import tree_text, wording
+from . import effect_words, story, tree_text, wording
 from .document import PageTable, Section
 
 # Samples per period below which the slips cannot be resolved. Unit: samples; METHODS.md section 4.
@@ -110,8 +110,11 @@ def next_steps(study: Study) -> Section:
         bullets.append("Look elsewhere for the oscillation: tuning, an upstream loop, or a disturbance. "
                        + manual)
     if study.steps and study.estimate is not None:
+        bullets += effect_words.to_do(study)
         bullets += _for_the_model(study)
-    if "position" not in study.data.columns and study.estimate is not None:
+    if asked := story.asked_position(study):
+        bullets.append(asked)
+    elif "position" not in study.data.columns and study.estimate is not None:
         bullets.append("Log the positioner's travel feedback beside OP: S and J can then be read from it directly.")
     if "setpoint" not in study.data.columns and study.estimate is not None:
         bullets.append("Export the setpoint too: without it nobody can tell what a perfect valve would change.")

@@ -17,6 +17,25 @@ _EXPLAINS = 0.5
 
 
 def cause(study: Study) -> str:
+    """The causes of the swing, what a perfect valve would leave, and what else is in the last model; empty where none
+    is known."""
+    return " ".join(filter(None, (_swing(study), _also(study))))
+
+
+def _also(study: Study) -> str:
+    """The effects of the last model that the causes of the swing don't name."""
+    rest = _beside_causes(study, _SHOWN)
+    return f"Also in the model: {wording.listed([effect_words.noun(study, n) for n in rest])}." if rest else ""
+
+
+def _beside_causes(study: Study, least: float) -> list[str]:
+    """Names of the effects of the last model whose share of the swing is below the `least`, or has no number."""
+    causes = study.swing.causes if study.swing is not None else ()
+    named = {effect_words.plain(s.part) for s in causes if abs(s.share) >= least}
+    return [n for n in effect_words.of_model(study) if effect_words.plain(n) not in named]
+
+
+def _swing(study: Study) -> str:
     """The causes of the swing in one sentence, and what a perfect valve would leave; empty where they are not known."""
     swing = study.swing
     if swing is None or study.estimate is None:
@@ -33,12 +52,12 @@ def cause(study: Study) -> str:
     shown = sorted((s for s in swing.causes if abs(s.share) >= _SHOWN), key=lambda s: -s.share)
     said = wording.listed([f"{share} {effect_words.part(study, s.part)}"
                            for s, share in zip(shown, shares(shown), strict=True)])
-    told = f"What {what}: {said}. {_perfect_valve(study)}"
+    told = f"What {what} about its setpoint: {said}. {_perfect_valve(study)}"
     if explained is None:
         return told
     if explained < _EXPLAINS:
         return (f"What {what} is not proven, because the model explains only {_percent(explained)} of PV. By this "
-                f"model: {said}. {_perfect_valve(study)}")
+                f"model, about the setpoint: {said}. {_perfect_valve(study)}")
     return (f"{told} These shares are rough: the model explains {_percent(explained)} of PV and still misses "
             "something.")
 
@@ -87,9 +106,11 @@ def action(study: Study) -> str:
     swing = study.swing
     if swing is None or study.estimate is None:
         return ""
+    others = [effect_words.action(study, n) for n in _beside_causes(study, 0.0) if not effect_words.is_noise(n)]
     if not swing.causes:
-        return ("To do: Put the loop in manual for five periods. If the swing stops, look at valve and tuning; "
-                "if it goes on, look outside this loop.") if study.range.oscillating else ""
+        said = ["Put the loop in manual for five periods. If the swing stops, look at valve and tuning; if it goes on, "
+                "look outside this loop."] * study.range.oscillating + others
+        return "To do: " + " ".join(filter(None, said)) if any(said) else ""
     sticks = study.verdict.stiction == "stiction"
     said = []
     for s in sorted(swing.causes, key=lambda s: -s.share):
@@ -100,10 +121,22 @@ def action(study: Study) -> str:
             said += ["Test the valve in manual before any work on it."] * (study.verdict.stiction == "undecided")
         elif s.part not in (Share.SETPOINT, Share.NOISE, Share.START):
             said.append(effect_words.action(study, s.part))
-    if not said:
-        return ("The valve can wait: its friction hardly moves PV." if sticks else
-                "Nothing to repair on this valve by this record.")
-    return "To do: " + " ".join(filter(None, said))
+    idle = "" if said else ("The valve can wait: its friction hardly moves PV." if sticks else
+                            "Nothing to repair on this valve by this record.")
+    said = list(filter(None, [*said, *others]))
+    return " ".join(filter(None, [idle, "To do: " + " ".join(said) if said else ""]))
+
+
+def asked_position(study: Study) -> str:
+    """The answer of the measured position, where a model fails that was fitted without it; empty elsewhere."""
+    e = study.estimate
+    p = e.from_position if e is not None else None
+    if e is None or p is None or p.rmse_proportional is None or study.adequate is not False:
+        return ""
+    return (f"The measured position gives S {wording.with_unit(p.S, e.unit)} and J {wording.with_unit(p.J, e.unit)}. "
+            f"These two leave {wording.number(p.rmse)} of it, where a position in proportion to OP leaves "
+            f"{wording.number(p.rmse_proportional)}. The rest acts between OP and stem, such as a positioner, a stop "
+            "or friction that changes.")
 
 
 def section(study: Study) -> Section | None:
@@ -116,17 +149,16 @@ def section(study: Study) -> Section | None:
     names = list(dict.fromkeys([*parts, *causes]))
     of = dict(zip(parts, shares(list(parts.values())), strict=True))
     by = dict(zip(causes, shares(list(causes.values())), strict=True))
-    labels = {Share.VALVE: "valve and process"}
-    rows = tuple((labels.get(n) or effect_words.part(study, n), of.get(n, wording.NOTHING), by.get(n, wording.NOTHING))
+    labels = {n: effect_words.fitted_part(study, n) if n in parts else effect_words.part(study, n) for n in names}
+    rows = tuple((labels[n], of.get(n, wording.NOTHING), by.get(n, wording.NOTHING))
                  for n in names if {of.get(n, "0 %"), by.get(n, "0 %")} != {"0 %"})
-    said = wording.listed([f"{of[n]} {labels.get(n) or effect_words.part(study, n)}" for n in parts
-                           if abs(parts[n].share) >= _SHOWN])
-    text = [f"The fitted parts of PV: {said}."]
+    said = wording.listed([f"{of[n]} {labels[n]}" for n in parts if abs(parts[n].share) >= _SHOWN])
+    text = [f"The fitted parts of PV about its mean: {said}."]
     if causes:
         text.append("The causes come from the same loop run again with a perfect valve: in a closed loop the parts go "
                     "together, so that the parts alone do not say what swings it.")
     else:
         text.append(wording.sentence(f"No share of the swing is given to a cause: {simulated(swing.reason)}"))
-    table = PageTable("Parts of PV, and causes of its swing about the setpoint", ("part", "share of PV", "cause of the "
-                      "swing"), rows, (1, 2))
+    table = PageTable("Parts of PV about its mean, and causes of its swing about the setpoint",
+                      ("part", "share of PV about its mean", "cause of the swing about the setpoint"), rows, (1, 2))
     return Section("swing", "What makes the loop swing", tuple(text), (), (table,), ("contributions",))

@@ -1,4 +1,4 @@
-"""The decision after a search: the winner pruned, its equivalents, the ranking, and what the catalogue does not hold.
+"""The decision after a search: winner pruned, equivalents, ranking, and what the effects asked do not explain.
 
 Source: SELECTION.md section 1; CRITICISM.md section 7.
 """
@@ -16,7 +16,7 @@ from ..errors import ModelError
 from ..fit.cross_validation import Held, blocks_won, held_out
 from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import said_missing, unexplained
-from ..fit.public_values import noise_values, rows_for, values_of
+from ..fit.public_values import noise_values, rows_for, rows_in
 from ..fit.starts.beside_effect import RESTING
 from ..model.rounding import moved_by_rounding
 from ..process.rounded import step_of
@@ -55,7 +55,7 @@ class Decision:
 
 
 def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
-    """The best node pruned, with the noise to name, its equivalents, and what the catalogue does not hold.
+    """The best node pruned, with the noise to name, its equivalents, and what the effects asked do not explain.
 
     Effects to `keep` are never pruned.
     """
@@ -78,8 +78,16 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     if unseen and noise == COLOURED:
         noise = ""  # (slips that unseen scans made early or late look the same)
     return Decision(winner, noise, tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in alike),
-                    missing_reason(winner, white, unseen, shape, slow=search.slow and not noise), unseen, shape,
+                    missing_reason(winner, white, unseen, shape, slow=search.slow and not noise,
+                                   unasked=_unasked(search, winner)), unseen, shape,
                     reach_of(search, alike))
+
+
+def _unasked(search: Search, winner: Entry) -> list[str]:
+    """Effects of the catalogue that a search has asked for beside no model, though the record may hold them."""
+    asked = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and not e.failed}
+    open_ = [name for last in (False, True) for name in additions(winner.spec, search.loop, search.only, last=last)]
+    return sorted({parse(name)[0].name for name in open_} - asked)
 
 
 def with_lag(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
@@ -309,7 +317,7 @@ def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: 
         name, accepted, error.rmse, error.rmse_holdout, error.rmse_one_step_holdout,
         drop_percent(_error(without, stated).rmse, error.rmse),
         drop_percent(without.scored.done.innovation_sd, model.scored.done.innovation_sd), gain, alike, None,
-        rows_for(whole, values_of(whole, done.model, done.values, done.evaluated)), said, parse(whole)[1],
+        rows_in(whole, done.model, done.values, done.evaluated), said, parse(whole)[1],
         gain_beyond_noise=gain, rejected_because=why, blocks_better=better, blocks=blocks)
 
 
@@ -348,13 +356,13 @@ def _why(search: Search, entry: Entry, name: str, winner: Set[str]) -> str:
 
 
 def missing_reason(winner: Entry, white: bool, unseen: bool = False, shape: Unexplained | None = None, *,
-                   slow: bool = False) -> str:
+                   slow: bool = False, unasked: Sequence[str] = ()) -> str:
     """The words for a winner that leaves more than noise; empty where nothing is missing.
 
     `white` is True where its innovations are, with an autoregression or a narrow band as its noise.
     `unseen` is True where the output moved between the samples, so that no effect can be told from its course there.
     `shape` says what the winner's innovations answer. `slow` is True where a coloured error has no name, because the
-    record is slower than the scan.
+    record is slower than the scan. `unasked` are effects that the search did not come to.
     """
     done = winner.scored.done
     if unseen:
@@ -367,5 +375,7 @@ def missing_reason(winner: Entry, white: bool, unseen: bool = False, shape: Unex
             f"samples of {done.model.step_s:g} s; these look alike: export at the controller's scan")
     if shape is not None:
         return said_missing(shape, done)
-    return (f"something is missing that the catalogue does not hold: the innovations {done.innovation_sd:.4g} of the "
-            f"best model still answer past valve positions, the signals or time (free run {winner.scored.rmse:.4g})")
+    rest = f" (not asked: {', '.join(unasked)})" if unasked else ""
+    return (f"something is missing that the effects asked so far do not explain{rest}: the innovations "
+            f"{done.innovation_sd:.4g} of the best model still answer past valve positions, the signals or time (free "
+            f"run {winner.scored.rmse:.4g})")

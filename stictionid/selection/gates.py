@@ -269,14 +269,14 @@ def _beyond_rounding(edge: Edge) -> str:
 
 
 def _sticks(edge: Edge) -> str:
-    """Reject an effect of friction or process, or a sinusoid, beside a valve that might as well follow its command.
+    """Reject an effect of friction or process beside a valve that might as well follow its command.
 
-    Without friction y answers its command at the period of the loop alone, and so does a sinusoid of that period: any
-    process with that gain and phase will do, and an inverse response may be the controller turned round. A random walk
-    leaves nothing to compare.
+    Without friction y answers its command at the period of the loop alone: any process with that gain and phase will
+    do, and an inverse response may be the controller turned round. A random walk leaves nothing to compare.
+    A sinusoid is compared with such a process by its gain, unless the command between the samples is unknown.
     """
     effect, child = parse(edge.name)[0], edge.child
-    swings = any(p.name == "period_s" for p in effect.parameters)
+    swings = edge.blurred and any(p.name == "period_s" for p in effect.parameters)
     if (effect.friction is None and not swings and not shapes(effect)) or child.done.increments \
             or child.without_friction > edge.policy.carried * child.rmse:
         return ""

@@ -61,10 +61,13 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
     """
     run, fit = opened(loop, study, seed)
     main = study.estimate
-    if main is not None and any(effect.friction is not None for effect in fit.model.effects):
+    if main is not None:
         position = from_position(run.loop.longest_segment(), law=run.law, s_max=swing_of(run.loop, run.found),
                                  rng=np.random.default_rng(seed), fit=fit)
         main = replace(main, from_position=position)
+        if main.S_interval is not None:
+            # The interval that the study states: a verdict on S may not contradict it.
+            fit = replace(fit, intervals={**fit.intervals, "S": main.S_interval})
     verdict = judge(run, fit, loop, main.from_position if main else None)
     severity, swing = meaning_of(run.loop, main, fit, verdict) if main else (None, None)
     return replace(study, estimate=main, verdict=verdict, severity=severity, swing=swing)

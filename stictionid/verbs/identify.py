@@ -98,7 +98,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     holds, why = judged_by(outcome.unexplained, *adequate(outcome.steps[-1]))
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),
-                             rng=np.random.default_rng(run.options.seed))
+                             rng=np.random.default_rng(run.options.seed), fit=near_fit)
     verdict = judge(run, near_fit, loop, position)
     if verdict.stiction == "undecided" and verdict.evidence.get("code") == UNANSWERED:
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))

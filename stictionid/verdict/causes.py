@@ -29,10 +29,11 @@ _FOLLOWED = 0.2
 _FINER, _MULTIPLES = 16, 4
 
 
-def looks_like(loop: Loop, free: Whitened) -> str:
+def looks_like(loop: Loop, free: Whitened, *, denied: bool = True) -> str:
     """One sentence on the cause of the oscillation, from the friction-free model; empty where nothing stands out.
 
-    Of several segments the longest is used: a sine keeps its phase within one.
+    A valve whose friction is not `denied` may make a cycle itself. Of several segments the longest is used: a sine
+    keeps its phase within one.
     """
     e, part = free.evaluated, loop.longest
     loop, good, residual = loop.longest_segment(), e.counted[part] > 0, e.residual[part]
@@ -50,8 +51,9 @@ def looks_like(loop: Loop, free: Whitened) -> str:
         return (f"y is one steady sine of period {period * loop.step_s:.4g} s ({100 * sine:.0f} % of its variance): a "
                 "disturbance from elsewhere, or tuning at the stability limit, which a record in manual would tell")
     if cycle >= _CYCLE:
-        return (f"y repeats every {period * loop.step_s:.4g} s ({100 * cycle:.0f} % of its variance) without this "
-                "valve: a neighbour that cycles, perhaps by a sticky valve of its own")
+        who = ("a neighbour that cycles, perhaps by a sticky valve of its own" if denied else
+               "this valve or a neighbour's, which a record in manual would tell")
+        return f"y repeats every {period * loop.step_s:.4g} s ({100 * cycle:.0f} % of its variance): {who}"
     share = _of_ultimate_gain(free, controller_law(loop, held=True))
     if share is not None and share >= _TIGHT:
         return (f"the record looks like tight tuning: the controller gain is {100 * share:.0f} % of the gain at which "

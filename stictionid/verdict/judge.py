@@ -42,9 +42,7 @@ from ..fit.noise.prewhitening import (
 )
 from ..fit.noise.whiteness import passes_tests
 from ..fit.starts.basins import process_grid
-from ..fit.starts.beside_effect import RESTING
 from ..model.model import Model
-from ..model.segments import bound
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited
 from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..numerics.varpro import SAME, axes
@@ -98,7 +96,7 @@ def _from_process_value(run: Run, fit: Fitted) -> Verdict:
     if fit.model.spec.taps:
         # A model with a noise model is not fitted to the free run; without the noise model it may do better there.
         sticking = replace(sticking, rmse=min(sticking.rmse, without_noise(fit.model, fit.values)))
-    verdict = compared(run, sticking, float(fit.values[0]), fit.intervals.get("S", (0.0, 0.0))[1])
+    verdict = compared(run, sticking, float(fit.values[0]), fit.intervals.get("S", (0.0, 0.0))[1], fit.best.rmse)
     clear = (verdict.evidence["likelihood_ratio"] >= _CLEAR
              and verdict.evidence["share_of_pv_variance"] >= _EXPLAINED)
     if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _scattered(fit):
@@ -115,10 +113,12 @@ def _scattered(fit: Fitted) -> bool:
     return bool(((fit.searched[:, 0] < low) | (fit.searched[:, 0] > high)).any())
 
 
-def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float = 0.0) -> Verdict:
+def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float = 0.0,
+             error: float | None = None) -> Verdict:
     """The verdict on one model with friction, completed with its noise model, against the best one without friction.
 
-    `searched` is the S that a study states, `reach` the upper end of its interval, where there is one.
+    `searched` is the S that a study states, `reach` the upper end of its interval, where there is one. `error` is its
+    free-run error, which a fit without its noise model may lower.
     """
     free = friction_free(run, sticking)
     sticking, free = with_noise_of(sticking, free), with_noise_of(free, sticking)
@@ -134,16 +134,16 @@ def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float =
     leaves = free.rmse > float(np.std(run.used_y()))
     said = (f"friction lowers the quick-fit error from {free.rmse:.4g} to {sticking.rmse:.4g}" if drop > 0 else
             f"friction does not lower the quick-fit error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
+    if error is not None and f"{error:.4g}" != f"{sticking.rmse:.4g}":
+        said = (f"the free-run error is {error:.4g}; quick fits without a noise model leave {sticking.rmse:.4g} with "
+                f"friction and {free.rmse:.4g} without")
     said += f"; {_predicts(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
     walks = sticking.model.spec.increments and sticking.model.spec.process != INTEGRATOR
     answer, confidence = _answer(ratio, won, explained, drop, one_step, walks)
-    if answer == "stiction" and (plain := _plain(sticking)) is not None and _measured(run, plain, free)[0] < _STICKS:
-        answer, confidence, said = "undecided", 0.4, f"S and J alone predict hardly better than no friction; {said}"
     if answer == "stiction" and ((gain is not None and not gain.share > 0.0) or (leaves and ratio < _CLEAR)):
         answer, confidence = "undecided", 0.4
-    instead = looks_like(run.loop, free) if answer != "stiction" else ""
     most = drop >= _MOST_OF_THE_ERROR and not walks and not leaves
-    claim, in_free_run = None, most or (explained >= _NOTHING and drop >= _NOTHING_DROP)
+    instead, claim, in_free_run = "", None, most or (explained >= _NOTHING and drop >= _NOTHING_DROP)
     if answer != "stiction":
         claim = _claim(run, sticking, free, ratio, reach, in_free_run)
         # One that predicts a little better, and errs less in the free run by what matters, is not denied.
@@ -153,6 +153,7 @@ def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float =
                      f"friction predicts y a bit better (likelihood ratio {ratio:.0f}) and lowers the free-run error")
             claim = replace(claim, open=words, confidence=0.4)
         answer, confidence = "undecided" if claim.open else "no stiction", claim.confidence
+        instead = looks_like(run.loop, free, denied=not claim.open)
         first = [f"the model without friction errs by {claim.errs:.2g} times its noise"] if claim.errs > _MANY else []
         quiet = (ratio < _CLEAN or won < _WON) and not in_free_run
         if (quiet or not claim.open) and (answered := _answered(free)) < _CLEAN:
@@ -167,12 +168,9 @@ def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float =
             first += [claim.open] if claim.open else []
         said = "; ".join([*first, said])
     if claim is not None and claim.bound is not None:
-        evidence["S_excluded_above"] = claim.bound
-        said += f"; S above {claim.bound:.2g} {run.loop.unit('output', '%')} is excluded"
-        if claim.bound < (stated := searched if claim.bound < searched else float(sticking.values[0])):
-            said += f", and with it the searched S of {stated:.2g}, which the one-step errors contradict"
-        elif claim.bound < reach:
-            said += f" by the one-step errors, though the interval of S goes to {reach:.2g}"
+        # One statement on S: where the one-step errors exclude less than all of its interval, the interval is it.
+        evidence["S_excluded_above"] = above = max(claim.bound, searched, reach)
+        said += f"; S above {above:.2g} {run.loop.unit('output', '%')} is excluded"
     if instead:
         said += f"; {instead}"
         evidence["looks_like"] = instead
@@ -282,8 +280,10 @@ def with_position(verdict: Verdict, seen: PositionEstimate | None) -> Verdict:
     said = (f"the measured position rests and jumps: by it alone S is {seen.S:.4g}, J {seen.J:.4g}, and the law leaves "
             f"{seen.rmse:.3g} where a position in proportion to the output leaves {seen.rmse_proportional:.3g}; from "
             f"the process value alone: {verdict.stiction}, {verdict.reason}")
+    # A valve that is seen to stick leaves no other cause to name.
+    known = {name: value for name, value in verdict.evidence.items() if name != "looks_like"}
     return replace(verdict, stiction="stiction", confidence=_SEEN, reason=said,
-                   evidence={**verdict.evidence, "without_position": verdict.stiction})
+                   evidence={**known, "without_position": verdict.stiction})
 
 
 def capped(verdict: Verdict, loop: Loop) -> Verdict:
@@ -313,21 +313,6 @@ def _answer(ratio: float, won: int, explained: float, drop: float, one_step: flo
         alone = explained < _EXPLAINED and drop < _MOST_OF_THE_ERROR
         return "stiction", min(sure, _CAPPED_FAR) if alone else sure
     return "undecided", 0.4
-
-
-def _plain(sticking: Whitened) -> Whitened | None:
-    """The sticking model without effects on its friction, a rest left aside; None where it has none.
-
-    A valve that sticks otherwise up and down, or more and more, sticks: an effect alone may be a neighbour's cycle.
-    """
-    spec = sticking.model.spec
-    effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" or name == RESTING)
-    if effects == spec.effects:
-        return None
-    model = bound(sticking.model.loop, replace(spec, effects=effects), s_max=sticking.model.s_max,
-                  period_s=sticking.model.period_s)
-    found = descended(model, model.cube(model.vector(sticking.model.named(sticking.values))[:, None]), settle=SETTLE)
-    return whitened(model, model.values(found.points[:1])[:, 0])
 
 
 def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int, float, float, float]:

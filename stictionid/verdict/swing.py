@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..fit.fit import Fitted
-from ..model.parts import parts_of
+from ..model.parts import joined, parts_of
 from ..record.loop import Loop, bridged
 from ..record.study import Estimate, Verdict
 from ..record.swing import Severity, Share, Swing
@@ -39,8 +39,8 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
     parts, piece = parts_of(fit.model, fit.values), loop.longest_segment()
     outside = {p.name: np.where(best.counted > 0, p.curve, np.nan)[rows] for p in parts
                if p.name not in (Share.VALVE, Share.START)}
-    found = severity(piece, estimate, np.sum(list(outside.values()), axis=0), best.position[rows], held=held)
-    own = Swing(tuple(Share(p.name, p.share) for p in parts), reason=found.statement)
+    found = severity(piece, estimate, np.sum(list(outside.values()), axis=0), best.stem[rows], held=held)
+    own = Swing(tuple(Share(p.name, p.share) for p in joined(parts)), reason=found.statement)
     law = controller_law(piece, held=held)
     if found.pv_sd_repaired is None or law is None:
         return found, own
@@ -49,12 +49,13 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
     share = causes.causes[0].share if causes.causes else 0.0
     reason = f"not simulated: {other}" if other and share > _CONTRADICTS else ""
     if share < -_CONTRADICTS:
-        reason = other = ("not told: by this model a perfect valve would make PV scatter about its setpoint by "
-                          f"{causes.sd_perfect:.3g} instead of {causes.sd:.3g}, so that the model fails in the closed "
-                          "loop")
+        reason = ("not told: by this model a perfect valve would make PV scatter about its setpoint by "
+                  f"{causes.sd_perfect:.3g} instead of {causes.sd:.3g}, so that the model fails in the closed loop")
     if reason:
+        # Only a valve that is denied leaves the cause to what the record looks like.
+        known = other if other and verdict.stiction == "no stiction" else reason
         return replace(found, pv_sd_repaired=None, share_of_pv_variance=None, travel_per_day_repaired=None,
-                       statement=reason), replace(own, reason=other)
+                       statement=reason), replace(own, reason=known)
     return found, causes
 
 

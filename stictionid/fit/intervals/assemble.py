@@ -229,7 +229,7 @@ def _between_samples(model: Model, best: Evaluated) -> float:
     """
     share = _REBUILT if model.spec.between != "hold" else 1.0 if model.step_s > _SLOWEST_SCAN_S else 0.0
     moves = []
-    for position, output in zip(model.split(best.position), model.split(model.loop.output), strict=True):
+    for position, output in zip(model.split(best.stem), model.split(model.loop.output), strict=True):
         moved = np.abs(np.diff(position)) > 1e-9
         moves.append(np.abs(np.diff(output))[np.flatnonzero(moved[1:] & ~moved[:-1]) + 1])
     slips = np.concatenate(moves)

@@ -122,7 +122,7 @@ def shape_of(done: Refit, tried: Collection[str] = ()) -> Unexplained | None:
     have = {parse(name)[0].name for name in model.spec.effects}
     suggests = tuple(name for name in leaving(trace) if name not in have)
     names = sorted(suggests, key=lambda name: name in tried)[:2]
-    said = "no effect of the catalogue does that"
+    said = "no effect of the catalogue is known to leave that"
     if names:
         names = names[:1] if named == VALVE else names
         said = " or ".join(names) + " would do that"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...model.parts import parts_of
+from ...model.parts import joined, parts_of
 from ...model.restore import rebuild_model
 from ...record.loop import Loop
 from ...record.segments import described
@@ -25,16 +25,16 @@ def contributions(study: Study, step: Step, loop: Loop) -> Picture:
     """Parts of y in the model of one step: curves about their mean, named with their shares."""
     piece, rows = described(loop, step.model)
     model, values = rebuild_model(piece, step.model)
-    parts = parts_of(model, values)
+    parts = joined(parts_of(model, values))
     at = np.concatenate([np.arange(r.start, r.stop) for r in rows])
     window = study_pictures.window(study, loop)
     shown = (at >= window.start) & (at < window.stop) if ((at >= window.start) & (at < window.stop)).any() \
         else np.ones(at.size, bool)
     per, unit = study_pictures.time_unit(float(shown.sum()) * loop.step_s)
     t = loop.time_s[at][shown] / per
-    inside = [name for name in step.effects if name not in {p.name for p in parts}]
-    valve = "valve and process" + (f" with {wording.listed(list(map(wording.name, inside)))}" if inside else "")
-    names = {p.name: valve if p.name == Share.VALVE else effect_words.part(study, p.name) for p in parts}
+    apart = {effect_words.plain(name) for p in parts for name in p.name.split("+")}
+    inside = [wording.name(name) for name in step.effects if name not in apart]
+    names = {p.name: effect_words.fitted_part(study, p.name, inside) for p in parts}
     shares = dict(zip(names, story.shares([Share(p.name, p.share) for p in parts]), strict=True))
     lines = [_line("PV", "pv", t, loop.process_value[at][shown])]
     # Before the first sample that counts the parts may be far larger than PV and cancel.
@@ -42,7 +42,7 @@ def contributions(study: Study, step: Step, loop: Loop) -> Picture:
     free = iter(_ROLES * len(parts))
     least = _SEEN * np.ptp(lines[0].y)
     seen = [p for p in parts if not counted.any() or np.ptp(p.curve[shown][counted]) > least]
-    lines += [_line(f"{names[p.name]}, {shares[p.name]}", _FIXED.get(p.name) or next(free), t,
+    lines += [_line(f"{names[p.name]}, {shares[p.name]}", _FIXED.get(p.name.partition("+")[0]) or next(free), t,
                     np.where(counted, p.curve[shown], np.nan)) for p in seen]
     said = wording.listed([f"{shares[p.name]} {names[p.name]}" for p in parts])
     return Picture("contributions", "Parts of PV", f"The variance of PV: {said}.",
