@@ -17,10 +17,11 @@ from commands import run
 
 import stictionid as st
 from stictionid.cli.app import app
-from stictionid.cli.common.output import Progress, width_of
+from stictionid.cli.common.output import FIRST_RUN, Progress, width_of
 from stictionid.effects import catalogue
 from stictionid.model.closed_loop import preset
 from stictionid.model.visible import visible
+from stictionid.numerics.machine_code import ahead
 from stictionid.record.study import to_json
 from stictionid.system.plurals import counted
 
@@ -222,3 +223,19 @@ def test_remove_takes_an_effect_out_again(tmp_path: Path) -> None:
     assert later["steps"][1]["model"]["effects"] == ["coloured-noise"]
     refused = run("remove", "travel-limit", "c.json", cwd=tmp_path)
     assert refused.returncode == 2 and "extra-lag, coloured-noise" in refused.stderr
+
+
+def test_a_first_run_says_that_kernels_are_compiled(capsys: pytest.CaptureFixture[str]) -> None:
+    with Progress(False) as progress:
+        now = [0.5]
+        progress._clock = lambda: progress._start + now[0]
+        progress("searching (S, J)", 0.1)
+        for now[0] in (7.0, 9.0):
+            ahead.listeners[-1](True)
+        now[0] = 14.0
+        progress("searching (S, J)", 0.4)
+    assert not ahead.listeners
+    first, *lines = capsys.readouterr().err.splitlines()
+    assert first == FIRST_RUN and "processor time" in first
+    assert lines == ["searching (S, J), 10 % after 7 s (1 kernel compiled so far)",
+                     "searching (S, J), 40 % after 14 s (2 kernels compiled so far)"]

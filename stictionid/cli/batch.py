@@ -17,6 +17,7 @@ from .app import app
 from .common.batch_progress import Watch
 from .common.outcomes import outcome
 from .common.output import (
+    FIRST_RUN,
     MOST_JOBS,
     JsonOption,
     QuietOption,
@@ -28,7 +29,6 @@ from .common.output import (
     print_json,
     safe,
     say,
-    warn_when_cold,
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import reads_file
@@ -85,6 +85,7 @@ def batch(
     from ..batch.task import LEVELS, Work
     from ..batch.work.crew import crew_for
     from ..batch.work.store import Store
+    from ..batch.work.warm import cold
     from ..errors import UsageError
     from ..fit.options import Options
     from ..methods.option_check import check_options
@@ -102,7 +103,8 @@ def batch(
     try:
         todo = plan(paths, work, reading=reading, loops=loops)
         _tell_plan(todo, quiet)
-        warn_when_cold(quiet)
+        if not scheduler and cold():
+            say(FIRST_RUN, quiet=quiet)
         store.begin()
         store.skip(todo.skipped, todo.tasks)
         rows = _work_through(todo, work, crew, store, resume, Watch(len(todo.tasks), as_json=as_json, quiet=quiet))
