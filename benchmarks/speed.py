@@ -25,7 +25,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
-# The libraries that every `identify` imports. It never imports pandas; scipy.linalg comes with numba's own lstsq.
+# The libraries that every `identify` imports. It imports neither pandas nor, with kernels on disk, modules of scipy.
 IMPORTS = "import numpy, numba, pyarrow"
 
 
