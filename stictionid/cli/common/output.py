@@ -168,7 +168,8 @@ class Progress:
             if self._clock() - self._said > _EVERY_S and share < 1.0:
                 self._said = self._clock()
                 self._warn()
-                say(f"{text}, {100.0 * share:.0f} % after {self._said - self._start:.0f} s{self._kernels()}")
+                now = self._kernels() or f"{text}, {100.0 * share:.0f} %"
+                say(f"{now} after {self._said - self._start:.0f} s")
             return
         if self._bar is None:
             self._warn()
@@ -181,7 +182,7 @@ class Progress:
             self._task = self._bar.add_task(text, total=1.0)
             # The bar appears after a second of work, which counts as elapsed time.
             self._bar.tasks[0].start_time -= self._clock() - self._start
-        self._bar.update(self._task, description=text + self._kernels(), completed=share)
+        self._bar.update(self._task, description=self._kernels() or text, completed=share)
 
     def _warn(self) -> None:
         """Name the slow effects, once."""
@@ -201,9 +202,9 @@ class Progress:
         self._beat()
 
     def _kernels(self) -> str:
-        """Kernels compiled so far, where some were since the last line."""
+        """Kernels compiled so far, in words, where some were since the last line; else nothing."""
         more, self._told = self._compiled > self._told, self._compiled
-        return f" ({counted(self._compiled, 'kernel')} compiled so far)" if more else ""
+        return f"{counted(self._compiled, 'kernel')} compiled" if more else ""
 
     def _beat(self) -> None:
         """Show the last words again where a stage takes long."""
