@@ -137,7 +137,7 @@ def tested(place: Place, wheel: Path, folder: Path) -> str:
         raise Failed(said)
     pip = [str(folder / "env" / "bin" / "python"), "-m", "pip"]
     pins = ["-c", str(place.pins)] if place.pins else []
-    code, said = run([*pip, "install", "-q", "--only-binary", ":all:", *pins, f"{wheel}[test]"], folder)
+    code, said = run([*pip, "install", "-q", "--no-compile", "--only-binary", ":all:", *pins, f"{wheel}[test]"], folder)
     if code:
         absent = without_wheels(pip, place.pins, folder)
         raise NoWheels(", ".join(absent)) if absent else Failed(said)

@@ -33,7 +33,7 @@ def run(commands: list[str], folder: Path) -> str:
     lines = []
     for command in commands:
         words = command.replace("stictionid ", f"{sys.executable} -m stictionid ", 1)
-        done = subprocess.run(words, shell=True, cwd=folder, capture_output=True, text=True, timeout=300,
+        done = subprocess.run(words, shell=True, cwd=folder, capture_output=True, text=True,
                               env={**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", "COLUMNS": "80"})
         if done.returncode:
             raise SystemExit(f"{command}\n{done.stderr}")

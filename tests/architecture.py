@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -58,11 +58,11 @@ def imports_of(name: str, path: Path, modules: dict[str, Path]) -> Iterator[Impo
 
 
 def faults(package: Path, rules: dict[str, object] = RULES) -> list[str]:
-    """One line a fault: imports up, circles, private names across files, long modules, crowded folders."""
+    """One line a fault: imports up, circles, private names, long modules, crowded folders, heavy imports."""
     modules = modules_of(package)
     taken = [each for name, path in modules.items() for each in imports_of(name, path, modules)]
     return [*_unknown(taken, modules), *_upward(taken, list(rules["order"])), *_circles(taken),  # type: ignore[call-overload]
-            *_private(taken, modules), *_large(package, modules, rules)]
+            *_private(taken, modules), *_large(package, modules, rules), *_heavy(modules, rules)]
 
 
 def room_of(name: str) -> str:
@@ -146,3 +146,29 @@ def _large(package: Path, modules: dict[str, Path], rules: dict[str, object]) ->
     crowd = Counter(path.parent for path in modules.values() if path.name != "__init__.py")
     return found + [f"{folder.name}/ has {n} modules, more than {most}" for folder, n in crowd.items()
                     if n > most and folder.name not in rules["catalogues"]]  # type: ignore[operator]
+
+
+def _heavy(modules: dict[str, Path], rules: dict[str, object]) -> list[str]:
+    """Modules that load a heavy library as they are imported, and are no exception."""
+    allowed: dict[str, list[str]] = rules["heavy"]  # type: ignore[assignment]
+    found = []
+    for name, path in modules.items():
+        inside = name.partition(".")[2]
+        for library in _loaded(ast.parse(path.read_text(encoding="utf-8")).body):
+            rooms = allowed.get(library)
+            if rooms is not None and not any(f"{inside}.".startswith(f"{room}.") for room in rooms):
+                found.append(f"{name} imports the heavy {library} as it is imported itself")
+    return found
+
+
+def _loaded(body: Sequence[ast.AST]) -> Iterator[str]:
+    """Libraries that statements import when they run as part of a module, those for type checkers left out."""
+    for node in body:
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
+            yield node.module.partition(".")[0]
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            yield from _loaded(node.orelse)
+        elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield from _loaded(list(ast.iter_child_nodes(node)))

@@ -16,6 +16,9 @@ from unittest import mock
 from stictionid.cli import main
 from stictionid.system import interrupts
 
+# A process that has not ended by then hangs, on the slowest and busiest machine too. Unit: s.
+HANGS_S = 1800.0
+
 
 @dataclass(frozen=True)
 class Done:

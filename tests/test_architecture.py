@@ -43,6 +43,9 @@ PLANTED = {
                                  "takes the private _step of chen"),
     "long module": ({"fit/a.py": "x = 1\n" * 451}, "a.py has 451 lines, more than 450"),
     "crowded folder": ({f"fit/m{i}.py": "" for i in range(16)}, "fit/ has 17 modules, more than 16"),
+    "heavy library": ({"fit/a.py": "from scipy.signal import lfilter\n"}, "house.fit.a imports the heavy scipy"),
+    "heavy library in a branch": ({"fit/a.py": "try:\n    import pandas\nexcept ImportError:\n    pass\n"},
+                                  "imports the heavy pandas"),
     "missing module": ({"fit/a.py": "from ..laws.kano import x\n"}, "house.laws.kano, which is not there"),
 }
 
@@ -62,6 +65,15 @@ def test_a_planted_fault_is_found(kind: str, tmp_path: Path) -> None:
         (house / file).write_text(text)
     found = faults(house)
     assert any(said in line for line in found), found
+
+
+def test_heavy_libraries_may_load_in_functions_for_type_checkers_and_in_their_rooms(tmp_path: Path) -> None:
+    late = "def f():\n    import scipy.signal\n"
+    typed = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from matplotlib.axes import Axes\n"
+    for file, text in {"fit/a.py": late, "fit/b.py": typed, "batch/work/crew.py": "import multiprocessing\n"}.items():
+        (tmp_path / "house" / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "house" / file).write_text(text)
+    assert faults(tmp_path / "house") == []
 
 
 def test_catalogues_may_be_crowded(tmp_path: Path) -> None:
@@ -84,10 +96,14 @@ def test_public_names_are_no_names_of_rooms() -> None:
     assert not set(stictionid.__all__) & set(RULES["order"])
 
 
+def modules_loaded_by(code: str) -> set[str]:
+    listed = "import atexit, sys\natexit.register(lambda: print('\\n', *sys.modules))\n"
+    out = subprocess.run([sys.executable, "-c", listed + code], capture_output=True, text=True, check=True)
+    return set(out.stdout.rpartition("\n ")[2].split())
+
+
 def loaded_by(code: str) -> set[str]:
-    out = subprocess.run([sys.executable, "-c", f"import sys\n{code}\nprint(*sys.modules)"], capture_output=True,
-                         text=True, check=True)
-    return {name.partition(".")[0] for name in out.stdout.split()}
+    return {name.partition(".")[0] for name in modules_loaded_by(code)}
 
 
 def test_help_loads_nothing_heavy() -> None:
@@ -98,6 +114,19 @@ def test_help_loads_nothing_heavy() -> None:
 
 def test_importing_the_package_loads_nothing_heavy() -> None:
     assert not loaded_by("import stictionid") & {"numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib"}
+
+
+def test_identify_loads_nothing_heavy(tmp_path: Path) -> None:
+    """The command with kernels on disk; numba's own import of scipy loads hardly more than its name."""
+    file = PACKAGE.parent / "sample_data" / "foptd_scanned.parquet"
+    code = f"sys.argv = ['stictionid', 'identify', {str(file)!r}, '-q', '-o', {str(tmp_path / 'study.json')!r}]\n" \
+           "from stictionid.__main__ import main\ntry:\n    main()\nexcept SystemExit:\n    pass"
+    modules_loaded_by(code)  # kernels that are not on disk bring the compiler, and that brings scipy.linalg
+    (tmp_path / "study.json").unlink()
+    found = modules_loaded_by(code)
+    assert (tmp_path / "study.json").is_file() and "stictionid.verbs.identify" in found
+    further = found - modules_loaded_by("import numpy, numba, pyarrow")
+    assert not {name for name in further if name.partition(".")[0] in RULES["heavy"]}
 
 
 def test_pandas_and_matplotlib_live_in_their_rooms() -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from batch_files import Inline, records, write_csv
+from commands import HANGS_S
 
 sys.path.insert(0, str(Path(__file__).parent / "faults"))
 
@@ -36,7 +37,7 @@ def site(tmp_path_factory):
 
 
 def batch(*arguments: object, **more) -> subprocess.CompletedProcess:
-    return subprocess.run([*ME, *map(str, arguments)], capture_output=True, text=True, timeout=120, **more)
+    return subprocess.run([*ME, *map(str, arguments)], capture_output=True, text=True, timeout=HANGS_S, **more)
 
 
 def start(site, out, *arguments: str) -> subprocess.Popen:
@@ -65,7 +66,7 @@ def children(pid: int) -> list[int]:
     return [int(c) for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()]
 
 
-def gone(pids: list[int], within_s: float = 30.0) -> bool:
+def gone(pids: list[int], within_s: float = HANGS_S) -> bool:
     until = time.monotonic() + within_s
     while time.monotonic() < until:
         if not any(_alive(p) for p in pids):
@@ -134,7 +135,7 @@ def test_stopped_it_keeps_what_is_done_and_says_how_to_go_on(sign, site, clean, 
     workers = children(process.pid)
     # As a terminal does it, Ctrl-C goes to all processes.
     os.killpg(process.pid, sign) if sign == signal.SIGINT else process.send_signal(sign)
-    _, err = process.communicate(timeout=120)
+    _, err = process.communicate(timeout=HANGS_S)
     assert process.returncode == 130 and "Traceback" not in err, err
     assert gone(workers)
     line = next(x for x in err.splitlines() if "go on with: " in x)

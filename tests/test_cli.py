@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import run
+from commands import HANGS_S, run
 
 ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_data"
@@ -22,7 +22,7 @@ SAMPLE = ROOT / "sample_data"
 def process(*arguments: object, cwd: Path | None = None, stdin: str | None = None):
     """One command in a process of its own."""
     return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], capture_output=True, text=True,
-                          cwd=cwd, input=stdin, timeout=300, encoding="utf-8")
+                          cwd=cwd, input=stdin, timeout=HANGS_S, encoding="utf-8")
 
 
 def refused(result, code: int) -> None:
@@ -183,14 +183,14 @@ def test_a_full_disk_is_said(tmp_path: Path) -> None:
         pytest.skip("no /dev/full here")
     with Path("/dev/full").open("w") as full:
         result = subprocess.run([sys.executable, "-m", "stictionid", "range", str(SAMPLE / "foptd.csv"), "-q"],
-                                stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
+                                stdout=full, stderr=subprocess.PIPE, text=True, timeout=HANGS_S)
     assert result.returncode == 2 and "Traceback" not in result.stderr
 
 
 def test_a_reader_that_closes_the_pipe_is_no_error() -> None:
     command = (f"{sys.executable} -m stictionid range {SAMPLE / 'itptd.parquet'} -q --json | head -c 10; "
                "exit ${PIPESTATUS[0]}")
-    result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=120)
+    result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=HANGS_S)
     assert result.returncode == 0 and "Traceback" not in result.stderr
 
 

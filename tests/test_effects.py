@@ -139,7 +139,7 @@ def test_a_simulation_refuses_effects_that_make_no_sense(effects) -> None:
 
 @needs_hidden
 @pytest.mark.parametrize(("name", "effect", "base_only"), [
-    ("hidden_04", "asymmetric-stiction", False)])
+    ("hidden_08", "step-disturbance", False)])
 def test_a_hidden_effect_is_found_and_the_error_falls_to_the_noise(name: str, effect: str, base_only: bool) -> None:
     plant = json.loads((SHARED / "truth.json").read_text())[name]["plant"]
     loop = read_loop(SHARED / f"{name}.csv")

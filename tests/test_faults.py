@@ -86,21 +86,22 @@ def test_an_interruption_while_libraries_load_is_quiet(bench: Bench) -> None:
         fault_signals._begun(running.pid)
         fault_signals.time.sleep(delay)
         running.send_signal(signal.SIGINT)
-        _, err = running.communicate(timeout=60)
+        _, err = running.communicate(timeout=commands.HANGS_S)
         assert running.returncode == 130 and b"Traceback" not in err, err
     assert not whole_or_absent(bench.folder)
 
 
 def test_a_reader_that_leaves_is_no_error_for_tables_either(bench: Bench) -> None:
     command = f"{sys.executable} -m stictionid laws | head -c 1; exit ${{PIPESTATUS[0]}}"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=bench.folder, timeout=60)
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=bench.folder,
+                          timeout=commands.HANGS_S)
     assert done.returncode == 0 and not done.stderr
 
 
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
 def test_closed_streams_are_no_defect(bench: Bench, closed: str) -> None:
     done = subprocess.run(["sh", "-c", f"exec {sys.executable} -m stictionid range {bench.csv} -q {closed}"],
-                          capture_output=True, cwd=bench.folder, timeout=60)
+                          capture_output=True, cwd=bench.folder, timeout=commands.HANGS_S)
     assert done.returncode == 0 and b"Traceback" not in done.stderr
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import HANGS_S
 
 ROOT = Path(__file__).resolve().parents[1]
 for place in ("tests/faults", "benchmarks"):
@@ -27,7 +28,7 @@ from stictionid.errors import CannotTell, DataError, UsageError  # noqa: E402
 def run(*arguments: object, stdin: str | None = None, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     with open(stdin or os.devnull, "rb") as source:
         return subprocess.run([sys.executable, "-m", "stictionid", *map(str, arguments)], stdin=source,
-                              capture_output=True, text=True, cwd=cwd, timeout=60,
+                              capture_output=True, text=True, cwd=cwd, timeout=HANGS_S,
                               env={**os.environ, "PYTHONPATH": str(ROOT)})
 
 

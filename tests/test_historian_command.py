@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import numpy as np
-from commands import run
+from commands import HANGS_S, run
 from historian_files import comma, record, wide
 
 from stictionid.historian import read
@@ -131,7 +131,7 @@ def test_help_shows_an_example_that_runs_and_stays_light():
         [sys.executable, "-X", "importtime", "-m", "stictionid", "read", "--help"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANGS_S,
     )
     assert "stictionid read" in done.stdout and "--span-op" in done.stdout
     assert not any(heavy in done.stderr for heavy in ("numpy", "pandas", "pyarrow"))
@@ -144,5 +144,5 @@ def test_clean_files_need_neither_pandas_nor_scipy(tmp_path):
         f"import sys; from stictionid.historian import read_loop; read_loop(r'{path}'); "
         "print('pandas' in sys.modules, 'scipy' in sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS_S)
     assert done.stdout.strip() == "False False", done.stderr

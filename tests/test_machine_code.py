@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from commands import HANGS_S
 
 from stictionid.numerics.machine_code import ahead
 from stictionid.numerics.machine_code.needed import NEEDED
@@ -79,7 +80,7 @@ def test_a_process_waits_for_the_one_that_compiles(tmp_path: Path) -> None:
     waiting = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=ROOT)
     assert waiting.stdout is not None and waiting.stdout.readline() == "True\n" and waiting.poll() is None
     mine.give()
-    assert waiting.communicate(timeout=60)[0] == "got it\n" and not other.taken(place)
+    assert waiting.communicate(timeout=HANGS_S)[0] == "got it\n" and not other.taken(place)
 
 
 def test_the_list_names_kernels_that_are_there() -> None:

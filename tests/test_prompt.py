@@ -19,10 +19,11 @@ import stictionid as st
 from stictionid import laws
 from stictionid.cli.app import app
 from stictionid.cli.common.completion import effect_names, law_names
-from stictionid.cli.common.output import Progress, width_of
+from stictionid.cli.common.output import FIRST_RUN, Progress, width_of
 from stictionid.effects import catalogue
 from stictionid.model.closed_loop import preset
 from stictionid.model.visible import visible
+from stictionid.numerics.machine_code import ahead
 from stictionid.record.study import to_json
 from stictionid.system.plurals import counted
 
@@ -149,10 +150,10 @@ def test_commands_in_a_terminal_fit_it(tmp_path: Path) -> None:
     """Tables of identify, range and batch; messages for scripts are lines of their own length."""
     loops = [str(SAMPLE.parent / name) for name in ("foptd.csv", "foptd_scanned.parquet", "tank.csv")]
     batch = ["batch", *loops, "-o", str(tmp_path / "out"), "-q", "--level", "screen", "--jobs", "1"]
-    shown = in_terminal([(columns, words) for columns in (200, 80, 60) for words in (
+    shown = in_terminal([(columns, words) for columns in (200, 60) for words in (
         ["identify", str(SAMPLE), "-q", "--base-only"], ["range", str(SAMPLE), "-q"],
         batch if columns == 200 else [*batch, "--resume"])])
-    assert set(shown) == {200, 80, 60}
+    assert set(shown) == {200, 60}
     for columns, lines in shown.items():
         assert max(map(len, lines)) <= columns
         assert {"estimate", "error", "worst first"} <= set(lines)
@@ -236,3 +237,18 @@ def test_remove_takes_an_effect_out_again(tmp_path: Path) -> None:
     assert later["steps"][1]["model"]["effects"] == ["coloured-noise"]
     refused = run("remove", "travel-limit", "c.json", cwd=tmp_path)
     assert refused.returncode == 2 and "extra-lag, coloured-noise" in refused.stderr
+
+
+def test_a_first_run_says_that_kernels_are_compiled(capsys: pytest.CaptureFixture[str]) -> None:
+    with Progress(False) as progress:
+        now = [0.5]
+        progress._clock = lambda: progress._start + now[0]
+        progress("searching (S, J)", 0.1)
+        for now[0] in (7.0, 9.0):
+            ahead.listeners[-1](True)
+        now[0] = 14.0
+        progress("searching (S, J)", 0.4)
+    assert not ahead.listeners
+    first, *lines = capsys.readouterr().err.splitlines()
+    assert first == FIRST_RUN and "processor time" in first
+    assert lines == ["1 kernel compiled after 7 s", "2 kernels compiled after 14 s"]

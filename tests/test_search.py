@@ -67,15 +67,6 @@ def test_a_small_budget_ends_the_search_and_lists_what_was_not_asked(found: tupl
     assert after.evaluations < before.evaluations + 50_000
 
 
-def test_a_study_without_a_tree_is_searched_all_the_same(found: tuple[Loop, Study, Study]) -> None:
-    loop, before, after = found
-    older = replace(before, tree=(), evaluations=None)
-    again = diagnose(loop, older, apply=True)
-    assert again.missing == after.missing
-    assert again.estimate is not None and after.estimate is not None
-    assert pytest.approx(after.estimate.S, rel=0.01) == again.estimate.S
-
-
 def test_a_clean_loop_is_left_alone_within_a_few_evaluations() -> None:
     _, loop = small()
     study = identify(loop)

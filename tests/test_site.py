@@ -17,6 +17,7 @@ import jsonschema
 import pytest
 import study_factory
 import typer
+from commands import HANGS_S
 
 import stictionid.cli
 from stictionid.cli.app import app
@@ -85,7 +86,7 @@ def test_the_site_builds_without_a_warning_and_fetches_nothing(tmp_path: Path) -
     for name in ("material", "jupytext"):
         pytest.importorskip(name, reason="needs the extra docs")
     done = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", tmp_path],
-                          cwd=ROOT, capture_output=True, text=True, timeout=60,
+                          cwd=ROOT, capture_output=True, text=True, timeout=HANGS_S,
                           env={**os.environ, "NO_MKDOCS_2_WARNING": "1", "http_proxy": "http://127.0.0.1:9"})
     assert done.returncode == 0, done.stderr
     pages = {p.name: p.read_text(encoding="utf-8") for p in tmp_path.glob("*.html")}

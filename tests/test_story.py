@@ -70,7 +70,7 @@ def study_of(loop: Loop, S: float, J: float, ways: tuple[tuple[str, ...], ...], 
         before = set(effects)
     blank = Estimate(S, J, "%", None, None, 0.9, "chen", 1.0, (1.0,), 0.0, False, 0.0)
     study = Study(made_by(Options()), data_record(loop, loop), run.found, Verdict("undecided", ""), blank)
-    return judged_anew(loop, with_steps(study, run, tuple(steps), fit), 0)
+    return judged_anew(loop, with_steps(study, tuple(steps), fit), 0)
 
 
 @cache

@@ -431,7 +431,7 @@ def test_friction_that_predicts_better_in_the_structure_without_it_denies_the_cl
     from stictionid.verdict.excluded import Possible
 
     monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, 60.0))
-    verdict = identify(loops.clean(12, "tight").loop).verdict
+    verdict = identify(loops.clean(12, "tight").loop, options=Options(base_only=True)).verdict
     assert verdict.stiction == "undecided" and "likelihood ratio 60" in verdict.reason
 
 
@@ -477,6 +477,6 @@ def test_friction_that_explains_most_of_the_free_run_is_not_denied(monkeypatch: 
     told = []
     for drop in (0.03, 0.9):
         monkeypatch.setattr(judge, "_measured", lambda *_, d=drop: (-200.0, 0, 0.001, d, -0.1))
-        told.append(identify(loops.clean(12, "tight").loop).verdict)
+        told.append(identify(loops.clean(12, "tight").loop, options=Options(base_only=True)).verdict)
     assert [v.stiction for v in told] == ["no stiction", "undecided"]
     assert "most of the free-run error" in told[1].reason

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from loops_with_effects import small
 from test_diagnose import HELD, setting
 
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
@@ -94,3 +95,12 @@ def test_coloured_noise_is_named_noise_and_its_root_comes_back() -> None:
     assert after.steps[-1].error.rmse_one_step == pytest.approx(0.05, rel=0.06)
     root = next(p.value for p in after.steps[-1].parameters if p.effect == "coloured-noise" and p.name == "root")
     assert root == pytest.approx(0.8, abs=0.15)
+
+
+def test_a_study_without_a_tree_is_searched_all_the_same() -> None:
+    _, loop = small("sinusoidal-disturbance")
+    before = identify(loop)
+    after, again = (diagnose(loop, study, apply=True) for study in (before, replace(before, tree=(), evaluations=None)))
+    assert again.missing == after.missing == ("sinusoidal-disturbance",)
+    assert again.estimate is not None and after.estimate is not None
+    assert pytest.approx(after.estimate.S, rel=0.01) == again.estimate.S

@@ -76,7 +76,7 @@ def test_a_travel_limit_short_of_most_of_the_command_is_found() -> None:
 
 @needs_hidden
 @pytest.mark.parametrize(("name", "effect", "base_only"), [
-    ("hidden_05", "travel-limit", True), ("hidden_08", "step-disturbance", False)])
+    ("hidden_04", "asymmetric-stiction", False), ("hidden_05", "travel-limit", True)])
 def test_an_effect_is_found_in_a_record_made_by_others(name: str, effect: str, base_only: bool) -> None:
     test_effects.test_a_hidden_effect_is_found_and_the_error_falls_to_the_noise(name, effect, base_only)
 

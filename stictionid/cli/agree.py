@@ -24,7 +24,6 @@ from .common.output import (
     print_json,
     safe,
     say,
-    warn_when_cold,
 )
 from .common.reading import read_file, reads_file
 from .common.user_files import EffectsOption, LawsOption
@@ -71,7 +70,6 @@ def agree(
     options = Options("auto", law, (), base_only, between, {}, seed, command="stictionid " + shlex.join(sys.argv[1:]),
                       scan_s=scan)
     check_options(options)
-    warn_when_cold(quiet)
     with Progress(quiet or as_json) as progress:
         loops, unreadable = _read_all(files, reading, quiet, progress)
         from ..verbs.agree import cannot, compare_records

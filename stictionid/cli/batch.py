@@ -18,6 +18,7 @@ from .common.batch_progress import Watch
 from .common.completion import effect_names, law_names
 from .common.outcomes import outcome
 from .common.output import (
+    FIRST_RUN,
     MOST_JOBS,
     JsonOption,
     QuietOption,
@@ -29,7 +30,6 @@ from .common.output import (
     print_json,
     safe,
     say,
-    warn_when_cold,
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import reads_file
@@ -87,6 +87,7 @@ def batch(
     from ..batch.task import LEVELS, Work
     from ..batch.work.crew import crew_for
     from ..batch.work.store import Store
+    from ..batch.work.warm import cold
     from ..errors import UsageError
     from ..fit.options import Options
     from ..methods.option_check import check_options
@@ -104,7 +105,8 @@ def batch(
     try:
         todo = plan(paths, work, reading=reading, loops=loops)
         _tell_plan(todo, quiet)
-        warn_when_cold(quiet)
+        if not scheduler and cold():
+            say(FIRST_RUN, quiet=quiet)
         store.begin()
         store.skip(todo.skipped, todo.tasks)
         rows = _work_through(todo, work, crew, store, resume, Watch(len(todo.tasks), as_json=as_json, quiet=quiet))

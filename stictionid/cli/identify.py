@@ -28,7 +28,6 @@ from .common.output import (
     print_json,
     safe,
     say,
-    warn_when_cold,
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
@@ -98,7 +97,6 @@ def identify(
     if step_test is not None:
         options = _with_step_test(options, step_test, reading, quiet)
     loop = read_file(file, reading, quiet=quiet).loop
-    warn_when_cold(quiet)
     from ..verbs.identify import identify as run
 
     with Progress(quiet or as_json) as progress:

@@ -27,7 +27,6 @@ from .common.output import (
     print_json,
     safe,
     say,
-    warn_when_cold,
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
@@ -91,7 +90,6 @@ def study(
     with Progress(quiet or as_json) as progress:
         progress("read", 0.0)
         loop = read_file(file, reading, quiet=quiet).loop
-        warn_when_cold(quiet)
         found = whole_study(loop, options=options, policy=steered, jobs=jobs or cores(),
                             progress=lambda text, share: progress(text, _READ + (_STUDIED - _READ) * share),
                             tell=lambda stage, so_far: _tell(stage, so_far, quiet))

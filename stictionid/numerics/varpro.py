@@ -65,6 +65,23 @@ def whiten(columns: FloatArray, taps: FloatArray, before: IntArray | None = None
 
 
 @kernel
+def _colour(white: FloatArray, taps: FloatArray, out: FloatArray) -> None:
+    """out[k] = white[k] - taps[0] * out[k-1] - ...: the inverse of `_whiten`, begun from rest."""
+    for k in range(white.size):
+        value = white[k]
+        for i in range(min(taps.size, k)):
+            value -= taps[i] * out[k - 1 - i]
+        out[k] = value
+
+
+def coloured(white: FloatArray, taps: FloatArray) -> FloatArray:
+    """White noise (n,) passed through 1 / (1 + taps[0] q^-1 + …), begun from rest."""
+    out = np.empty(white.size)
+    _colour(np.ascontiguousarray(white), np.ascontiguousarray(taps), out)
+    return out
+
+
+@kernel
 def _whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
     """Filter each stretch of `samples` rows in place, last row first, so that no copy is needed.
 

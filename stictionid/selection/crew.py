@@ -6,15 +6,17 @@ kernels, data and model at no cost. Where the system can't fork everything runs 
 
 from __future__ import annotations
 
-import multiprocessing
 import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from .looks import Ground, Packed, Task, performed
 from .node import key
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
 
 Work = Callable[[Ground, Task], Packed]
 _GROUND: Ground | None = None
@@ -38,8 +40,8 @@ class Crew:
     def __init__(self, ground: Ground, jobs: int) -> None:
         self.ground = ground
         self._pool: ProcessPoolExecutor | None = None
-        if jobs > 1 and "fork" in multiprocessing.get_all_start_methods():
-            self._pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("fork"), _enter, (ground,))
+        if jobs > 1:
+            self._pool = _forked(jobs, ground)
 
     def map(self, tasks: Sequence[Task], work: Work = performed) -> Iterator[Packed]:
         """The answers to tasks, one after the other."""
@@ -53,6 +55,16 @@ class Crew:
     def __exit__(self, kind: object, *_: object) -> None:
         if self._pool is not None:
             self._pool.shutdown(wait=kind is None, cancel_futures=True)
+
+
+def _forked(jobs: int, ground: Ground) -> ProcessPoolExecutor | None:
+    """So many processes that hold the ground; None where the system can't fork."""
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    if "fork" not in multiprocessing.get_all_start_methods():
+        return None
+    return ProcessPoolExecutor(jobs, multiprocessing.get_context("fork"), _enter, (ground,))
 
 
 @dataclass(slots=True)

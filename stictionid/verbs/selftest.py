@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_all_start_methods, get_context
 
 import numpy as np
 
@@ -80,6 +78,9 @@ class SelfTest:
 
 def selftest(*, loops: int = LOOPS, seed: int = 0, jobs: int = 1, progress: Progress | None = None) -> SelfTest:
     """Run the loops in `jobs` processes and judge the rates. The same seed gives the same loops."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_all_start_methods, get_context
+
     tell = progress or (lambda text, share: None)
     tasks = [(seed, i) for i in range(loops)]
     found: list[LoopResult] = []

@@ -44,6 +44,12 @@ def first_turn(level: str) -> Iterator[bool]:
             _unlock(lock)
 
 
+def cold() -> bool:
+    """True where a first loop compiles the kernels: their folder holds no machine code."""
+    folder = cache_folder()
+    return folder is not None and not any(folder.glob("*.nbc"))
+
+
 def cache_folder() -> Path | None:
     """The folder of numba's machine code for the kernels; None where it has none."""
     from ...numerics.cross_products import products_kernel

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ...system.plurals import counted
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -127,12 +129,17 @@ def number(value: float | None, unit: str = "", digits: int = 4) -> str:
 
 # Seconds between two lines of progress where stderr is no terminal, and before the same words stand there again.
 _EVERY_S, _AGAIN_S = 5.0, 60.0
+# Said before the first kernel that is compiled, where `identify` needs it and where only another command does.
+FIRST_RUN = "first run: compiling the kernels, once per installation. This takes about half a minute of processor " \
+            "time, shared by the cores; the first diagnose compiles some more"
+_FURTHER = "compiling further kernels, once per installation"
 
 
 class Progress:
     """Progress on stderr: a bar on a terminal after a second, elsewhere a line for each stage, nothing when quiet.
 
-    It goes on while models are evaluated, and says first which user-written effects are slow.
+    It goes on while models are evaluated, and says first which user-written effects are slow. It says where time goes
+    into kernels that are compiled, once per installation.
     """
 
     def __init__(self, quiet: bool) -> None:
@@ -145,16 +152,18 @@ class Progress:
         self._task: Any = None
         self._last: tuple[str, float] | None = None
         self._warned = False
+        # Kernels compiled so far, and those of them that a line has named.
+        self._compiled = self._told = 0
 
     def __call__(self, text: str, share: float) -> None:
         self._last = text, share
         if self._quiet or (self._bar is None and self._clock() - self._start < 1.0):
             return
         if not self._terminal:
-            words = f"{text}, {100.0 * share:.0f} %"
+            words = self._kernels() or f"{text}, {100.0 * share:.0f} %"
             wait = _AGAIN_S if words == self._words else _EVERY_S
             if self._clock() - self._said > wait and share < 1.0:
-                self._said, self._words = self._clock(), words
+                self._said, self._words, self._told = self._clock(), words, self._compiled
                 self._warn()
                 say(f"{words} after {self._said - self._start:.0f} s")
             return
@@ -169,7 +178,8 @@ class Progress:
             self._task = self._bar.add_task(text, total=1.0)
             # The bar appears after a second of work, which counts as elapsed time.
             self._bar.tasks[0].start_time -= self._clock() - self._start
-        self._bar.update(self._task, description=text, completed=share)
+        self._bar.update(self._task, description=self._kernels() or text, completed=share)
+        self._told = self._compiled
 
     def _warn(self) -> None:
         """Name the slow effects, once."""
@@ -181,6 +191,17 @@ class Progress:
                 say(slowness(effect))
         self._warned = True
 
+    def _compiling(self, listed: bool) -> None:
+        """Announce the first kernel that is compiled, and show at the next ones that the command still runs."""
+        if not self._compiled:
+            say(FIRST_RUN if listed else _FURTHER, quiet=self._quiet)
+        self._compiled += 1
+        self._beat()
+
+    def _kernels(self) -> str:
+        """Kernels compiled so far, in words, where some were since the last line; else nothing."""
+        return f"{counted(self._compiled, 'kernel')} compiled" if self._compiled > self._told else ""
+
     def _beat(self) -> None:
         """Show the last words again where a stage takes long."""
         if self._last is not None and (self._bar is None or not self._terminal):
@@ -188,25 +209,20 @@ class Progress:
 
     def __enter__(self) -> Progress:
         from ...numerics import tally
+        from ...numerics.machine_code import ahead
 
         tally.listeners.append(self._beat)
+        ahead.listeners.append(self._compiling)
         return self
 
     def __exit__(self, *_: object) -> None:
         from ...numerics import tally
+        from ...numerics.machine_code import ahead
 
         tally.listeners.remove(self._beat)
+        ahead.listeners.remove(self._compiling)
         if self._bar is not None:
             self._bar.stop()
-
-
-def warn_when_cold(quiet: bool) -> None:
-    """Announce the delay of a first run: kernels are compiled once for this machine."""
-    from pathlib import Path
-
-    folder = Path(__file__).resolve().parents[2] / "laws" / "__pycache__"
-    if not any(folder.glob("chen._run-*.nbc")):
-        say("first run on this machine: compiling the kernels (about 10 s, once)", quiet=quiet)
 
 
 def cores() -> int:

@@ -13,10 +13,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ...effects import parse
-from ...numerics.varpro import SAME, axes
+from ...numerics.varpro import SAME, axes, coloured
 from ...typing import FloatArray
 from .completion import Refit
 
@@ -28,7 +27,7 @@ def drawn(done: Refit, rng: np.random.Generator) -> FloatArray:
     rows = np.flatnonzero(model.good()) if model.pace > 1.0 else np.arange(done.innovation.size)
     white = rng.choice(pool - pool.mean(), rows.size)
     out = np.zeros(done.innovation.size)
-    out[rows] = lfilter([1.0], np.concatenate([[1.0], done.white_model().taps]), white)
+    out[rows] = coloured(white, done.white_model().taps)
     return out
 
 

@@ -28,13 +28,16 @@ _MOST_HELPERS = 4
 ALONE = "STICTIONID_COMPILE_ALONE"
 _started: list[subprocess.Popen[bytes]] = []
 _asked = [False]
+# Called where a kernel is on no disk yet and is compiled now: True for those that `identify` needs. A progress says so.
+listeners: list[Callable[[bool], None]] = []
 
 
 def begin(function: Callable[..., Any], signature: Any) -> None:
-    """Start helpers, once a process, where a kernel of the list is absent."""
-    if _asked[0] or ALONE in os.environ or not sys.executable:
-        return
-    if name_of(function, signature) not in NEEDED:
+    """Tell the listeners that a kernel is absent; start helpers, once a process, where it is one of the list."""
+    listed = name_of(function, signature) in NEEDED
+    for heard in tuple(listeners):
+        heard(listed)
+    if not listed or _asked[0] or ALONE in os.environ or not sys.executable:
         return
     _asked[0] = True
     helpers = min(_cores() - 1, _MOST_HELPERS)

@@ -6,8 +6,9 @@ Source: Lange, Little and Taylor 1989.
 
 from __future__ import annotations
 
+from math import lgamma
+
 import numpy as np
-from scipy.special import gammaln
 
 from ...typing import FloatArray
 
@@ -25,7 +26,7 @@ def log_likelihood(innovation: FloatArray, freedom: float) -> float:
         return -0.5 * innovation.size * (float(np.log(2.0 * np.pi * variance)) + 1.0)
     for _ in range(_ROUNDS):
         variance = max(float(np.mean((freedom + 1.0) * squares / (freedom + squares / variance))), 1e-300)
-    peak = float(gammaln(0.5 * freedom + 0.5) - gammaln(0.5 * freedom)) - 0.5 * float(np.log(np.pi * freedom))
+    peak = lgamma(0.5 * freedom + 0.5) - lgamma(0.5 * freedom) - 0.5 * float(np.log(np.pi * freedom))
     return (innovation.size * (peak - 0.5 * float(np.log(variance)))
             - 0.5 * (freedom + 1.0) * float(np.log1p(squares / (freedom * variance)).sum()))
 
