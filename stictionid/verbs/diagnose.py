@@ -15,7 +15,7 @@ from ..selection.policy import Policy
 from ..selection.run import select
 from ..typing import Progress
 from ..verdict.detectable import detectable
-from .add import judged_anew
+from .by_hand import judged_anew
 
 
 def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool = False, seed: int = 0, jobs: int = 1,
