@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import DataError
-from ..fit.context import ADEQUATE, NO_FLOOR
+from ..fit.adequacy import ADEQUATE, NO_FLOOR
 from ..fit.noise.completion import quick
 from ..fit.noise.unexplained import judged_by, unexplained
 from ..numerics.autoregression import filtered, irreducible

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..effects import noises_in, parse, walks
+from ..effects import parse
 from ..errors import CannotTell
 from ..model.model import Model, skipped
 from ..model.segments import bound
@@ -26,10 +26,6 @@ from .options import USUAL_ORDER, Options
 from .public_values import public_parameters
 from .starts.basins import basins
 
-# Free-run error within this factor of the irreducible noise is adequate (CRITICISM.md section 7, step 1).
-ADEQUATE = 1.05
-# Above this multiple of the irreducible noise the intervals are reported as conditional on the model.
-CONDITIONAL, _CONDITIONAL = "intervals-conditional", 2.0
 # A time constant beyond this share of the period suggests an integrator. It must then lower the error of the
 # differences by this share.
 LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
@@ -38,11 +34,6 @@ LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
 _AT_HAND, _NOT_LONG = 6, 20_000
 # Grid of start forces, time constants and dead times (shares of their ranges) for the process of a given valve.
 _FORCES, _LAGS, _DEADS = np.linspace(-0.96, 0.96, 13), np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12)
-
-NO_FLOOR = ("the record is too short, or PV is missing in too many places without a rule, to estimate its irreducible "
-            "noise")
-
-
 
 class Run:
     """One identification on one stretch: record, oscillation, options, and the law and order to use."""
@@ -127,7 +118,7 @@ class Run:
         return tuple(range(int(np.clip(0.35 * period, 1, 40)) + 1))
 
     def step(self, fit: Fitted, added: str | None) -> Step:
-        """A fit as a step of the study: parameters, errors, restarts, findings."""
+        """A fit as a step of the study, with the noise that a free linear model leaves."""
         e = fit.best
         y = self.used_y()
         known = fit.model.disturbance(fit.values, e.own) if any(x.columns for x in fit.model.effects) else None
@@ -144,13 +135,6 @@ class Run:
                 "restarts-disagree", "warning",
                 f"only {fit.agree} of {fit.runs} independent searches ended in this optimum: it may be a wrong basin",
                 {"runs": fit.runs, "agree": fit.agree}, (), "METHODS.md section 4, trap 3"))
-        if fit.intervals and floor and e.rmse > _CONDITIONAL * floor and not walks(fit.model.spec.effects):
-            findings.append(Finding(
-                CONDITIONAL, "warning",
-                f"the intervals take the model for right, but its free-run error {e.rmse:.4g} is {e.rmse / floor:.2g} "
-                f"times the irreducible noise {floor:.4g}: S and J may lie outside (stictionid diagnose looks for what "
-                "is missing, stictionid agree FILE --windows 3 shows how far they move along the record)",
-                {"rmse": e.rmse, "noise_sd": floor}, (), "CRITICISM.md section 5"))
         effect, variant = parse(added) if added else (None, "")
         return Step(effect.name if effect else None, tuple(x.name for x in fit.model.effects), parameters(fit), error,
                     Restarts(fit.runs, fit.agree), tuple(findings), fit.model.describe(fit.values), variant=variant)
@@ -160,26 +144,6 @@ class Run:
         again, codes = self.step(fit, before.added), {f.code for f in before.findings}
         return replace(again, variant=before.variant, findings=(
             *before.findings, *(f for f in again.findings if f.code not in codes)))
-
-    def adequate(self, step: Step) -> tuple[bool, str]:
-        """True where the step's free-run error is the irreducible noise, and the sentence that says so."""
-        floor, error = step.error.noise_sd, step.error.rmse
-        if floor is None:
-            return False, NO_FLOOR
-        if error <= ADEQUATE * floor:
-            return True, (f"the free-run error {error:.4g} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible "
-                          f"noise {floor:.4g}: nothing is left to explain")
-        one_step = step.error.rmse_one_step
-        modelled = ((step.model.get("taps") and (step.model.get("increments") or noises_in(step.effects)))
-                    or walks(step.effects))
-        if step.model and modelled and one_step is not None and one_step <= ADEQUATE * floor:
-            left = ("nothing is left to explain" if error <= _CONDITIONAL * floor else
-                    f"what is left, {error / floor:.2g} times that noise in the free run, is carried by the noise "
-                    "model, and may be physics (stictionid diagnose)")
-            return True, (f"the one-step error {one_step:.4g}, noise model included, is within "
-                          f"{100 * (ADEQUATE - 1):.0f} % of the irreducible noise {floor:.4g}: {left}")
-        return False, (f"the free-run error {error:.4g} is {error / floor:.3g} times the irreducible noise "
-                       f"{floor:.4g}: something is missing (stictionid diagnose)")
 
     def with_valve(self, S: float, J: float, *, law: str | None = None) -> Fitted:
         """The free-run process that fits best with a valve whose S and J in % are given and stay fixed.
@@ -294,5 +258,5 @@ def process_numbers(fit: Fitted) -> dict[str, Any]:
             "dead_time_interval": spans.get("dead_time_s")}
 
 
-__all__ = ["ADEQUATE", "FIRST_ORDER", "INTEGRATOR_GAIN", "LONG_LAG", "Run", "bic_gain", "increment_error",
+__all__ = ["FIRST_ORDER", "INTEGRATOR_GAIN", "LONG_LAG", "Run", "bic_gain", "increment_error",
            "level_holdout", "parameters", "process_numbers"]

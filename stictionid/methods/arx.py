@@ -56,9 +56,7 @@ def _run(run: Run) -> Outcome:
     step = run.step(exact, None)
     step = replace(step, error=replace(step.error, rmse_one_step=float(np.sqrt(mse))),
                    model={**step.model, "arx": {"a": a.tolist(), "b": b.tolist(), "delay": int(delay[0])}})
-    adequate, why = run.adequate(step)
-    return Outcome((step,), (exact,), adequate, why,
-                   Process(gain, lags, float(delay[0]) * run.loop.step_s, integrating))
+    return Outcome((step,), (exact,), Process(gain, lags, float(delay[0]) * run.loop.step_s, integrating))
 
 
 def _free_run(run: Run, model: Model, cube: FloatArray, lags: tuple[float, ...], delay: int,

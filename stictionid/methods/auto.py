@@ -16,15 +16,16 @@ import numpy as np
 from ..effects import catalogue, noises_in, walks
 from ..errors import CannotTell
 from ..fit.add_effect import added
-from ..fit.context import CONDITIONAL, Run, parameters
+from ..fit.adequacy import CONDITIONAL, adequate, with_one_noise
+from ..fit.context import Run, parameters
 from ..fit.fit import Fitted, reaching
 from ..fit.intervals.assemble import outline, region
 from ..fit.moves import longest_first
 from ..fit.noise.prewhitening import without_noise
-from ..fit.noise.unexplained import judged_by
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout
 from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
+from ..numerics import tally
 from ..process.intersample import CORNER
 from ..process.scan import DECIMATED, blurred, p_law, parts_of, ran_between
 from ..record.loop import Finding
@@ -65,7 +66,9 @@ def _run(run: Run, policy: Policy) -> Outcome:
     """Base model, then the search with the small catalogue, and with the whole one where that explains nothing."""
     o = run.options
     run.tell("searching (S, J)", 0.1)
+    before = tally.spent()
     fit, notes, slow = _base(run)
+    spent = (tally.spent() - before) // policy.unit
     check_scans(run, fit)
     noises = noises_in(o.effects)
     if _nothing(run, fit) and samples_a_turn(run.used_y()) < SAMPLES_PER_PERIOD:
@@ -73,9 +76,11 @@ def _run(run: Run, policy: Policy) -> Outcome:
     run.tell("asking for the process and the command", 0.5)
     small = frozenset() if o.base_only else frozenset(e.name for e in catalogue().values() if e.by_itself)
     search, found = _searched(run, (fit, *slow), policy, small)
+    spent += search.budget.spent
     if not o.base_only and _nothing_explained(run, found, policy):
         run.tell("asking for every effect", 0.6)
         search, found = _searched(run, (fit, *slow), policy, None)
+        spent += search.budget.spent
     if _nothing_explained(run, found, policy):
         raise _explains_nothing(run)
     if noises or o.base_only:
@@ -94,7 +99,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
     last = fits[-1]
     # Far from the noise the intervals are conditional on the model, and a further lag imitates what is missing, unless
     # the noise model explains the distance.
-    near = run.adequate(steps[-1])[0] or not any(f.code == CONDITIONAL for f in steps[-1].findings)
+    near = not any(f.code == CONDITIONAL for f in with_one_noise(steps)[-1].findings)
     wide = near and not o.base_only and not o.fixed and LAG not in last.model.spec.effects
     fits[-1] = _whatever_the_order(run, last) if wide else reaching(last, run.rng)
     if fits[-1].sse < last.sse:
@@ -102,9 +107,8 @@ def _run(run: Run, policy: Policy) -> Outcome:
         steps[-1] = run.step_again(steps[-1], fits[-1])
     fits[-1] = with_levels(run, fits[-1], run.rng)
     steps[-1] = replace(steps[-1], parameters=parameters(fits[-1]))
-    adequate, why = judged_by(found.shape, *run.adequate(steps[-1]))
-    return Outcome(tuple(steps), tuple(fits), adequate, why, tree=tree_of(search, found, order),
-                   evaluations=search.budget.spent, unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
+    return Outcome(tuple(steps), tuple(fits), tree=tree_of(search, found, order),
+                   evaluations=spent, unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
                    reach=found.reach, missing_reason=found.missing_reason, unexplained=found.shape)
 
 
@@ -130,7 +134,7 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...], tuple[Fitted, ...]]:
     if moves:
         spec = as_moving(spec)
     fit = run.fit(spec)
-    if asked and not run.adequate(run.step(fit, None))[0]:
+    if asked and not adequate(run.step(fit, None))[0]:
         run.tell("adding one effect after the other", 0.3)
         one = run.fit(replace(spec, effects=()))
         for name in asked:

@@ -46,8 +46,6 @@ class Outcome:
 
     steps: tuple[Step, ...]
     fits: tuple[Fitted, ...]
-    adequate: bool
-    reason: str
     process: Process | None = None
     verdict: Verdict | None = None
     gives_jump: bool = True

@@ -43,8 +43,7 @@ def _run(run: Run) -> Outcome:
     step = replace(step, parameters=rows, findings=(said,),
                    model={**step.model, "ellipse": {"width": S, "extent": ellipse.extent, "a": ellipse.a,
                                                     "b": ellipse.b, "c": ellipse.c, "centre": list(ellipse.centre)}})
-    adequate, why = run.adequate(step)
-    return Outcome((step,), (fit,), adequate, why, gives_jump=False)
+    return Outcome((step,), (fit,), gives_jump=False)
 
 
 METHOD = Method(

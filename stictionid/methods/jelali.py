@@ -66,8 +66,7 @@ def _run(run: Run) -> Outcome:
     step = replace(step, error=replace(step.error, rmse_one_step=float(np.sqrt(value / max(arx.shared.rows, 1)))),
                    model={**step.model, "start": {"guesses": guesses, "S": float(starts[chosen][0]),
                                                   "J": float(starts[chosen][1])}})
-    adequate, why = run.adequate(step)
-    return Outcome((step,), (fit,), adequate, why)
+    return Outcome((step,), (fit,))
 
 
 def _guesses(run: Run) -> dict[str, float]:

@@ -54,8 +54,7 @@ def _run(run: Run) -> Outcome:
     step = replace(step, error=replace(step.error, rmse_one_step=float(np.sqrt(fit.sse / max(fit.rows, 1)))),
                    model={**step.model, "armax": {"a": fit.a.tolist(), "b": fit.b[:, 0].tolist(),
                                                   "c": fit.c.tolist(), "delay": fit.delay}})
-    adequate, why = run.adequate(step)
-    return Outcome((step,), (held,), adequate, why)
+    return Outcome((step,), (held,))
 
 
 def _scan(model: Model, sizes: FloatArray, orders: tuple[int, ...], delays: tuple[int, ...],

@@ -59,7 +59,7 @@ def _run(run: Run) -> Outcome:
     reason = (f"a static polynomial has no memory, so it holds no S and no J: the free-run error is {errors[0]:.4g} "
               f"with a polynomial, {errors[1]:.4g} with a straight line, {sticking:.4g} with a sticking valve "
               f"({run.law}); use --method auto")
-    return Outcome((), (), False, reason, verdict=Verdict("undecided", reason, 0.0, evidence))
+    return Outcome((), (), verdict=Verdict("undecided", reason, 0.0, evidence))
 
 
 def _armax(run: Run, model: Model, inputs: FloatArray) -> Armax:

@@ -22,6 +22,8 @@ from .swing import Swing
 from .tree import Equivalent, TreeNode
 from .unexplained import Unexplained
 
+# First words of the reason of a model that is not adequate because a noise carries what it leaves.
+BUT_FOR = "explained but for"
 SCHEMA = "stictionid.study/1"
 _SCHEMA_NUMBER = 1
 
@@ -297,9 +299,14 @@ class Study:
     schema: str = SCHEMA
 
     @property
+    def completed(self) -> bool:
+        """True for a model that is not adequate only because a noise carries what it leaves."""
+        return self.adequate is False and self.adequate_reason.startswith(BUT_FOR)
+
+    @property
     def interval_caution(self) -> str:
-        """Caution about the intervals of a model that is not adequate, as a sentence; empty for an adequate one."""
-        if self.adequate is not False or self.estimate is None or self.estimate.S_interval is None:
+        """Caution about the intervals of a model that is not adequate, as a sentence; empty for any other one."""
+        if self.adequate is not False or self.completed or not self.estimate or self.estimate.S_interval is None:
             return ""
         return "The intervals hold only as far as this model does; what it misses may move S and J out of them."
 

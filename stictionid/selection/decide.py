@@ -5,7 +5,7 @@ Source: SELECTION.md section 1; CRITICISM.md section 7.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -21,12 +21,12 @@ from ..model.rounding import moved_by_rounding
 from ..process.rounded import step_of
 from ..process.scan import DECIMATED
 from ..record.loop import Loop
-from ..record.study import Candidate, Study
+from ..record.study import Candidate, ErrorSummary, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
 from .doubts import jumps_past, least_cost
 from .entry import ADD, DROP, Entry
-from .gates import LASTS, lasts
+from .gates import LASTS, SHORT, lasts
 from .looks import rng_of
 from .node import BASE_EFFECTS, LAG, additions, key, physical, plain, shapes, with_effect
 from .policy import Policy
@@ -241,60 +241,107 @@ def as_equivalent(entry: Entry, number: int, winner: Entry) -> Equivalent:
                       entry.scored.done.bic(entry.scored.done.good), tell)
 
 
-def candidates(search: Search, parent: Entry, winner: str, alike: tuple[str, ...]) -> tuple[Candidate, ...]:
-    """The ranking of all effects beside one node, the named one first, then by what they gain beyond noise."""
-    base, out = parent.scored, []
-    children = [e for e in search.memo.values() if e.parent == key(parent.spec) and e.op == ADD]
-    noise = _noise_gain(search, parent)
-    for e in sorted(children, key=lambda e: (e.what != winner, -_gain(e, parent))):
-        effect, variant = parse(e.what)
-        if e.failed:
-            out.append(Candidate(effect.name, False, None, None, None, None, None, None, (), None, (),
-                                 f"{e.what} could not be tried: {e.failed}", variant, rejected_because=e.failed))
+def candidates(search: Search, found: Decision, named: Sequence[str], study: Study, stated: Mapping[str, ErrorSummary],
+               doubt: str = "") -> tuple[Candidate, ...]:
+    """Every effect asked, a row each by the best model that holds it: those named, those of the model, the others.
+
+    The gain is that of the best model that holds the effect over the best one without it, both completed with noise.
+    `stated` holds the errors of nodes that are steps of the study, `doubt` the reason why the winner's effects are not
+    named. Where an effect ends above its parent, its search is unfinished: at its neutral value it does as well.
+    """
+    present = {plain(n) for n in study.steps[-1].effects} - {plain(n) for n in study.steps[0].model.get("effects", ())}
+    best = {plain(name): found.winner for name in physical(found.winner.spec)}
+    tried: dict[str, list[Entry]] = {}
+    for entry in search.memo.values():
+        for name in physical(entry.spec):
+            tried.setdefault(plain(name), []).append(entry)
+    rows: list[Candidate] = []
+    for name, entries in tried.items():
+        ran = [e for e in entries if not e.failed]
+        if not ran:
+            rows.append(Candidate(name, False, None, None, None, None, None, None, (), None, (),
+                                  f"{name} could not be tried: {entries[0].failed}",
+                                  rejected_because="could not be fitted"))
             continue
-        done, gain = e.scored.done, _gain(e, parent)
-        why = "" if e.what == winner else _why(e, winner)
-        change = (f"one-step error {base.done.innovation_sd:.4g} to {done.innovation_sd:.4g}, free run "
-                  f"{base.rmse:.4g} to {e.scored.rmse:.4g}, BIC {gain:+.0f} beyond noise")
-        said = f"{e.what} explains it: {change}" if e.what == winner else f"{e.what}: {why}: {change}"
-        if e.what == winner:
-            said += "".join(f"; but {g.reason}" for g in e.gates if g.name == LASTS)
-        if e.what == winner and (test := settling(winner, alike)):
-            said += f"; what would settle it: {test}"
-        held = e.scored.held
-        out.append(Candidate(
-            effect.name, e.what == winner, e.scored.rmse, held.rmse if held else None,
-            held.rmse_one_step if held else None, drop_percent(base.rmse, e.scored.rmse),
-            drop_percent(base.done.innovation_sd, done.innovation_sd), gain, alike if e.what == winner else (), None,
-            rows_for(e.what, values_of(e.what, done.model, done.values, done.evaluated)), said, variant,
-            gain_beyond_noise=gain, rejected_because=why))
-    return tuple(out) if not noise else (*out[:1 if winner else 0], *noise, *out[1 if winner else 0:])
+        without = best_without(search, found.winner, name)
+        holds = best.get(name) or max(ran, key=lambda e: _over(_finished(search, e, name), found.winner))
+        accepted = name in {*map(plain, named), *present}
+        why = "" if accepted else doubt if name in best else _why(search, holds, name, set(best))
+        rows.append(_row(search, found, (name, holds, without), stated, accepted, why))
+    rows += _noise_row(search, found, named, stated)
+    first = {plain(name): i for i, name in enumerate(named)}
+    return tuple(sorted(rows, key=lambda c: (first.get(c.effect, len(first)), not c.accepted, bool(c.rejected_because),
+                                             c.rmse is None, -(c.gain_beyond_noise or 0.0))))
 
 
-def _noise_gain(search: Search, parent: Entry) -> tuple[Candidate, ...]:
-    """The noise model of a node as a candidate of its own, where it has one."""
-    done = parent.scored.done
-    name = noise_name(parent.scored, search.policy)
+def best_without(search: Search, winner: Entry, name: str) -> Entry:
+    """The best node that passed and lacks an effect, by its plain name; the winner where none does."""
+    rivals = [e for e in search.memo.values() if e.passed and not e.failed and name not in map(plain, e.spec.effects)]
+    return max(rivals, key=lambda e: _over(e, winner), default=winner)
+
+
+def _over(entry: Entry, other: Entry) -> float:
+    return entry.scored.done.gain_over(other.scored.done)
+
+
+def _finished(search: Search, entry: Entry, name: str) -> Entry:
+    """The entry, or its parent where that does better without the effect that the entry adds."""
+    parent = search.memo.get(entry.parent or "") if entry.op == ADD and plain(entry.what) == name else None
+    return entry if parent is None or parent.failed or _over(entry, parent) >= 0.0 else parent
+
+
+def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: Mapping[str, ErrorSummary],
+         accepted: bool, why: str) -> Candidate:
+    """The candidate of an effect, of the entry that holds it, and of the best one without it."""
+    name, holds, without = of
+    model, scored = _finished(search, holds, name), holds.scored
+    error = _error(model, stated)
+    gain = _over(model, without)
+    whole = next(n for n in physical(holds.spec) if plain(n) == name)
+    alike = tuple(dict.fromkeys(plain(n) for e in found.equivalents if name not in map(plain, e.effects)
+                                for n in e.effects if n not in found.winner.spec.effects)) if accepted else ()
+    failed = next((g.reason for g in holds.gates if not g.passed), "")
+    said = f"{whole} explains it, {gain:.0f} BIC beyond noise" if accepted else \
+        f"{whole}: {failed or why or 'the model holds it'}"
+    if accepted:
+        said += "".join(f"; but {g.reason}" for g in holds.gates if g.name == LASTS and plain(holds.what) == name)
+        said += f"; what would settle it: {test}" if (test := settling(whole, alike)) else ""
+    done = scored.done
+    return Candidate(
+        name, accepted, error.rmse, error.rmse_holdout, error.rmse_one_step_holdout,
+        drop_percent(_error(without, stated).rmse, error.rmse),
+        drop_percent(without.scored.done.innovation_sd, model.scored.done.innovation_sd), gain, alike, None,
+        rows_for(whole, values_of(whole, done.model, done.values, done.evaluated)), said, parse(whole)[1],
+        gain_beyond_noise=gain, rejected_because=why)
+
+
+def _error(entry: Entry, stated: Mapping[str, ErrorSummary]) -> ErrorSummary:
+    """The errors of a node: those of the study where it is a step of it."""
+    held = entry.scored.held
+    return stated.get(key(entry.spec)) or ErrorSummary(
+        entry.scored.rmse, held.rmse if held else None, rmse_one_step_holdout=held.rmse_one_step if held else None)
+
+
+def _noise_row(search: Search, found: Decision, named: Sequence[str],
+               stated: Mapping[str, ErrorSummary]) -> tuple[Candidate, ...]:
+    """The noise model of the answer as a candidate of its own, where it has a name. Beyond itself it gains nothing."""
+    name, done = found.noise or noise_name(found.winner.scored, search.policy), found.winner.scored.done
     if not name:
         return ()
     numbers = noise_values(name, done.taps, done.increments, done.innovation_sd, done.model.step_s, done.model.pace)
-    return (Candidate(name, False, parent.scored.rmse, None, None, 0.0, None, None, (), None, rows_for(name, numbers),
-                      f"{name}: every model is completed with it before effects are compared",
-                      gain_beyond_noise=0.0, rejected_because="it is the noise that others are compared with"),)
+    accepted = name in map(plain, named)
+    return (Candidate(name, accepted, _error(found.winner, stated).rmse, None, None, 0.0, None, None, (), None,
+                      rows_for(name, numbers), f"{name}: every model is completed with it before effects are compared",
+                      gain_beyond_noise=0.0, rejected_because="" if accepted else "every model is given it"),)
 
 
-def _gain(entry: Entry, parent: Entry) -> float:
-    return -np.inf if entry.failed else entry.scored.done.gain_over(parent.scored.done)
-
-
-def _why(entry: Entry, winner: str) -> str:
-    """The reason why an effect is not named."""
-    for gate in entry.gates:
-        if not gate.passed:
-            return gate.reason
+def _why(search: Search, entry: Entry, name: str, winner: Set[str]) -> str:
+    """The reason why an effect is not named, as a short phrase; `winner` holds the effects of the answer."""
     if not entry.scored.full:
-        return f"a quick fit gained {f'less than {winner}' if winner else 'too little'}, so no full fit was made"
-    return f"it helps less than {winner}" if winner else "it was not needed"
+        return "only a first look"
+    failed = next((g.name for g in entry.gates if not g.passed), "")
+    needless = winner <= set(map(plain, entry.spec.effects)) or _finished(search, entry, name) is not entry
+    return SHORT.get(failed, "does as well without" if needless else "explains less")
 
 
 def missing_reason(winner: Entry, white: bool, unseen: bool = False, shape: Unexplained | None = None, *,

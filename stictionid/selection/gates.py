@@ -320,6 +320,12 @@ GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
     (GAIN, _gains), ("there", _is_there), ("blocks", _blocks), ("strokes", _strokes), (HELD_OUT, _held_out),
     (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _slip), ("kick", _kick), ("rest", _beyond_rest),
     ("friction", _sticks), ("rounding", _beyond_rounding), (SCANS, _beyond_scans))
+# Each gate's answer in a few words, for the ranking of all effects.
+SHORT = {GAIN: "gains too little", "there": "ends where it vanishes", "blocks": "helps in few blocks",
+         "strokes": "helps in few strokes", HELD_OUT: "predicts no better", FREE_RUN: "makes the free run worse",
+         "range": "ends at a limit", SLIP: "may be one slip", "kick": "may be the setpoint move",
+         "rest": "a rest does as well", "friction": "needs no friction", "rounding": "may be rounding",
+         SCANS: "may be unseen scans"}
 
 
 def judged(edge: Edge) -> tuple[Gate, ...]:

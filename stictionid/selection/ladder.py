@@ -9,7 +9,8 @@ import numpy as np
 
 from ..effects import noises_in
 from ..fit.add_effect import polished
-from ..fit.context import CONDITIONAL, Run
+from ..fit.adequacy import CONDITIONAL
+from ..fit.context import Run
 from ..fit.fit import Fitted, finish
 from ..fit.moves import descended
 from ..fit.noise.completion import Refit
@@ -17,7 +18,6 @@ from ..fit.noise.prewhitening import whitened
 from ..model.model import Model
 from ..model.segments import bound
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
-from ..numerics.autoregression import CEILING_LAGS
 from ..record.loop import Finding
 from ..record.study import Step
 from ..typing import FloatArray
@@ -123,19 +123,15 @@ def with_noise(done: Refit, name: str, spec: Spec) -> Model:
                  residual=done.evaluated.left)
 
 
-def said_noise(run: Run, fit: Fitted) -> Finding:
-    """The finding on the noise model of a fit: its kind, its size, and the noise that a free linear model leaves."""
+def said_noise(fit: Fitted) -> Finding:
+    """The finding on the noise model of a fit: its kind and its size."""
     spec, e = fit.model.spec, fit.best
-    taps, sd = np.asarray(spec.taps), float(np.sqrt(fit.sse / max(e.rows, 1)))
+    taps, sd = np.asarray(spec.taps), float(np.sqrt(fit.sse / max(e.rows - 1, 1)))
     walks = spec.increments and spec.process == FIRST_ORDER
     how = ("white steps that add up under measurement noise" if walks else
            f"an autoregression of order {taps.size}" if taps.size else "white")
     if (pace := fit.model.pace) > 1.0:
         how += f", from one PV to the next, which is {pace * fit.model.step_s:.3g} s on average,"
-    floor = run.floor(e.position_means, e.values["dead_time_s"])
-    beside = "" if floor is None else (f", the irreducible noise {floor:.4g} by a free linear model of y and valve "
-                                       f"position ({CEILING_LAGS} lags of each)")
-    return Finding("noise-model", "info", f"the noise is not white but {how}: the one-step error with it is {sd:.4g}"
-                   + beside, {"innovation_sd": sd, "noise_sd": floor, "order": int(taps.size),
-                              "kind": "random walk" if walks else "autoregression"}, (),
-                   "METHODS.md section 4, trap 2")
+    return Finding("noise-model", "info", f"the noise is not white but {how}: the one-step error with it is {sd:.4g}",
+                   {"innovation_sd": sd, "order": int(taps.size),
+                    "kind": "random walk" if walks else "autoregression"}, (), "METHODS.md section 4, trap 2")

@@ -28,11 +28,11 @@ from .decide import Decision, candidates, decided, rounded
 from .entry import ADD, ROOT, Entry
 from .ladder import Rung, fitted, in_colour, ordered, said_noise, step_of, with_levels, with_noise
 from .looks import rng_of
-from .node import additions, key, node, physical, plain, spec_of, structure, without
+from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
 from .score import Scored, glanced, is_noise, noise_name, noise_words
 from .search import Search
-from .steps import opened, reaching_to, with_steps
+from .steps import opened, reaching_to, with_noise_of, with_steps
 
 # Statuses of nodes without a full fit.
 _LOOKED = ("looked", "failed")
@@ -45,7 +45,6 @@ Judge = Callable[[Loop, Study, int], Study]
 class Resumed:
     """A study's last model and tree in a search that goes on from there; `here` is the node of that model."""
 
-    loop: Loop
     study: Study
     run: Run
     fit: Fitted
@@ -76,9 +75,10 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     if bootstrap and new and not is_noise(new[0]):
         p_value = p_of(search, here, new[0], bootstrap, tell)
     chance = p_value is not None and p_value > max(search.policy.chance, 1.0 / (bootstrap + 1))
-    if blur or chance:
+    doubt = "may be rounding" if blur else "may be chance" if chance else ""
+    if doubt:
         new = ()
-    study = told(on, found, order, new, p_value)
+    study = ranked(on, told(on, with_noise_of(study, found.winner.scored), found, order), found, new, doubt, p_value)
     if blur:
         return _left_to_rounding(study, blur)
     if chance:
@@ -91,8 +91,8 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
         return replace(study, missing=(parse(new[0])[0].name,) if new else ())
     tell("fitting the ladder", 1.0)
     ladder = ladder_of(run, search, found, fit, (order, rungs), study, left_out(found, study))
-    return replace(concluded(on, study, found, *ladder, judge),
-                   missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
+    after = judge(loop, ranked(on, concluded(study, found, *ladder), found, new, doubt, p_value), seed)
+    return replace(after, missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
 
 
 def resumed(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy: Policy | None = None,
@@ -103,27 +103,32 @@ def resumed(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy: Polic
     search = Search(run.loop, policy, seed, jobs, progress or (lambda text, share: None), commands=commands_of(run),
                     slow=blurred(run.loop, run.options.scan_s), blurred=unseen_scans(run), floor=floor_of(run))
     _replant(search, run, study, fit, policy)
-    return Resumed(loop, study, run, fit, search, search.memo[key(node(fit.model.spec))])
+    return Resumed(study, run, fit, search, search.memo[key(node(fit.model.spec))])
 
 
-def told(on: Resumed, found: Decision, order: Sequence[str], new: Sequence[str],
-         p_value: float | None = None) -> Study:
-    """The study with what a decision says beside its model: tree, ranking, equivalents, and what is missing."""
-    search, study = on.search, on.study
+def told(on: Resumed, study: Study, found: Decision, order: Sequence[str]) -> Study:
+    """The study with what a decision says beside its model: tree, equivalents, and what is missing."""
+    search = on.search
     _with_looks(on)
     return replace(study, tree=tree_of(search, found, order),
                    evaluations=search.budget.spent + (study.evaluations or 0),
                    unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
-                   missing_reason=found.missing_reason, unexplained=found.shape,
-                   candidates=_with_p(_ranking(search, found, order, new), p_value), missing=())
+                   missing_reason=found.missing_reason, unexplained=found.shape, missing=())
 
 
-def concluded(on: Resumed, study: Study, found: Decision, steps: Sequence[Step], fits: Sequence[Fitted],
-              judge: Judge) -> Study:
-    """The study with the ladder of a decision, judged: the end of every way to the same effects."""
-    after = _reaching(with_steps(study, on.run, tuple(steps), fits[-1]), found)
+def ranked(on: Resumed, study: Study, found: Decision, named: Sequence[str], doubt: str = "",
+           p_value: float | None = None) -> Study:
+    """The study with its ranking; nodes that are steps of it have the errors of the step."""
+    errors = {key(rebuild_model(on.run.loop, step.model)[0].spec): step.error for step in study.steps}
+    rows = candidates(on.search, found, named, study, errors, doubt)
+    return replace(study, candidates=_with_p(rows, p_value))
+
+
+def concluded(study: Study, found: Decision, steps: Sequence[Step], fits: Sequence[Fitted]) -> Study:
+    """The study with the ladder of a decision: the end of every way to the same effects."""
+    after = _reaching(with_steps(study, tuple(steps), fits[-1]), found)
     adequate, why = judged_by(found.shape, after.adequate, after.adequate_reason)
-    return judge(on.loop, replace(after, adequate=adequate, adequate_reason=why), on.search.seed)
+    return replace(after, adequate=adequate, adequate_reason=why)
 
 
 def _reaching(study: Study, found: Decision) -> Study:
@@ -235,7 +240,7 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
         if final and study is not None:
             fit = with_levels(run, fit, rng_of(search.seed, key(spec), 1))
         if full.taps != spec.taps:
-            more = (*more, said_noise(run, fit))
+            more = (*more, said_noise(fit))
         if searched:
             fit = replace(fit, runs=first.runs, agree=first.agree, searched=first.searched)
         step = run.step_again(run.step(first, name), fit) if searched else step_of(run, fit, name)
@@ -249,7 +254,7 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
             done = complete(done.model, done.values, None, rng, noise=parse(found.noise)[0].noise or AUTOREGRESSIVE)
         model = with_noise(done, found.noise, found.winner.spec)
         fits.append(fitted(model, model.vector(done.model.named(done.values)), rng, last=True))
-        steps.append(step_of(run, fits[-1], found.noise, (*said, said_noise(run, fits[-1]))))
+        steps.append(step_of(run, fits[-1], found.noise, (*said, said_noise(fits[-1]))))
     return steps, fits
 
 
@@ -283,18 +288,6 @@ def left_out(found: Decision, study: Study, but: Sequence[str] = ()) -> tuple[Fi
     beside = f"beside {', '.join(new)}" if new else "now"
     return (Finding("gave-way", "info", f"left out: {', '.join(gone)}, needless {beside}", {"effects": gone},
                     tuple(new), "Kass and Raftery 1995"),)
-
-
-def _ranking(search: Search, found: Decision, order: Sequence[str], new: Sequence[str]) -> tuple[Candidate, ...]:
-    """The candidates beside the node to which the last new effect was added; beside the winner where none is new."""
-    last = next((name for name in reversed(order) if name in new), "")
-    if not last:
-        return candidates(search, found.winner, "", ())
-    before = node(without(found.winner.spec, order[order.index(last):]), soft=found.winner.spec.increments)
-    parent = search.memo.get(key(before)) or search.memo[next(iter(search.memo))]
-    alike = tuple(dict.fromkeys(plain(n) for e in found.equivalents for n in e.effects
-                                if n not in order))
-    return candidates(search, parent, last, alike)
 
 
 def _left_to_rounding(study: Study, words: str) -> Study:

@@ -8,15 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import DataError
+from ..fit.adequacy import adequate, with_one_noise
 from ..fit.context import Run, process_numbers
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.noise.completion import has_noise
 from ..fit.options import Options
 from ..model.restore import rebuild_model
 from ..record.loop import Loop
 from ..record.oscillation import find_range
 from ..record.segments import described
 from ..record.study import Estimate, Step, Study, intervals_withheld, with_ranges, without_intervals
+from .score import Scored
 
 
 def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
@@ -31,21 +32,23 @@ def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
     return run, as_it_stands(model, values)
 
 
-def with_steps(study: Study, run: Run, steps: tuple[Step, ...], after: Fitted) -> Study:
-    """The study with new steps: main values and adequacy are those of the last step's fit."""
-    adequate, why = judged(run, steps[-1], after)
-    main = estimate(study, after)
+def with_steps(study: Study, steps: tuple[Step, ...], after: Fitted) -> Study:
+    """The study with new steps and one noise for all; main values and adequacy are those of the last step's fit."""
     if intervals_withheld(study.steps):
         steps = without_intervals(steps)
-    return replace(study, steps=steps, estimate=main, adequate=adequate, adequate_reason=why, missing=())
+    steps = with_one_noise(steps)
+    holds, why = adequate(steps[-1])
+    return replace(study, steps=steps, estimate=estimate(study, after), adequate=holds, adequate_reason=why,
+                   missing=())
 
 
-def judged(run: Run, step: Step, after: Fitted) -> tuple[bool, str]:
-    """True where a step is adequate (free run at the noise, or white innovations under a noise model); and the reason.
-    """
-    if has_noise(after.model.spec):
-        return True, f"the one-step error {step.error.rmse_one_step:.4g} is that of white innovations"
-    return run.adequate(step)
+def with_noise_of(study: Study, found: Scored) -> Study:
+    """The study whose noise is bounded by the innovations of a search's answer, too, and judged by it."""
+    steps = with_one_noise(study.steps, found.done.innovation_sd)
+    if steps == study.steps:
+        return study
+    holds, why = adequate(steps[-1])
+    return replace(study, steps=steps, adequate=holds, adequate_reason=why)
 
 
 def estimate(study: Study, fit: Fitted) -> Estimate | None:

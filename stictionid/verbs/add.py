@@ -33,7 +33,7 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     tell(f"refitting with {effect}", 0.1)
     entry = on.here if is_noise(names[0]) else entered(on, names, asked)
     keep = names if prune else (*names, *asked)
-    after, found = of_effects(on, entry, keep=keep, asked=(*asked, *names), noise=noise)
+    after, found = of_effects(loop, on, entry, keep=keep, asked=(*asked, *names), noise=noise, new=names)
     if rises(study, after):
         after = with_finding(after, _worse(effect, study, after))
     if prune:

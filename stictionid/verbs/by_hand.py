@@ -21,10 +21,10 @@ from ..selection.decide import Decision, decided, pruned
 from ..selection.entry import Entry
 from ..selection.ladder import ordered
 from ..selection.node import BASE_EFFECTS, key, physical, plain, shapes, with_effect
-from ..selection.run import Resumed, base_of, concluded, ladder_of, left_out, told
+from ..selection.run import Resumed, base_of, concluded, ladder_of, left_out, ranked, told
 from ..selection.score import is_noise
 from ..selection.search import Search
-from ..selection.steps import opened
+from ..selection.steps import opened, with_noise_of
 from ..verdict.from_position import from_position
 from ..verdict.judge import judge
 from ..verdict.swing import meaning_of
@@ -85,7 +85,7 @@ def entered(on: Resumed, names: Sequence[str], asked: Sequence[str]) -> Entry:
     return _elsewhere(search, found, names)
 
 
-def without(on: Resumed, names: Sequence[str]) -> Entry:
+def taken_out(on: Resumed, names: Sequence[str]) -> Entry:
     """The node of the study's model without some effects; a base that was never searched is searched as any other."""
     search, entry = on.search, on.here
     for name in names:
@@ -96,12 +96,12 @@ def without(on: Resumed, names: Sequence[str]) -> Entry:
     return entry
 
 
-def of_effects(on: Resumed, entry: Entry, *, keep: Sequence[str], asked: Sequence[str], noise: str = "",
-               gone: Sequence[str] = (), said: Sequence[Finding] = ()) -> tuple[Study, Decision]:
+def of_effects(loop: Loop, on: Resumed, entry: Entry, *, keep: Sequence[str], asked: Sequence[str], noise: str = "",
+               new: Sequence[str] = (), gone: Sequence[str] = ()) -> tuple[Study, Decision]:
     """The study whose last model has the effects of a node, and the decision on it.
 
     Effects to `keep` stay, other needless ones go. Of those `asked` for each gets its answer. `noise` is a noise model
-    chosen by hand. Effects `gone` were taken out by hand.
+    chosen by hand. Effects `new` were added by hand now, those `gone` were taken out.
     """
     search, study = on.search, on.study
     entry = _as_it_moved(search, entry)
@@ -111,12 +111,13 @@ def of_effects(on: Resumed, entry: Entry, *, keep: Sequence[str], asked: Sequenc
         found = replace(found, noise=noise)
     before = tuple(dict.fromkeys(n for step in study.steps for n in step.model["effects"] if not is_noise(n)))
     ladder = ordered(search, found.winner, base_of(study), before)
-    more = (*said, *left_out(found, study, gone))
-    steps, fits = ladder_of(on.run, search, found, on.fit, ladder, study, more)
+    steps, fits = ladder_of(on.run, search, found, on.fit, ladder, study, left_out(found, study, gone))
     rose = rises(study, replace(study, steps=tuple(steps)))
     steps = _answered(on, found, steps, asked, rose)
-    after = told(on, found, ladder[0], ())
-    return concluded(on, after, found, steps, fits, judged_anew), found
+    after = concluded(told(on, with_noise_of(study, found.winner.scored), found, ladder[0]), found, steps, fits)
+    if study.candidates:
+        after = ranked(on, after, found, new)
+    return judged_anew(loop, after, search.seed), found
 
 
 def with_finding(study: Study, finding: Finding) -> Study:

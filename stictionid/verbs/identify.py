@@ -16,10 +16,12 @@ import numpy as np
 from .. import methods as method_room
 from .._version import __version__
 from ..errors import CannotTell
-from ..fit.context import ADEQUATE, Run, process_numbers
+from ..fit.adequacy import ADEQUATE, adequate, with_one_noise
+from ..fit.context import Run, process_numbers
 from ..fit.fit import Fitted
 from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..fit.moves import search_model
+from ..fit.noise.unexplained import judged_by
 from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
 from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
@@ -94,6 +96,8 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
         last, notes = outcome.fits[-1], (*notes, note)
     if intervals_withheld(outcome.steps):
         outcome, last = replace(outcome, steps=without_intervals(outcome.steps)), replace(last, intervals={})
+    outcome = replace(outcome, steps=with_one_noise(outcome.steps))
+    holds, why = judged_by(outcome.unexplained, *adequate(outcome.steps[-1]))
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),
                              rng=np.random.default_rng(run.options.seed))
@@ -107,7 +111,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     severity, swing = meaning_of(piece, estimate, last, verdict)
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
-                 adequate=outcome.adequate, adequate_reason=outcome.reason,
+                 adequate=holds, adequate_reason=why,
                  cost_map=_cost_map(near_fit, len(outcome.steps) - 1), command=options.command, severity=severity,
                  swing=swing,
                  tree=outcome.tree, evaluations=outcome.evaluations, unasked=outcome.unasked,

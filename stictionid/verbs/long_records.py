@@ -121,9 +121,7 @@ def judged(view: Excerpt, run: Run, outcome: Outcome) -> tuple[Outcome, Finding]
         fits.append(_on_all(run, near))
         now = run.step(fits[-1], step.added)
         steps.append(replace(now, findings=step.findings, model={**step.model, **now.model}))
-    adequate, why = run.adequate(steps[-1])
-    done = replace(outcome, steps=tuple(steps), fits=tuple(fits), adequate=adequate, reason=why)
-    return done, _finding(view, fits[-1], inside)
+    return replace(outcome, steps=tuple(steps), fits=tuple(fits)), _finding(view, fits[-1], inside)
 
 
 def _polished(view: Excerpt, run: Run, fit: Fitted) -> Fitted:

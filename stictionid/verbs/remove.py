@@ -8,12 +8,13 @@ from ..effects import parse
 from ..errors import UsageError
 from ..record.loop import Finding, Loop
 from ..record.study import Study
+from ..selection.decide import best_without
 from ..selection.node import plain
 from ..selection.run import Resumed, resumed
 from ..selection.score import is_noise
 from ..typing import Progress
-from .by_hand import asked_for, of_effects, with_finding, without
-from .support import SOURCE, worth_of
+from .by_hand import asked_for, of_effects, taken_out, with_finding
+from .support import SOURCE
 
 # BIC beyond noise from which the record asks for an effect. Source: Kass and Raftery 1995, very strong evidence.
 _ASKED_FOR = 10.0
@@ -32,8 +33,8 @@ def remove(loop: Loop, study: Study, effect: str, *, seed: int = 0, progress: Pr
     tell(f"taking {gone[0]} out", 0.1)
     asked = tuple(name for name in asked_for(study) if name not in gone)
     noise = next((name for name in asked if is_noise(name)), "")
-    entry = without(on, [name for name in gone if not is_noise(name)])
-    after, _ = of_effects(on, entry, keep=asked, asked=asked, noise=noise, gone=gone)
+    entry = taken_out(on, [name for name in gone if not is_noise(name)])
+    after, _ = of_effects(loop, on, entry, keep=asked, asked=asked, noise=noise, gone=gone)
     return with_finding(after, _removed(on, gone[0], study, after))
 
 
@@ -53,7 +54,8 @@ def _removed(on: Resumed, name: str, before: Study, after: Study) -> Finding:
     evidence = {"effect": name, "rmse_before": errors[0], "rmse_after": errors[1]}
     if is_noise(name):
         return Finding("removed", "info", said, evidence, (), SOURCE)
-    worth = worth_of(on.search, name).gain
+    without = best_without(on.search, on.here, plain(name))
+    worth = on.here.scored.done.gain_over(without.scored.done)
     asked = worth > _ASKED_FOR
     said += f", and it was worth {worth:.0f} BIC beyond noise, so the record "
     said += "asks for it" if asked else "does not ask for it"

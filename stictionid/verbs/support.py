@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ..effects import parse
 from ..record.loop import Finding
 from ..record.tree import Gate
+from ..selection.decide import best_without
 from ..selection.entry import Entry
 from ..selection.gates import GAIN, LASTS, Edge, judged, margin_of
 from ..selection.node import BASE_EFFECTS, physical, plain
@@ -29,34 +30,6 @@ class Support:
     finding: Finding
 
 
-@dataclass(frozen=True, slots=True)
-class Worth:
-    """The best model with an effect and the best one without it, among all that a search fitted in full."""
-
-    best: Entry
-    without: Entry
-
-    @property
-    def gain(self) -> float:
-        """BIC of the model with the effect over the one without it, both completed with noise."""
-        return self.best.scored.done.gain_over(self.without.scored.done)
-
-    @property
-    def rival(self) -> str:
-        """The effect that the model without has instead; empty where it has none."""
-        have = {plain(name) for name in physical(self.best.spec)} | BASE_EFFECTS
-        return next((name for name in physical(self.without.spec) if plain(name) not in have), "")
-
-
-def worth_of(search: Search, name: str) -> Worth:
-    """The best models of a search with an effect and without it."""
-    full = [e for e in search.memo.values() if e.scored.full and not e.failed]
-    split = [[e for e in full if (plain(name) in map(plain, physical(e.spec))) == has] for has in (True, False)]
-    first = full[0].scored.done
-    best, without = (max(some, key=lambda e: e.scored.done.gain_over(first)) for some in split)
-    return Worth(best, without)
-
-
 def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> Support:
     """The answer on an effect of a winner, by its worth and by the gates against the winner without it.
 
@@ -65,17 +38,18 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     if is_noise(name):
         return _of_noise(winner.scored, name, search)
     before = _before(search, winner, name)
-    worth, margin = worth_of(search, name), margin_of(name, search.policy)
+    without = best_without(search, winner, plain(name))
+    worth, margin = winner.scored.done.gain_over(without.scored.done), margin_of(name, search.policy)
     gates = judged(Edge(name, winner.scored, before.scored, search.policy))
     lasts = any(g.name == LASTS for g in gates)
     failed = [g for g in gates if not g.passed and g.name != GAIN]
-    if worth.gain < margin and not lasts:
+    if worth < margin and not lasts:
         failed.append(Gate(GAIN, False, ""))
     answer = _answer(failed, worth, rose)
     code = {True: SUPPORTED, False: REJECTED, None: OPEN}[answer]
     said = {True: f"the record supports {name}", False: f"the record does not support {name}",
             None: f"the record can't tell whether {name} is there"}[answer]
-    said += f": it gains {worth.gain:.0f} BIC beyond noise, {margin:g} name an effect"
+    said += f": it gains {worth:.0f} BIC beyond noise, {margin:g} name an effect"
     after, held = winner.scored.held, before.scored.held
     if after is not None and held is not None:
         said += f"; held out, the one-step error goes from {held.rmse_one_step:.4g} to {after.rmse_one_step:.4g}"
@@ -84,10 +58,10 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     said += "".join(f"; {g.reason}" for g in failed if g.name != GAIN and (g.name != "blocks" or
                                                                          "held-out" not in names))
     said += "".join(f"; but {g.reason}" for g in gates if g.name == LASTS)
-    rival = worth.rival if worth.gain < margin else ""
+    rival = _rival(winner, without) if worth < margin else ""
     if rival:
-        said += f"; {rival} does {'better' if worth.gain < 0.0 else 'nearly as well'}"
-    evidence = {"gain_beyond_noise": worth.gain, "margin": margin, "failed": [g.name for g in failed],
+        said += f"; {rival} does {'better' if worth < 0.0 else 'nearly as well'}"
+    evidence = {"gain_beyond_noise": worth, "margin": margin, "failed": [g.name for g in failed],
                 "rmse_one_step_holdout": [h.rmse_one_step if h else None for h in (held, after)],
                 "better": rival or None}
     return Support(answer, Finding(code, "info" if answer else "warning", said, evidence, (rival,) if rival else (),
@@ -103,10 +77,16 @@ def _before(search: Search, winner: Entry, name: str) -> Entry:
     return max(less, key=lambda e: e.scored.done.gain_over(winner.scored.done))
 
 
-def _answer(failed: Sequence[Gate], worth: Worth, rose: bool) -> bool | None:
+def _rival(winner: Entry, without: Entry) -> str:
+    """The effect that a model has and the winner lacks; empty where there is none."""
+    have = {plain(name) for name in physical(winner.spec)} | BASE_EFFECTS
+    return next((name for name in physical(without.spec) if plain(name) not in have), "")
+
+
+def _answer(failed: Sequence[Gate], worth: float, rose: bool) -> bool | None:
     if not failed:
         return None if rose else True
-    return None if worth.gain > 0.0 and not rose and {g.name for g in failed} <= _OF_THE_RECORD else False
+    return None if worth > 0.0 and not rose and {g.name for g in failed} <= _OF_THE_RECORD else False
 
 
 def _of_noise(scored: Scored, name: str, search: Search) -> Support:

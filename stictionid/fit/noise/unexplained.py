@@ -21,6 +21,7 @@ from ...effects import get, leaving, parse
 from ...model.spec import INTEGRATOR
 from ...numerics.autoregression import chi_square_z, filtered
 from ...numerics.spectrum import bands_of, lines_of
+from ...record.study import BUT_FOR
 from ...record.unexplained import Answer, Curve, Unexplained
 from ...typing import FloatArray
 from .completion import Refit
@@ -76,9 +77,9 @@ def said_missing(shape: Unexplained, done: Refit) -> str:
 def judged_by(shape: Unexplained | None, adequate: T, reason: str) -> tuple[T | bool, str]:
     """Adequacy and its reason beside the shape of what is missing: with one no model is adequate.
 
-    A model that is not adequate anyway keeps its reason.
+    A model that is not adequate anyway keeps its reason, except one that only a noise completes.
     """
-    if shape is None or adequate is False:
+    if shape is None or (adequate is False and not reason.startswith(BUT_FOR)):
         return adequate, reason
     return False, f"however small its error, {shape.statement}"
 

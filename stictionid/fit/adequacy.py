@@ -1,0 +1,83 @@
+"""Irreducible noise of a study, and the judgement of its models against it: one number for all steps.
+
+The free linear model of a step and its one-step error bound the noise from above, so the least of them all is the best
+estimate. A step that the record does not support bounds nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from ..effects import noises_in, parse
+from ..record.loop import Finding
+from ..record.study import BUT_FOR, Step
+
+# Free-run error within this factor of the irreducible noise is adequate (CRITICISM.md section 7, step 1).
+ADEQUATE = 1.05
+# Above this multiple of the irreducible noise the intervals are reported as conditional on the model.
+CONDITIONAL, _CONDITIONAL = "intervals-conditional", 2.0
+
+NO_FLOOR = ("the record is too short, or PV is missing in too many places without a rule, to estimate its irreducible "
+            "noise")
+# A noise that carries what a model leaves, in words, by the kind of its effect.
+_CARRIERS = {"autoregressive": "coloured noise", "random-walk": "a random walk", "resonant": "a narrow band"}
+
+
+def with_one_noise(steps: Iterable[Step], *others: float) -> tuple[Step, ...]:
+    """The steps with the irreducible noise of their study, and with the caution on intervals that it asks for.
+
+    `others` are one-step errors of models that are no step of the study.
+    """
+    steps = tuple(steps)
+    free = [s.error.noise_sd for s in steps if s.error.noise_sd is not None]
+    ahead = [s.error.rmse_one_step for s in steps if s.supported is not False and s.error.rmse_one_step]
+    if not free:
+        return steps
+    noise = min([*free, *ahead, *others])
+    return tuple(_cautioned(replace(s, error=replace(s.error, noise_sd=noise))) for s in steps)
+
+
+def _cautioned(step: Step) -> Step:
+    """A step whose finding on conditional intervals is that of its own error."""
+    others = tuple(f for f in step.findings if f.code != CONDITIONAL)
+    error, noise = step.error.rmse, step.error.noise_sd
+    has_intervals = any(p.interval is not None for p in step.parameters)
+    if not has_intervals or not noise or error <= _CONDITIONAL * noise or carrier(step):
+        return replace(step, findings=others)
+    said = Finding(
+        CONDITIONAL, "warning",
+        f"the intervals take the model for right, but its free-run error {error:.4g} is {error / noise:.3g} times the "
+        f"irreducible noise {noise:.4g}: S and J may lie outside (stictionid diagnose looks for what is missing, "
+        "stictionid agree FILE --windows 3 shows how far they move along the record)",
+        {"rmse": error, "noise_sd": noise}, (), "CRITICISM.md section 5")
+    return replace(step, findings=(*others, said))
+
+
+def carrier(step: Step) -> str:
+    """The named noise that carries what a step's model leaves, in words; empty where none does.
+
+    Its one-step error is then the irreducible noise. Differences of y under a noise model carry a drift.
+    """
+    noise, ahead = step.error.noise_sd, step.error.rmse_one_step
+    if noise is None or ahead is None or ahead > ADEQUATE * noise:
+        return ""
+    named = noises_in(step.effects)
+    if named:
+        return _CARRIERS[parse(named[-1])[0].noise or ""]
+    return "a drift" if step.model.get("taps") and step.model.get("increments") else ""
+
+
+def adequate(step: Step) -> tuple[bool, str]:
+    """True where the step's free-run error is the irreducible noise, and the sentence that says so."""
+    noise, error = step.error.noise_sd, step.error.rmse
+    if noise is None:
+        return False, NO_FLOOR
+    if error <= ADEQUATE * noise:
+        return True, (f"the free-run error {error:.4g} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible "
+                      f"noise {noise:.4g}: nothing is left to explain")
+    times = f"the free-run error {error:.4g} is {error / noise:.3g} times the irreducible noise {noise:.4g}"
+    if carried := carrier(step):
+        return False, (f"{BUT_FOR} {carried}: {times}, and the noise model carries what is left, which may be physics "
+                       "(stictionid diagnose)")
+    return False, f"{times}: something is missing (stictionid diagnose)"
