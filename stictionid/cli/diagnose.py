@@ -107,7 +107,7 @@ def add(
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:
         after = run(loop, before, effect, seed=seed, prune=prune, progress=progress)
-    _show_ladder(after, output or study, (*CODES, "superfluous", "pruned", "entering-elsewhere"), force, quiet, as_json)
+    _show_ladder(after, output or study, (*CODES, "worse", "superfluous", "gave-way"), force, quiet, as_json)
 
 
 @app.command(epilog=outcome("the study, in place or to -o", json="schema stictionid.study/1"))
@@ -131,7 +131,7 @@ def remove(
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:
         after = run(loop, before, effect, seed=seed, progress=progress)
-    _show_ladder(after, output or study, ("removed",), force, quiet, as_json)
+    _show_ladder(after, output or study, ("removed", "gave-way"), force, quiet, as_json)
 
 
 def _show_ladder(after: Study, path: Path, codes: tuple[str, ...], force: bool, quiet: bool, as_json: bool) -> None:

@@ -35,12 +35,12 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     keep = names if prune else (*names, *asked)
     after, found = of_effects(loop, on, entry, keep=keep, asked=(*asked, *names), noise=noise, new=names)
     if rises(study, after):
-        after = with_finding(after, _worse(effect, study, after))
+        after = with_finding(after, _worse(effect, study, after), effect)
     if prune:
         return after
     tell("looking for effects that are superfluous now", 0.9)
     spare = needless(on.search, found, names[0], asked)
-    return with_finding(after, _superfluous(spare, effect)) if spare else after
+    return with_finding(after, _superfluous(spare, effect), effect) if spare else after
 
 
 def _worse(effect: str, before: Study, after: Study) -> Finding:

@@ -120,10 +120,11 @@ def of_effects(loop: Loop, on: Resumed, entry: Entry, *, keep: Sequence[str], as
     return judged_anew(loop, after, search.seed), found
 
 
-def with_finding(study: Study, finding: Finding) -> Study:
-    """The study with one more finding on its last model."""
-    last = study.steps[-1]
-    return replace(study, steps=(*study.steps[:-1], replace(last, findings=(*last.findings, finding))))
+def with_finding(study: Study, finding: Finding, name: str = "") -> Study:
+    """The study with one more finding on the step that added an effect, or on its last one."""
+    at = next((i for i, step in enumerate(study.steps) if name and step.added == plain(name)), len(study.steps) - 1)
+    return replace(study, steps=tuple(replace(step, findings=(*step.findings, finding)) if i == at else step
+                                      for i, step in enumerate(study.steps)))
 
 
 def rises(before: Study, after: Study) -> bool:
