@@ -40,6 +40,8 @@ from .node import BASE_EFFECTS, additions, key, local, node, other_process, phys
 from .policy import Policy
 from .score import WALKING, Scored, completed, glanced
 
+# Searches of an effect under the noise model of its parent: a study should not depend on a single search.
+_AGAIN = 2
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
 # Stages of a task: searches for valves and for those that rest sometimes; a look from what is known, and one from new
@@ -345,8 +347,8 @@ def _full(ground: Ground, task: Task) -> Packed:
     if not np.isfinite(cost):
         return Packed(task.spec, task.added, failed="its refit did not converge")
     done = completed(model, values, ground.pool, rng, ground.policy)
-    if task.on_valve and not done.white:
-        done = better(done, _under_noise(ground, task, done, rng))
+    if task.on_valve and task.spec.held and not done.white:
+        done = _under_noise(ground, task, done, rng)
     return replace(_packed(task, done, cost=cost), held=held_out(done), full=True)
 
 
@@ -356,15 +358,16 @@ def _under_noise(ground: Ground, task: Task, done: Refit, rng: np.random.Generat
     Beside a missing effect errors of the free run are far from white. A search that takes them for white may end in
     slips a few samples off, with as much too long a dead time.
     """
-    before = quick(ground.fit.model, ground.fit.values)
-    if before.increments or not before.taps.size or not ground.fit.model.spec.held:
-        return done
-    white = before.white_model()
+    white = quick(ground.fit.model, ground.fit.values).white_model()
     fit = as_it_stands(white, white.vector(ground.fit.model.named(ground.fit.values)))
-    model, values, cost = settled(scout(fit, task.added, ground.pool, rng, far=False), rng)
-    if not np.isfinite(cost):
-        return done
-    return completed(done.model, done.model.vector(model.named(values)), ground.pool, rng, ground.policy)
+    for _ in range(_AGAIN):
+        model, values, cost = settled(scout(fit, task.added, ground.pool, rng), rng)
+        if np.isfinite(cost):
+            there = done.model.vector(model.named(values))
+            done = better(done, completed(done.model, there, ground.pool, rng, ground.policy))
+        if done.white:
+            break
+    return done
 
 
 def refitted(model: Model, values: FloatArray, rng: np.random.Generator, *,
