@@ -444,24 +444,44 @@ def test_effects_of_the_base_stand_beside_the_same_model_without_them() -> None:
     for key in ("evidence-0-0", "evidence-1"):
         without, found = drawn[key].panels[0].lines[:2]
         assert np.std(without.y) > 1.5 * np.std(found.y)
-    assert "keeps its other numbers" in drawn["evidence-0-0"].caption
-    assert "keeps its other numbers" not in drawn["evidence-1"].caption
+    assert "the other numbers kept" in drawn["evidence-0-0"].caption
+    assert "the other numbers kept" not in drawn["evidence-1"].caption
     shown = [s.pictures for s in facts(one.study).sections if s.key.startswith("evidence-of")]
     assert shown == [("evidence-0-0",), ("evidence-1",)]
 
 
-def test_candidates_name_their_step_and_earlier_steps_have_their_own() -> None:
+def test_every_effect_has_one_row_and_one_of_the_model_is_never_rejected() -> None:
     study = study_factory.searched(240).study
+    (table,) = next(s for s in facts(study).sections if s.key == "candidates").tables
+    assert table.columns[:5] == ("effect", "error", "x noise", "gain beyond noise", "answer")
+    assert table.rows[0][:5] == ("extra-lag", "0.0521", "1.04", "150", "named")
+    later = replace(study.steps[-1], effects=("extra-lag", "slew-limit"))
+    (table,) = next(s for s in facts(replace(study, steps=(study.steps[0], later))).sections
+                    if s.key == "candidates").tables
+    assert [row[4] for row in table.rows] == ["named", "in the model"]
+
+
+def test_an_effect_that_raises_the_error_is_not_praised() -> None:
+    study = study_factory.good(240).study
     first, last = study.steps
-    stop = replace(first, added="travel-limit", effects=("travel-limit",))
-    study = replace(study, steps=(first, stop, replace(last, effects=("extra-lag", "travel-limit"))))
-    now, before = next(s for s in facts(study).sections if s.key == "candidates").tables
-    assert now.caption.startswith("Effects tried at step 2, beside the base model with travel-limit")
-    assert before.caption == "Effects tried at step 1, beside the base model, the best 5 of 11"
-    assert before.rows[0][0] == "travel-limit" and before.rows[0][3] == "named"
-    assert "no full fit was made" in {row[3] for row in before.rows}
-    waiting = replace(study, steps=study.steps[:2])
-    assert "tried at step 2" in next(s for s in facts(waiting).sections if s.key == "candidates").tables[0].caption
+    worse = replace(last, error=replace(last.error, rmse=1.1 * first.error.rmse))
+    sections = {s.key: s for s in facts(replace(study, steps=(first, worse))).sections}
+    assert sections["evidence-of-1"].bullets[0].startswith("Speaks against it: with it the free-run error rises from")
+    assert "With extra-lag the free run errs more, 0.0924 for 0.0840 without it." in sections["ladder"].text
+    better = {s.key: s for s in facts(study).sections}
+    assert better["evidence-of-1"].bullets[0].startswith("Speaks for it: with it the free-run error falls from")
+    assert not any("errs more" in words for words in better["ladder"].text)
+
+
+def test_the_cycles_that_count_are_those_of_the_table_without_its_start() -> None:
+    study = study_factory.good(600).study
+    cycles = (replace(study.range.cycles[0], u_swing=99.0), *study.range.cycles[1:])
+    section = next(s for s in facts(replace(study, range=replace(study.range, cycles=cycles))).sections
+                   if s.key == "range")
+    summary, rows = section.tables
+    assert ("whole cycles that count", str(len(cycles) - 1)) in summary.rows
+    marked = [row for row in rows.rows if "start" in row[0]]
+    assert [row[2] for row in marked] == ["99.0 %"] and len(rows.rows) == len(cycles)
 
 
 def test_a_headline_says_how_much_a_poor_model_explains() -> None:

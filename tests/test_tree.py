@@ -99,9 +99,9 @@ def test_lines_fit_80_columns_and_put_the_best_first() -> None:
     assert len(rows) == MOST_NODES + 1
     assert all(s.label in line for s, line in zip(found.shown, rows[:-1], strict=True))
     assert rows[0].split()[-3:] == ["1.17", "23.4", "x"]  # 1.168 over a noise of 0.05
-    assert "named: 2,740 BIC beyond noise" in rows[1] and "named: 150 BIC beyond noise" in rows[2]
+    assert "named: 2,740 BIC over its parent" in rows[1] and "named: 150 BIC over its parent" in rows[2]
     assert any("~ integrator" in line and "failed: runs away from y" in line for line in rows)
-    assert rows[-1].split("more")[0].strip("└─ ") == "5" and rows[-1].endswith("nothing beyond noise")
+    assert rows[-1].split("more")[0].strip("└─ ") == "5" and rows[-1].endswith("no better than its parent")
 
 
 def test_plain_lines_need_no_more_than_ascii() -> None:
@@ -116,7 +116,7 @@ def test_what_is_left_out_says_what_it_gained() -> None:
     study = searched().study
     hidden = tuple(node(50 + k, 0, "add", f"late-{k}", 1.0, -100.0 - k, "looked") for k in range(30))
     found = tree_of(replace(study, tree=(*study.tree[:8], *hidden)))
-    assert found is not None and found.more == 26 and found.rest == "at most 25 BIC beyond noise"
+    assert found is not None and found.more == 26 and found.rest == "at most 25 BIC over its parent"
     alone = tree_of(replace(study, tree=study.tree[:1]))
     assert alone is not None and (alone.more, alone.rest) == (0, "")
 
@@ -126,7 +126,7 @@ def test_a_dropped_effect_says_what_it_costs() -> None:
     found = tree_of(replace(_study(), tree=tree))
     assert found is not None
     assert [(s.label, s.words) for s in found.shown] == [("base: chen, first-order, hold", ""),
-                                                         ("- extra-lag", "named: costs 2 BIC only")]
+                                                         ("- extra-lag", "named: 2 BIC under its parent")]
 
 
 @pytest.mark.parametrize("parents", [[1, 0], [0], [7], [None, None], [2, 0, 1], [1, 2, 1]], ids=str)
@@ -180,7 +180,8 @@ def test_the_picture_has_a_row_for_each_model_and_its_gate() -> None:
     assert away.x == root.x and "failed: runs away from y" in away.note and "no error" in away.note
     assert "23.4 times the noise" in root.note
     assert panel.rules[0].value == 0.05 and panel.log_x
-    assert "+ extra-lag with an error of 0.0504 m³/h" in picture.alt and "runs away from y" not in picture.caption
+    assert "+ extra-lag with an error beside its noise model of 0.0504 m³/h" in picture.alt
+    assert "runs away from y" not in picture.caption
 
 
 def test_a_picture_needs_an_error() -> None:

@@ -53,8 +53,8 @@ def test_a_noise_model_stays_where_no_physics_does_better() -> None:
                     seed=5).loop
     study = add(loop, identify(loop, options=HELD), "coloured-noise")
     after = diagnose(loop, study)
-    assert after.steps == study.steps and after.missing == () and after.adequate
-    assert all(c.effect != "coloured-noise" and not c.accepted for c in after.candidates)
+    assert after.steps == study.steps and after.missing == () and after.completed
+    assert all(c.effect == "coloured-noise" or not c.accepted for c in after.candidates)
 
 
 def test_a_scanned_command_taken_for_a_moving_one_is_put_right_before_anything_is_named() -> None:
@@ -68,7 +68,7 @@ def test_a_scanned_command_taken_for_a_moving_one_is_put_right_before_anything_i
 def test_a_noise_model_that_imitates_physics_gives_way_to_it() -> None:
     loop, study = hidden("sinusoidal-disturbance", period_s=37.0, amplitude=0.5)
     noisy = add(loop, study, "coloured-noise")
-    assert noisy.adequate
+    assert noisy.completed
     after = diagnose(loop, noisy)
     assert after.missing == ("sinusoidal-disturbance",) and not after.adequate
     assert [s.added for s in after.steps] == [None]

@@ -24,7 +24,7 @@ LOOPS: tuple[tuple[Effects, Mapping[str, Any]], ...] = (
     ((("gain-drift", {"drift": -44.4}),), LONGER),
     ((("step-disturbance", {"time_s": 500.0, "size": 1.2}),), LONGER),
     ((("step-disturbance", {"time_s": 500.0, "size": 1.2}),), MOVING),
-    ((("ramp-disturbance", {"time_s": 300.0, "slope": 0.01}),), LONGER),
+    ((("ramp-disturbance", {"start_s": 300.0, "rate": 0.01}),), LONGER),
     ((("asymmetric-stiction", {"jump_up": 1.5, "jump_down": 3.5}),), LONGER),
     ((("extra-lag", {"second_time_constant_s": 3.0}),), LONGER),
     ((("stiction-drift", {"stickband_growth": 0.8, "jump_growth": 0.133}),), {**LONGER, "duration_s": 1500.0}),

@@ -51,8 +51,10 @@ def _summary(found: Any) -> Any:
 
 
 def _cycles(found: Any) -> Any:
+    from ..record.oscillation import holds_start
+
     table = plain_table("cycle", "start s", "period s", f"swing of u {found.unit}", title="whole cycles")
     for i, cycle in enumerate(found.cycles[:_SHOWN], 1):
-        table.add_row(f"{i}{' (start)' if i == 1 and len(found.cycles) > 3 else ''}", f"{cycle.start_s:.6g}",
+        table.add_row(f"{i}{' (start)' if i == 1 and holds_start(found.cycles) else ''}", f"{cycle.start_s:.6g}",
                       f"{cycle.period_s:.5g}", f"{cycle.u_swing:.4g}")
     return table

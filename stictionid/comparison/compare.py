@@ -116,7 +116,7 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     adequate, why = judged_by(shape, adequate, why)
     return Comparison(errors, tuple(found), adequate, why, {name: cells for name, cells, _ in answers}, spectra, notes,
                       other is not None, ground, shape,
-                      suspects_of(found, ground.model.spec.effects, study.tree))
+                      suspects_of(found, ground.model.spec.effects, study.candidates))
 
 
 def _shape(ground: Ground, study: Study) -> Unexplained | None:
@@ -132,16 +132,17 @@ def _errors(ground: Ground, study: Study, *, own: bool) -> Errors:
     steps, pairs = filtered(y, ground.good, np.array([1.0, -1.0]), ground.loop.starts)
     steps = steps[pairs]
     persistence = float(np.sqrt(np.mean(steps**2))) if steps.size else 0.0
-    one_step = float(np.sqrt(np.mean(e[good] ** 2))) if good.any() else 0.0
     used = y[ground.good]
     spread = float(used.std())
     last = study.steps[-1].error
+    ahead = float(np.sqrt(np.mean(e[good] ** 2))) if good.any() else 0.0
+    free, one_step = (last.rmse, last.rmse_one_step or ahead) if own else (ground.rmse, ahead)
     h = max(1, round(ground.evaluated.values["time_constant_s"] / (ground.step_s * ground.pace)))
     delay = int(ground.evaluated.values["dead_time_s"] / ground.step_s)
     floor = last.noise_sd if own else irreducible(y, ground.evaluated.position_means, ground.good, delay,
                                                   ground.loop.starts)
     return Errors(
-        ground.rmse, last.rmse_holdout if own else None, one_step, last.rmse_one_step_holdout if own else None,
+        free, last.rmse_holdout if own else None, one_step, last.rmse_one_step_holdout if own else None,
         _h_step(ground, h), h, floor, 100.0 * (1.0 - ground.rmse / spread) if spread else None, persistence,
         1.0 - (one_step / persistence) ** 2 if persistence else None, int(ground.good.sum()), ground.effective_rows)
 

@@ -1,6 +1,6 @@
 """Suspects of a comparison: the effects that its findings point to as one ranked list, each with its strongest number.
 
-A refit in the study's tree ranks an effect by its gain. Other effects follow by their traces: a finding's weight is its
+A candidate of the study ranks by its gain. Other effects follow by their traces: a finding's weight is its
 z value; an effect gets all of it where it stands first among those that leave such a trace, half where it stands
 second, a quarter third. Traces only suspect; `diagnose` refits.
 """
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..record.loop import Finding
-from ..record.tree import TreeNode, added_to
+from ..record.study import Candidate
 
 # Largest weight of one finding: beyond it a test of many samples says no more. Unit: standard deviations.
 _LARGEST = 10.0
@@ -33,11 +33,13 @@ class Suspect:
     gain_beyond_noise: float | None = None
 
 
-def suspects_of(findings: Iterable[Finding], present: Sequence[str], tree: Sequence[TreeNode]) -> tuple[Suspect, ...]:
-    """The effects that a refit in the `tree` gained by or that findings point to, without those `present` in the model.
-    """
+def suspects_of(findings: Iterable[Finding], present: Sequence[str],
+                candidates: Iterable[Candidate]) -> tuple[Suspect, ...]:
+    """The effects by which a candidate gained or that findings point to, without those `present` in the model."""
     votes: dict[str, list[tuple[float, str]]] = {}
-    have, gains = {_plain(name) for name in present}, _gains(present, tree)
+    have = {_plain(name) for name in present}
+    gains = {c.effect: c.gain_beyond_noise for c in candidates
+             if c.gain_beyond_noise is not None and c.gain_beyond_noise > 0.0 and c.effect not in have}
     for f in findings:
         weight, words = _weight(f), _number(f)
         for rank, effect in enumerate(f.suggests):
@@ -56,16 +58,6 @@ def suspects_of(findings: Iterable[Finding], present: Sequence[str], tree: Seque
 def _plain(name: str) -> str:
     """An effect's name without variant and tag."""
     return name.partition("@")[0].partition(":")[0]
-
-
-def _gains(present: Sequence[str], tree: Sequence[TreeNode]) -> dict[str, float]:
-    """BIC that each effect gained over the tree's node with the effects of the model; only gains."""
-    found: dict[str, float] = {}
-    for n, gain in added_to(tree, present):
-        name = _plain(n.edge.what)
-        if gain > 0.0:
-            found[name] = max(gain, found.get(name, 0.0))
-    return found
 
 
 def _weight(f: Finding) -> float:

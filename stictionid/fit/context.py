@@ -238,7 +238,8 @@ def parameters(fit: Fitted) -> tuple[ParameterValue, ...]:
         bound = p.at_bound(value / max(e.values["S"], 1e-12) if name == "J" else value)
         fixed = name in model.spec.fixed
         rows.append(ParameterValue(owner or None, own, value, of_u if name == "J" else p.unit.replace("%", of_u),
-                                   None if fixed else span, bound and not fixed, True, p.meaning))
+                                   None if fixed else span, bound and not fixed, True,
+                                   "slip jump" if name == "J" else p.meaning))
     unit = f"unit of y / {of_u}" + (" / s" if model.spec.process == INTEGRATOR else "")
     rows.insert(5, ParameterValue(None, "gain", e.gain, unit, fit.intervals.get("gain"), False, True,
                                   "gain of the process"))

@@ -148,7 +148,7 @@ def find_range(loop: Loop) -> Range:
                     even, found, cycles, reference = alike, by_turns, near if alike else of_turns, BY_TURNS
     if not cycles:
         return _none(longest.reason or "the deviation never completes a cycle", unit, reference, turns)
-    counted = cycles[1:] if len(cycles) > FEWEST_CYCLES else cycles
+    counted = cycles[holds_start(cycles):]
     periods = np.array([c.period_s for c in counted])
     scatter = float(periods.std() / periods.mean())
     enough = len(counted) >= FEWEST_CYCLES
@@ -167,6 +167,11 @@ def find_range(loop: Loop) -> Range:
                      BY_TURNS: "; counted by the turning points of the output, because its mean wanders"}[reference])
     return Range(enough and regular and even, float(periods.max()), float(np.median(periods)),
                  float(max(c.u_swing for c in counted)), cycles, reason, unit, reference, turns)
+
+
+def holds_start(cycles: tuple[Cycle, ...]) -> bool:
+    """True where the first cycle does not count, because it still holds the start and enough others remain."""
+    return len(cycles) > FEWEST_CYCLES
 
 
 def _moved(loop: Loop) -> bool:

@@ -11,8 +11,7 @@ import json
 import math
 import types
 import typing
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import DataError
@@ -175,7 +174,10 @@ class ParameterValue:
 
 @dataclass(frozen=True, slots=True)
 class ErrorSummary:
-    """Distance of model and measurement in the unit of y; see the contract for each field."""
+    """Distance of model and measurement in the unit of y: `rmse` is the free run, `rmse_one_step` the innovations.
+
+    `noise_sd` is the irreducible noise, one number for all steps of a study (fit/adequacy.py).
+    """
 
     rmse: float
     rmse_holdout: float | None = None
@@ -229,8 +231,9 @@ class LawResult:
 class Candidate:
     """One effect of the catalogue added to the model and refitted: its gain, and the decision to accept it or not.
 
-    `gain_beyond_noise` is the BIC gained over the best pure noise model. `rejected_because` is empty for an accepted
-    effect. `variant` says where a disturbance enters ("output" or "load"), or which tag it is.
+    `gain_beyond_noise` and `delta_bic` are the BIC of the best model that holds the effect over the best one without
+    it. `rejected_because` is empty for an effect of the model. `variant` says where a disturbance enters ("output" or
+    "load"), or which tag it is.
     """
 
     effect: str
@@ -252,7 +255,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class CostMap:
-    """Free-run error over a grid of S (rows) and J (columns), the rest held, for the S-J picture.
+    """Error over a grid of S (rows) and J (columns), the rest held: the one that the fit of `step` made small.
 
     `step` is the index of the step whose model it maps (None in files of older versions, which did not write it).
     """
@@ -427,27 +430,3 @@ def _hints(kind: Any) -> dict[str, Any]:
     if kind not in _HINTS:
         _HINTS[kind] = typing.get_type_hints(kind)
     return _HINTS[kind]
-
-
-def intervals_withheld(steps: Iterable[Step]) -> bool:
-    """True where a finding of some step withholds the intervals (`no_intervals` in its evidence)."""
-    return any(finding.evidence.get("no_intervals") for step in steps for finding in step.findings)
-
-
-def with_ranges(found: Estimate, steps: Iterable[Step]) -> Estimate:
-    """The estimate with the ranges of S and J that a finding states, and its own values, as intervals.
-
-    The evidence holds `S_range`, `J_range`, and the share of S by which they become `wider`.
-    """
-    said = next((f.evidence for step in steps for f in step.findings if "S_range" in f.evidence), None)
-    if said is None:
-        return found
-    S, J = ((max(min(said[name][0], value) - said["wider"] * found.S, 0.0),
-             max(said[name][1], value) + said["wider"] * found.S)
-            for name, value in (("S_range", found.S), ("J_range", found.J)))
-    return replace(found, S_interval=S, J_interval=J)
-
-
-def without_intervals(steps: Iterable[Step]) -> tuple[Step, ...]:
-    """The steps with no interval of any number."""
-    return tuple(replace(step, parameters=tuple(replace(p, interval=None) for p in step.parameters)) for step in steps)

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 from ..record.loop import Finding
 from ..record.study import Step, Study
-from ..record.tree import added_to
 from . import effect_words, wording
 from .document import Section
 
@@ -39,7 +38,7 @@ def sections(study: Study) -> tuple[Section, ...]:
 def _section(study: Study, i: int, name: str) -> Section:
     effect, _ = effect_words.known(name)
     noun = effect_words.noun(study, name)
-    bullets = [f"Speaks for it: {_support(study, i, name)}"]
+    bullets = [_support(study, i, name)]
     alike = _alike(study, name)
     if alike:
         bullets.append(f"Could also be: {'; '.join(alike)}.")
@@ -70,24 +69,23 @@ def flag(step: Step) -> str:
 
 
 def _support(study: Study, i: int, name: str) -> str:
-    """The fall of the error with the effect, and its gain beyond noise."""
+    """The change of the error with the effect, and its gain beyond noise, under the side that they speak for."""
     step = study.steps[i]
     if not i:
-        return "the base model holds it, because without it the search found none that does as well."
+        return "Speaks for it: the base model holds it, because without it the search found none that does as well."
     before, after = study.steps[i - 1].error, step.error
-    said = f"with it the free-run error goes from {wording.number(before.rmse)} to {wording.number(after.rmse)}"
+    rises = after.rmse > before.rmse
+    said = (f"Speaks {'against' if rises else 'for'} it: with it the free-run error {'rises' if rises else 'falls'} "
+            f"from {wording.number(before.rmse)} to {wording.number(after.rmse)}")
     if before.rmse_holdout is not None and after.rmse_holdout is not None:
         said += (f", on stretches held out of the fit from {wording.number(before.rmse_holdout)} to "
                  f"{wording.number(after.rmse_holdout)}")
     if (found := by_hand(step)) is not None:
         return f"{said}. It was added by hand: {wording.clean(found.statement)}."
-    plain = step.added
-    gain = next((c.gain_beyond_noise for c in study.candidates if c.accepted and c.effect == plain), None)
-    if gain is None:
-        gain = next((g for n, g in added_to(study.tree, study.steps[i - 1].effects) if n.edge.what == name), None)
-    said += f"; it gains {wording.number(gain)} BIC beyond the best noise model." if gain is not None else "."
-    return said + (" The free run hardly changes, so that this asks for no work on the valve." if _weak(study, i)
-                   else "")
+    gain = next((c.gain_beyond_noise for c in study.candidates if c.effect == step.added), None)
+    said += f"; it gains {wording.number(gain)} BIC beyond noise." if gain else "."
+    return said + (" The free run hardly changes, so that this asks for no work on the valve."
+                   if _weak(study, i) and not rises else "")
 
 
 def _alike(study: Study, name: str) -> list[str]:

@@ -7,6 +7,7 @@ study. Terminal, markdown, HTML and JSON therefore cannot disagree.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 from ..record.study import Estimate, PositionEstimate, Study
 from ..system.plurals import counted
@@ -15,9 +16,6 @@ from .document import Facts, KeyNumber, PageTable, Section
 
 # J is called weakly known when its interval is wider than this share of its value: half the value either way.
 WEAK_J_SHARE = 0.5
-# Free-run error up to this multiple of the noise counts as the noise floor. METHODS.md section 6 measured 0.95 to 1.04
-# for the right model, and 1.4 and more with an effect missing.
-NOISE_FLOOR_RATIO = 1.1
 
 # S from the position differs where it is this share outside the interval of S.
 DIFFERS = 0.1
@@ -179,10 +177,9 @@ def ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:
         e = step.error
         label = "base model" if step.added is None else f"+ {wording.name(step.added)}{evidence.flag(step)}"
         change = wording.NOTHING if not before else f"{100 * (e.rmse / before - 1):+.0f} %"
-        times = wording.number(e.rmse / e.noise_sd, 3) if e.noise_sd else wording.NOTHING
-        rows.append((label, wording.number(e.rmse), change, wording.number(e.rmse_holdout), times,
-                     wording.number(e.rmse_one_step), wording.percent(e.fit_percent, 3),
-                     f"{step.restarts.agree} of {step.restarts.runs}"))
+        rows.append((label, wording.number(e.rmse), change, wording.number(e.rmse_holdout),
+                     wording.times(e.rmse, e.noise_sd), wording.number(e.rmse_one_step),
+                     wording.percent(e.fit_percent, 3), f"{step.restarts.agree} of {step.restarts.runs}"))
         before = e.rmse
     return tuple(rows)
 
@@ -196,8 +193,11 @@ def _ladder(study: Study) -> Section | None:
                   ladder_rows(study), tuple(range(1, 8)))
     text = [_ladder_sentence(study, unit)]
     if study.adequate is not None:
-        word = "adequate" if study.adequate else "not adequate"
-        text.append(f"The model is {word}: {_tail(study.adequate_reason)}")
+        word = "" if study.completed else "adequate: " if study.adequate else "not adequate: "
+        text.append(f"The model is {word}{_tail(study.adequate_reason)}")
+    text += [f"With {wording.name(b.added)} the free run errs more, {wording.number(b.error.rmse)} for "
+             f"{wording.number(a.error.rmse)} without it." for a, b in pairwise(study.steps)
+             if b.added and b.error.rmse > a.error.rmse]
     if study.missing:
         text.append("Effects named by the search: " + ", ".join(wording.name(m) for m in study.missing) + ".")
     if study.missing_reason:
@@ -215,9 +215,8 @@ def _ladder_sentence(study: Study, unit: str) -> str:
                  f"{counted(len(study.steps) - 1, 'added effect')}")
     if not last.noise_sd:
         return moved + "."
-    ratio = last.rmse / last.noise_sd
-    where = "at the noise floor" if ratio <= NOISE_FLOOR_RATIO else "above the noise: something is still unexplained"
-    return f"{moved}, {wording.number(ratio)} times the measurement noise: {where}."
+    return (f"{moved}, {wording.times(last.rmse, last.noise_sd)} times the irreducible noise "
+            f"{wording.with_unit(last.noise_sd, unit)}.")
 
 
 def _pv_unit(study: Study) -> str:
@@ -259,7 +258,7 @@ def comparison(studies: list[Study]) -> PageTable:
     rows = []
     for study in studies:
         e, last = study.estimate, study.steps[-1].error if study.steps else None
-        ratio = wording.number(last.rmse / last.noise_sd) if last and last.noise_sd else wording.NOTHING
+        ratio = wording.times(last.rmse, last.noise_sd) if last else wording.NOTHING
         rows.append((
             wording.name(study.data.name), wording.name(study.verdict.stiction),
             wording.estimate(e.S, e.S_interval, e.unit) if e else wording.NOTHING,

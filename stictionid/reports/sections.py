@@ -6,6 +6,7 @@ import json
 import shlex
 from itertools import zip_longest
 
+from ..record.oscillation import holds_start
 from ..record.study import Estimate, Step, Study
 from . import tree_text, wording
 from .document import PageTable, Section
@@ -18,6 +19,11 @@ WANTED_CYCLES = 10
 BUMP_PERCENT = 0.5
 # Cycles shown in the table; the rest is left to the JSON. Unit: rows; half a printed page.
 _CYCLES_SHOWN = 12
+# Evidence of the verdict whose key alone would pass for the study's own error.
+_QUICK = {"rmse_without_friction": "quick-fit error without friction", "rmse_with_friction": "quick-fit error with "
+          "friction", "error_drop": "fall of the quick-fit error", "one_step_without": "quick one-step error without "
+          "friction", "one_step_with": "quick one-step error with friction", "one_step_drop": "fall of the quick "
+          "one-step error"}
 _ROLE_NAMES = {"setpoint": "setpoint SP", "output": "controller output OP", "process_value": "process value PV",
                "position": "valve position", "time": "time"}
 
@@ -152,19 +158,21 @@ def _for_abstained(study: Study) -> list[str]:
 def oscillation(study: Study) -> Section:
     """Period, largest swing and the cycles behind them."""
     r = study.range
+    start = holds_start(r.cycles)
     rows = (("oscillating", "yes" if r.oscillating else "no"),
             ("longest cycle T (Eq. 20)", wording.duration(r.period_s)),
             ("median cycle", wording.duration(r.period_median_s)),
             ("largest swing of OP, S_max (Eq. 21)", wording.with_unit(r.s_max, r.unit)),
-            ("whole cycles", wording.count(len(r.cycles))), ("reversals of OP", wording.count(r.reversals)),
-            ("deviations taken from", wording.name(r.reference)))
+            ("whole cycles that count", wording.count(len(r.cycles) - start)),
+            ("reversals of OP", wording.count(r.reversals)), ("deviations taken from", wording.name(r.reference)))
     tables = [PageTable("Oscillation", ("quantity", "value"), rows, (1,))]
     if r.cycles:
         shown = r.cycles[:_CYCLES_SHOWN]
         rest = "" if len(shown) == len(r.cycles) else f", first {len(shown)} of {len(r.cycles)}"
+        marks = (" (start, does not count)" * start, *[""] * len(shown))
         tables.append(PageTable(f"Cycles{rest}", ("starts at", "length", "swing of OP"), tuple(
-            (f"{wording.number(c.start_s, 4)} s", f"{wording.number(c.period_s, 4)} s",
-             wording.with_unit(c.u_swing, r.unit)) for c in shown), (0, 1, 2)))
+            (f"{wording.number(c.start_s, 4)} s{mark}", f"{wording.number(c.period_s, 4)} s",
+             wording.with_unit(c.u_swing, r.unit)) for c, mark in zip(shown, marks, strict=False)), (0, 1, 2)))
     return Section("range", "Oscillation and search range", (wording.sentence(r.reason),), (), tuple(tables))
 
 
@@ -228,8 +236,9 @@ def method(study: Study) -> Section:
             ("NumPy", wording.name(c.numpy)), ("Numba", wording.name(c.numba)), ("study schema", study.schema)]
     tables = [PageTable("Made by", ("what", "value"), tuple(rows))]
     if study.verdict.evidence:
-        tables.append(PageTable("Evidence behind the verdict", ("quantity", "value"), tuple(
-            (wording.name(k), _evidence(v)) for k, v in study.verdict.evidence.items())))
+        tables.append(PageTable("Evidence behind the verdict, of the quick fits", ("quantity", "value"), tuple(
+            (_QUICK.get(k) or wording.name(k), _evidence(v)) for k, v in study.verdict.evidence.items()
+            if k != "share_of_pv_variance")))
     file = wording.clean(d.file, 400) if d.file else "FILE"
     commands = []
     if d.sha256:

@@ -57,7 +57,9 @@ def _percent(share: float) -> str:
 def _explained(study: Study) -> float | None:
     """Share of the variance of PV that the last model explains; None where it is adequate, or nobody has judged it."""
     fit = study.steps[-1].error.fit_percent if study.steps else None
-    return None if study.adequate is not False or fit is None else max(1.0 - (1.0 - fit / 100.0) ** 2, 0.0)
+    if study.adequate is not False or study.completed or fit is None:
+        return None
+    return max(1.0 - (1.0 - fit / 100.0) ** 2, 0.0)
 
 
 def _perfect_valve(study: Study) -> str:

@@ -82,7 +82,8 @@ def tree_lines(study: Study, *, plain: bool = False, width: int = _WIDTH) -> tup
         rows.append((guides[1], "   ", f"{found.more} more", "", "", found.rest))
     unit = wording.clean(study.data.units.get("process_value") or "", 8)
     room = min(max(len(head + label) for head, _, label, *_ in rows), _LABEL, width - _ERROR - _TIMES - 2 - _WORDS)
-    head = f"{'model':<{room}}{'error':>{_ERROR}}{'x noise':>{_TIMES}}  {f'error in {unit}' if unit else ''}"
+    head = f"{'model':<{room}}{'error':>{_ERROR}}{'x noise':>{_TIMES}}  beside its noise model"
+    head += f", {unit}" if unit and len(head) + len(unit) + 2 <= width else ""
     lines = [head.rstrip()]
     for first, next_head, label, error, times, words in rows:
         folded = _folded(words, max(width - room - _ERROR - _TIMES - 2, _WORDS))
@@ -176,7 +177,7 @@ def _words(node: TreeNode, gain: float | None) -> str:
     if node.status == "named":
         if gain is None:
             return "" if node.parent is None else "named"
-        return f"named: {gain:,.0f} BIC beyond noise" if gain >= 0 else f"named: costs {-gain:,.0f} BIC only"
+        return f"named: {gain:,.0f} BIC over its parent" if gain >= 0 else f"named: {-gain:,.0f} BIC under its parent"
     if node.status == "looked":
         return "first look only"
     if node.status == "equivalent":
@@ -191,11 +192,11 @@ def _rest(hidden: Sequence[TreeNode], nodes: dict[int, TreeNode]) -> str:
     gains = [gain for n in hidden if (gain := _gain(n, nodes)) is not None]
     if not gains:
         return ""
-    return "nothing beyond noise" if max(gains) < 1 else f"at most {max(gains):,.0f} BIC beyond noise"
+    return "no better than its parent" if max(gains) < 1 else f"at most {max(gains):,.0f} BIC over its parent"
 
 
 def _times(rmse: float | None, noise: float | None) -> str:
-    return f"{wording.number(rmse / noise)} x" if rmse is not None and noise else ""
+    return f"{wording.times(rmse, noise)} x" if rmse is not None and noise else ""
 
 
 def _folded(words: str, room: int) -> list[str]:

@@ -57,6 +57,11 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{max(digits - 1 - size, 0)}f}"
 
 
+def times(error: float | None, noise: float | None) -> str:
+    """An error in times the irreducible noise."""
+    return number(error / noise) if error is not None and noise else NOTHING
+
+
 def count(value: int | None) -> str:
     """A whole number with thousands separated by commas."""
     return NOTHING if value is None else f"{value:,}"

@@ -93,7 +93,7 @@ class Edge:
 
 def _gains(edge: Edge) -> str:
     enough = edge.gain >= edge.margin
-    return "" if enough else f"it gains {edge.gain:.0f} BIC beyond noise, {edge.margin:g} name an effect"
+    return "" if enough else f"it gains {edge.gain:.0f} BIC over its parent, {edge.margin:g} name an effect"
 
 
 def _is_there(edge: Edge) -> str:
@@ -347,4 +347,4 @@ def judged(edge: Edge) -> tuple[Gate, ...]:
 def judged_change(edge: Edge) -> tuple[Gate, ...]:
     """The gate of another process or command: its gain in BIC."""
     enough = edge.gain >= edge.policy.structure_margin
-    return (Gate("gain", enough, "" if enough else f"it gains {edge.gain:.0f} BIC"),)
+    return (Gate("gain", enough, "" if enough else f"it gains {edge.gain:.0f} BIC over its parent"),)

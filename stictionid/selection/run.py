@@ -78,7 +78,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     doubt = "may be rounding" if blur else "may be chance" if chance else ""
     if doubt:
         new = ()
-    study = ranked(on, told(on, with_noise_of(study, found.winner.scored), found, order), found, new, doubt, p_value)
+    study = ranked(on, told(on, study, found, order), found, new, doubt, p_value)
     if blur:
         return _left_to_rounding(study, blur)
     if chance:
@@ -110,6 +110,8 @@ def told(on: Resumed, study: Study, found: Decision, order: Sequence[str]) -> St
     """The study with what a decision says beside its model: tree, equivalents, and what is missing."""
     search = on.search
     _with_looks(on)
+    if key(on.here.spec) != key(found.winner.spec):
+        study = with_noise_of(study, found.winner.scored)
     return replace(study, tree=tree_of(search, found, order),
                    evaluations=search.budget.spent + (study.evaluations or 0),
                    unasked=tuple(search.budget.unasked), equivalents=found.equivalents,

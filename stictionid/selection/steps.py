@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from ..model.restore import rebuild_model
 from ..record.loop import Loop
 from ..record.oscillation import find_range
 from ..record.segments import described
-from ..record.study import Estimate, Step, Study, intervals_withheld, with_ranges, without_intervals
+from ..record.study import Estimate, Step, Study
 from .score import Scored
 
 
@@ -38,8 +38,11 @@ def with_steps(study: Study, steps: tuple[Step, ...], after: Fitted) -> Study:
         steps = without_intervals(steps)
     steps = with_one_noise(steps)
     holds, why = adequate(steps[-1])
+    # The best model that holds these effects is now the last step.
+    rows = tuple(replace(c, rmse=steps[-1].error.rmse) if c.effect in steps[-1].effects else c
+                 for c in study.candidates)
     return replace(study, steps=steps, estimate=estimate(study, after), adequate=holds, adequate_reason=why,
-                   missing=())
+                   missing=(), candidates=rows)
 
 
 def with_noise_of(study: Study, found: Scored) -> Study:
@@ -74,3 +77,27 @@ def reaching_to(found: Estimate, reach: Mapping[str, tuple[float, float]]) -> Es
 
 def _union(span: tuple[float, float] | None, other: tuple[float, float]) -> tuple[float, float] | None:
     return None if span is None else (min(span[0], other[0]), max(span[1], other[1]))
+
+
+def intervals_withheld(steps: Iterable[Step]) -> bool:
+    """True where a finding of some step withholds the intervals (`no_intervals` in its evidence)."""
+    return any(finding.evidence.get("no_intervals") for step in steps for finding in step.findings)
+
+
+def with_ranges(found: Estimate, steps: Iterable[Step]) -> Estimate:
+    """The estimate with the ranges of S and J that a finding states, and its own values, as intervals.
+
+    The evidence holds `S_range`, `J_range`, and the share of S by which they become `wider`.
+    """
+    said = next((f.evidence for step in steps for f in step.findings if "S_range" in f.evidence), None)
+    if said is None:
+        return found
+    S, J = ((max(min(said[name][0], value) - said["wider"] * found.S, 0.0),
+             max(said[name][1], value) + said["wider"] * found.S)
+            for name, value in (("S_range", found.S), ("J_range", found.J)))
+    return replace(found, S_interval=S, J_interval=J)
+
+
+def without_intervals(steps: Iterable[Step]) -> tuple[Step, ...]:
+    """The steps with no interval of any number."""
+    return tuple(replace(step, parameters=tuple(replace(p, interval=None) for p in step.parameters)) for step in steps)

@@ -24,7 +24,7 @@ from ..selection.node import BASE_EFFECTS, key, physical, plain, shapes, with_ef
 from ..selection.run import Resumed, base_of, concluded, ladder_of, left_out, ranked, told
 from ..selection.score import is_noise
 from ..selection.search import Search
-from ..selection.steps import opened, with_noise_of
+from ..selection.steps import opened
 from ..verdict.from_position import from_position
 from ..verdict.judge import judge
 from ..verdict.swing import meaning_of
@@ -114,7 +114,7 @@ def of_effects(loop: Loop, on: Resumed, entry: Entry, *, keep: Sequence[str], as
     steps, fits = ladder_of(on.run, search, found, on.fit, ladder, study, left_out(found, study, gone))
     rose = rises(study, replace(study, steps=tuple(steps)))
     steps = _answered(on, found, steps, asked, rose)
-    after = concluded(told(on, with_noise_of(study, found.winner.scored), found, ladder[0]), found, steps, fits)
+    after = concluded(told(on, study, found, ladder[0]), found, steps, fits)
     if study.candidates:
         after = ranked(on, after, found, new)
     return judged_anew(loop, after, search.seed), found

@@ -36,9 +36,11 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
 def _with_what_was_asked(before: Study, after: Study) -> Study:
     """The study with candidates and tree of an earlier search, where a new one added nothing to the same model."""
     same = set(after.steps[-1].effects) == set(before.steps[-1].effects) and not after.missing
-    if not same or after.candidates or not before.candidates:
+    if not same or not before.candidates:
         return after
-    return replace(after, candidates=before.candidates, tree=max(before.tree, after.tree, key=len))
+    known = {c.effect for c in before.candidates}
+    return replace(after, candidates=(*before.candidates, *(c for c in after.candidates if c.effect not in known)),
+                   tree=max(before.tree, after.tree, key=len))
 
 
 def _with_sizes(loop: Loop, study: Study) -> Study:

@@ -20,7 +20,6 @@ from ..fit.adequacy import ADEQUATE, adequate, with_one_noise
 from ..fit.context import Run, process_numbers
 from ..fit.fit import Fitted
 from ..fit.intervals.assemble import INTERVAL_LEVEL
-from ..fit.moves import search_model
 from ..fit.noise.unexplained import judged_by
 from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
 from ..methods.contract import Method, Outcome
@@ -40,12 +39,9 @@ from ..record.study import (
     Step,
     Study,
     Verdict,
-    intervals_withheld,
-    with_ranges,
-    without_intervals,
 )
 from ..selection.policy import Policy
-from ..selection.steps import reaching_to
+from ..selection.steps import intervals_withheld, reaching_to, with_ranges, without_intervals
 from ..typing import Progress
 from ..verdict import law_ranking
 from ..verdict.from_position import from_position
@@ -56,6 +52,8 @@ from .long_records import excerpt, judged
 _MAP_S, _MAP_J = 41, 31
 # Free-run error, in times the noise, from which a record of uneven turns is not judged, and the advice for it.
 _FAR = 4.0
+# Distance of S and J, as a share of S_max, within which a search has ended at the fit.
+_NEAR = 0.02
 _CLEARER = "export faster, or a stretch with setpoint moves"
 
 
@@ -176,19 +174,24 @@ def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstima
 
 
 def _cost_map(fit: Fitted, step: int) -> CostMap:
-    """Free-run error over S and J with everything else held at its best, for the picture."""
-    S = np.linspace(0.05 * fit.model.s_max, 1.2 * fit.model.s_max, _MAP_S)
-    share = np.linspace(0.0, 1.5, _MAP_J)
-    J = share * min(float(fit.best.values["S"]) * 1.4, fit.model.s_max)
+    """Error over S and J with everything else held at its best, for the picture; S and J of the fit are on its axes.
+
+    It is the error that the fit made small: that one step ahead where it has a noise model. Searches that ended before
+    the model had one are left out, because theirs is another map.
+    """
+    S_best, J_best = (float(fit.best.values[name]) for name in ("S", "J"))
+    S = np.unique([*np.linspace(0.05 * fit.model.s_max, 1.2 * fit.model.s_max, _MAP_S), S_best])
+    J = np.unique([*(np.linspace(0.0, 1.5, _MAP_J) * min(S_best * 1.4, fit.model.s_max)), J_best])
     grid = np.stack([S.repeat(J.size), np.tile(J, S.size)])
     valid = grid[1] <= 2.0 * grid[0]
     values = fit.values[:, None].repeat(int(valid.sum()), axis=1)
     values[:2] = grid[:, valid]
     rmse = np.full(grid.shape[1], np.nan)
-    rmse[valid] = np.sqrt(search_model(fit.model).costs_of(values) / max(fit.best.rows, 1))
+    rmse[valid] = np.sqrt(fit.model.costs_of(values) / max(fit.best.rows - 1, 1))
+    own = bool((np.abs(fit.searched - [S_best, J_best]).max(axis=1) <= _NEAR * fit.model.s_max).any())
     rows = [tuple(None if not np.isfinite(x) else float(x) for x in row) for row in rmse.reshape(S.size, J.size)]
     return CostMap(tuple(S.tolist()), tuple(J.tolist()), tuple(rows),
-                   tuple((float(a), float(b)) for a, b in fit.searched), step)
+                   tuple((float(a), float(b)) for a, b in fit.searched) if own else (), step)
 
 
 def made_by(options: Options) -> CreatedBy:

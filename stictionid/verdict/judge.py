@@ -132,9 +132,8 @@ def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float =
         "held_out_gain": None if gain is None else gain.share, "held_out_won": None if gain is None else gain.won}
     # A free run that leaves y errs by more than y moves: a disturbance, not the valve, then makes the difference.
     leaves = free.rmse > float(np.std(run.used_y()))
-    share = "" if leaves else f", {100 * explained:.1f} % of the variance of y"
-    said = (f"friction lowers the free-run error from {free.rmse:.4g} to {sticking.rmse:.4g}{share}" if drop > 0 else
-            f"friction does not lower the free-run error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
+    said = (f"friction lowers the quick-fit error from {free.rmse:.4g} to {sticking.rmse:.4g}" if drop > 0 else
+            f"friction does not lower the quick-fit error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
     said += f"; {_predicts(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
     walks = sticking.model.spec.increments and sticking.model.spec.process != INTEGRATOR
     answer, confidence = _answer(ratio, won, explained, drop, one_step, walks)

@@ -97,8 +97,8 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
     share = max(1.0 - (sd_after / sd) ** 2, 0.0) if sd else 0.0
     later = _travel(u[loop.driven]) / hours * _DAY_S
     digits, unit = (0 if now >= 10.0 else 2), estimate.unit
-    said = (f"without friction the process value would scatter by {sd_after:.3g} instead of {sd:.3g} "
-            f"({100 * share:.0f} % of its variance is the valve's doing) and the valve travel {later:,.{digits}f} "
+    said = (f"without friction the process value would scatter about its mean by {sd_after:.3g} instead of "
+            f"{sd:.3g} and the valve travel {later:,.{digits}f} "
             f"{unit} a day instead of {now:,.{digits}f} {unit}")
     return Severity(band(estimate.S) if percent else None, tuple(words) if percent else (), sd, sd_after, share, now,
                     later, law.gain, law.integral_time_s, said, BANDS_SOURCE)

@@ -49,8 +49,9 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
     share = causes.causes[0].share if causes.causes else 0.0
     reason = f"not simulated: {other}" if other and share > _CONTRADICTS else ""
     if share < -_CONTRADICTS:
-        reason = other = (f"not told: by this model a perfect valve would make PV scatter by {causes.sd_perfect:.3g} "
-                          f"instead of {causes.sd:.3g}, so that the model fails in the closed loop")
+        reason = other = ("not told: by this model a perfect valve would make PV scatter about its setpoint by "
+                          f"{causes.sd_perfect:.3g} instead of {causes.sd:.3g}, so that the model fails in the closed "
+                          "loop")
     if reason:
         return replace(found, pv_sd_repaired=None, share_of_pv_variance=None, travel_per_day_repaired=None,
                        statement=reason), replace(own, reason=other)

@@ -75,8 +75,14 @@ def _evidence(study: Study, loop: Loop, key: str, name: str, before: Curves, aft
     good = np.isfinite(before.residual) & np.isfinite(after.residual) & loop.used
     unit = study_pictures.axis_label("residual", loop, "process_value")
     title = f"Residual without and with {effect_words.noun(study, name)}"
-    fall = (f"The spread of the residual falls from {wording.number(_spread(before, good))} to "
-            f"{wording.number(_spread(after, good))}.")
+    if key.startswith("0"):
+        errors = _spread(before, good), _spread(after, good)
+        held = "Without it, the other numbers kept, the model errs by"
+        change = f"{held} {wording.number(errors[0])}, with it by {wording.number(errors[1])} where both are known."
+    else:
+        first, last = (study.steps[int(key) - k].error.rmse for k in (1, 0))
+        change = (f"The free-run error {'falls' if last < first else 'rises'} from {wording.number(first)} to "
+                  f"{wording.number(last)}.")
     if over == "spectrum":
         lines = [_spectrum(loop, "without", "rule", before, good), _spectrum(loop, "with", "optimum", after, good)]
         panel = Panel("period, s", "log10 of power", tuple(lines), log_x=True)
@@ -86,9 +92,8 @@ def _evidence(study: Study, loop: Loop, key: str, name: str, before: Curves, aft
         good &= np.isfinite(x)
         panel = Panel(label, unit, (_dots("without", "rule", x, before, good), _dots("with", "optimum", x, after, good),
                                     _mean("mean without", "guide", x, before, good)))
-    held = " Without it the model keeps its other numbers." if key.startswith("0") else ""
-    return Picture(f"evidence-{key}", title, fall,
-                   f"{said}; grey without the effect, coloured with it. {fall}{held}", (panel,))
+    return Picture(f"evidence-{key}", title, change,
+                   f"{said}; grey without the effect, coloured with it. {change}", (panel,))
 
 
 def _spread(curves: Curves, good: np.ndarray) -> float:
@@ -188,8 +193,8 @@ def film(case: Case) -> Picture | None:
         panels.append(Panel(f"time, {unit}" if i == numbers[-1] else "",
                             study_pictures.axis_label("PV", loop, "process_value"), lines, height=0.62))
     return Picture("film", "Each step over the same window", f"{'; then '.join(said)}.",
-                   "Measured PV and the free run of each model, which never sees PV: the fall of the error is the two "
-                   "curves closing up.", tuple(panels), wide=True)
+                   "Measured PV and the free run of each model, which never sees PV: the closer the two curves, the "
+                   "smaller the error.", tuple(panels), wide=True)
 
 
 def _frame(step: Step) -> str:

@@ -242,7 +242,7 @@ def _fit(study: Study, loop: Loop, last: Curves, part: slice, key: str, title: s
 
 
 def cost_map(study: Study) -> Picture | None:
-    """Free-run error over S and J with the optimum, its intervals and the ends of the searches."""
+    """Error that the fit made small over S and J, with the optimum, its intervals and the ends of the searches."""
     m, e = study.cost_map, study.estimate
     if m is None or not m.S or not m.J or not m.rmse:
         return None
@@ -252,7 +252,11 @@ def cost_map(study: Study) -> Picture | None:
     unit = wording.name(e.unit) if e is not None else "%"
     error_unit = wording.name(study.data.units.get("process_value") or "units of PV")
     known = [v for row in m.rmse for v in row if v is not None]
-    alt = "Free-run error over a grid of S and J" + (
+    mapped = mapped_step(study)
+    ahead = mapped is not None and bool(study.steps[mapped].model.get("taps") or
+                                        study.steps[mapped].model.get("increments"))
+    kind = "One-step error" if ahead else "Free-run error"
+    alt = f"{kind} over a grid of S and J" + (
         f", from {wording.number(min(known))} to {wording.number(max(known))} {error_unit}." if known else ".")
     title = "Cost map of S and J"
     optimum = _mapped_optimum(study)
@@ -269,11 +273,11 @@ def cost_map(study: Study) -> Picture | None:
         alt += f" With {wording.listed([wording.name(s.added) for s in later])} the model ends at S " \
                f"{wording.number(e.S)}, J {wording.number(e.J)} {unit}."
     return Picture("cost_map", title, alt,
-                   f"Free-run error, {error_unit}, for each pair of S and J with lags, dead time and start force held "
+                   f"{kind}, {error_unit}, for each pair of S and J with lags, dead time and start force held "
                    "at their best and the gain refitted; the fuller the colour, the smaller the error, in equal steps "
                    "of its logarithm. Empty: J above 2 S, which no valve has.",
                    (Panel(f"S, {unit}", f"J, {unit}", marks=tuple(marks), boxes=tuple(boxes),
-                          cells=Cells(m.S, m.J, across, "error", error_unit)),))
+                          cells=Cells(m.S, m.J, across, kind.casefold(), error_unit)),))
 
 
 _Interval = tuple[float, float] | None
@@ -319,17 +323,18 @@ def candidates(study: Study) -> Picture | None:
         return None
     gains = [float(r.candidate.gain_beyond_noise or 0.0) for r in shown]
     lines = []
-    for answer, role in ((ranking.NAMED, "optimum"), (ranking.ALIKE, "position"), (ranking.REJECTED, "rule")):
+    for answer, role in ((ranking.NAMED, "optimum"), (ranking.KEPT, "model"), (ranking.ALIKE, "position"),
+                         (ranking.REJECTED, "rule")):
         at = [i for i, r in enumerate(shown) if r.answer == answer]
         if at:
             lines.append(Line(answer, role, np.array([gains[i] for i in at]), np.array(at, float), "bars"))
     left_out = len(study.candidates) - len(shown)
     more = f" {wording.count(left_out)} more are in the table." if left_out else ""
     best = max(range(len(shown)), key=gains.__getitem__)
-    return Picture("candidates", "Effects tried", f"{shown[best].name} explains most beyond the best noise model, by "
-                   f"{wording.number(gains[best])} BIC; its answer: {shown[best].words}.",
-                   "Gain of each effect over the best noise model, at the dashed line; the table has the reasons of "
-                   f"those not taken.{more}",
+    return Picture("candidates", "Effects tried", f"{shown[best].name} gains most, {wording.number(gains[best])} BIC "
+                   f"beyond noise; its answer: {shown[best].words}.",
+                   "Gain of the best model with each effect over the best one without it, at the dashed line; the "
+                   f"table has the reasons of those not taken.{more}",
                    (Panel("gain beyond noise, BIC", "", tuple(lines), rules=(Rule("x", 0.0, "noise", "bound"),),
                           names=tuple(wording.clean(r.name, 30) for r in shown)),))
 

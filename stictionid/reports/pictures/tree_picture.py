@@ -33,10 +33,11 @@ def tree(study: Study) -> Picture | None:
     rules = (Rule("x", noise, "noise", "bound"),) if noise else ()
     left_out = f" {wording.count(found.more)} more models are in the JSON." if found.more else ""
     return Picture("tree", "Models tried", _alt(study, found.shown, unit),
-                   "Each dot is a model at its free-run error; a line leads from the model that it was made from, with "
-                   "the effect added (+), dropped (-) or the structure swapped (~). The text below, and the pointer on "
-                   f"a dot, say why a search went no further there.{left_out}",
-                   (Panel(f"error, {unit}", "", rules=rules, log_x=True, branches=branches),), wide=True)
+                   "Each dot is a model at its error beside its noise model; a line leads from the model that it was "
+                   "made from, with the effect added (+), dropped (-) or the structure swapped (~). The text below, "
+                   f"and the pointer on a dot, say why a search went no further there.{left_out}",
+                   (Panel(f"error beside its noise model, {unit}", "", rules=rules, log_x=True, branches=branches),),
+                   wide=True)
 
 
 def _branches(shown: tuple[Shown, ...], noise: float | None, unit: str) -> tuple[Branch, ...]:
@@ -50,7 +51,8 @@ def _branches(shown: tuple[Shown, ...], noise: float | None, unit: str) -> tuple
         places[s.node.id] = (x, row)
         role, kind = _LOOKS.get(s.node.status, _DEAD_END)
         times = f", {wording.number(s.node.rmse / noise)} times the noise" if s.node.rmse and noise else ""
-        error = f"error {wording.with_unit(s.node.rmse, unit)}{times}" if s.node.rmse is not None else "no error"
+        error = "no error" if s.node.rmse is None else \
+            f"error beside its noise model {wording.with_unit(s.node.rmse, unit)}{times}"
         made.append(Branch(x if from_x is None else from_x, from_row, x, row, s.label,
                            "; ".join(w for w in (s.label, error, s.words) if w), role, kind))
     return tuple(made)
@@ -65,7 +67,7 @@ def _alt(study: Study, shown: tuple[Shown, ...], unit: str) -> str:
     """The path of the answer and what stopped the rest, in words."""
     some = counted(len(study.tree), "model")
     named = [s for s in shown if s.node.status == "named"]
-    steps = [f"{s.label} with an error of {wording.with_unit(s.node.rmse, unit)}" for s in named]
+    steps = [f"{s.label} with an error beside its noise model of {wording.with_unit(s.node.rmse, unit)}" for s in named]
     path = f" The answer: {', then '.join(steps)}." if steps else " None of them is the answer."
     dead = [s for s in shown if s.node.status in ("rejected", "failed") and s.words]
     rest = f" Not taken: {'; '.join(f'{s.label} ({s.words})' for s in dead[:_IN_WORDS])}." if dead else ""

@@ -1,0 +1,47 @@
+"""One quantity, one number, one name: the outputs of more loops, and those of `add`, `remove` and `compare`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from commands import run
+from printed_numbers import wrong_numbers
+from test_one_number import outputs
+
+from stictionid.record.study import study_from_json
+
+_WIDE = {"COLUMNS": "400"}
+_LOOPS = {
+    "drift": ("gain-drift:drift=-30", "--duration", "900"), "stop": ("travel-limit:upper=52", "--duration", "900"),
+    "walk": ("random-walk-disturbance:innovation_sd=0.05", "--duration", "900"),
+    "coloured": ("coloured-noise:root=0.8,innovation_sd=0.05", "--noise", "0", "--duration", "900"),
+    "characteristic": ("valve-characteristic:log_rangeability=3.5", "--duration", "900")}
+
+
+def _simulated(folder: Path, effect: str, *more: str) -> None:
+    noise = () if "--noise" in more else ("--noise", "0.05")
+    out = run("simulate", "--S", 4, "--J", 2.5, *noise, "--scan", 1, "--seed", 1, "--setpoint", "0:5", "--setpoint",
+              "450:-6", "--effect", effect, *more, "-o", "loop.csv", cwd=folder)
+    assert out.returncode == 0, out.stderr
+
+
+@pytest.mark.parametrize("name", _LOOPS)
+def test_every_output_prints_the_numbers_of_its_study(name: str, tmp_path: Path) -> None:
+    _simulated(tmp_path, *_LOOPS[name])
+    wrong = {where: found for where, (study, text) in outputs(tmp_path).items()
+             if (found := wrong_numbers(study, text))}
+    assert not wrong
+
+
+def test_add_remove_and_compare_print_the_numbers_of_their_study(tmp_path: Path) -> None:
+    _simulated(tmp_path, *_LOOPS["stop"])
+    assert run("identify", "loop.csv", "-o", "s.json", "-q", cwd=tmp_path).returncode == 0
+    for words in (("diagnose", "s.json"), ("add", "travel-limit", "s.json"), ("compare", "s.json"),
+                  ("remove", "travel-limit", "s.json")):
+        out = run(*words, "-q", cwd=tmp_path, env=_WIDE)
+        assert out.returncode == 0, out.stderr
+        study = study_from_json((tmp_path / "s.json").read_text(encoding="utf-8"))
+        assert len({step.error.noise_sd for step in study.steps}) == 1
+        if words[0] != "remove":  # (its finding tells the error of the model before)
+            assert not wrong_numbers(study, out.stdout), words
