@@ -38,7 +38,8 @@ def ordered(search: Search, winner: Entry, base: Sequence[str] = (),
     rung: only the step that names a walk is fitted in differences. An integrator has differences, because the errors of
     wrong slips add up. Its last rung has levels where the winner leaves next to nothing but noise in them.
     """
-    left, order = [name for name in physical(winner.spec) if name not in base], []
+    left = [name for name in physical(winner.spec) if name not in base]
+    order: list[str] = []
     first = [name for name in given if name in left]
     spec = node(without(winner.spec, left))
     rungs = [_rung(search, winner, spec)[:2]]
