@@ -7,13 +7,14 @@ where they are needless. `diagnose --apply` ends in the same functions (selectio
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from ..effects import parse
-from ..errors import ModelError
+from ..errors import CannotTell, ModelError
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of
 from ..record.study import Step, Study
@@ -92,7 +93,8 @@ def taken_out(on: Resumed, names: Sequence[str]) -> Entry:
         known = frozenset(search.memo)
         entry = search.dropped(entry, name)
         if not physical(entry.spec) and key(entry.spec) not in known:
-            entry = search.root(on.run.fit(entry.spec))
+            with suppress(CannotTell):
+                entry = search.root(on.run.fit(entry.spec))
     return entry
 
 
