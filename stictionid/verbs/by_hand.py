@@ -15,8 +15,11 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import CannotTell, ModelError
+from ..fit.noise.completion import quick
+from ..model.restore import rebuild_model
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of
+from ..record.segments import described
 from ..record.study import Step, Study
 from ..selection.decide import Decision, decided, pruned
 from ..selection.entry import Entry
@@ -26,6 +29,7 @@ from ..selection.run import Resumed, base_of, concluded, ladder_of, left_out, ra
 from ..selection.score import is_noise
 from ..selection.search import Search
 from ..selection.steps import opened
+from ..verdict.detectable import detectable
 from ..verdict.from_position import from_position
 from ..verdict.judge import judge
 from ..verdict.swing import meaning_of
@@ -49,6 +53,20 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
     verdict = judge(run, fit, loop, main.from_position if main else None)
     severity, swing = meaning_of(run.loop, main, fit, verdict) if main else (None, None)
     return replace(study, estimate=main, verdict=verdict, severity=severity, swing=swing)
+
+
+def with_sizes(loop: Loop, study: Study) -> Study:
+    """The study with the smallest size of every effect that was not named which its record would have shown."""
+    if not study.candidates:
+        return study
+    piece, _ = described(loop, study.steps[-1].model)
+    names = {c: c.effect + (f"@{c.variant}" if c.variant and c.variant in parse(c.effect)[0].variants else
+                            f":{c.variant}" if c.variant else "") for c in study.candidates if not c.accepted}
+    have = {parse(name)[0].name for name in study.steps[-1].effects}
+    sizes = detectable([n for c, n in names.items() if c.effect not in have],
+                       quick(*rebuild_model(piece, study.steps[-1].model)))
+    return replace(study, candidates=tuple(
+        replace(c, detectable_from=sizes.get(names[c])) if c in names else c for c in study.candidates))
 
 
 def asked_for(study: Study) -> tuple[str, ...]:
@@ -118,7 +136,7 @@ def of_effects(loop: Loop, on: Resumed, entry: Entry, *, keep: Sequence[str], as
     steps = _answered(on, found, steps, asked, rose)
     after = concluded(told(on, study, found, ladder[0]), found, steps, fits)
     if study.candidates:
-        after = ranked(on, after, found, new)
+        after = with_sizes(loop, ranked(on, after, found, new))
     return judged_anew(loop, after, search.seed), found
 
 
