@@ -160,19 +160,22 @@ def _lines(text: str) -> tuple[list[str], list]:
             or (line.startswith("model ") and "beside its noise model" in line)
         if tree:
             continue
+        if re.match(r"\s*[|│┃├┡╞]", line) and not re.search(r"[^-|│┃├┡╞┤┩╡:=+─━═┼╇╪ ]", line):
+            continue  # between the heads and the rows
         cells = [c.strip() for c in re.split(r"[|│┃]", line.strip().strip("|│┃"))]
         if not re.match(r"\s*[|│┃]", line) or len(cells) < 2:
             if not re.match(r"\s*[+┌└├╭╰┏┡┗-]{2}", line):
                 caption, inside = (line if line.strip() else caption), False
                 prose.append(line)
             continue
-        if all(set(c) <= set("-:=+─━┼ ") for c in cells):
-            continue
+        rows = tables[-1][2] if inside else []
         if not inside:
             tables.append((caption, cells, []))
             inside = True
+        elif rows and cells[0] and not any(cells[1:]):
+            rows[-1][0] += cells[0]  # a name that goes on in the next line
         else:
-            tables[-1][2].append(cells)
+            rows.append(cells)
     return _sentences("\n".join(_joined(prose))), tables
 
 

@@ -70,7 +70,7 @@ def test_a_new_method_is_one_new_file(tmp_path: Path, monkeypatch: pytest.Monkey
         "from stictionid.methods.contract import Method, Outcome\n"
         "def _run(run):\n"
         "    fit = run.with_valve(4.0, 2.5)\n"
-        "    return Outcome((run.step(fit, None),), (fit,), False, 'guessed')\n"
+        "    return Outcome((run.step(fit, None),), (fit,))\n"
         "METHOD = Method(name='guess', summary='s', equation='e', source='s', checked='c', cannot='c', run=_run,\n"
         "                options=frozenset())\n")
     monkeypatch.setattr(method_room, "__path__", [*method_room.__path__, str(tmp_path)])

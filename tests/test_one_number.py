@@ -16,9 +16,9 @@ from stictionid.reports.pictures.curves import gather
 
 _WIDE = {"COLUMNS": "400"}
 _KINDS = ("html", "json", "md")
-_MOVES = ("--setpoint", "0:5", "--setpoint", "300:-6")
-LOOPS = {"stop": ("--effect", "travel-limit:upper=52"),
-         "sine": ("--effect", "sinusoidal-disturbance:period_s=61,amplitude=1"), "sticking": ()}
+_SHORT = ("--seed", 12, "--duration", 600, "--setpoint", "300:-6")
+LOOPS = {"stop": ("--seed", 1, "--duration", 900, "--setpoint", "450:-6", "--effect", "travel-limit:upper=52"),
+         "sine": (*_SHORT, "--effect", "sinusoidal-disturbance:period_s=61,amplitude=1"), "sticking": _SHORT}
 
 
 def outputs(folder: Path) -> dict[str, tuple[Study, str]]:
@@ -44,7 +44,7 @@ def outputs(folder: Path) -> dict[str, tuple[Study, str]]:
 def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Study, str]]:
     """The outputs of one short simulated loop."""
     folder = tmp_path_factory.mktemp("one-number")
-    out = run("simulate", "--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--seed", 12, "--duration", 600, *_MOVES,
+    out = run("simulate", "--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--setpoint", "0:5",
               *LOOPS[request.param], "-o", "loop.csv", cwd=folder)
     assert out.returncode == 0, out.stderr
     return outputs(folder)
@@ -76,6 +76,12 @@ def test_each_effect_has_one_row_and_those_of_the_model_are_never_rejected(
     assert {s.added for s in study.steps[1:]} <= {c.effect for c in have}
     assert all(not c.rejected_because for c in have)
     assert all(c.rejected_because for c in study.candidates if c.effect not in study.steps[-1].effects)
+
+
+def test_the_slip_jump_in_percent_of_travel_is_called_no_share(shown: dict[str, tuple[Study, str]]) -> None:
+    for study, text in shown.values():
+        jump = next(p for p in study.steps[-1].parameters if p.name == "J")
+        assert (jump.unit, jump.meaning) == ("%", "slip jump") and "as a share of S" not in text
 
 
 def test_the_map_of_the_cost_marks_the_estimate_of_its_step(shown: dict[str, tuple[Study, str]]) -> None:

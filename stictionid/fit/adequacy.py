@@ -42,7 +42,7 @@ def _cautioned(step: Step) -> Step:
     """A step whose finding on conditional intervals is that of its own error."""
     others = tuple(f for f in step.findings if f.code != CONDITIONAL)
     error, noise = step.error.rmse, step.error.noise_sd
-    has_intervals = any(p.interval is not None for p in step.parameters)
+    has_intervals = any(p.name == "S" and p.interval is not None for p in step.parameters)
     if not has_intervals or not noise or error <= _CONDITIONAL * noise or carrier(step):
         return replace(step, findings=others)
     said = Finding(

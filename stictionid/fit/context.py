@@ -123,7 +123,7 @@ class Run:
         y = self.used_y()
         known = fit.model.disturbance(fit.values, e.own) if any(x.columns for x in fit.model.effects) else None
         floor = self.floor(e.position_means, e.values["dead_time_s"], known)
-        innovation = float(np.sqrt(fit.sse / max(e.rows - 1, 1)))
+        innovation = float(np.sqrt(fit.sse / max(e.rows, 1)))
         rows, count = innovation_rows(fit.model, fit.best), _count(fit)
         span = float(np.linalg.norm(y - y.mean()))
         fitted = 100.0 * (1.0 - e.rmse * np.sqrt(y.size) / span) if span else None

@@ -127,7 +127,7 @@ def with_noise(done: Refit, name: str, spec: Spec) -> Model:
 def said_noise(fit: Fitted) -> Finding:
     """The finding on the noise model of a fit: its kind and its size."""
     spec, e = fit.model.spec, fit.best
-    taps, sd = np.asarray(spec.taps), float(np.sqrt(fit.sse / max(e.rows - 1, 1)))
+    taps, sd = np.asarray(spec.taps), float(np.sqrt(fit.sse / max(e.rows, 1)))
     walks = spec.increments and spec.process == FIRST_ORDER
     how = ("white steps that add up under measurement noise" if walks else
            f"an autoregression of order {taps.size}" if taps.size else "white")

@@ -187,7 +187,7 @@ def _cost_map(fit: Fitted, step: int) -> CostMap:
     values = fit.values[:, None].repeat(int(valid.sum()), axis=1)
     values[:2] = grid[:, valid]
     rmse = np.full(grid.shape[1], np.nan)
-    rmse[valid] = np.sqrt(fit.model.costs_of(values) / max(fit.best.rows - 1, 1))
+    rmse[valid] = np.sqrt(fit.model.costs_of(values) / max(fit.best.rows, 1))
     own = bool((np.abs(fit.searched - [S_best, J_best]).max(axis=1) <= _NEAR * fit.model.s_max).any())
     rows = [tuple(None if not np.isfinite(x) else float(x) for x in row) for row in rmse.reshape(S.size, J.size)]
     return CostMap(tuple(S.tolist()), tuple(J.tolist()), tuple(rows),
