@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..effects import parse
+from ..fit.cross_validation import held_out
 from ..record.loop import Finding
 from ..record.tree import Gate
 from ..selection.decide import best_without
@@ -37,10 +38,10 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     """
     if is_noise(name):
         return _of_noise(winner.scored, name, search)
-    before = _before(search, winner, name)
+    child, parent = _with_held(winner.scored), _with_held(_before(search, winner, name).scored)
     without = best_without(search, winner, plain(name))
     worth, margin = winner.scored.done.gain_over(without.scored.done), margin_of(name, search.policy)
-    gates = judged(Edge(name, winner.scored, before.scored, search.policy))
+    gates = judged(Edge(name, child, parent, search.policy))
     lasts = any(g.name == LASTS for g in gates)
     failed = [g for g in gates if not g.passed and g.name != GAIN]
     if worth < margin and not lasts:
@@ -50,7 +51,7 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     said = {True: f"the record supports {name}", False: f"the record does not support {name}",
             None: f"the record can't tell whether {name} is there"}[answer]
     said += f": it gains {worth:.0f} BIC beyond noise, {margin:g} name an effect"
-    after, held = winner.scored.held, before.scored.held
+    after, held = child.held, parent.held
     if after is not None and held is not None:
         said += f"; held out, the one-step error goes from {held.rmse_one_step:.4g} to {after.rmse_one_step:.4g}"
     names = {g.name for g in failed}
@@ -66,6 +67,11 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
                 "better": rival or None}
     return Support(answer, Finding(code, "info" if answer else "warning", said, evidence, (rival,) if rival else (),
                                    SOURCE))
+
+
+def _with_held(scored: Scored) -> Scored:
+    """A score with held-out errors; one that an earlier search left in the tree brings none."""
+    return scored if scored.held is not None else replace(scored, held=held_out(scored.done))
 
 
 def _before(search: Search, winner: Entry, name: str) -> Entry:
