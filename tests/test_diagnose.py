@@ -9,6 +9,7 @@ from pathlib import Path
 import commands
 import numpy as np
 import pytest
+from test_same_model import assert_same
 
 import stictionid.effects as effect_room
 from stictionid.effects import get as get_effect
@@ -25,6 +26,7 @@ from stictionid.record.study import Study, to_json
 from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
+from stictionid.verbs.remove import remove
 
 HELD = Options(base_only=True, between="hold")
 MOVES = ((0.0, 3.0), (200.0, -4.0), (450.0, 5.0), (700.0, -3.0))
@@ -130,7 +132,13 @@ def test_a_superfluous_effect_is_named_and_left_out_on_request(stepped: tuple[Lo
     assert "superfluous" in {f.code for f in kept.steps[-1].findings}
     pruned = add(loop, wrong, "step-disturbance@output", prune=True)
     assert pruned.steps[-1].model["effects"] == ["step-disturbance@output"]
-    assert "pruned" in {f.code for f in pruned.steps[-1].findings}
+    assert [f.statement for f in pruned.steps[-1].findings if f.code == "gave-way"] == [
+        "left out: sinusoidal-disturbance, needless beside step-disturbance"]
+    # The ladder does not show what was left out, and the hint of the warning can be followed.
+    assert [step.added for step in pruned.steps] == [None, "step-disturbance"]
+    hint = next(f.statement for f in kept.steps[-1].findings if f.code == "superfluous")
+    assert "stictionid remove sinusoidal-disturbance" in hint
+    assert_same(remove(loop, kept, "sinusoidal-disturbance"), pruned)
 
 
 def test_prewhitening_of_the_process_is_kept_and_extended_by_a_noise_model() -> None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stictionid.fit.fit import Fitted, as_it_stands
 from stictionid.fit.moves import descended, with_start
 from stictionid.fit.starts.niches import beyond_rest, herded
-from stictionid.fit.with_effect import together_on_valve
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -35,16 +33,6 @@ def a_model(loop: Loop, effects: tuple[str, ...], between: str = "hold") -> Mode
                  s_max=swing_of(loop, found), period_s=time_scale_s(loop, found))
 
 
-def first_of(model: Model) -> Fitted:
-    """What a fit of the first effect alone ends with: S and J of the middle of the record."""
-    start = model.vector({"S": S + 0.4, "J": 0.8, "initial_residual_force": 0.0, "time_constant_s": 6.0,
-                          "dead_time_s": 5.5, "asymmetric-stiction:jump_difference": -0.4,
-                          "re-sticking:restick_speed": 1e4})
-    near = descended(model, with_start(model, model.cube(start[:, None])))
-    values = model.values(near.points[:1])[:, 0]
-    return as_it_stands(model, values)
-
-
 def test_a_herd_crosses_slips_that_a_descent_stops_at() -> None:
     model = a_model(a_loop(), PAIR)
     start = model.vector({"S": 1.03 * S, "J": 0.93 * J, "initial_residual_force": 0.0, "time_constant_s": 5.0,
@@ -57,11 +45,6 @@ def test_a_herd_crosses_slips_that_a_descent_stops_at() -> None:
     assert herd.costs[0] == pytest.approx(float(model.costs(herd.points[:1])[0]))
     rmse = [float(np.sqrt(found.costs[0] / model.shared.rows)) for found in (stopped, herd)]
     assert rmse[1] < 1.2 * NOISE < 0.6 * rmse[0]
-
-
-def test_one_effect_on_a_valve_stays_where_it_is() -> None:
-    fit = first_of(a_model(a_loop(), PAIR[:1]))
-    assert together_on_valve(fit.model, fit.values, np.random.default_rng(0)) is fit.values
 
 
 def test_a_drift_at_the_wall_is_looked_for_beyond_where_the_valve_rests() -> None:

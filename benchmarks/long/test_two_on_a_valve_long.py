@@ -7,7 +7,7 @@ import pytest
 from test_two_on_a_valve import DIFFERENCE, GROWTH, NOISE, PAIR, J, S, a_loop, a_model
 
 from stictionid.fit.moves import descended, with_start
-from stictionid.fit.with_effect import together_on_valve
+from stictionid.selection.looks import refitted
 
 
 def test_a_pair_is_searched_out_of_a_basin_whose_dead_time_is_samples_off() -> None:
@@ -17,7 +17,7 @@ def test_a_pair_is_searched_out_of_a_basin_whose_dead_time_is_samples_off() -> N
                           "stiction-drift:stickband_growth": 0.8 * GROWTH})
     near = descended(model, with_start(model, model.cube(start[:, None])))
     wrong = model.values(near.points[:1])[:, 0]
-    found = together_on_valve(model, wrong, np.random.default_rng(0))
+    model, found, _ = refitted(model, wrong, np.random.default_rng(0), beside=True)
     assert model.evaluate(wrong).rmse > 10.0 * NOISE > 9.7 * model.evaluate(found).rmse
     named = model.named(found)
     assert named["S"] == pytest.approx(S, rel=0.01)

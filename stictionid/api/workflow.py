@@ -85,8 +85,9 @@ def add(study: Study, effect: str, loop: Loop | pd.DataFrame | str | os.PathLike
         prune: bool = False, seed: int = 0, progress: Progress | None = None) -> Study:
     """The study with one more step: the model refitted with an effect ("step-disturbance@load" names a variant).
 
-    `prune` leaves out earlier effects that it makes superfluous. Raises UsageError for an unknown effect or one that
-    the model has already, DataError for an abstained study.
+    The noise is completed anew, and parts that a search put in go where they are needless. `prune` also leaves out
+    effects added by hand that are superfluous now. Raises UsageError for an unknown effect or one that the model has
+    already, DataError for an abstained study.
     """
     from ..verbs.add import add as run
 

@@ -99,7 +99,6 @@ def add(
     Example: stictionid add extra-lag study.json
     """
     from ..effects import parse
-    from ..reports.answer import worse
     from ..reports.effect_words import named_in, sentence
     from ..verbs.add import add as run
     from ..verbs.support import CODES
@@ -119,13 +118,13 @@ def add(
     console = out_console()
     step = next((s for s in reversed(after.steps) if s.added == wanted.name), after.steps[-1])
     name = named_in(step)
-    grew = worse(before, after) and step.supported is not True
-    if grew:
-        console.print(f"the free-run error is larger with {safe(name)} than without it")
+    grew = any(f.code == "worse" for f in step.findings)
+    _print_findings(step, ("worse",), console)
     console.print(safe(sentence(after, name)))
     print_change(before, after, console)
     _print_findings(step, CODES, console, "answer")
-    _print_findings(step, ("superfluous", "pruned", "entering-elsewhere"), console)
+    _print_findings(step, ("superfluous",), console)
+    _print_findings(after.steps[-1], ("gave-way",), console)
     said = remove_step(name, place, data=file, effects=effects, laws=laws) if grew else \
         next_step(after, place, data=file, effects=effects, laws=laws, asked=False)
     say(f"next: {said}", quiet=quiet)
@@ -159,7 +158,7 @@ def remove(
         return
     console = out_console()
     print_change(before, after, console)
-    _print_findings(after.steps[-1], ("removed",), console)
+    _print_findings(after.steps[-1], ("removed", "gave-way"), console)
     say(f"next: {next_step(after, place, data=file, effects=effects, laws=laws, asked=False)}", quiet=quiet)
 
 

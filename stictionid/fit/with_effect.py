@@ -18,7 +18,7 @@ from ..numerics.population import Found, refine, together
 from ..typing import FloatArray
 from .fit import Fitted, polish_smooth
 from .moves import descended, search_model, spreads, with_start
-from .noise.completion import has_noise, quick
+from .noise.completion import quick
 from .own_scan import scanned_starts
 from .starts.basins import along_ridge, with_other_start, with_process
 from .starts.beside_effect import RESTING, across, guessed_valves, on_valve, open_valves, stickbands
@@ -146,25 +146,15 @@ def widened_by(fit: Fitted, name: str) -> tuple[Model, Model]:
     return model, search_model(model)
 
 
-def together_on_valve(model: Model, values: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Values (d,) of a model with two or more effects on the valve, all searched together from the present values.
-
-    The search takes longer where the innovations are not white. Under a command that moves between samples the values
-    stay. Each effect was fitted beside the others as they were then. Slips a sample late, for a dead time a sample
-    short, then look like one more effect.
-    """
-    if not model.spec.held or has_noise(model.spec) or sum(map(on_valve, model.effects)) < 2:
-        return values
-    patience = PATIENCE if quick(model, values).white else ALONE
-    best, _ = at_thresholds(model, _herded_along(model, model.cube(values[:, None]), rng, patience).points[0], rng)
-    return model.values(best[None])[:, 0]
-
-
-def _herded_along(model: Model, points: FloatArray, rng: np.random.Generator, patience: int = PATIENCE) -> Found:
+def out_of_basin(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
     """An evolution strategy about points (k, d), one beyond the rest of a drifting valve, and scans along a curve.
 
-    Along a curve of equal cost a population spreads step by step; a scan covers more of it at once.
+    The strategy takes longer for effects on the valve whose innovations are not white: each was fitted while something
+    was missing, and slips a sample late, for a dead time a sample short, then look like one more effect. Along a curve
+    of equal cost a population spreads step by step; a scan covers more of it at once.
     """
+    valve = any(map(on_valve, model.effects))
+    patience = ALONE if valve and not quick(model, model.values(points[:1])[:, 0]).white else PATIENCE
     found = herded(model, points, rng, patience)
     beyond = beyond_rest(model, found.points[0], rng)
     if len(beyond):

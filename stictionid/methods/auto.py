@@ -25,6 +25,7 @@ from ..fit.noise.prewhitening import without_noise
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
 from ..fit.with_effect import scout
 from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
+from ..numerics import tally
 from ..process.intersample import CORNER
 from ..process.scan import DECIMATED, blurred, p_law, parts_of, ran_between
 from ..record.loop import Finding
@@ -65,7 +66,9 @@ def _run(run: Run, policy: Policy) -> Outcome:
     """Base model, then the search with the small catalogue, and with the whole one where that explains nothing."""
     o = run.options
     run.tell("searching (S, J)", 0.1)
+    before = tally.spent()
     fit, notes, slow = _base(run)
+    spent = (tally.spent() - before) // policy.unit
     check_scans(run, fit)
     noises = noises_in(o.effects)
     if _nothing(run, fit) and samples_a_turn(run.used_y()) < SAMPLES_PER_PERIOD:
@@ -73,9 +76,11 @@ def _run(run: Run, policy: Policy) -> Outcome:
     run.tell("asking for the process and the command", 0.5)
     small = frozenset() if o.base_only else frozenset(e.name for e in catalogue().values() if e.by_itself)
     search, found = _searched(run, (fit, *slow), policy, small)
+    spent += search.budget.spent
     if not o.base_only and _nothing_explained(run, found, policy):
         run.tell("asking for every effect", 0.6)
         search, found = _searched(run, (fit, *slow), policy, None)
+        spent += search.budget.spent
     if _nothing_explained(run, found, policy):
         raise _explains_nothing(run)
     if noises or o.base_only:
@@ -103,7 +108,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
     fits[-1] = with_levels(run, fits[-1], run.rng)
     steps[-1] = replace(steps[-1], parameters=parameters(fits[-1]))
     return Outcome(tuple(steps), tuple(fits), tree=tree_of(search, found, order),
-                   evaluations=search.budget.spent, unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
+                   evaluations=spent, unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
                    reach=found.reach, missing_reason=found.missing_reason, unexplained=found.shape)
 
 

@@ -98,9 +98,3 @@ def change(before: Study, after: Study) -> PageTable:
         for row, cell in zip(rows, cells, strict=True):
             row.append(cell)
     return PageTable("What changed", ("", "before", "after"), tuple(map(tuple, rows)), (1, 2))
-
-
-def worse(before: Study, after: Study) -> bool:
-    """True where the free-run error of the last model grew in the digits that are shown."""
-    was, now = before.steps[-1].error.rmse, after.steps[-1].error.rmse
-    return now > was and wording.number(now) != wording.number(was)

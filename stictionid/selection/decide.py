@@ -272,9 +272,7 @@ def candidates(search: Search, found: Decision, named: Sequence[str], study: Stu
                                   f"{name} could not be tried: {entries[0].failed}",
                                   rejected_because="could not be fitted"))
             continue
-        rivals = [e for e in search.memo.values()
-                  if e.passed and not e.failed and name not in map(plain, e.spec.effects)]
-        without = max(rivals, key=lambda e: _over(e, found.winner), default=found.winner)
+        without = best_without(search, found.winner, name)
         holds = best.get(name) or max(ran, key=lambda e: _over(_finished(search, e, name), found.winner))
         accepted = name in {*map(plain, named), *present}
         why = "" if accepted else doubt if name in best else _why(search, holds, name, set(best))
@@ -283,6 +281,12 @@ def candidates(search: Search, found: Decision, named: Sequence[str], study: Stu
     first = {plain(name): i for i, name in enumerate(named)}
     return tuple(sorted(rows, key=lambda c: (first.get(c.effect, len(first)), not c.accepted, bool(c.rejected_because),
                                              c.rmse is None, -(c.gain_beyond_noise or 0.0))))
+
+
+def best_without(search: Search, winner: Entry, name: str) -> Entry:
+    """The best node that passed and lacks an effect, by its plain name; the winner where none does."""
+    rivals = [e for e in search.memo.values() if e.passed and not e.failed and name not in map(plain, e.spec.effects)]
+    return max(rivals, key=lambda e: _over(e, winner), default=winner)
 
 
 def _over(entry: Entry, other: Entry) -> float:

@@ -13,6 +13,7 @@ from ..fit.adequacy import CONDITIONAL
 from ..fit.context import Run
 from ..fit.fit import Fitted, finish
 from ..fit.moves import descended
+from ..fit.noise.completion import Refit
 from ..fit.noise.prewhitening import whitened
 from ..model.model import Model
 from ..model.segments import bound
@@ -28,19 +29,23 @@ from .search import Search
 Rung = tuple[Spec, FloatArray]
 
 
-def ordered(search: Search, winner: Entry, base: Sequence[str] = ()) -> tuple[tuple[str, ...], list[Rung]]:
+def ordered(search: Search, winner: Entry, base: Sequence[str] = (),
+            given: Sequence[str] = ()) -> tuple[tuple[str, ...], list[Rung]]:
     """The winner's effects in the order of their gain, and specification and values (d,) of every rung, the base first.
 
-    Effects of the `base` are in every rung. A rung is the node as the search met it, or the winner without the later
-    effects, polished. A first order has levels in every rung: only the step that names a walk is fitted in differences.
-    An integrator has differences, because the errors of wrong slips add up. Its last rung has levels where the winner
-    leaves next to nothing but noise in them.
+    Effects of the `base` are in every rung. Those with a `given` order keep it, and come before the others. A rung is
+    the node as the search met it, or the winner without the later effects, polished. A first order has levels in every
+    rung: only the step that names a walk is fitted in differences. An integrator has differences, because the errors of
+    wrong slips add up. Its last rung has levels where the winner leaves next to nothing but noise in them.
     """
-    left, order = [name for name in physical(winner.spec) if name not in base], []
+    left = [name for name in physical(winner.spec) if name not in base]
+    order: list[str] = []
+    first = [name for name in given if name in left]
     spec = node(without(winner.spec, left))
     rungs = [_rung(search, winner, spec)[:2]]
     while left:
-        tried = {name: _rung(search, winner, node(with_effect(spec, name))) for name in left}
+        asked = first[len(order):len(order) + 1] or left
+        tried = {name: _rung(search, winner, node(with_effect(spec, name))) for name in asked}
         name = min(tried, key=lambda n: tried[n][2])
         left.remove(name)
         order.append(name)
@@ -112,9 +117,8 @@ def with_levels(run: Run, fit: Fitted, rng: np.random.Generator) -> Fitted:
     return replace(fit, intervals={**fit.intervals, **both})
 
 
-def with_noise(scored: Scored, name: str, spec: Spec) -> Model:
+def with_noise(done: Refit, name: str, spec: Spec) -> Model:
     """The model of a node with the noise that completes it as an effect of its own."""
-    done = scored.done
     full = replace(done.spec, effects=(*physical(spec), name))
     return bound(done.model.loop, full, s_max=done.model.s_max, period_s=done.model.period_s,
                  residual=done.evaluated.left)

@@ -6,12 +6,13 @@ Source: SELECTION.md sections 1 and 4.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from ..effects import parse
 from ..fit.context import Run
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.noise.completion import Refit
+from ..fit.noise.completion import AUTOREGRESSIVE, Refit, complete
+from ..fit.noise.unexplained import judged_by
 from ..fit.starts.intersample import as_moving, surely_moves, surely_scanned
 from ..model.restore import rebuild_model
 from ..model.segments import bound
@@ -29,12 +30,26 @@ from .ladder import Rung, fitted, in_colour, ordered, said_noise, step_of, with_
 from .looks import rng_of
 from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
-from .score import Scored, glanced, is_noise, noise_words
+from .score import Scored, glanced, is_noise, noise_name, noise_words
 from .search import Search
 from .steps import opened, reaching_to, with_noise_of, with_steps
 
+# Statuses of nodes without a full fit.
+_LOOKED = ("looked", "failed")
+
 # Gives a study with another last model its verdict and severity.
 Judge = Callable[[Loop, Study, int], Study]
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """A study's last model and tree in a search that goes on from there; `here` is the node of that model."""
+
+    study: Study
+    run: Run
+    fit: Fitted
+    search: Search
+    here: Entry
 
 
 def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, apply: bool = False, seed: int = 0,
@@ -46,40 +61,24 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     `judge` gives a study whose last model, or whose interval, is another than before its verdict and severity. Raises
     DataError for an abstained study, and for one that can't be rebuilt.
     """
-    policy, tell = policy or Policy(), progress or (lambda text, share: None)
-    run, fit = opened(loop, study, seed)
-    search = Search(run.loop, policy, seed, jobs, tell, commands=commands_of(run),
-                    slow=blurred(run.loop, run.options.scan_s), blurred=unseen_scans(run),
-                    floor=floor_of(run))
-    _replant(search, run, study, fit, policy)
+    tell = progress or (lambda text, share: None)
+    on = resumed(loop, study, seed=seed, jobs=jobs, policy=policy, progress=tell)
+    run, fit, search, here = on.run, on.fit, on.search, on.here
     found = decided(search, search.run(everything=everything))
-    before = physical(node(fit.model.spec))
-    order, rungs = ordered(search, found.winner, _base_of(study))
+    before = physical(here.spec)
+    order, rungs = ordered(search, found.winner, base_of(study))
     new = tuple(name for name in order if name not in before)
     if found.noise and not any(plain(n) == found.noise for n in fit.model.spec.effects):
         new = (*new, found.noise)
-    here = search.memo[key(node(fit.model.spec))]
-    blur = rounded(run.loop, study, here.scored, found, policy, seed)
+    blur = rounded(run.loop, study, here.scored, found, search.policy, seed)
     p_value = None
     if bootstrap and new and not is_noise(new[0]):
         p_value = p_of(search, here, new[0], bootstrap, tell)
-    chance = p_value is not None and p_value > max(policy.chance, 1.0 / (bootstrap + 1))
-    if key(here.spec) != key(found.winner.spec):
-        study = with_noise_of(study, found.winner.scored)
+    chance = p_value is not None and p_value > max(search.policy.chance, 1.0 / (bootstrap + 1))
     doubt = "may be rounding" if blur else "may be chance" if chance else ""
     if doubt:
         new = ()
-
-    def ranked(study: Study) -> Study:
-        """The study with its ranking; nodes that are steps of it have the errors of the step."""
-        errors = {key(rebuild_model(run.loop, step.model)[0].spec): step.error for step in study.steps}
-        rows = candidates(search, found, new, study, errors, doubt)
-        return replace(study, candidates=_with_p(rows, p_value))
-
-    study = ranked(replace(study, tree=tree_of(search, found, order),
-                           evaluations=search.budget.spent + (study.evaluations or 0),
-                           unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
-                           missing_reason=found.missing_reason, unexplained=found.shape, missing=()))
+    study = ranked(on, told(on, study, found, order), found, new, doubt, p_value)
     if blur:
         return _left_to_rounding(study, blur)
     if chance:
@@ -91,9 +90,47 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     if not apply:
         return replace(study, missing=(parse(new[0])[0].name,) if new else ())
     tell("fitting the ladder", 1.0)
-    steps, fits = ladder_of(run, search, found, fit, (order, rungs), study)
-    after = ranked(_reaching(with_steps(study, tuple(steps), fits[-1]), found))
-    return replace(judge(loop, after, seed), missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
+    ladder = ladder_of(run, search, found, fit, (order, rungs), study, left_out(found, study))
+    after = judge(loop, ranked(on, concluded(study, found, *ladder), found, new, doubt, p_value), seed)
+    return replace(after, missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
+
+
+def resumed(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy: Policy | None = None,
+            progress: Progress | None = None) -> Resumed:
+    """A study's last model and its tree in a search that goes on from there; DataError for an abstained study."""
+    run, fit = opened(loop, study, seed)
+    policy = policy or Policy()
+    search = Search(run.loop, policy, seed, jobs, progress or (lambda text, share: None), commands=commands_of(run),
+                    slow=blurred(run.loop, run.options.scan_s), blurred=unseen_scans(run), floor=floor_of(run))
+    _replant(search, run, study, fit, policy)
+    return Resumed(study, run, fit, search, search.memo[key(node(fit.model.spec))])
+
+
+def told(on: Resumed, study: Study, found: Decision, order: Sequence[str]) -> Study:
+    """The study with what a decision says beside its model: tree, equivalents, and what is missing."""
+    search = on.search
+    _with_looks(on)
+    if key(on.here.spec) != key(found.winner.spec):
+        study = with_noise_of(study, found.winner.scored)
+    return replace(study, tree=tree_of(search, found, order),
+                   evaluations=search.budget.spent + (study.evaluations or 0),
+                   unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
+                   missing_reason=found.missing_reason, unexplained=found.shape, missing=())
+
+
+def ranked(on: Resumed, study: Study, found: Decision, named: Sequence[str], doubt: str = "",
+           p_value: float | None = None) -> Study:
+    """The study with its ranking; nodes that are steps of it have the errors of the step."""
+    errors = {key(rebuild_model(on.run.loop, step.model)[0].spec): step.error for step in study.steps}
+    rows = candidates(on.search, found, named, study, errors, doubt)
+    return replace(study, candidates=_with_p(rows, p_value))
+
+
+def concluded(study: Study, found: Decision, steps: Sequence[Step], fits: Sequence[Fitted]) -> Study:
+    """The study with the ladder of a decision: the end of every way to the same effects."""
+    after = _reaching(with_steps(study, tuple(steps), fits[-1]), found)
+    adequate, why = judged_by(found.shape, after.adequate, after.adequate_reason)
+    return replace(after, adequate=adequate, adequate_reason=why)
 
 
 def _reaching(study: Study, found: Decision) -> Study:
@@ -128,26 +165,19 @@ def commands_of(run: Run) -> tuple[Spec, ...]:
 def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy) -> None:
     """Put the models of a study's steps and of its tree in the memo of a search."""
     search.root(fit)
-    known = {n.id: n for n in study.tree}
     children: dict[int, set[str]] = {}
     for n in study.tree:
         if n.parent is not None and n.edge.op == ADD:
             children.setdefault(n.parent, set()).add(n.edge.what)
     for n in study.tree:
-        if n.status in ("looked", "failed") or not n.parameters:
+        if n.status in _LOOKED or not n.parameters:
             continue
-        spec = spec_of(n.structure, n.effects, fit.model.spec)
+        entry = _entry_of(n, study, fit)
         # Another search may have asked for fewer effects.
-        whole = set(additions(spec, search.loop, search.only)) <= children.get(n.id, set())
-        model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
-                      residual=fit.best.left)
-        before = known.get(n.parent) if n.parent is not None else None
-        parent = None if before is None else key(spec_of(before.structure, before.effects, fit.model.spec))
-        entry = Entry(spec, Scored(glanced(model, model.vector(n.parameters)), True), parent, n.edge.op, n.edge.what,
-                      gates=n.gates, asked=whole)
-        have = search.memo.get(key(spec))
+        entry.asked = set(additions(entry.spec, search.loop, search.only)) <= children.get(n.id, set())
+        have = search.memo.get(key(entry.spec))
         if have is None:
-            search.memo[key(spec)] = entry
+            search.memo[key(entry.spec)] = entry
             continue
         have.asked = entry.asked
         if entry.scored.done.gain_over(have.scored.done) > policy.better_fit:
@@ -161,12 +191,33 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
             search.root(as_it_stands(there, there.vector(model.named(values))))
 
 
+def _entry_of(n: TreeNode, study: Study, fit: Fitted) -> Entry:
+    """A node of a study's tree as the memory of a search has it; `fit` is a fit of the same record."""
+    spec = spec_of(n.structure, n.effects, fit.model.spec)
+    model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
+    before = next((m for m in study.tree if m.id == n.parent), None)
+    parent = None if before is None else key(spec_of(before.structure, before.effects, fit.model.spec))
+    values = model.vector(n.parameters) if n.parameters else fit.values
+    scored = Scored(glanced(model if n.parameters else fit.model, values), n.status not in _LOOKED)
+    failed = n.gates[0].reason if n.status == "failed" and n.gates else ""
+    return Entry(spec, scored, parent, n.edge.op, n.edge.what, gates=n.gates, failed=failed)
+
+
+def _with_looks(on: Resumed) -> None:
+    """Put those nodes of the study's tree in the memo that were looked at only, or failed, and are not known better."""
+    memo = on.search.memo
+    for n in on.study.tree:
+        if n.status in _LOOKED:
+            entry = _entry_of(n, on.study, on.fit)
+            memo.setdefault(key(entry.spec), entry)
+
+
 def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: tuple[tuple[str, ...], list[Rung]],
-              study: Study | None = None) -> tuple[list[Step], list[Fitted]]:
+              study: Study | None = None, said: tuple[Finding, ...] = ()) -> tuple[list[Step], list[Fitted]]:
     """The steps of a decision from the base up and their fits; `ladder` holds the effects in their order and the rungs.
 
     Steps of a `study` stay as far as they are rungs; their fits are then left out. A base that is the `first` fit
-    keeps its restarts.
+    keeps its restarts. The last step gets the findings that are to be `said`.
     """
     order, rungs = ladder
     steps: list[Step] = []
@@ -182,7 +233,7 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
         values, full = first.values if searched else values, spec
         if final and not run.options.base_only:
             full, values = in_colour(run.model(spec), values, found.winner.scored)
-        said = _said(found, study) if final else ()
+        more = said if final else ()
         if searched and full.taps == first.model.spec.taps:
             fits.append(first)
             steps.append(run.step(first, name))
@@ -191,21 +242,25 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
         if final and study is not None:
             fit = with_levels(run, fit, rng_of(search.seed, key(spec), 1))
         if full.taps != spec.taps:
-            said = (*said, said_noise(fit))
+            more = (*more, said_noise(fit))
         if searched:
             fit = replace(fit, runs=first.runs, agree=first.agree, searched=first.searched)
         step = run.step_again(run.step(first, name), fit) if searched else step_of(run, fit, name)
-        steps.append(replace(step, findings=(*step.findings, *said)))
+        steps.append(replace(step, findings=(*step.findings, *more)))
         fits.append(fit)
     if found.noise:
-        model = with_noise(found.winner.scored, found.noise, found.winner.spec)
-        values = model.vector(found.winner.scored.done.model.named(found.winner.scored.done.values))
-        fits.append(fitted(model, values, rng_of(search.seed, found.noise, 2), last=True))
-        steps.append(step_of(run, fits[-1], found.noise, (*_said(found, study), said_noise(fits[-1]))))
+        rng = rng_of(search.seed, found.noise, 2)
+        done = found.winner.scored.done
+        if found.noise != noise_name(found.winner.scored, search.policy, slow=search.slow):
+            # A user chose it.
+            done = complete(done.model, done.values, None, rng, noise=parse(found.noise)[0].noise or AUTOREGRESSIVE)
+        model = with_noise(done, found.noise, found.winner.spec)
+        fits.append(fitted(model, model.vector(done.model.named(done.values)), rng, last=True))
+        steps.append(step_of(run, fits[-1], found.noise, (*said, said_noise(fits[-1]))))
     return steps, fits
 
 
-def _base_of(study: Study) -> tuple[str, ...]:
+def base_of(study: Study) -> tuple[str, ...]:
     """The effects that a study's base has."""
     return tuple(name for name in study.steps[0].model.get("effects", ()) if not is_noise(name))
 
@@ -225,17 +280,16 @@ def _is_rung(run: Run, step: Step, spec: Spec) -> bool:
     return key(model.spec) == key(spec) and len(model.spec.effects) == len(physical(model.spec))
 
 
-def _said(found: Decision, study: Study | None) -> tuple[Finding, ...]:
-    """The finding on effects of the study that the ladder leaves out."""
-    if study is None:
-        return ()
-    had = {parse(name)[0].name for name in study.steps[-1].effects}
-    have = {parse(name)[0].name for name in physical(found.winner.spec)} | {found.noise}
-    gone = sorted(had - have)
+def left_out(found: Decision, study: Study, but: Sequence[str] = ()) -> tuple[Finding, ...]:
+    """The finding on effects of the study that the ladder leaves out, some taken out by hand apart."""
+    had = {plain(name) for name in study.steps[-1].effects}
+    have = {plain(name) for name in physical(found.winner.spec)} | ({found.noise} - {""})
+    gone, new = sorted(had - have - {plain(name) for name in but}), sorted(have - had)
     if not gone:
         return ()
-    return (Finding("gave-way", "info", f"left out again, because the model does as well without: {', '.join(gone)}",
-                    {"effects": gone}, tuple(sorted(have - had - {""})), "CRITICISM.md section 7, step 8"),)
+    beside = f"beside {', '.join(new)}" if new else "now"
+    return (Finding("gave-way", "info", f"left out: {', '.join(gone)}, needless {beside}", {"effects": gone},
+                    tuple(new), "Kass and Raftery 1995"),)
 
 
 def _left_to_rounding(study: Study, words: str) -> Study:

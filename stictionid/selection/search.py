@@ -150,7 +150,7 @@ class Search:
         """
         scored = entry.scored
         return (scored.white and scored.free_run_at_noise) or (
-            entry.asked and (scored.white or self._only_noise(entry)))
+            entry.asked and (scored.white or self.only_noise(entry)))
 
     def best(self) -> Entry:
         """The entry with the best BIC among those that passed all gates."""
@@ -181,11 +181,12 @@ class Search:
         return ground, self._edges(entry, fit.model.spec)
 
     def ask(self, entry: Entry, names: Sequence[str], *, changes: bool = False, beside: Entry | None = None,
-            beyond: Entry | None = None) -> None:
+            beyond: Entry | None = None, sure: bool = False) -> None:
         """Ask beside a node for effects that are not fitted yet, and with `changes` for those of structure.
 
         A search that begins with parts of the record ends where it does not leave less than another node, `beside`.
-        With `beyond` only looks better than that node are fitted, and the budget holds as it does with `changes`.
+        With `beyond` only looks better than that node are fitted, and the budget holds as it does with `changes`. Where
+        it is `sure` that an effect enters, its best look is fitted in full whatever it gains.
         """
         ground, tasks = self._opened(entry, f"asking for {names[0]} beside")
         if beside is not None:
@@ -197,7 +198,7 @@ class Search:
             self._search_valves(ground, [t for t in asked if t.added == RESTING])
             looks = self._looked(ground, entry, asked)
             self._finish(ground, entry, [a for a in looks if beyond is None
-                                         or self._seen(a).done.gain_over(beyond.scored.done) > 0.0])
+                                         or self._seen(a).done.gain_over(beyond.scored.done) > 0.0], sure)
 
     def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to ask for beside it, once: an answer may be another valve, or lack a drift; or None."""
@@ -217,7 +218,7 @@ class Search:
         if RESTING in additions(spec, self.loop, self.only):
             return entry, (RESTING,)
         # Under a command that moves a valve that rests may be one that slides and goes past its place.
-        if RESTING not in spec.effects or (spec.held and self._only_noise(entry)):
+        if RESTING not in spec.effects or (spec.held and self.only_noise(entry)):
             return None
         slides = self.dropped(entry, RESTING)
         names = tuple(n for n in additions(slides.spec, self.loop, self.only) if parse(n)[0].slides)
@@ -226,7 +227,7 @@ class Search:
     def _structures(self, entry: Entry) -> None:
         """Ask beside every process, lag and command for a valve that rests: two changes may show only together."""
         queue, seen = [entry], {key(entry.spec)}
-        while queue and not self.budget.over and not self._only_noise(self.best()):
+        while queue and not self.budget.over and not self.only_noise(self.best()):
             base = queue.pop(0)
             if base is not entry and RESTING in additions(base.spec, self.loop, self.only):
                 # The valves found without a further lag will do: most of them were found without a process.
@@ -245,9 +246,13 @@ class Search:
         """
         if entry.spec.fixed or not entry.scored.endless(self.policy):
             return None
-        task = Task(other_process(without(entry.spec, (LAG,))))
+        return self.instead(entry, other_process(without(entry.spec, (LAG,))))
+
+    def instead(self, entry: Entry, spec: Spec) -> Entry | None:
+        """The node of another structure beside an entry, fitted in full; None where its fit failed."""
+        task = Task(spec)
         if self._unfitted(task):
-            ground, _ = self._opened(entry, "asking for an integrator beside")
+            ground, _ = self._opened(entry, "asking for another structure beside")
             looks = self._performed(ground, entry, [task], always=True)
             self._performed(ground, entry, [replace(task, look=look) for look in looks], always=True)
             self._judge(entry)
@@ -256,7 +261,7 @@ class Search:
 
     def _instead_of_lag(self, entry: Entry) -> None:
         """Look at effects on the process in the place of a further lag: beside it they begin far off."""
-        if LAG not in entry.spec.effects or self.only is not None or self._only_noise(self.best()):
+        if LAG not in entry.spec.effects or self.only is not None or self.only_noise(self.best()):
             return
         bare = self.dropped(entry, LAG)
         if names := [n for n in additions(bare.spec, self.loop, self.only) if shapes(parse(n)[0])]:
@@ -266,7 +271,7 @@ class Search:
         """Drop what the best node has from its base and no longer needs: a rest found while an effect was missing."""
         best = self.best()
         for name in BASE_EFFECTS.intersection(best.spec.effects):
-            if depth(best.spec) and not self._only_noise(best):
+            if depth(best.spec) and not self.only_noise(best):
                 without = self.dropped(best, name)
                 if best.scored.done.gain_over(without.scored.done) < least_cost(name, without, self.policy):
                     self.settle(without)
@@ -329,7 +334,7 @@ class Search:
             near = any(a.added and self._seen(a).nearly(self.policy) for a in answers)
             answers += self._performed(ground, entry, [
                 replace(t, stage=NEAR if near else FAR if t.on_valve else t.stage) for t in some])
-        effects = [a for a in answers if a.added and self._better(a)]
+        effects = [a for a in answers if a.added and self.memo[key(a.spec)].look is a]
         by_score = sorted(effects, key=lambda a: -self._seen(a).done.gain_over(entry.scored.done))
         by_free_run = sorted(effects, key=lambda a: self._seen(a).rmse)
         best = {key(a.spec): a for a in (*by_score[:2 * self.policy.finalists], *by_free_run[:self.policy.finalists])}
@@ -350,14 +355,11 @@ class Search:
                 answers.append(answer)
         return answers
 
-    def _better(self, answer: Packed) -> bool:
-        return self.memo[key(answer.spec)].look is answer
-
     def _seen(self, answer: Packed) -> Scored:
         """Score of a look, whether it waits beside a full fit or not."""
         return self.memo[key(answer.spec)].seen(answer)
 
-    def _finish(self, ground: Ground, entry: Entry, looks: Sequence[Packed]) -> None:
+    def _finish(self, ground: Ground, entry: Entry, looks: Sequence[Packed], sure: bool = False) -> None:
         """Fit the looks that may win in full, the best first; then hand values back and judge all full children."""
         parent = entry.scored.done
         gains = {key(a.spec): self._seen(a).done.gain_over(parent) for a in looks}
@@ -378,7 +380,7 @@ class Search:
             late = count >= self.policy.finalists or gains[name] < max(0.0 if freer else best - self.policy.within, 0.0)
             # Beside noise alone a look that gains nothing, and no free run either, is no lead.
             least = 0.0 if entry.scored.noise_alone and not freer else -self.policy.within
-            if ((late and count) or gains[name] < least) and not structural and not halves:
+            if ((late and count) or gains[name] < least) and not structural and not halves and (count or not sure):
                 continue
             # The best look is fitted even where the budget ended with the looks, so is the freest where it halves.
             always = not count or (halves and answer is by_free_run[0])
@@ -414,16 +416,15 @@ class Search:
         rest = max((e.scored.done.gain_over(entry.scored.done) for e in self.memo.values()
                     if e.parent == key(entry.spec) and e.op == ADD and e.what == RESTING and not e.failed),
                    default=0.0)
-        passed = sound(self.memo, entry).scored
         base = next((e.scored for e in ranked(self.memo, self.policy) if not depth(e.spec)), None)
         for e in self.memo.values():
             if e.parent != key(entry.spec) or e.failed or not e.scored.full:
                 continue
             edge = Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred, entry.tentative,
-                        passed, base)
+                        sound(self.memo, entry).scored, base)
             e.gates = judged(edge) if e.op == ADD else judged_change(edge)
 
-    def _only_noise(self, entry: Entry) -> bool:
+    def only_noise(self, entry: Entry) -> bool:
         """True where an entry leaves noise of short memory, or is explained."""
         return entry.scored.noise_alone or self.explained(entry)
 
@@ -434,7 +435,7 @@ class Search:
         """
         scored = entry.scored
         return (scored.white and scored.done.increments) or self._at_floor(scored) or (
-            self._only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
+            self.only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
 
     def explained(self, entry: Entry) -> bool:
         """True where white innovations are nearly all of the free run, or that is near the irreducible noise."""

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..effects import parse
-from ..fit.noise.completion import quick
 from ..fit.noise.unexplained import judged_by
-from ..model.restore import rebuild_model
 from ..record.loop import Loop
-from ..record.segments import described
 from ..record.study import Study
 from ..selection.policy import Policy
 from ..selection.run import select
 from ..typing import Progress
-from ..verdict.detectable import detectable
-from .add import judged_anew
+from .by_hand import judged_anew, with_sizes
 
 
 def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool = False, seed: int = 0, jobs: int = 1,
@@ -29,7 +24,7 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     found = select(loop, study, judged_anew, everything=everything, apply=apply, seed=seed, jobs=jobs,
                    bootstrap=bootstrap, policy=policy or Policy(), progress=progress)
     adequate, why = judged_by(found.unexplained, found.adequate, found.adequate_reason)
-    judged = _with_sizes(loop, replace(found, adequate=adequate, adequate_reason=why))
+    judged = with_sizes(loop, replace(found, adequate=adequate, adequate_reason=why))
     return _with_what_was_asked(study, judged)
 
 
@@ -41,17 +36,3 @@ def _with_what_was_asked(before: Study, after: Study) -> Study:
     known = {c.effect for c in before.candidates}
     return replace(after, candidates=(*before.candidates, *(c for c in after.candidates if c.effect not in known)),
                    tree=max(before.tree, after.tree, key=len))
-
-
-def _with_sizes(loop: Loop, study: Study) -> Study:
-    """The study with the smallest size of every effect that was not named which its record would have shown."""
-    if not study.candidates:
-        return study
-    piece, _ = described(loop, study.steps[-1].model)
-    names = {c: c.effect + (f"@{c.variant}" if c.variant and c.variant in parse(c.effect)[0].variants else
-                            f":{c.variant}" if c.variant else "") for c in study.candidates if not c.accepted}
-    have = {parse(name)[0].name for name in study.steps[-1].effects}
-    sizes = detectable([n for c, n in names.items() if c.effect not in have],
-                       quick(*rebuild_model(piece, study.steps[-1].model)))
-    return replace(study, candidates=tuple(
-        replace(c, detectable_from=sizes.get(names[c])) if c in names else c for c in study.candidates))

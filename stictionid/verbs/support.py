@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..effects import parse
-from ..fit.context import Run
 from ..fit.cross_validation import held_out
-from ..fit.fit import Fitted
-from ..model.segments import bound
 from ..record.loop import Finding
-from ..record.study import Study
-from ..record.tree import Gate, added_to
-from ..selection.gates import LASTS, Edge, judged, margin_of
-from ..selection.looks import pool_of
-from ..selection.node import node, physical
-from ..selection.policy import Policy
-from ..selection.score import Scored, completed, is_noise, noise_name
+from ..record.tree import Gate
+from ..selection.decide import best_without
+from ..selection.entry import Entry
+from ..selection.gates import GAIN, LASTS, Edge, judged, margin_of
+from ..selection.node import BASE_EFFECTS, physical, plain
+from ..selection.score import Scored, is_noise, noise_name
+from ..selection.search import Search
 
 SUPPORTED, REJECTED, OPEN = "supported", "not-supported", "cannot-tell"
 CODES = (SUPPORTED, REJECTED, OPEN)
+SOURCE = "Kass and Raftery 1995"
 # Gates that a short or quiet record may fail for a true effect: where only they fail, the record can't tell.
-_OF_THE_RECORD = {"gain", "blocks", "strokes", "held-out"}
-# BIC by which another effect must beat the one added to be named instead. Source: Kass and Raftery 1995, positive.
-_BETTER = 2.0
-_SOURCE = "CRITICISM.md section 7, steps 6 and 7"
+_OF_THE_RECORD = {GAIN, "blocks", "strokes", "held-out"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,72 +31,77 @@ class Support:
     finding: Finding
 
 
-def support_of(run: Run, study: Study, before: Fitted, after: Fitted, name: str, policy: Policy) -> Support:
-    """The answer on the effect `name`, by which the fit `after` differs from `before`, both completed with noise.
+def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> Support:
+    """The answer on an effect of a winner, by its worth and by the gates against the winner without it.
 
-    The tree of the study, where it has one, names the effect that does better.
+    Where the free run `rose` when it was added no record supports it.
     """
-    parent = _scored(run, before, policy)
     if is_noise(name):
-        return _of_noise(parent, name, policy)
-    child = _scored(run, after, policy)
-    edge = Edge(name, child, parent, policy)
-    gates = judged(edge)
-    failed = [g for g in gates if not g.passed]
-    better = _better(study, before, name, edge.gain)
-    answer = _answer(failed, edge, better is not None)
+        return _of_noise(winner.scored, name, search)
+    child, parent = _with_held(winner.scored), _with_held(_before(search, winner, name).scored)
+    without = best_without(search, winner, plain(name))
+    worth, margin = winner.scored.done.gain_over(without.scored.done), margin_of(name, search.policy)
+    gates = judged(Edge(name, child, parent, search.policy))
+    lasts = any(g.name == LASTS for g in gates)
+    failed = [g for g in gates if not g.passed and g.name != GAIN]
+    if worth < margin and not lasts:
+        failed.append(Gate(GAIN, False, ""))
+    answer = _answer(failed, worth, rose)
     code = {True: SUPPORTED, False: REJECTED, None: OPEN}[answer]
     said = {True: f"the record supports {name}", False: f"the record does not support {name}",
             None: f"the record can't tell whether {name} is there"}[answer]
-    said += f": it gains {edge.gain:.0f} BIC beyond noise, {edge.margin:g} name an effect"
-    if child.held is not None and parent.held is not None:
-        said += (f"; held out, the one-step error goes from {parent.held.rmse_one_step:.4g} to "
-                 f"{child.held.rmse_one_step:.4g}")
+    said += f": it gains {worth:.0f} BIC beyond noise, {margin:g} name an effect"
+    after, held = child.held, parent.held
+    if after is not None and held is not None:
+        said += f"; held out, the one-step error goes from {held.rmse_one_step:.4g} to {after.rmse_one_step:.4g}"
     names = {g.name for g in failed}
     # One sentence on the blocks is enough, and the gain is said above.
-    said += "".join(f"; {g.reason}" for g in failed if g.name != "gain" and (g.name != "blocks" or
-                                                                           "held-out" not in names))
+    said += "".join(f"; {g.reason}" for g in failed if g.name != GAIN and (g.name != "blocks" or
+                                                                         "held-out" not in names))
     said += "".join(f"; but {g.reason}" for g in gates if g.name == LASTS)
-    if better is not None:
-        said += f"; {better[0]} does better, it gains {better[1]:.0f}"
-    evidence = {"gain_beyond_noise": edge.gain, "margin": margin_of(name, policy), "failed": [g.name for g in failed],
-                "rmse_one_step_holdout": [s.held.rmse_one_step if s.held else None for s in (parent, child)],
-                "better": better[0] if better else None}
-    return Support(answer, Finding(code, "info" if answer else "warning", said, evidence,
-                                   (better[0],) if better else (), _SOURCE))
+    rival = _rival(winner, without) if worth < margin else ""
+    if rival:
+        said += f"; {rival} does {'better' if worth < 0.0 else 'nearly as well'}"
+    evidence = {"gain_beyond_noise": worth, "margin": margin, "failed": [g.name for g in failed],
+                "rmse_one_step_holdout": [h.rmse_one_step if h else None for h in (held, after)],
+                "better": rival or None}
+    return Support(answer, Finding(code, "info" if answer else "warning", said, evidence, (rival,) if rival else (),
+                                   SOURCE))
 
 
-def _scored(run: Run, fit: Fitted, policy: Policy) -> Scored:
-    """The model of a fit without its noise effects, completed with the best noise, with held-out errors."""
-    old = fit.model
-    model = bound(old.loop, node(old.spec), s_max=old.s_max, period_s=old.period_s, residual=fit.best.left)
-    done = completed(model, model.vector(old.named(fit.values)), pool_of(fit, run.options.seed), run.rng, policy)
-    return Scored(done, True, held_out(done))
+def _with_held(scored: Scored) -> Scored:
+    """A score with held-out errors; one that an earlier search left in the tree brings none."""
+    return scored if scored.held is not None else replace(scored, held=held_out(scored.done))
 
 
-def _answer(failed: Sequence[Gate], edge: Edge, beaten: bool) -> bool | None:
+def _before(search: Search, winner: Entry, name: str) -> Entry:
+    """The best model without an effect that has no others than the winner, but for those of a base."""
+    mine = ({plain(n) for n in physical(winner.spec)} | BASE_EFFECTS) - {plain(name)}
+    search.dropped(winner, name)
+    less = [e for e in search.memo.values() if e.scored.full and not e.failed and
+            {plain(n) for n in physical(e.spec)} <= mine]
+    return max(less, key=lambda e: e.scored.done.gain_over(winner.scored.done))
+
+
+def _rival(winner: Entry, without: Entry) -> str:
+    """The effect that a model has and the winner lacks; empty where there is none."""
+    have = {plain(name) for name in physical(winner.spec)} | BASE_EFFECTS
+    return next((name for name in physical(without.spec) if plain(name) not in have), "")
+
+
+def _answer(failed: Sequence[Gate], worth: float, rose: bool) -> bool | None:
     if not failed:
-        return None if beaten else True
-    return None if edge.gain > 0.0 and not beaten and {g.name for g in failed} <= _OF_THE_RECORD else False
+        return None if rose else True
+    return None if worth > 0.0 and not rose and {g.name for g in failed} <= _OF_THE_RECORD else False
 
 
-def _of_noise(parent: Scored, name: str, policy: Policy) -> Support:
-    """A noise model is supported where it is the one that the residual of the model before asks for."""
-    wanted = noise_name(parent, policy)
+def _of_noise(scored: Scored, name: str, search: Search) -> Support:
+    """A noise model is supported where it is the one that the residual of the model asks for."""
+    wanted = noise_name(scored, search.policy, slow=search.slow)
     added = parse(name)[0].name
     if wanted == added:
         return Support(True, Finding(SUPPORTED, "info", f"the record supports {added}: the residual is such noise", {},
-                                     (), _SOURCE))
+                                     (), SOURCE))
     said = f"the residual asks for {wanted}" if wanted else "the residual is white without a noise model"
     return Support(False, Finding(REJECTED, "warning", f"the record does not support {added}: {said}",
-                                  {"better": wanted or None}, (wanted,) if wanted else (), _SOURCE))
-
-
-def _better(study: Study, before: Fitted, name: str, gain: float) -> tuple[str, float] | None:
-    """The effect that beats `gain` beside the same model in the study's tree, and its gain; one on the path first."""
-    plain = parse(name)[0].name
-    found = [(n.status == "named", theirs, n.edge.what)
-             for n, theirs in added_to(study.tree, physical(before.model.spec))
-             if theirs > gain + _BETTER and parse(n.edge.what)[0].name != plain and n.status != "failed"
-             and all(g.passed for g in n.gates)]
-    return (max(found)[2], max(found)[1]) if found else None
+                                  {"better": wanted or None}, (wanted,) if wanted else (), SOURCE))

@@ -21,8 +21,6 @@ from ...process.scan import ran_with_samples
 from ...record.loop import Loop, bridged
 from ...record.oscillation import noise_of
 from ...typing import FloatArray
-from ..fit import Fitted
-from ..intervals.assemble import innovation_rows
 from ..moves import descended, search_model, with_start
 
 # Parts of a sampling interval when the command moves between samples.
@@ -62,9 +60,6 @@ _MOSTLY, _MEAN, _RESTS = 0.8, 0.5586, 0.5
 _FEWEST = 20
 # A short descent: its turns, and the fall of the cost at which it has settled.
 QUICK_TURNS, QUICK_SETTLE = 8, 1e-3
-# Twice the log-likelihood that a moving command must gain on a held one once everything else was found. Measured on 126
-# loops. Where the controller scans, 5 to 3300 lost; where it does not, 12 to 540 gained in four, 1 lost in a fifth.
-_AFTER_ALL = 6.0
 
 
 def may_move(loop: Loop) -> bool:
@@ -146,24 +141,6 @@ def noise_shared(loop: Loop) -> float:
 def as_moving(spec: Spec) -> Spec:
     """The same spec under a command that moves between samples."""
     return replace(spec, between=CORNER, substeps=SUBSTEPS)
-
-
-def moved_after_all(fit: Fitted, scan_s: float) -> tuple[Model, FloatArray] | None:
-    """The finished model refitted with a command that moves between samples, and its values (d,), where clearly better.
-
-    The refit starts where the model with a held command and all its effects ended. None where it does no better, where
-    the controller ran with the samples, and where the scans of `scan_s` within the samples make the command rough.
-    """
-    before = fit.model
-    if before.spec.between != "hold" or surely_scanned(before.loop) \
-            or (before.loop.step_s > scan_s and not may_move(before.loop)):
-        return None
-    model = _moving(before, as_moving(before.spec))
-    found = moved(before, fit.values, model.spec)
-    rows = innovation_rows(before, fit.best)
-    if not found.costs[0] < fit.sse * np.exp(-_AFTER_ALL / rows):
-        return None
-    return model, search_model(model).values(found.points[:1])[:, 0]
 
 
 def moved(held: Model, values: FloatArray, moving: Spec) -> Found:

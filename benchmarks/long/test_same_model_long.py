@@ -1,0 +1,53 @@
+"""One model for the same effects and the same base at length: twelve loops, by hand and by the search."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+from test_same_model import a_loop, assert_same
+
+from stictionid.model.closed_loop import Controller
+from stictionid.verbs.add import add
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import identify
+from stictionid.verbs.remove import remove
+
+LONGER = {"duration_s": 900.0, "setpoint_moves": ((0.0, 5.0), (450.0, -6.0))}
+MOVING = {**LONGER, "controller": Controller(0.1, 5.0)}
+Effects = tuple[tuple[str, dict[str, float]], ...]
+LOOPS: tuple[tuple[Effects, Mapping[str, Any]], ...] = (
+    ((("travel-limit", {"upper": 52.0}),), LONGER),
+    ((("sinusoidal-disturbance", {"period_s": 61.0, "amplitude": 1.0}),), LONGER),
+    ((("sinusoidal-disturbance", {"period_s": 47.0, "amplitude": 1.0}),), LONGER),
+    ((("gain-drift", {"drift": -44.4}),), LONGER),
+    ((("step-disturbance", {"time_s": 500.0, "size": 1.2}),), LONGER),
+    ((("step-disturbance", {"time_s": 500.0, "size": 1.2}),), MOVING),
+    ((("ramp-disturbance", {"start_s": 300.0, "rate": 0.01}),), LONGER),
+    ((("asymmetric-stiction", {"jump_up": 1.5, "jump_down": 3.5}),), LONGER),
+    ((("extra-lag", {"second_time_constant_s": 3.0}),), LONGER),
+    ((("stiction-drift", {"stickband_growth": 0.8, "jump_growth": 0.133}),), {**LONGER, "duration_s": 1500.0}),
+    ((("travel-limit", {"upper": 52.0}), ("sinusoidal-disturbance", {"period_s": 61.0, "amplitude": 1.0})), LONGER),
+    ((("step-disturbance", {"time_s": 500.0, "size": 1.2}), ("gain-drift", {"drift": -44.4})), LONGER),
+)
+
+
+@pytest.mark.parametrize(("effects", "more"), LOOPS)
+def test_effects_added_by_hand_in_either_order_end_as_the_search_does(effects: Effects,
+                                                                      more: Mapping[str, Any]) -> None:
+    loop = a_loop(*effects, **more)
+    study = identify(loop)
+    applied = diagnose(loop, study, apply=True)
+    names = [step.added + (f"@{step.variant}" if step.variant else "") for step in applied.steps[1:] if step.added]
+    assert {name for name, _ in effects} <= {name.partition("@")[0] for name in names}
+    have = study.steps[-1].model["effects"]
+    for order in (names, names[::-1]):
+        by_hand = study
+        for name in (n for n in order if n not in have):
+            by_hand = add(loop, by_hand, name)
+        assert_same(by_hand, applied)
+    last = by_hand.steps[-1]
+    without = remove(loop, by_hand, last.added or "")
+    assert last.added not in without.steps[-1].effects
+    assert_same(add(loop, without, order[-1]), applied)

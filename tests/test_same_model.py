@@ -1,0 +1,106 @@
+"""One model for the same effects and the same base: `add`, `remove` and `diagnose --apply` end in it.
+
+Errors agree within 1 %, S and J within a tenth of their intervals, the verdict and the effects are equal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
+from stictionid.record.loop import Loop
+from stictionid.record.study import Study
+from stictionid.selection.decide import best_without
+from stictionid.selection.node import physical
+from stictionid.selection.run import resumed
+from stictionid.verbs.add import add
+from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.identify import Options, identify
+from stictionid.verbs.remove import remove
+from stictionid.verbs.support import support_of
+
+ERROR, OF_INTERVAL = 0.01, 0.1
+
+
+def a_loop(*effects: tuple[str, dict[str, float]], **more) -> Loop:
+    """A plain loop with S 4 and J 2.5 %, without its valve position."""
+    base = Setting(Plant(3.0, 5.0, 5.0), Controller(0.1, 5.0, scan_s=1.0), S=4.0, J=2.5, duration_s=600.0,
+                   setpoint_moves=((0.0, 5.0), (300.0, -6.0)), noise_sd=0.05, effects=effects)
+    return replace(simulate(replace(base, **more), seed=1).loop, position=None)
+
+
+def assert_same(one: Study, other: Study) -> None:
+    assert one.estimate is not None and other.estimate is not None
+    assert sorted(one.steps[-1].effects) == sorted(other.steps[-1].effects)
+    assert one.steps[-1].error.rmse == pytest.approx(other.steps[-1].error.rmse, rel=ERROR)
+    for name in ("S", "J"):
+        low, high = getattr(other.estimate, f"{name}_interval")
+        assert getattr(one.estimate, name) == pytest.approx(getattr(other.estimate, name),
+                                                            abs=OF_INTERVAL * (high - low))
+    assert one.verdict.stiction == other.verdict.stiction
+
+
+@pytest.fixture(scope="module")
+def swung() -> tuple[Loop, Study]:
+    """A loop that a sine swings, and its study: identify gives the residual a narrow band."""
+    loop = a_loop(("sinusoidal-disturbance", {"period_s": 61.0, "amplitude": 1.0}))
+    return loop, identify(loop)
+
+
+def test_a_sine_added_by_hand_is_the_sine_of_the_search(swung: tuple[Loop, Study]) -> None:
+    loop, study = swung
+    noise = study.steps[-1].added
+    assert noise == "narrow-band-disturbance"
+    ranked = diagnose(loop, study)
+    assert ranked.missing == ("sinusoidal-disturbance",)
+    applied = diagnose(loop, study, apply=True)
+    added = add(loop, ranked, ranked.missing[0])
+    assert_same(added, applied)
+    assert_same(add(loop, study, ranked.missing[0]), applied)
+    assert added.steps[-1].supported is True and added.steps[-1].error.rmse < 0.1 * study.steps[-1].error.rmse
+    told = [f.statement for f in added.steps[-1].findings if f.code == "gave-way"]
+    assert told == [f"left out: {noise}, needless beside {ranked.missing[0]}"]
+    # Tree, ranking and what is missing are those of the new model.
+    named = [set(n.effects) for n in added.tree if n.status == "named"]
+    assert {f"{added.steps[-1].added}@{added.steps[-1].variant}".rstrip("@")} in named
+    row = next(c for c in added.candidates if c.effect == ranked.missing[0])
+    support = next(f for f in added.steps[-1].findings if f.code == "supported")
+    assert row.accepted and row.gain_beyond_noise == pytest.approx(support.evidence["gain_beyond_noise"])
+    assert not added.missing and not added.missing_reason and len(added.candidates) >= len(ranked.candidates)
+    back = remove(loop, added, ranked.missing[0])
+    assert_same(back, study)
+    worth = next(f for f in back.steps[-1].findings if f.code == "removed")
+    assert worth.suggests == ranked.missing and f"worth {worth.evidence['bic']:.0f} BIC" in worth.statement
+
+
+def test_a_stop_added_before_or_after_another_effect_is_the_stop_of_the_search() -> None:
+    loop = a_loop(("travel-limit", {"upper": 52.0}), duration_s=900.0, setpoint_moves=((0.0, 5.0), (450.0, -6.0)))
+    study = identify(loop, options=Options(base_only=True))
+    assert study.evaluations is not None and study.evaluations > 0
+    applied = diagnose(loop, study, apply=True)
+    assert applied.missing == ("travel-limit",)
+    other = add(loop, study, "slew-limit")
+    late = add(loop, other, "travel-limit")
+    assert [step.added for step in late.steps] == [None, "slew-limit", "travel-limit"]
+    assert_same(remove(loop, late, "slew-limit"), applied)
+    pruned = add(loop, other, "travel-limit", prune=True)
+    assert_same(pruned, applied)
+    assert [step.added for step in pruned.steps] == [None, "travel-limit"]
+
+
+def test_an_effect_with_which_the_error_grows_is_never_supported(swung: tuple[Loop, Study]) -> None:
+    loop, study = swung
+    after = add(loop, study, "sinusoidal-disturbance")
+    on = resumed(loop, after, seed=0)
+    name = physical(on.here.spec)[0]
+    without = best_without(on.search, on.here, "sinusoidal-disturbance")
+    assert on.here.scored.done.gain_over(without.scored.done) > 20.0
+    assert support_of(on.search, on.here, name).supported is True
+    assert support_of(on.search, on.here, name, rose=True).supported is None
+    wrong = add(loop, after, "ramp-disturbance")
+    step = next(s for s in wrong.steps if s.added == "ramp-disturbance")
+    assert step.supported is not True
+    grew = wrong.steps[-1].error.rmse > 1.001 * after.steps[-1].error.rmse
+    assert grew == ("worse" in {f.code for f in step.findings})
