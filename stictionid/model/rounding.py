@@ -18,10 +18,9 @@ import numpy as np
 
 from ..process.rounded import step_of
 from ..record.loop import Loop
-from ..record.segments import described
 from ..typing import FloatArray
 from .model import Model
-from .restore import rebuild_model
+from .restore import described, rebuild_model
 from .segments import bound
 
 # Outputs that are drawn, and the quantile of what they move y by: a slip that nearly did not happen is lost by any

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..errors import DataError
+from .controller import Controller, Steps
 from .loop import Finding
 from .rhythm import Rhythm
 from .swing import Swing
@@ -81,6 +82,7 @@ class DataRecord:
     findings: tuple[Finding, ...] = ()
     name: str = "loop"
     options: dict[str, Any] = field(default_factory=dict)
+    steps: Steps | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +116,8 @@ class PositionEstimate:
 class Estimate:
     """The last step's main numbers; S and J in `unit`, intervals at `interval_level`, null where unknown.
 
-    The longest time constant comes first; `time_constants_intervals` has one interval, or null, for each.
+    The longest time constant comes first; `time_constants_intervals` has one interval, or null, for each. `J_known` is
+    false where a rounded output leaves more than half of J open: its interval then is the answer.
     """
 
     S: float
@@ -133,6 +136,7 @@ class Estimate:
     gain_interval: tuple[float, float] | None = None
     time_constants_intervals: tuple[tuple[float, float] | None, ...] = ()
     dead_time_interval: tuple[float, float] | None = None
+    J_known: bool = field(default=True, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,6 +298,7 @@ class Study:
     unexplained: Unexplained | None = field(default=None, kw_only=True)
     rhythm: Rhythm | None = field(default=None, kw_only=True)
     swing: Swing | None = field(default=None, kw_only=True)
+    controller: Controller | None = field(default=None, kw_only=True)
     schema: str = SCHEMA
 
     @property

@@ -12,10 +12,9 @@ from ..fit.context import Run, process_numbers
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import has_noise
 from ..fit.options import Options
-from ..model.restore import rebuild_model
+from ..model.restore import described, rebuild_model
 from ..record.loop import Loop
 from ..record.oscillation import find_range
-from ..record.segments import described
 from ..record.study import Estimate, Step, Study, intervals_withheld, with_ranges, without_intervals
 
 

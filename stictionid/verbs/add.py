@@ -33,6 +33,7 @@ from ..selection.steps import opened, with_steps
 from ..typing import FloatArray, Progress
 from ..verdict.from_position import from_position
 from ..verdict.judge import judge
+from ..verdict.severity import with_controller
 from ..verdict.swing import meaning_of
 from .support import support_of
 
@@ -67,6 +68,7 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
         main = replace(main, from_position=position)
     verdict = judge(run, fit, loop, main.from_position if main else None)
     severity, swing = meaning_of(run.loop, main, fit, verdict) if main else (None, None)
+    severity = severity and with_controller(severity, study.controller)
     return replace(study, estimate=main, verdict=verdict, severity=severity, swing=swing)
 
 

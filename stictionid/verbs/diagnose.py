@@ -7,9 +7,8 @@ from dataclasses import replace
 from ..effects import parse
 from ..fit.noise.completion import quick
 from ..fit.noise.unexplained import judged_by
-from ..model.restore import rebuild_model
+from ..model.restore import described, rebuild_model
 from ..record.loop import Loop
-from ..record.segments import described
 from ..record.study import Study
 from ..selection.policy import Policy
 from ..selection.run import select

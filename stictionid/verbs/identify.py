@@ -48,8 +48,10 @@ from ..typing import Progress
 from ..verdict import law_ranking
 from ..verdict.from_position import from_position
 from ..verdict.judge import ASK, UNANSWERED, capped, judge
+from ..verdict.severity import with_controller
 from ..verdict.swing import meaning_of
 from .long_records import excerpt, judged
+from .valve_command import command_of, steps_of
 
 _MAP_S, _MAP_J = 41, 31
 # Free-run error, in times the noise, from which a record of uneven turns is not judged, and the advice for it.
@@ -76,7 +78,14 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     laws: tuple[LawResult, ...] = ()
     try:
         check(piece, found)
-        view = excerpt(piece, found, options)
+        view, controller = excerpt(piece, found, options), None
+        if "policy" in method.options:
+            # The methods of the literature take the output as it stands.
+            piece, controller, said = command_of(
+                piece, slice(0, piece.samples) if view is None else view.searched,
+                lambda part: _run_of(part, found, replace(options, law=None) if options.law == ALL_LAWS else options,
+                                     method, tell), (policy or Policy()).alike)
+            notes, view = (*notes, *said), None if view is None else replace(view, whole=piece)
         near = piece if view is None else view.loop
         if options.law == ALL_LAWS:
             run, outcome, laws = _every_law(near, found, options, method, policy, tell)
@@ -105,6 +114,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     estimate = with_ranges(_estimate(last, unit, outcome, position), outcome.steps)
     estimate = reaching_to(estimate, outcome.reach)
     severity, swing = meaning_of(piece, estimate, last, verdict)
+    severity = with_controller(severity, controller)
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
                  adequate=outcome.adequate, adequate_reason=outcome.reason,
@@ -112,7 +122,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
                  swing=swing,
                  tree=outcome.tree, evaluations=outcome.evaluations, unasked=outcome.unasked,
                  equivalents=outcome.equivalents, missing_reason=outcome.missing_reason,
-                 unexplained=outcome.unexplained)
+                 unexplained=outcome.unexplained, controller=controller)
 
 
 def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:
@@ -198,7 +208,7 @@ def data_record(loop: Loop, piece: Loop, notes: tuple[Finding, ...] = ()) -> Dat
     o = loop.origin
     return DataRecord(o.file, o.sha256, dict(o.columns), dict(o.units or loop.units), o.rows or loop.samples,
                       int(piece.used.sum()), loop.step_s, o.start, o.end, (*o.findings, *notes), loop.name,
-                      dict(o.options))
+                      dict(o.options), steps_of(loop))
 
 
 def abstained(loop: Loop, found: Range, options: Options, reason: CannotTell) -> Study:

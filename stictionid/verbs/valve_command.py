@@ -1,0 +1,85 @@
+"""Command that the valve of a record follows: the output as recorded, or as its controller's law computed it.
+
+A law that the rounded output obeys gives its digits back (process/controller_law.py). Both commands are then tried, and
+the likelihood of y decides (fit/seen_command.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from ..fit.context import Run
+from ..fit.seen_command import full_over_rounded
+from ..fit.starts.intersample import surely_moves
+from ..process.controller_law import ControllerLaw, controller_law
+from ..process.rounded import step_of
+from ..record.controller import FULL, ROUNDED, Controller, Steps
+from ..record.loop import Finding, Loop
+
+_SOURCE = "Astrom and Hagglund 1995 (digital PID)"
+
+
+def steps_of(loop: Loop) -> Steps:
+    """Steps in which output and process value of a record were recorded."""
+    return Steps(*(step_of(signal[loop.used]) or None for signal in (loop.output, loop.process_value)))
+
+
+def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
+               alike: float) -> tuple[Loop, Controller | None, tuple[Finding, ...]]:
+    """The record with the command that its valve follows, the controller's law, and what was found in words.
+
+    The samples `near` are searched. The rounded command must explain y better by more than `alike`, a difference of
+    BIC: few valves get their command rounded, and most historians round.
+    """
+    law, step = controller_law(piece), step_of(piece.output[piece.used])
+    if law is None or not step or surely_moves(piece):
+        return piece, None if law is None or step else _kept(law), ()
+    full = replace(piece, output=law.command, rebuilt=True)
+    gain = full_over_rounded(*(run_of(x.cut(near.start, near.stop) if near.stop - near.start < x.samples else x)
+                               for x in (full, piece)), step)
+    rebuilt = gain > -alike
+    found = replace(_kept(law), rebuilt=rebuilt, seen_by_valve=FULL if rebuilt else ROUNDED)
+    return full if rebuilt else piece, found, (_said(piece, found, step, gain, alike),)
+
+
+def as_read(loop: Loop) -> Controller | None:
+    """The controller of a record that was only read; None where no law is found."""
+    law = controller_law(loop.longest_segment())
+    return None if law is None else _kept(law)
+
+
+def _kept(law: ControllerLaw) -> Controller:
+    have = law.intervals
+    return Controller(law.kind, law.gain, law.integral_time_s if "integral_time_s" in have else None,
+                      law.derivative_time_s if "derivative_time_s" in have else None, dict(have), law.residual)
+
+
+def words_of(controller: Controller, output: str, process_value: str) -> str:
+    """The law of a controller with the intervals of its numbers, for signals with these units."""
+    def number(name: str, value: float | None, unit: str) -> str:
+        low, high = controller.intervals[name]
+        return "" if value is None else f", {name.removesuffix('_s').replace('_', ' ')} {value:.4g}{unit} " \
+                                        f"({low:.4g} to {high:.4g})"
+
+    times = (("integral_time_s", controller.integral_time_s), ("derivative_time_s", controller.derivative_time_s))
+    gain = number("gain", controller.gain, f" {output}/{process_value}" if process_value else "")
+    return controller.kind + gain + "".join(number(name, value, " s") for name, value in times if value is not None)
+
+
+def steps_in_words(steps: Steps, output: str, process_value: str) -> str:
+    """The steps of both signals; empty where none shows."""
+    known = [f"{name} in steps of {step:.4g}{f' {unit}' if unit else ''}" for name, step, unit in
+             (("OP", steps.output, output), ("PV", steps.process_value, process_value)) if step]
+    return " and ".join(known)
+
+
+def _said(loop: Loop, controller: Controller, step: float, gain: float, alike: float) -> Finding:
+    u, y = loop.unit("output", "%"), loop.unit("process_value")
+    told = "the record can't tell from the rounded one" if abs(gain) <= alike else f"BIC {abs(gain):.0f} better"
+    use = (f"OP is rebuilt from this law, and the valve follows the full output ({told})" if controller.rebuilt else
+           f"the valve follows the rounded output ({told}): OP is used as recorded")
+    return Finding("rebuilt-command" if controller.rebuilt else "rounded-command", "info",
+                   f"recorded {steps_in_words(steps_of(loop), u, y)}; the controller is a "
+                   f"{words_of(controller, u, y)}: {use}",
+                   {"step": step, "residual": controller.residual, "delta_bic": gain}, (), _SOURCE)
