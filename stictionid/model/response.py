@@ -27,7 +27,6 @@ from ..numerics.varpro import whiten, whiten_stack
 from ..process.intersample import interval_means
 from ..process.linear import Dynamics, free_run, transient
 from ..process.state_space import modes
-from ..record.controller import FULL
 from ..record.loop import Loop
 from ..typing import BoolArray, FloatArray
 from .spec import BASE, FIRST_ORDER, INTEGRATOR, Spec
@@ -346,7 +345,7 @@ class Response:
         return {"law": s.law, "process": s.process, "effects": list(s.effects), "between": s.between,
                 "substeps": s.substeps, "increments": s.increments, "taps": list(s.taps), "fixed": dict(s.fixed),
                 "friction_free": s.friction_free, "guides": list(s.guides), "s_max": self.s_max,
-                "period_s": self.period_s, "values": self.named(values), **({"command": FULL} if self.loop.rebuilt else {}),
+                "period_s": self.period_s, "values": self.named(values), **({"command": self.loop.followed} if self.loop.followed else {}),
                 **({"written": written} if written else {}),
                 **({"written_law": {"file": self.law.file, "sha256": self.law.sha256}} if self.law.file else {})}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -109,7 +110,8 @@ def described(loop: Loop, description: Mapping[str, Any]) -> tuple[Loop, tuple[s
 
 def as_followed(piece: Loop, description: Mapping[str, Any]) -> Loop:
     """Segments of a record with the command that a described model's valve follows: as recorded, or rebuilt."""
-    return rebuilt(piece) if description.get("command") == FULL else piece
+    command = str(description.get("command", ""))
+    return rebuilt(piece) if command == FULL else replace(piece, followed=command)
 
 
 def rerun(loop: Loop, description: dict[str, Any]) -> Curves:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..process.rounded import step_of
+from ..process.rounded import command_sd
 from ..record.loop import Loop
 from ..typing import FloatArray
 from .model import Model
@@ -41,9 +41,10 @@ def moved_within(model: Model, values: FloatArray, seed: int = 0) -> float:
 
     It is a root mean square, and the lower quartile of several draws; 0 where the output is not rounded, or finely.
 
-    Equal outputs in a row are shifted alike, so that every rise and fall of the record stays one.
+    Equal outputs in a row are shifted alike, so that every rise and fall of the record stays one. A rebuilt output moves
+    within its own error.
     """
-    loop, step = model.loop, step_of(model.loop.output)
+    loop, step = model.loop, float(np.sqrt(12.0)) * command_sd(model.loop)
     if step <= _FINE * float(values[0]):
         return 0.0
     now, counted = model.evaluate(values).model, model.good() & ~model.starting()

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..record.controller import FULL
 from ..record.loop import Loop, bridged
 from ..typing import BoolArray, FloatArray
 from .rounded import step_of
@@ -36,7 +37,7 @@ _COUNTS = 5.0
 # Share of the samples that count, above which a law is the record's.
 _MOSTLY = 0.5
 # Two-sided 90 % point of the normal distribution.
-_POINT_90 = 1.645
+POINT_90 = 1.645
 # Share of the variance of the output that a law which need not be exact must explain.
 _EXPLAINS = 0.9
 
@@ -67,7 +68,8 @@ class ControllerLaw:
 
     A law without integral part has an endless integral time, one without derivative part a derivative time of 0.
     `stretches` are the samples that obey it. `command` (n,) is the output without its rounding there, and as recorded
-    elsewhere. `residual` is the rms distance of law and record in %. `fit` is the share of u's variance explained.
+    elsewhere; `command_sd` is the standard deviation of its error. `residual` is the rms distance of law and record in
+    %. `fit` is the share of u's variance explained.
     """
 
     kind: str
@@ -78,6 +80,7 @@ class ControllerLaw:
     residual: float
     stretches: tuple[slice, ...]
     command: FloatArray = field(repr=False)
+    command_sd: float = 0.0
     fit: float = 1.0
 
 
@@ -99,7 +102,10 @@ class _Rounding:
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """A regression on one stretch: sizes (p,), their covariance (p, p), fitted values (m,) and residual (m,)."""
+    """A regression on one stretch: sizes (p,), their covariance (p, p), fitted values (m,) and residual (m,).
+
+    `numbers` are those estimated, the walking level counted by the samples that it is smoothed over.
+    """
 
     first: int
     stop: int
@@ -107,6 +113,7 @@ class _Piece:
     covariance: FloatArray
     fitted: FloatArray
     rest: FloatArray
+    numbers: float
 
     @property
     def counts(self) -> bool:
@@ -141,8 +148,13 @@ def controller_law(loop: Loop) -> ControllerLaw | None:
 
 def rebuilt(loop: Loop) -> Loop:
     """The loop with the output of its controller's law in place of the rounded one; as it is where no law is found."""
-    law = None if loop.rebuilt else controller_law(loop)
-    return loop if law is None else replace(loop, output=law.command, rebuilt=True)
+    law = None if loop.followed else controller_law(loop)
+    return loop if law is None else followed_in_full(loop, law)
+
+
+def followed_in_full(loop: Loop, law: ControllerLaw) -> Loop:
+    """The loop with the output of a law that it obeys."""
+    return replace(loop, output=law.command, followed=FULL, output_sd=law.command_sd)
 
 
 def usual_law(loop: Loop, *, held: bool = True) -> ControllerLaw | None:
@@ -165,7 +177,7 @@ def usual_law(loop: Loop, *, held: bool = True) -> ControllerLaw | None:
     if fit < _EXPLAINS or sizes[0] == 0.0 or sizes[1] / sizes[0] <= 0.0:
         return None
     return ControllerLaw("PI", float(sizes[0]), float(sizes[0] / sizes[1]) * loop.step_s, 0.0, {},
-                         float(np.sqrt(np.mean(rest**2))), (), loop.output, fit)
+                         float(np.sqrt(np.mean(rest**2))), (), loop.output, fit=fit)
 
 
 def _columns(loop: Loop, form: Form) -> FloatArray:
@@ -264,15 +276,16 @@ def _regressed(columns: FloatArray, u: FloatArray, form: Form, noise: _Rounding,
     if float(np.mean(rest**2)) > spread * (1.0 + _NEVER * np.sqrt(_KURTOSIS / n)) \
             or float(np.abs(rest).max()) > np.sqrt(3.0 * noise.output) + _NEVER * np.sqrt(other + spread / n):
         return None
-    return _Piece(first, stop, sizes, np.linalg.inv(true) * spread, u[first:stop] - rest, rest)
+    return _Piece(first, stop, sizes, np.linalg.inv(true) * spread, u[first:stop] - rest, rest,
+                  sizes.size + max(1.0, n * (1.0 - (decay := _decay(walk / spread))) / (1.0 + decay)))
 
 
 def _levelled(rows: FloatArray, ratio: float) -> FloatArray:
     """Rows (k, n) without the smoothed level that walks by `ratio` of the variance of white noise in each sample."""
-    if ratio * rows.shape[1] ** 2 < 1e-3:
-        return np.asarray(rows - rows.mean(axis=1, keepdims=True))
-    decay = 1.0 + 0.5 * ratio - np.sqrt(ratio + 0.25 * ratio * ratio)
     n = rows.shape[1]
+    if ratio * n**2 < 1e-3:
+        return np.asarray(rows - rows.mean(axis=1, keepdims=True))
+    decay = _decay(ratio)
     size = 1 << (2 * n - 1).bit_length()
     kernel = np.zeros(size)
     powers = decay ** np.arange(n)
@@ -282,16 +295,23 @@ def _levelled(rows: FloatArray, ratio: float) -> FloatArray:
     return np.asarray(rows - padded[:-1] / padded[-1])
 
 
+def _decay(ratio: float) -> float:
+    """Factor from sample to sample of the weights that smooth such a level."""
+    return float(1.0 + 0.5 * ratio - np.sqrt(ratio + 0.25 * ratio * ratio))
+
+
 def _read(loop: Loop, form: Form, pieces: list[_Piece], noise: _Rounding) -> ControllerLaw:
     """The law of the longest stretch, and the command of all."""
     command = np.array(loop.output)
     half = 0.5 * step_of(loop.output[loop.used])
-    squares = 0.0
+    squares = error = 0.0
     for piece in pieces:
         size = float(np.mean(piece.rest**2))
         squares += size * piece.rest.size
         # As far as the residual is larger than the rounding of OP, the record knows better than the law.
         share = max(1.0 - noise.output / size, 0.0) if size > 0.0 else 0.0
+        # The law's own error, and that of its numbers.
+        error += noise.output * min(share * piece.rest.size + piece.numbers, float(piece.rest.size))
         rows = slice(piece.first, piece.stop)
         command[rows] = np.clip(piece.fitted + share * piece.rest, loop.output[rows] - half, loop.output[rows] + half)
     longest = max(pieces, key=lambda piece: piece.stop - piece.first)
@@ -300,7 +320,7 @@ def _read(loop: Loop, form: Form, pieces: list[_Piece], noise: _Rounding) -> Con
     swing = float(np.var(loop.output[loop.used]))
     return ControllerLaw(form.kind, gain, lag, lead, intervals, float(np.sqrt(squares / rows_used)),
                          tuple(slice(piece.first, piece.stop) for piece in pieces), command,
-                         1.0 - squares / rows_used / swing if swing else 1.0)
+                         float(np.sqrt(error / rows_used)), 1.0 - squares / rows_used / swing if swing else 1.0)
 
 
 def _numbers(form: Form, piece: _Piece, step_s: float) -> tuple[float, float, float, dict[str, tuple[float, float]]]:
@@ -316,7 +336,7 @@ def _numbers(form: Form, piece: _Piece, step_s: float) -> tuple[float, float, fl
         slopes.append(slope)
     intervals = {}
     for name, value, slope in zip(names, values, slopes, strict=True):
-        wide = _POINT_90 * float(np.sqrt(slope @ piece.covariance @ slope))
+        wide = POINT_90 * float(np.sqrt(slope @ piece.covariance @ slope))
         intervals[name] = (float(value - wide), float(value + wide))
     known = dict(zip(names, values, strict=True))
     return values[0], known.get("integral_time_s", np.inf), known.get("derivative_time_s", 0.0), intervals

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..record.loop import Loop
 from ..typing import FloatArray
 
 # A step is one where all levels are whole multiples of it, to this share. Unit: 1.
@@ -30,6 +31,16 @@ def step_of(output: FloatArray) -> float:
         return 0.0
     step = float(apart.min())
     return step if bool(np.all(np.abs(apart / step - np.rint(apart / step)) <= _WHOLE)) else 0.0
+
+
+def unknown_step(loop: Loop) -> float:
+    """The step in which the command of a valve was rounded; 0 for one that is known as the valve followed it."""
+    return 0.0 if loop.followed else step_of(loop.output)
+
+
+def command_sd(loop: Loop) -> float:
+    """Standard deviation of what is unknown of a valve's command, in the unit of the output."""
+    return loop.output_sd if loop.followed else unknown_step(loop) / np.sqrt(12.0)
 
 
 def derounded(output: FloatArray, jumps: FloatArray) -> FloatArray:

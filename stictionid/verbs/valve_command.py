@@ -12,11 +12,13 @@ from dataclasses import replace
 from ..fit.context import Run
 from ..fit.seen_command import full_over_rounded
 from ..fit.starts.intersample import surely_moves
-from ..process.controller_law import ControllerLaw, controller_law
-from ..process.rounded import step_of
+from ..process.controller_law import ControllerLaw, controller_law, followed_in_full
+from ..process.rounded import command_sd, step_of
 from ..record.controller import FULL, ROUNDED, Controller, Steps
 from ..record.loop import Finding, Loop
 
+# Error of the rebuilt output, as a share of that of the rounded one, up to which y can tell which the valve followed.
+_GIVES_BACK = 0.5
 _SOURCE = "Astrom and Hagglund 1995 (digital PID)"
 
 
@@ -35,12 +37,15 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
     law, step = controller_law(piece), step_of(piece.output[piece.used])
     if law is None or not step or surely_moves(piece):
         return piece, None if law is None or step else _kept(law), ()
-    full = replace(piece, output=law.command, rebuilt=True)
+    full = followed_in_full(piece, law)
     gain = full_over_rounded(*(run_of(x.cut(near.start, near.stop) if near.stop - near.start < x.samples else x)
                                for x in (full, piece)), step)
     rebuilt = gain > -alike
-    found = replace(_kept(law), rebuilt=rebuilt, seen_by_valve=FULL if rebuilt else ROUNDED)
-    return full if rebuilt else piece, found, (_said(piece, found, step, gain, alike),)
+    # A command that the law knows hardly better than the record does makes slips early or late by chance, too.
+    told = law.command_sd <= _GIVES_BACK * command_sd(piece)
+    found = replace(_kept(law), rebuilt=rebuilt, seen_by_valve=ROUNDED if told and not rebuilt else FULL)
+    used = full if rebuilt else replace(piece, followed=ROUNDED) if told else piece
+    return used, found, (_said(piece, found, step, gain, alike),)
 
 
 def as_read(loop: Loop) -> Controller | None:
@@ -78,7 +83,9 @@ def _said(loop: Loop, controller: Controller, step: float, gain: float, alike: f
     u, y = loop.unit("output", "%"), loop.unit("process_value")
     told = "the record can't tell from the rounded one" if abs(gain) <= alike else f"BIC {abs(gain):.0f} better"
     use = (f"OP is rebuilt from this law, and the valve follows the full output ({told})" if controller.rebuilt else
-           f"the valve follows the rounded output ({told}): OP is used as recorded")
+           f"the valve follows the rounded output ({told}): OP is used as recorded"
+           if controller.seen_by_valve == ROUNDED else
+           "PV is recorded too coarsely for it to give back the digits of OP, which is used as recorded")
     return Finding("rebuilt-command" if controller.rebuilt else "rounded-command", "info",
                    f"recorded {steps_in_words(steps_of(loop), u, y)}; the controller is a "
                    f"{words_of(controller, u, y)}: {use}",
