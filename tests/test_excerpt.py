@@ -11,12 +11,12 @@ import pytest
 
 from stictionid.model.closed_loop import preset, simulate
 from stictionid.model.restore import rerun
+from stictionid.process.controller_law import ControllerLaw
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import crossings, find_range, reversals
 from stictionid.verbs import long_records as room
 from stictionid.verbs.identify import Options, identify
 from stictionid.verbs.screen import screen
-from stictionid.process.controller_law import ControllerLaw
 from stictionid.verdict.severity import _repaired
 
 FOPTD = preset("foptd")

@@ -20,13 +20,13 @@ from stictionid.model.spec import Spec
 from stictionid.numerics.autoregression import first_rows
 from stictionid.numerics.gauss_newton import descend
 from stictionid.numerics.population import refine
+from stictionid.process.controller_law import usual_law
 from stictionid.record.loop import Finding, Loop
 from stictionid.record.study import Verdict
 from stictionid.verbs.identify import Options, identify
 from stictionid.verdict.causes import steady
 from stictionid.verdict.from_position import from_position
 from stictionid.verdict.judge import capped, with_position
-from stictionid.process.controller_law import usual_law
 from stictionid.verdict.severity import band
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))

@@ -140,9 +140,14 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
 
 def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
     """The study as tables on stdout, the models tried among them if asked for; findings on stderr."""
+    from ..record.controller import COMMAND_FINDINGS
+
     console = out_console()
     console.print(f"verdict: {study.verdict.stiction} (confidence {study.verdict.confidence:.2f})")
     console.print(f"because: {safe(study.verdict.reason)}")
+    for finding in study.data.findings:
+        if finding.code in COMMAND_FINDINGS:
+            console.print(f"command: {safe(finding.statement)}")
     if study.estimate is None:
         return
     console.print(_estimate_table(study))
@@ -166,7 +171,8 @@ def _estimate_table(study: Any) -> Any:
     seen = e.from_position
     table.add_row("S stickband plus deadband", number(e.S, e.unit), interval(e.S_interval),
                   number(seen.S, e.unit) if seen else "-")
-    table.add_row("J slip jump", number(e.J, e.unit), interval(e.J_interval), number(seen.J, e.unit) if seen else "-")
+    table.add_row("J slip jump", number(e.J, e.unit) if e.J_known else "unknown", interval(e.J_interval),
+                  number(seen.J, e.unit) if seen else "-")
     per = " per s" if e.integrating else ""
     table.add_row("process gain", number(e.gain, f"{unit_y}/{e.unit}{per}"), interval(e.gain_interval), "-")
     for i, (lag, span) in enumerate(zip_longest(e.time_constants_s, e.time_constants_intervals)):

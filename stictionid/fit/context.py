@@ -16,6 +16,7 @@ from ..model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
 from ..numerics.autoregression import irreducible, linked
 from ..numerics.population import refine
 from ..numerics.varpro import bic
+from ..process.rounded import is_coarse, unknown_step
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of, time_scale_s
 from ..record.study import ErrorSummary, ParameterValue, Range, Restarts, Step
@@ -38,6 +39,13 @@ LONG_LAG, INTEGRATOR_GAIN = 0.75, 0.02
 _AT_HAND, _NOT_LONG = 6, 20_000
 # Grid of start forces, time constants and dead times (shares of their ranges) for the process of a given valve.
 _FORCES, _LAGS, _DEADS = np.linspace(-0.96, 0.96, 13), np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12)
+
+
+def said_rounding(loop: Loop) -> str:
+    """Words on the rounding of an output that no law of its controller undoes."""
+    return (f"the output is recorded in steps of {unknown_step(loop):.4g} {loop.unit('output', '%')}, and no P, PI or "
+            "PID law of these samples gives its digits back: S and J may lie further off than their intervals say")
+
 
 NO_FLOOR = ("the record is too short, or PV is missing in too many places without a rule, to estimate its irreducible "
             "noise")
@@ -162,7 +170,15 @@ class Run:
             *before.findings, *(f for f in again.findings if f.code not in codes)))
 
     def adequate(self, step: Step) -> tuple[bool, str]:
-        """True where the step's free-run error is the irreducible noise, and the sentence that says so."""
+        """True where the step's free-run error is the irreducible noise, and the sentence that says so.
+
+        A rounding of the output that was not undone is said first.
+        """
+        enough, why = self._adequate(step)
+        said = said_rounding(self.loop) + "; " if is_coarse(self.loop, step.model["values"]["S"]) else ""
+        return enough, said + why
+
+    def _adequate(self, step: Step) -> tuple[bool, str]:
         floor, error = step.error.noise_sd, step.error.rmse
         if floor is None:
             return False, NO_FLOOR

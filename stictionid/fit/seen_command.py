@@ -1,4 +1,4 @@
-"""Choice between two commands that a valve may have followed: the output as recorded, and as its controller computed it.
+"""Choice between two commands that a valve may have followed: the output as recorded, and as it was computed.
 
 A historian rounds what it stores, and the valve got the full output. A coarse output card rounds what the valve gets.
 Only y can tell: the base model is fitted under both commands and completed with noise.

@@ -31,7 +31,7 @@ from .node import additions, key, node, physical, plain, spec_of, structure, wit
 from .policy import Policy
 from .score import Scored, glanced, is_noise, noise_words
 from .search import Search
-from .steps import opened, reaching_to, with_steps
+from .steps import opened, reaching_to, with_known_jump, with_steps
 
 # Gives a study with another last model its verdict and severity.
 Judge = Callable[[Loop, Study, int], Study]
@@ -90,7 +90,10 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
 def _reaching(study: Study, found: Decision) -> Study:
     """The study whose intervals of S and J reach to the models that explain the record alike."""
     estimate = study.estimate
-    return study if estimate is None else replace(study, estimate=reaching_to(estimate, found.reach))
+    if estimate is None:
+        return study
+    reaching = reaching_to(estimate, found.reach)
+    return replace(study, estimate=with_known_jump(reaching, found.winner.scored.done.model.loop))
 
 
 def floor_of(run: Run) -> Callable[[Refit], float | None]:

@@ -13,9 +13,14 @@ from ..fit.fit import Fitted, as_it_stands
 from ..fit.noise.completion import has_noise
 from ..fit.options import Options
 from ..model.restore import described, rebuild_model
+from ..process.rounded import is_coarse
+from ..record.intervals import intervals_withheld, with_ranges, without_intervals
 from ..record.loop import Loop
 from ..record.oscillation import find_range
-from ..record.study import Estimate, Step, Study, intervals_withheld, with_ranges, without_intervals
+from ..record.study import Estimate, Step, Study
+
+# Width of the interval of J, as a share of it, from which a rounded output leaves J unknown. Unit: 1.
+_OPEN = 0.5
 
 
 def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
@@ -57,7 +62,14 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
     spans = fit.intervals
     found = replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),
                     initial_residual_force=v["initial_residual_force"], **process_numbers(fit))
-    return with_ranges(found, study.steps)
+    return with_known_jump(with_ranges(found, study.steps), fit.model.loop)
+
+
+def with_known_jump(found: Estimate, loop: Loop) -> Estimate:
+    """The estimate with J marked as unknown where a rounded output leaves more than half of it open."""
+    span = found.J_interval
+    open_ = span is None or span[1] - span[0] > _OPEN * found.J
+    return replace(found, J_known=not (open_ and is_coarse(loop, found.S)))
 
 
 def reaching_to(found: Estimate, reach: Mapping[str, tuple[float, float]]) -> Estimate:

@@ -23,6 +23,7 @@ from ..fit.moves import search_model
 from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
 from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
+from ..record.intervals import intervals_withheld, with_ranges, without_intervals
 from ..record.loop import Finding, Loop
 from ..record.oscillation import BY_TURNS, find_range
 from ..record.preconditions import check, swing_of
@@ -38,12 +39,9 @@ from ..record.study import (
     Step,
     Study,
     Verdict,
-    intervals_withheld,
-    with_ranges,
-    without_intervals,
 )
 from ..selection.policy import Policy
-from ..selection.steps import reaching_to
+from ..selection.steps import reaching_to, with_known_jump
 from ..typing import Progress
 from ..verdict import law_ranking
 from ..verdict.from_position import from_position
@@ -51,7 +49,7 @@ from ..verdict.judge import ASK, UNANSWERED, capped, judge
 from ..verdict.severity import with_controller
 from ..verdict.swing import meaning_of
 from .long_records import excerpt, judged
-from .valve_command import command_of, steps_of
+from .valve_command import command_of, rounding_left, steps_of
 
 _MAP_S, _MAP_J = 41, 31
 # Free-run error, in times the noise, from which a record of uneven turns is not judged, and the advice for it.
@@ -112,7 +110,8 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     if unclear := _unclear(found, outcome.steps[-1]):
         return abstained(loop, found, options, CannotTell(unclear, _CLEARER, code="no-cycles"))
     estimate = with_ranges(_estimate(last, unit, outcome, position), outcome.steps)
-    estimate = reaching_to(estimate, outcome.reach)
+    estimate = with_known_jump(reaching_to(estimate, outcome.reach), piece)
+    notes += rounding_left(piece, estimate)
     severity, swing = meaning_of(piece, estimate, last, verdict)
     severity = with_controller(severity, controller)
     tell("done", 1.0)

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from ..fit.context import Run
+from ..fit.context import Run, said_rounding
 from ..fit.seen_command import full_over_rounded
 from ..fit.starts.intersample import surely_moves
 from ..process.controller_law import ControllerLaw, controller_law, followed_in_full
-from ..process.rounded import command_sd, step_of
-from ..record.controller import FULL, ROUNDED, Controller, Steps
+from ..process.rounded import command_sd, is_coarse, step_of, unknown_step
+from ..record.controller import FULL, LEFT, REBUILT, ROUNDED, SEEN_ROUNDED, Controller, Steps
 from ..record.loop import Finding, Loop
+from ..record.study import Estimate
 
 # Error of the rebuilt output, as a share of that of the rounded one, up to which y can tell which the valve followed.
 _GIVES_BACK = 0.5
@@ -38,14 +39,23 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
     if law is None or not step or surely_moves(piece):
         return piece, None if law is None or step else _kept(law), ()
     full = followed_in_full(piece, law)
-    gain = full_over_rounded(*(run_of(x.cut(near.start, near.stop) if near.stop - near.start < x.samples else x)
-                               for x in (full, piece)), step)
+    there, here = (run_of(x.cut(near.start, near.stop) if near.stop - near.start < x.samples else x)
+                   for x in (full, piece))
+    gain = full_over_rounded(there, here, step)
     rebuilt = gain > -alike
     # A command that the law knows hardly better than the record does makes slips early or late by chance, too.
     told = law.command_sd <= _GIVES_BACK * command_sd(piece)
     found = replace(_kept(law), rebuilt=rebuilt, seen_by_valve=ROUNDED if told and not rebuilt else FULL)
     used = full if rebuilt else replace(piece, followed=ROUNDED) if told else piece
     return used, found, (_said(piece, found, step, gain, alike),)
+
+
+def rounding_left(loop: Loop, found: Estimate) -> tuple[Finding, ...]:
+    """The warning on an output whose rounding was not undone, where it may move the valve."""
+    if not is_coarse(loop, found.S):
+        return ()
+    return (Finding(LEFT, "warning", f"{said_rounding(loop)}; export the output with more digits",
+                    {"step": unknown_step(loop), "J_known": found.J_known}, (), "Widrow and Kollar 2008"),)
 
 
 def as_read(loop: Loop) -> Controller | None:
@@ -86,7 +96,7 @@ def _said(loop: Loop, controller: Controller, step: float, gain: float, alike: f
            f"the valve follows the rounded output ({told}): OP is used as recorded"
            if controller.seen_by_valve == ROUNDED else
            "PV is recorded too coarsely for it to give back the digits of OP, which is used as recorded")
-    return Finding("rebuilt-command" if controller.rebuilt else "rounded-command", "info",
+    return Finding(REBUILT if controller.rebuilt else SEEN_ROUNDED, "info",
                    f"recorded {steps_in_words(steps_of(loop), u, y)}; the controller is a "
                    f"{words_of(controller, u, y)}: {use}",
                    {"step": step, "residual": controller.residual, "delta_bic": gain}, (), _SOURCE)
