@@ -41,7 +41,7 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
     full = followed_in_full(piece, law)
     there, here = (run_of(x.cut(near.start, near.stop) if near.stop - near.start < x.samples else x)
                    for x in (full, piece))
-    gain = full_over_rounded(there, here, step)
+    gain = full_over_rounded(there, here)
     rebuilt = gain > -alike
     # A command that the law knows hardly better than the record does makes slips early or late by chance, too.
     told = law.command_sd <= _GIVES_BACK * command_sd(piece)
