@@ -53,7 +53,7 @@ def setting_of(seed: int) -> tuple[Setting, float, float]:
         # The rules of SIMC with half its gain: 0.25 T / (K L), integral time min(T, 8 L).
         controller = Controller(0.25 * lag / (gain * dead), min(lag, 8.0 * dead),
                                 0.3 * dead if kind == "PID" else 0.0, scan_s=1.0)
-        bare = Setting(Plant(gain, lag, dead), controller, S=S, J=S * rng.uniform(0.3, 0.7), duration_s=1500.0)
+        bare = Setting(Plant(gain, lag, dead), controller, S=S, J=S * rng.uniform(0.3, 0.7), duration_s=3000.0)
         quiet = simulate(bare, seed=seed).loop
         found = find_range(quiet)
         if found.oscillating and len(found.cycles) >= _CYCLES:
