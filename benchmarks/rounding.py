@@ -106,7 +106,7 @@ def counts(done: Iterable[rows.Row]) -> dict[str, tuple[int, int]]:
     """Goal to the loops that meet it and those that count for it."""
     found = {name: [0, 0] for name in GOALS}
     for row in done:
-        if not row["rebuilt"]:
+        if not row["found"]:
             continue
         met = {name: False for name in GOALS}
         if "S" in row:
@@ -128,7 +128,8 @@ def table(done: list[rows.Row]) -> str:
     for step, kind, part in [*groups, ("all", "", done)]:
         if part:
             shares = "".join(f"{f'{yes} of {all_}':>19}" for yes, all_ in counts(part).values())
-            lines.append(f"{step:>8} {kind:>4} {len(part):>6} {sum(r['rebuilt'] for r in part):>6}" + shares)
+            law = sum(bool(row["found"]) for row in part)
+            lines.append(f"{step:>8} {kind:>4} {len(part):>6} {law:>6}" + shares)
     return "\n".join(lines)
 
 

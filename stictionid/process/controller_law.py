@@ -44,7 +44,8 @@ _EXPLAINS = 0.9
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """Terms of a law: integral and derivative part, the signals of P and D, and samples by which PV comes late."""
+    """Terms of a law: integral and derivative part, the latter on PV or on the error, and samples by which PV is late.
+    """
 
     integral: bool = True
     derivative: bool = False

@@ -16,6 +16,7 @@ from ..process.controller_law import ControllerLaw, controller_law, followed_in_
 from ..process.rounded import command_sd, is_coarse, step_of, unknown_step
 from ..record.controller import FULL, LEFT, REBUILT, ROUNDED, SEEN_ROUNDED, Controller, Steps
 from ..record.loop import Finding, Loop
+from ..record.segments import chosen
 from ..record.study import Estimate
 
 # Error of the rebuilt output, as a share of that of the rounded one, up to which y can tell which the valve followed.
@@ -35,9 +36,9 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
     The samples `near` are searched. The rounded command must explain y better by more than `alike`, a difference of
     BIC: few valves get their command rounded, and most historians round.
     """
-    law, step = controller_law(piece), step_of(piece.output[piece.used])
-    if law is None or not step or surely_moves(piece):
-        return piece, None if law is None or step else _kept(law), ()
+    law, step = _law_of(piece), step_of(piece.output[piece.used])
+    if law is None or not step:
+        return piece, None if law is None else _kept(law), ()
     full = followed_in_full(piece, law)
     there, here = (run_of(x.cut(near.start, near.stop) if near.stop - near.start < x.samples else x)
                    for x in (full, piece))
@@ -60,8 +61,13 @@ def rounding_left(loop: Loop, found: Estimate) -> tuple[Finding, ...]:
 
 def as_read(loop: Loop) -> Controller | None:
     """The controller of a record that was only read; None where no law is found."""
-    law = controller_law(loop.longest_segment())
+    law = _law_of(chosen(loop)[0])
     return None if law is None else _kept(law)
+
+
+def _law_of(piece: Loop) -> ControllerLaw | None:
+    """The law of a controller that ran with the samples; a moving output obeys one in pieces, with a wrong gain."""
+    return None if surely_moves(piece) else controller_law(piece)
 
 
 def _kept(law: ControllerLaw) -> Controller:
