@@ -14,6 +14,7 @@ from stictionid.fit.seen_command import full_over_rounded
 from stictionid.model.closed_loop import Controller, Setting, preset, simulate
 from stictionid.model.restore import described, rerun
 from stictionid.process.controller_law import controller_law
+from stictionid.process.controller_words import as_read, steps_of
 from stictionid.process.rounded import step_of
 from stictionid.record.controller import COMMAND_FINDINGS, LEFT, REBUILT
 from stictionid.record.loop import Loop
@@ -21,7 +22,6 @@ from stictionid.record.oscillation import find_range
 from stictionid.record.study import study_from_json, to_json
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
-from stictionid.verbs.valve_command import as_read, steps_of
 
 STEP = 0.1
 """Step in which OP is recorded. Unit: %."""

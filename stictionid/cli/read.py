@@ -71,8 +71,8 @@ def _as_json(result: Any) -> dict[str, Any]:
     """The reading as plain JSON types, without the arrays."""
     from dataclasses import fields
 
+    from ..process.controller_words import as_read, steps_of
     from ..record.study import plain
-    from ..verbs.valve_command import as_read, steps_of
 
     content = {f.name: getattr(result, f.name) for f in fields(result) if f.name != "loop"}
     loop = result.loop
@@ -115,7 +115,7 @@ def _show(result: Any) -> None:
 
 
 def _lines(result: Any) -> list[tuple[str, str]]:
-    from ..verbs.valve_command import as_read, steps_in_words, steps_of, words_of
+    from ..process.controller_words import as_read, steps_in_words, steps_of, words_of
 
     loop = result.loop
     lines = [("loop", loop.name), ("shape", _shape_text(result))]

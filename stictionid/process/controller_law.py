@@ -25,7 +25,7 @@ from .rounded import step_of
 
 # Fewest samples of a stretch, and the most that are fitted together: longer ones are cut, and their integral begins
 # anew in each. As many tell which terms the law has, and one more stretch must gain the fewest.
-_FEWEST, _MOST = 60, 4096
+_FEWEST, MOST = 60, 4096
 # Multiple of a standard deviation that no residual exceeds: chance passes 4.5 in 1 of 1.5e5.
 _NEVER = 4.5
 # Relative variance of the square of a uniform error: the mean of n squares is known to the root of this over n.
@@ -134,7 +134,7 @@ def controller_law(loop: Loop) -> ControllerLaw | None:
         return None
     step = step_of(u[known])
     noise = _Rounding(max(step, _SINGLE * swing) ** 2 / 12.0, step_of(loop.process_value[known]) ** 2 / 12.0)
-    head = known & (np.cumsum(known) <= _MOST)
+    head = known & (np.cumsum(known) <= MOST)
     best, form = 0, Form()
     for trial in _FORMS:
         pieces = _pieces(loop, trial, head, noise)
@@ -209,7 +209,7 @@ def _pieces(loop: Loop, form: Form, known: BoolArray, noise: _Rounding) -> list[
     for first, stop in _runs(loop, known, form.late + form.derivative):
         at = first
         while at + _FEWEST <= stop:
-            piece = _longest(columns, u, form, noise, at, min(stop, at + _MOST))
+            piece = _longest(columns, u, form, noise, at, min(stop, at + MOST))
             if piece is None:
                 at += _FEWEST
                 continue

@@ -23,6 +23,7 @@ from ..fit.moves import search_model
 from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
 from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
+from ..process.controller_words import steps_of
 from ..record.intervals import intervals_withheld, with_ranges, without_intervals
 from ..record.loop import Finding, Loop
 from ..record.oscillation import BY_TURNS, find_range
@@ -49,7 +50,7 @@ from ..verdict.judge import ASK, UNANSWERED, capped, judge
 from ..verdict.severity import with_controller
 from ..verdict.swing import meaning_of
 from .long_records import excerpt, judged
-from .valve_command import command_of, rounding_left, steps_of
+from .valve_command import command_of, rounding_left
 
 _MAP_S, _MAP_J = 41, 31
 # Free-run error, in times the noise, from which a record of uneven turns is not judged, and the advice for it.

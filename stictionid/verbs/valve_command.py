@@ -13,20 +13,15 @@ from ..fit.context import Run, said_rounding
 from ..fit.seen_command import full_over_rounded
 from ..fit.starts.intersample import surely_moves
 from ..process.controller_law import ControllerLaw, controller_law, followed_in_full
+from ..process.controller_words import kept, steps_in_words, steps_of, words_of
 from ..process.rounded import command_sd, is_coarse, step_of, unknown_step
-from ..record.controller import FULL, LEFT, REBUILT, ROUNDED, SEEN_ROUNDED, Controller, Steps
+from ..record.controller import FULL, LEFT, REBUILT, ROUNDED, SEEN_ROUNDED, Controller
 from ..record.loop import Finding, Loop
-from ..record.segments import chosen
 from ..record.study import Estimate
 
 # Error of the rebuilt output, as a share of that of the rounded one, up to which y can tell which the valve followed.
 _GIVES_BACK = 0.5
 _SOURCE = "Astrom and Hagglund 1995 (digital PID)"
-
-
-def steps_of(loop: Loop) -> Steps:
-    """Steps in which output and process value of a record were recorded."""
-    return Steps(*(step_of(signal[loop.used]) or None for signal in (loop.output, loop.process_value)))
 
 
 def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
@@ -38,7 +33,7 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
     """
     law, step = _law_of(piece), step_of(piece.output[piece.used])
     if law is None or not step:
-        return piece, None if law is None else _kept(law), ()
+        return piece, None if law is None else kept(law), ()
     full = followed_in_full(piece, law)
     there, here = (run_of(x.cut(near.start, near.stop) if near.stop - near.start < x.samples else x)
                    for x in (full, piece))
@@ -46,7 +41,7 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
     rebuilt = gain > -alike
     # A command that the law knows hardly better than the record does makes slips early or late by chance, too.
     told = law.command_sd <= _GIVES_BACK * command_sd(piece)
-    found = replace(_kept(law), rebuilt=rebuilt, seen_by_valve=ROUNDED if told and not rebuilt else FULL)
+    found = replace(kept(law), rebuilt=rebuilt, seen_by_valve=ROUNDED if told and not rebuilt else FULL)
     used = full if rebuilt else replace(piece, followed=ROUNDED) if told else piece
     return used, found, (_said(piece, found, step, gain, alike),)
 
@@ -59,40 +54,9 @@ def rounding_left(loop: Loop, found: Estimate) -> tuple[Finding, ...]:
                     {"step": unknown_step(loop), "J_known": found.J_known}, (), "Widrow and Kollar 2008"),)
 
 
-def as_read(loop: Loop) -> Controller | None:
-    """The controller of a record that was only read; None where no law is found."""
-    law = _law_of(chosen(loop)[0])
-    return None if law is None else _kept(law)
-
-
 def _law_of(piece: Loop) -> ControllerLaw | None:
     """The law of a controller that ran with the samples; a moving output obeys one in pieces, with a wrong gain."""
     return None if surely_moves(piece) else controller_law(piece)
-
-
-def _kept(law: ControllerLaw) -> Controller:
-    have = law.intervals
-    return Controller(law.kind, law.gain, law.integral_time_s if "integral_time_s" in have else None,
-                      law.derivative_time_s if "derivative_time_s" in have else None, dict(have), law.residual)
-
-
-def words_of(controller: Controller, output: str, process_value: str) -> str:
-    """The law of a controller with the intervals of its numbers, for signals with these units."""
-    def number(name: str, value: float | None, unit: str) -> str:
-        low, high = controller.intervals[name]
-        return "" if value is None else f", {name.removesuffix('_s').replace('_', ' ')} {value:.4g}{unit} " \
-                                        f"({low:.4g} to {high:.4g})"
-
-    times = (("integral_time_s", controller.integral_time_s), ("derivative_time_s", controller.derivative_time_s))
-    gain = number("gain", controller.gain, f" {output}/{process_value}" if process_value else "")
-    return controller.kind + gain + "".join(number(name, value, " s") for name, value in times if value is not None)
-
-
-def steps_in_words(steps: Steps, output: str, process_value: str) -> str:
-    """The steps of both signals; empty where none shows."""
-    known = [f"{name} in steps of {step:.4g}{f' {unit}' if unit else ''}" for name, step, unit in
-             (("OP", steps.output, output), ("PV", steps.process_value, process_value)) if step]
-    return " and ".join(known)
 
 
 def _said(loop: Loop, controller: Controller, step: float, gain: float, alike: float) -> Finding:
