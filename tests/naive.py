@@ -475,3 +475,27 @@ def stroke_score(before, after, half):
         gains[t // half] += math.log(old / new) + e / old - a / new
     mean = sum(gains) / len(gains)
     return sum(gains) / math.sqrt(sum((g - mean) ** 2 for g in gains))
+
+
+def controller_numbers(u, r, y, step_s, derivative):
+    """Gain, integral and derivative time of u = c + K e + (K h / T_i) sum(e) + (K T_d / h) (e - e before)."""
+    rows, total, before = [], 0.0, None
+    for a, b in zip(r, y, strict=True):
+        e = a - b
+        total += e
+        rows.append([1.0, e, total, *([0.0 if before is None else e - before] if derivative else [])])
+        before = e
+    first = 2 if derivative else 1  # of a record, and where it is used also of a stretch
+    rows, u = rows[first:], list(u)[first:]
+    p = len(rows[0])
+    table = [[math.fsum(row[i] * row[j] for row in rows) for j in range(p)]
+             + [math.fsum(row[i] * value for row, value in zip(rows, u, strict=True))] for i in range(p)]
+    for i in range(p):
+        pivot = max(range(i, p), key=lambda k: abs(table[k][i]))
+        table[i], table[pivot] = table[pivot], table[i]
+        for k in range(p):
+            if k != i:
+                share = table[k][i] / table[i][i]
+                table[k] = [a - share * b for a, b in zip(table[k], table[i], strict=True)]
+    sizes = [table[i][-1] / table[i][i] for i in range(p)]
+    return sizes[1], sizes[1] / sizes[2] * step_s, sizes[3] / sizes[1] * step_s if derivative else 0.0

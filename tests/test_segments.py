@@ -19,7 +19,7 @@ from stictionid.numerics.varpro import Shared
 from stictionid.numerics.varpro_segments import Blockwise, block_columns
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
-from stictionid.record.segments import FEWEST_PERIODS, MOST, chosen, described
+from stictionid.record.segments import FEWEST_PERIODS, MOST, chosen, fitted_segments
 from stictionid.verbs.identify import identify
 
 
@@ -203,7 +203,7 @@ def test_what_is_chosen_and_what_is_said_of_the_rest() -> None:
     alone, (said,) = chosen(short)
     assert alone.samples == 350 and said.code == "longest-segment" and "shorter than 2 periods" in said.statement
     with pytest.raises(DataError, match="as one segment"):
-        described(short, {"segments": [[0, 350], [350, 120]]})
+        fitted_segments(short, {"segments": [[0, 350], [350, 120]]})
 
 
 def test_cycles_are_whole_inside_one_segment() -> None:

@@ -20,13 +20,14 @@ from stictionid.model.spec import Spec
 from stictionid.numerics.autoregression import first_rows
 from stictionid.numerics.gauss_newton import descend
 from stictionid.numerics.population import refine
+from stictionid.process.controller_law import usual_law
 from stictionid.record.loop import Finding, Loop
 from stictionid.record.study import Verdict
 from stictionid.verbs.identify import Options, identify
 from stictionid.verdict.causes import steady
 from stictionid.verdict.from_position import from_position
 from stictionid.verdict.judge import capped, with_position
-from stictionid.verdict.severity import band, controller_law
+from stictionid.verdict.severity import band
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 
@@ -301,13 +302,13 @@ def test_the_verdict_says_what_the_record_looks_like(cause, word) -> None:
 
 
 def test_the_controller_is_read_from_the_record() -> None:
-    law = controller_law(simulate(scanned(5.0, 3.0), seed=1).loop)
+    law = usual_law(simulate(scanned(5.0, 3.0), seed=1).loop)
     assert law is not None
     assert law.gain == pytest.approx(0.1, rel=0.02) and law.integral_time_s == pytest.approx(5.0, rel=0.02)
 
 
-def test_a_loop_without_setpoint_has_no_controller_law() -> None:
-    assert controller_law(replace(simulate(scanned(5.0, 3.0)).loop, setpoint=None)) is None
+def test_a_loop_without_setpoint_has_no_usual_law() -> None:
+    assert usual_law(replace(simulate(scanned(5.0, 3.0)).loop, setpoint=None)) is None
 
 
 def test_severity_is_what_the_same_loop_does_without_friction() -> None:

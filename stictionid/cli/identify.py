@@ -146,6 +146,7 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
 
 def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
     """The study as tables on stdout, the models tried among them if asked for; findings on stderr."""
+    from ..record.controller import COMMAND_FINDINGS
     from ..reports.facts import position_sentences, size
 
     console = out_console()
@@ -154,6 +155,9 @@ def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
         console.print(safe(size(study.estimate)))
         console.print(f"adequate: {'yes' if study.adequate else 'no'}, {safe(study.adequate_reason)}")
     console.print(f"because: {safe(study.verdict.reason)}")
+    for finding in study.data.findings:
+        if finding.code in COMMAND_FINDINGS:
+            console.print(f"command: {safe(finding.statement)}")
     if study.estimate is None:
         return
     console.print(_estimate_table(study))
@@ -185,7 +189,9 @@ def _estimate_table(study: Any) -> Any:
 
     seen = e.from_position
     row("S stickband plus deadband", e.S, e.unit, e.S_interval, seen.S if seen else None)
-    row("J slip jump", e.J, e.unit, e.J_interval, seen.J if seen else None)
+    value, ends = wording.jump_apart(e.J, e.J_interval, known=e.J_known)
+    table.add_row("J slip jump", f"{value} {safe(e.unit)}" if e.J_known else value, ends,
+                  number(seen.J if seen else None, e.unit))
     row("process gain", e.gain, f"{unit_y}/{e.unit}{' per s' if e.integrating else ''}", e.gain_interval)
     for i, (lag, span) in enumerate(zip_longest(e.time_constants_s, e.time_constants_intervals)):
         row("time constant" if i == 0 else "second time constant", lag, "s", span)

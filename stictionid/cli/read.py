@@ -71,6 +71,7 @@ def _as_json(result: Any) -> dict[str, Any]:
     """The reading as plain JSON types, without the arrays."""
     from dataclasses import fields
 
+    from ..process.controller_words import as_read, steps_of
     from ..record.study import plain
 
     content = {f.name: getattr(result, f.name) for f in fields(result) if f.name != "loop"}
@@ -81,6 +82,7 @@ def _as_json(result: Any) -> dict[str, Any]:
         "start": loop.origin.start,
         "end": loop.origin.end,
     }
+    content |= {"steps": steps_of(loop), "controller": as_read(loop)}
     content["rows_used"] = result.rows["used"]
     content["rows_in"] = result.rows["in"]
     return {"schema": "stictionid.reading/1", **plain(content)}
@@ -114,6 +116,7 @@ def _show(result: Any) -> None:
 
 def _lines(result: Any) -> list[tuple[str, str]]:
     from ..historian.words.roles import unit_in
+    from ..process.controller_words import as_read, steps_in_words, steps_of, words_of
 
     loop = result.loop
     lines = [("loop", loop.name), ("shape", _shape_text(result))]
@@ -126,6 +129,11 @@ def _lines(result: Any) -> list[tuple[str, str]]:
                                           "none said (--zone): local time as it stands")))
     lines.append(("from, to", f"{loop.origin.start} to {loop.origin.end}"))
     lines.append(("step", f"{loop.step_s:.6g} s"))
+    units = loop.unit("output", "%"), loop.unit("process_value")
+    if recorded := steps_in_words(steps_of(loop), *units):
+        lines.append(("recorded", recorded))
+    if (controller := as_read(loop)) is not None:
+        lines.append(("controller", words_of(controller, *units)))
     if result.mode_map:
         lines.append(("modes", ", ".join(f"{word} is {meaning}" for word, meaning in result.mode_map.items())))
     if result.quality:

@@ -14,10 +14,11 @@ from ..errors import DataError
 from ..fit.adequacy import ADEQUATE, NO_FLOOR
 from ..fit.noise.completion import quick
 from ..fit.noise.unexplained import judged_by, unexplained
+from ..model.restore import as_followed, described
 from ..numerics.autoregression import filtered, irreducible
 from ..record.loop import Finding, Loop
 from ..record.oscillation import find_range
-from ..record.segments import chosen, described
+from ..record.segments import chosen
 from ..record.study import Study
 from ..record.unexplained import Unexplained
 from .cells import Cell
@@ -89,7 +90,7 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
         model, evaluated = rebuilt(piece, description)
         ground = prepare(piece, model, study.range, evaluated)
     else:
-        second = chosen(other)[0]
+        second = as_followed(chosen(other)[0], description)
         model, evaluated, notes = transferred(second, description, piece)
         ground = prepare(second, model, find_range(second), evaluated)
     answers = ask_all(ground)

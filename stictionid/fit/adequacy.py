@@ -10,7 +10,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from ..effects import noises_in, parse
-from ..record.loop import Finding
+from ..process.rounded import is_coarse, unknown_step
+from ..record.loop import Finding, Loop
 from ..record.study import BUT_FOR, Step
 
 # Free-run error within this factor of the irreducible noise is adequate (CRITICISM.md section 7, step 1).
@@ -68,8 +69,23 @@ def carrier(step: Step) -> str:
     return "a drift" if step.model.get("taps") and step.model.get("increments") else ""
 
 
-def adequate(step: Step) -> tuple[bool, str]:
-    """True where the step's free-run error is the irreducible noise, and the sentence that says so."""
+def said_rounding(loop: Loop) -> str:
+    """Words on the rounding of an output that no law of its controller undoes."""
+    return (f"the output is recorded in steps of {unknown_step(loop):.4g} {loop.unit('output', '%')}, and no P, PI or "
+            "PID law of these samples gives its digits back: S and J may lie further off than their intervals say")
+
+
+def adequate(step: Step, loop: Loop) -> tuple[bool, str]:
+    """True where the step's free-run error is the irreducible noise, and the sentence that says so.
+
+    A rounding of the record's output that was not undone is said first.
+    """
+    holds, why = _beside_noise(step)
+    values = step.model.get("values", {})
+    return holds, (f"{said_rounding(loop)}; {why}" if "S" in values and is_coarse(loop, values["S"]) else why)
+
+
+def _beside_noise(step: Step) -> tuple[bool, str]:
     noise, error = step.error.noise_sd, step.error.rmse
     if noise is None:
         return False, NO_FLOOR

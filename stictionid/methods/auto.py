@@ -134,7 +134,7 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...], tuple[Fitted, ...]]:
     if moves:
         spec = as_moving(spec)
     fit = run.fit(spec)
-    if asked and not adequate(run.step(fit, None))[0]:
+    if asked and not adequate(run.step(fit, None), run.loop)[0]:
         run.tell("adding one effect after the other", 0.3)
         one = run.fit(replace(spec, effects=()))
         for name in asked:

@@ -355,7 +355,9 @@ class Response:
         return {"law": s.law, "process": s.process, "effects": list(s.effects), "between": s.between,
                 "substeps": s.substeps, "increments": s.increments, "taps": list(s.taps), "fixed": dict(s.fixed),
                 "friction_free": s.friction_free, "guides": list(s.guides), "s_max": self.s_max,
-                "period_s": self.period_s, "values": self.named(values), **({"written": written} if written else {}),
+                "period_s": self.period_s, "values": self.named(values),
+                **({"command": self.loop.followed} if self.loop.followed else {}),
+                **({"written": written} if written else {}),
                 **({"written_law": {"file": self.law.file, "sha256": self.law.sha256}} if self.law.file else {})}
 
 

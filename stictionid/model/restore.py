@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -9,8 +11,10 @@ import numpy as np
 from .. import laws
 from ..effects import catalogue
 from ..errors import DataError, UsageError
+from ..process.controller_law import rebuilt
+from ..record.controller import FULL
 from ..record.loop import Loop
-from ..record.segments import described
+from ..record.segments import fitted_segments
 from ..typing import FloatArray
 from .model import Model
 from .segments import bound
@@ -92,6 +96,22 @@ def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, Float
         raise DataError(f"the study's model can't be rebuilt: {error.message}", error.hint) from None
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise DataError(f"the study's model can't be rebuilt: {error}", "run stictionid identify again") from None
+
+
+def described(loop: Loop, description: Mapping[str, Any]) -> tuple[Loop, tuple[slice, ...]]:
+    """Segments of a record that a described model was fitted to, with the command that its valve follows, and their
+    positions in the record.
+
+    DataError where the record does not have them.
+    """
+    piece, rows = fitted_segments(loop, description)
+    return as_followed(piece, description), rows
+
+
+def as_followed(piece: Loop, description: Mapping[str, Any]) -> Loop:
+    """Segments of a record with the command that a described model's valve follows: as recorded, or rebuilt."""
+    command = str(description.get("command", ""))
+    return rebuilt(piece) if command == FULL else replace(piece, followed=command)
 
 
 def rerun(loop: Loop, description: dict[str, Any]) -> Curves:

@@ -16,19 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from ..process.rounded import step_of
+from ..process.rounded import FINE, command_sd
 from ..record.loop import Loop
-from ..record.segments import described
 from ..typing import FloatArray
 from .model import Model
-from .restore import rebuild_model
+from .restore import described, rebuild_model
 from .segments import bound
 
 # Outputs that are drawn, and the quantile of what they move y by: a slip that nearly did not happen is lost by any
 # small change, and is the record's own where the model has it.
 _DRAWS, _QUANTILE = 8, 0.25
-# Rounding to less than this share of the stickband moves no stop by what could be seen. Unit: 1.
-_FINE = 2e-3
 
 
 def moved_by_rounding(loop: Loop, description: Mapping[str, Any], seed: int = 0) -> float:
@@ -42,10 +39,11 @@ def moved_within(model: Model, values: FloatArray, seed: int = 0) -> float:
 
     It is a root mean square, and the lower quartile of several draws; 0 where the output is not rounded, or finely.
 
-    Equal outputs in a row are shifted alike, so that every rise and fall of the record stays one.
+    Equal outputs in a row are shifted alike, so that every rise and fall of the record stays one. A rebuilt output
+    moves within its own error.
     """
-    loop, step = model.loop, step_of(model.loop.output)
-    if step <= _FINE * float(values[0]):
+    loop, step = model.loop, float(np.sqrt(12.0)) * command_sd(model.loop)
+    if step <= FINE * float(values[0]):
         return 0.0
     now, counted = model.evaluate(values).model, model.good() & ~model.starting()
     run = np.cumsum(np.diff(loop.output, prepend=loop.output[0]) != 0.0)

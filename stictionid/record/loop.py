@@ -82,7 +82,9 @@ class Loop:
     be None. `used` (n,) marks samples that count; a False sample still drives the valve but enters no cost.
     `starts` holds the first index of every segment: nothing is continuous across a segment boundary. `begins_s` are
     the times of those samples in seconds since the first one, gaps included. Where it is empty, gaps take no time.
-    `picked` are the first indices of the segments in the record from which `pick` took them.
+    `picked` are the first indices of the segments in the record from which `pick` took them. `followed` says which
+    command the valve followed where that is known: the output as "rounded" by the controller, or the "full" one, which
+    its law rebuilt with an error of the standard deviation `output_sd`. It is empty where nobody asked.
     Raises DataError when lengths differ or a used sample is not finite.
     """
 
@@ -96,6 +98,8 @@ class Loop:
     starts: tuple[int, ...] = (0,)
     begins_s: tuple[float, ...] = ()
     picked: tuple[int, ...] = ()
+    followed: str = ""
+    output_sd: float = 0.0
     units: dict[str, str] = field(default_factory=dict)
     name: str = "loop"
     origin: Origin = field(default_factory=Origin)

@@ -101,7 +101,7 @@ def _longest(loop: Loop, piece: Loop, why: str) -> Finding:
                    f"samples, is used: {why}", {"segments": len(loop.starts)})
 
 
-def described(loop: Loop, description: Mapping[str, Any]) -> tuple[Loop, tuple[slice, ...]]:
+def fitted_segments(loop: Loop, description: Mapping[str, Any]) -> tuple[Loop, tuple[slice, ...]]:
     """Segments of a record that a described model was fitted to, as one loop, and their positions in the record.
 
     DataError where the record does not have them.

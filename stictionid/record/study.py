@@ -14,6 +14,7 @@ from typing import Any
 
 from ..errors import DataError
 from .built import built
+from .controller import Controller, Steps
 from .loop import Finding
 from .rhythm import Rhythm
 from .swing import Severity, Swing
@@ -81,6 +82,7 @@ class DataRecord:
     findings: tuple[Finding, ...] = ()
     name: str = "loop"
     options: dict[str, Any] = field(default_factory=dict)
+    steps: Steps | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +116,8 @@ class PositionEstimate:
 class Estimate:
     """The last step's main numbers; S and J in `unit`, intervals at `interval_level`, null where unknown.
 
-    The longest time constant comes first; `time_constants_intervals` has one interval, or null, for each.
+    The longest time constant comes first; `time_constants_intervals` has one interval, or null, for each. `J_known` is
+    false where a rounded output leaves more than half of J open: its interval then is the answer.
     """
 
     S: float
@@ -133,6 +136,7 @@ class Estimate:
     gain_interval: tuple[float, float] | None = None
     time_constants_intervals: tuple[tuple[float, float] | None, ...] = ()
     dead_time_interval: tuple[float, float] | None = None
+    J_known: bool = field(default=True, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,12 +283,13 @@ class Study:
     unexplained: Unexplained | None = field(default=None, kw_only=True)
     rhythm: Rhythm | None = field(default=None, kw_only=True)
     swing: Swing | None = field(default=None, kw_only=True)
+    controller: Controller | None = field(default=None, kw_only=True)
     schema: str = SCHEMA
 
     @property
     def completed(self) -> bool:
         """True for a model that is not adequate only because a noise carries what it leaves."""
-        return self.adequate is False and self.adequate_reason.startswith(BUT_FOR)
+        return self.adequate is False and BUT_FOR in self.adequate_reason
 
     @property
     def interval_caution(self) -> str:

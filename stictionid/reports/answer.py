@@ -92,7 +92,7 @@ def change(before: Study, after: Study) -> PageTable:
     for study in (before, after):
         error, e = study.steps[-1].error.rmse, study.estimate
         sizes = (wording.NOTHING,) * 2 if e is None else (wording.estimate(e.S, e.S_interval, e.unit),
-                                                          wording.estimate(e.J, e.J_interval, e.unit))
+                                                          wording.jump(e.J, e.J_interval, e.unit, known=e.J_known))
         cells = (wording.with_unit(error, unit), wording.times(error, noise), *sizes,
                  f"{wording.name(study.verdict.stiction)} ({study.verdict.confidence:.2f})")
         for row, cell in zip(rows, cells, strict=True):

@@ -98,7 +98,7 @@ def _numbers(study: Study) -> tuple[KeyNumber, ...]:
     if e is not None:
         level = f"{wording.number(100 * e.interval_level, 2)} % interval"
         found = [_key("S, stickband plus deadband", e.S, e.S_interval, e.unit, level, _band(e)),
-                 _key("J, slip jump", e.J, e.J_interval, e.unit, level, _jump_note(e))]
+                 _jump_key(e, level)]
     if study.range.period_median_s is not None:
         found.append(KeyNumber("Oscillation period", wording.duration(study.range.period_median_s),
                                "oscillating" if study.range.oscillating else "not a regular oscillation"))
@@ -114,6 +114,14 @@ def _key(label: str, value: float, interval: tuple[float, float] | None, unit: s
     return KeyNumber(label, f"{shown} {wording.name(unit)}".rstrip(), f"{about}; {meaning}")
 
 
+def _jump_key(e: Estimate, level: str) -> KeyNumber:
+    """J as a headline number; its range alone where rounding leaves it open."""
+    if e.J_known:
+        return _key("J, slip jump", e.J, e.J_interval, e.unit, level, _jump_note(e))
+    return KeyNumber("J, slip jump", wording.jump(e.J, e.J_interval, e.unit, known=False),
+                     f"{level}; the rounded output leaves more than half of J open")
+
+
 def _jump_note(e: Estimate) -> str:
     if e.J_interval is not None and e.J_interval[1] - e.J_interval[0] > WEAK_J_SHARE * max(e.J, 1e-12):
         return "weakly known: only J times the process gain is fixed"
@@ -125,13 +133,13 @@ def _size(study: Study) -> Section | None:
     if e is None:
         return None
     rows = [("S, stickband plus deadband", *_value_row(e.S, e.S_interval, e.unit), _band(e)),
-            ("J, slip jump", *_value_row(e.J, e.J_interval, e.unit), "")]
+            ("J, slip jump", *wording.jump_apart(e.J, e.J_interval, known=e.J_known), wording.name(e.unit), "")]
     percent = e.unit == "%"
     text = [f"Intervals hold {wording.number(100 * e.interval_level, 2)} % of the probability"
             + ("; the severity band is judged by the interval of S." if percent else ".")]
     text += [study.interval_caution] if study.interval_caution else []
     for label, value in (("f_s = (S+J)/2, static friction", (e.S + e.J) / 2),
-                         ("f_d = (S-J)/2, kinetic friction", (e.S - e.J) / 2)):
+                         ("f_d = (S-J)/2, kinetic friction", (e.S - e.J) / 2)) if e.J_known else ():
         rows.append((label, wording.number(value), wording.NOTHING, wording.name(e.unit), ""))
     if e.from_position is not None:
         p = e.from_position
@@ -180,7 +188,7 @@ def _why_it_differs(study: Study) -> str:
 def size(e: Estimate) -> str:
     """S and J with their intervals in one line."""
     level = wording.number(100 * e.interval_level, 2)
-    return (f"S {wording.estimate(e.S, e.S_interval, e.unit)}, J {wording.estimate(e.J, e.J_interval, e.unit)}, "
+    return (f"S {wording.estimate(e.S, e.S_interval, e.unit)}, J {wording.jump(e.J, e.J_interval, e.unit, known=e.J_known)}, "
             f"{level} % intervals")
 
 
@@ -287,7 +295,7 @@ def comparison(studies: list[Study]) -> PageTable:
             wording.name(study.data.name), wording.name(study.verdict.stiction),
             wording.estimate(e.S, e.S_interval, e.unit) if e else wording.NOTHING,
             wording.severity(e.S) if e and e.unit == "%" else wording.NOTHING,
-            wording.estimate(e.J, e.J_interval, e.unit) if e else wording.NOTHING,
+            wording.jump(e.J, e.J_interval, e.unit, known=e.J_known) if e else wording.NOTHING,
             f"{wording.number(study.range.period_median_s)} s" if study.range.period_median_s else wording.NOTHING,
             ratio, {None: wording.NOTHING, True: "yes", False: "no"}[study.adequate]))
     return PageTable("Loops compared", ("loop", "verdict", "S", "severity", "J", "period", "x noise", "adequate"),

@@ -100,8 +100,8 @@ def next_steps(study: Study) -> Section:
     elif study.verdict.stiction == "stiction":
         e = study.estimate
         bullets += [manual, f"{bump}: after a reversal it should take about {wording.number(e.S)} "
-                            f"{wording.name(e.unit)}, and the first move should be about {wording.number(e.J)} "
-                            f"{wording.name(e.unit)} large."]
+                            f"{wording.name(e.unit)}" + (f", and the first move should be about {wording.number(e.J)} "
+                                                         f"{wording.name(e.unit)} large." if e.J_known else ".")]
     elif study.verdict.stiction == "undecided":
         bullets += [manual, f"{bump}: a valve that follows each step does not stick.",
                     f"Record {WANTED_CYCLES} whole cycles or more, with two or three setpoint moves: they separate S "

@@ -102,6 +102,18 @@ def estimate(value: float, interval: tuple[float, float] | None, unit: str) -> s
     return shown if ends == NOTHING else f"{shown} ({ends})"
 
 
+def jump(value: float, interval: tuple[float, float] | None, unit: str, *, known: bool) -> str:
+    """J as `estimate` words it; its range alone where it is not `known`."""
+    shown, ends = jump_apart(value, interval, known=known)
+    return estimate(value, interval, unit) if known else f"{ends} {name(unit)}".rstrip() if ends != NOTHING else shown
+
+
+def jump_apart(value: float, interval: tuple[float, float] | None, *, known: bool) -> tuple[str, str]:
+    """J as `apart` words it; "unknown" in place of a value that is not `known`."""
+    shown, ends = apart(value, interval)
+    return shown if known else "unknown", ends
+
+
 def listed(words: list[str]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

@@ -19,7 +19,7 @@ from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, rows_in
 from ..fit.starts.beside_effect import RESTING
 from ..model.rounding import moved_by_rounding
-from ..process.rounded import step_of
+from ..process.rounded import unknown_step
 from ..process.scan import DECIMATED
 from ..record.loop import Loop
 from ..record.study import Candidate, ErrorSummary, Study
@@ -131,7 +131,7 @@ def rounded(loop: Loop, study: Study, before: Scored, found: Decision, policy: P
     if not moved > 0.0 or error > float(np.hypot(floor, policy.rounding * moved)):
         return ""
     return (f"the free-run error {error:.4g} may be no more than rounding: the output is recorded in steps of "
-            f"{step_of(loop.output):.3g} {loop.unit('output', '%')}, which moves the model's process value by "
+            f"{unknown_step(loop):.3g} {loop.unit('output', '%')}, which moves the model's process value by "
             f"{moved:.3g} beside the noise, and no effect brings the error to the noise, or lowers it by much; export "
             "the output with more digits")
 

@@ -32,7 +32,7 @@ from .node import additions, key, node, physical, plain, spec_of, structure
 from .policy import Policy
 from .score import Scored, glanced, is_noise, noise_name, noise_words
 from .search import Search
-from .steps import opened, reaching_to, with_noise_of, with_steps
+from .steps import opened, reaching_to, with_known_jump, with_noise_of, with_steps
 
 # Statuses of nodes without a full fit.
 _LOOKED = ("looked", "failed")
@@ -136,7 +136,10 @@ def concluded(study: Study, found: Decision, steps: Sequence[Step], fits: Sequen
 def _reaching(study: Study, found: Decision) -> Study:
     """The study whose intervals of S and J reach to the models that explain the record alike."""
     estimate = study.estimate
-    return study if estimate is None else replace(study, estimate=reaching_to(estimate, found.reach))
+    if estimate is None:
+        return study
+    reaching = reaching_to(estimate, found.reach)
+    return replace(study, estimate=with_known_jump(reaching, found.winner.scored.done.model.loop))
 
 
 def floor_of(run: Run) -> Callable[[Refit], float | None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +12,16 @@ from ..fit.adequacy import adequate, with_one_noise
 from ..fit.context import Run, process_numbers
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.options import Options
-from ..model.restore import rebuild_model
+from ..model.restore import described, rebuild_model
+from ..process.rounded import is_coarse
+from ..record.intervals import intervals_withheld, with_ranges, without_intervals
 from ..record.loop import Loop
 from ..record.oscillation import find_range
-from ..record.segments import described
 from ..record.study import Estimate, Step, Study
 from .score import Scored
+
+# Width of the interval of J, as a share of it, from which a rounded output leaves J unknown. Unit: 1.
+_OPEN = 0.5
 
 
 def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
@@ -37,7 +41,7 @@ def with_steps(study: Study, steps: tuple[Step, ...], after: Fitted) -> Study:
     if intervals_withheld(study.steps):
         steps = without_intervals(steps)
     steps = with_one_noise(steps)
-    holds, why = adequate(steps[-1])
+    holds, why = adequate(steps[-1], after.model.loop)
     # The best model that holds these effects is now the last step.
     rows = tuple(replace(c, rmse=steps[-1].error.rmse) if c.effect in steps[-1].effects else c
                  for c in study.candidates)
@@ -50,7 +54,7 @@ def with_noise_of(study: Study, found: Scored) -> Study:
     steps = with_one_noise(study.steps, found.done.innovation_sd)
     if steps == study.steps:
         return study
-    holds, why = adequate(steps[-1])
+    holds, why = adequate(steps[-1], found.done.model.loop)
     return replace(study, steps=steps, adequate=holds, adequate_reason=why)
 
 
@@ -64,7 +68,14 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
     spans = fit.intervals
     found = replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),
                     initial_residual_force=v["initial_residual_force"], **process_numbers(fit))
-    return with_ranges(found, study.steps)
+    return with_known_jump(with_ranges(found, study.steps), fit.model.loop)
+
+
+def with_known_jump(found: Estimate, loop: Loop) -> Estimate:
+    """The estimate with J marked as unknown where a rounded output leaves more than half of it open."""
+    span = found.J_interval
+    open_ = span is None or span[1] - span[0] > _OPEN * found.J
+    return replace(found, J_known=not (open_ and is_coarse(loop, found.S)))
 
 
 def reaching_to(found: Estimate, reach: Mapping[str, tuple[float, float]]) -> Estimate:
@@ -77,27 +88,3 @@ def reaching_to(found: Estimate, reach: Mapping[str, tuple[float, float]]) -> Es
 
 def _union(span: tuple[float, float] | None, other: tuple[float, float]) -> tuple[float, float] | None:
     return None if span is None else (min(span[0], other[0]), max(span[1], other[1]))
-
-
-def intervals_withheld(steps: Iterable[Step]) -> bool:
-    """True where a finding of some step withholds the intervals (`no_intervals` in its evidence)."""
-    return any(finding.evidence.get("no_intervals") for step in steps for finding in step.findings)
-
-
-def with_ranges(found: Estimate, steps: Iterable[Step]) -> Estimate:
-    """The estimate with the ranges of S and J that a finding states, and its own values, as intervals.
-
-    The evidence holds `S_range`, `J_range`, and the share of S by which they become `wider`.
-    """
-    said = next((f.evidence for step in steps for f in step.findings if "S_range" in f.evidence), None)
-    if said is None:
-        return found
-    S, J = ((max(min(said[name][0], value) - said["wider"] * found.S, 0.0),
-             max(said[name][1], value) + said["wider"] * found.S)
-            for name, value in (("S_range", found.S), ("J_range", found.J)))
-    return replace(found, S_interval=S, J_interval=J)
-
-
-def without_intervals(steps: Iterable[Step]) -> tuple[Step, ...]:
-    """The steps with no interval of any number."""
-    return tuple(replace(step, parameters=tuple(replace(p, interval=None) for p in step.parameters)) for step in steps)

@@ -16,10 +16,9 @@ import numpy as np
 from ..effects import parse
 from ..errors import CannotTell, ModelError
 from ..fit.noise.completion import quick
-from ..model.restore import rebuild_model
+from ..model.restore import described, rebuild_model
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of
-from ..record.segments import described
 from ..record.study import Step, Study
 from ..selection.decide import Decision, decided, pruned
 from ..selection.entry import Entry
@@ -32,6 +31,7 @@ from ..selection.steps import opened
 from ..verdict.detectable import detectable
 from ..verdict.from_position import from_position
 from ..verdict.judge import judge
+from ..verdict.severity import with_controller
 from ..verdict.swing import meaning_of
 from .support import CODES, support_of
 
@@ -55,6 +55,7 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
             fit = replace(fit, intervals={**fit.intervals, "S": main.S_interval})
     verdict = judge(run, fit, loop, main.from_position if main else None)
     severity, swing = meaning_of(run.loop, main, fit, verdict) if main else (None, None)
+    severity = severity and with_controller(severity, study.controller)
     return replace(study, estimate=main, verdict=verdict, severity=severity, swing=swing)
 
 

@@ -24,6 +24,8 @@ from ..fit.noise.unexplained import judged_by
 from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
 from ..methods.contract import Method, Outcome
 from ..methods.option_check import check_options
+from ..process.controller_words import steps_of
+from ..record.intervals import intervals_withheld, with_ranges, without_intervals
 from ..record.loop import Finding, Loop
 from ..record.oscillation import BY_TURNS, find_range
 from ..record.preconditions import check, swing_of
@@ -41,13 +43,15 @@ from ..record.study import (
     Verdict,
 )
 from ..selection.policy import Policy
-from ..selection.steps import intervals_withheld, reaching_to, with_ranges, without_intervals
+from ..selection.steps import reaching_to, with_known_jump
 from ..typing import Progress
 from ..verdict import law_ranking
 from ..verdict.from_position import from_position
 from ..verdict.judge import ASK, UNANSWERED, capped, judge
+from ..verdict.severity import with_controller
 from ..verdict.swing import meaning_of
 from .long_records import excerpt, judged
+from .valve_command import command_of, rounding_left
 
 _MAP_S, _MAP_J = 41, 31
 # Free-run error, in times the noise, from which a record of uneven turns is not judged, and the advice for it.
@@ -76,7 +80,14 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     laws: tuple[LawResult, ...] = ()
     try:
         check(piece, found)
-        view = excerpt(piece, found, options)
+        view, controller = excerpt(piece, found, options), None
+        if "policy" in method.options:
+            # The methods of the literature take the output as it stands.
+            piece, controller, said = command_of(
+                piece, slice(0, piece.samples) if view is None else view.searched,
+                lambda part: _run_of(part, found, replace(options, law=None) if options.law == ALL_LAWS else options,
+                                     method, tell), (policy or Policy()).alike)
+            notes, view = (*notes, *said), None if view is None else replace(view, whole=piece)
         near = piece if view is None else view.loop
         if options.law == ALL_LAWS:
             run, outcome, laws = _every_law(near, found, options, method, policy, tell)
@@ -95,7 +106,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     if intervals_withheld(outcome.steps):
         outcome, last = replace(outcome, steps=without_intervals(outcome.steps)), replace(last, intervals={})
     outcome = replace(outcome, steps=with_one_noise(outcome.steps))
-    holds, why = judged_by(outcome.unexplained, *adequate(outcome.steps[-1]))
+    holds, why = judged_by(outcome.unexplained, *adequate(outcome.steps[-1], piece))
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),
                              rng=np.random.default_rng(run.options.seed), fit=near_fit)
@@ -105,8 +116,10 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     if unclear := _unclear(found, outcome.steps[-1]):
         return abstained(loop, found, options, CannotTell(unclear, _CLEARER, code="no-cycles"))
     estimate = with_ranges(_estimate(last, unit, outcome, position), outcome.steps)
-    estimate = reaching_to(estimate, outcome.reach)
+    estimate = with_known_jump(reaching_to(estimate, outcome.reach), piece)
+    notes += rounding_left(piece, estimate)
     severity, swing = meaning_of(piece, estimate, last, verdict)
+    severity = with_controller(severity, controller)
     tell("done", 1.0)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, estimate, outcome.steps, laws=laws,
                  adequate=holds, adequate_reason=why,
@@ -114,7 +127,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
                  swing=swing,
                  tree=outcome.tree, evaluations=outcome.evaluations, unasked=outcome.unasked,
                  equivalents=outcome.equivalents, missing_reason=outcome.missing_reason,
-                 unexplained=outcome.unexplained)
+                 unexplained=outcome.unexplained, controller=controller)
 
 
 def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:
@@ -205,7 +218,7 @@ def data_record(loop: Loop, piece: Loop, notes: tuple[Finding, ...] = ()) -> Dat
     o = loop.origin
     return DataRecord(o.file, o.sha256, dict(o.columns), dict(o.units or loop.units), o.rows or loop.samples,
                       int(piece.used.sum()), loop.step_s, o.start, o.end, (*o.findings, *notes), loop.name,
-                      dict(o.options))
+                      dict(o.options), steps_of(loop))
 
 
 def abstained(loop: Loop, found: Range, options: Options, reason: CannotTell) -> Study:

@@ -14,10 +14,10 @@ import numpy as np
 from ..effects import get
 from ..fit.noise.prewhitening import Whitened
 from ..model.spec import INTEGRATOR
+from ..process.controller_law import ControllerLaw, usual_law
 from ..record.loop import Loop
 from ..selection.node import LAG
 from ..typing import BoolArray, FloatArray
-from .severity import ControllerLaw, controller_law
 
 # Share of PV's variance that one steady sine must hold, or a sine with its multiples.
 _SINE, _CYCLE = 0.75, 0.6
@@ -54,7 +54,7 @@ def looks_like(loop: Loop, free: Whitened, *, denied: bool = True) -> str:
         who = ("a neighbour that cycles, perhaps by a sticky valve of its own" if denied else
                "this valve or a neighbour's, which a record in manual would tell")
         return f"y repeats every {period * loop.step_s:.4g} s ({100 * cycle:.0f} % of its variance): {who}"
-    share = _of_ultimate_gain(free, controller_law(loop, held=True))
+    share = _of_ultimate_gain(free, usual_law(loop, held=True))
     if share is not None and share >= _TIGHT:
         return (f"the record looks like tight tuning: the controller gain is {100 * share:.0f} % of the gain at which "
                 "this loop oscillates by itself")

@@ -46,6 +46,7 @@ from ..model.model import Model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited
 from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..numerics.varpro import SAME, axes
+from ..process.controller_law import usual_law
 from ..record.loop import Loop
 from ..record.oscillation import BY_TURNS
 from ..record.study import PositionEstimate, Verdict
@@ -53,7 +54,6 @@ from ..selection.node import LAG
 from ..typing import FloatArray
 from .causes import looks_like
 from .excluded import largest_possible
-from .severity import controller_law
 
 _BLOCKS = 5
 # Likelihood ratio and blocks won above which friction is in the record, and ratio below which nothing speaks for it.
@@ -335,7 +335,7 @@ def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int,
 
 def friction_free(run: Run, sticking: Whitened) -> Whitened:
     """The best model without friction: first order or the structure of the sticking one, whichever predicts better."""
-    spec, law = sticking.model.spec, controller_law(run.loop.longest_segment(), held=sticking.model.spec.held)
+    spec, law = sticking.model.spec, usual_law(run.loop.longest_segment(), held=sticking.model.spec.held)
     # A command that moves with y between samples predicts y by the controller's law turned round: a gain of the wrong
     # sign. That is no process.
     acts = 0.0 if law is None or law.gain * sticking.evaluated.gain <= 0.0 else float(np.sign(law.gain))

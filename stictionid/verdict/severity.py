@@ -9,11 +9,13 @@ section 1 (bands); paper Fig. 1 (the loop).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from ..numerics.jit import kernel
+from ..process.controller_law import ControllerLaw, usual_law
+from ..record.controller import Controller
 from ..record.loop import Loop, bridged
 from ..record.study import Estimate
 from ..record.swing import Severity
@@ -22,47 +24,12 @@ from ..typing import FloatArray
 BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (float("inf"), "severe"))
 BANDS_SOURCE = ("bands 0.5, 1, 2, 5 % of travel are conventions of this tool; EnTech (1998) asks for backlash plus "
                 "stiction of 1 % or less, Ruel (2000) sees cycling from 0.5 %")
-# Share of the variance of u that a PI law must explain.
-_PI_FITS = 0.9
 _DAY_S = 86400.0
 # A simulated loop that swings this many times wider than the record is no valid model of it.
 _RUNAWAY = 3.0
 _PARTS = 6
 # A process value beyond this is unstable. Unit: that of y.
 _LOST = 1e12
-
-
-@dataclass(frozen=True, slots=True)
-class ControllerLaw:
-    """A PI law estimated from r, y and u: gain in % per unit of y, integral time in s, share of u's variance explained.
-    """
-
-    gain: float
-    integral_time_s: float
-    fit: float
-
-
-def controller_law(loop: Loop, *, held: bool = True) -> ControllerLaw | None:
-    """The PI law behind r, y and u by least squares; None without r, or where it is no PI law.
-
-    A `held` output comes from a scanning controller, which adds the whole error of its scan to the integral.
-    """
-    if loop.setpoint is None:
-        return None
-    e = np.nan_to_num(loop.setpoint - bridged(loop.process_value))
-    good = loop.used
-    # In levels, not in differences: a continuous controller never saw the noise of the samples.
-    total = (np.cumsum(e) - (0.0 if held else 0.5 * e)) * loop.step_s
-    columns = np.stack([e, total, np.ones_like(e)], axis=1)[good]
-    u = loop.output[good]
-    if u.size < 10 or not np.ptp(u) > 0:
-        return None
-    sizes, *_ = np.linalg.lstsq(columns, u, rcond=None)
-    rest = u - columns @ sizes
-    fit = 1.0 - float(rest @ rest) / float(np.sum((u - u.mean()) ** 2))
-    if fit < _PI_FITS or sizes[0] == 0.0 or sizes[1] / sizes[0] <= 0.0:
-        return None
-    return ControllerLaw(float(sizes[0]), float(sizes[0] / sizes[1]), fit)
 
 
 def band(S: float) -> str:
@@ -81,7 +48,7 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
     now = _travel(position[loop.driven]) / hours * _DAY_S
     low, high = estimate.S_interval or (estimate.S, estimate.S)
     words = sorted({band(low), band(estimate.S), band(high)}, key=[w for _, w in BANDS].index)
-    law = controller_law(loop, held=held)
+    law = usual_law(loop, held=held)
     sd = float(np.std(loop.process_value[loop.used]))
     after = None if law is None else _repaired(loop, estimate, law, without_gaps(loop, residual))
     if after is not None:
@@ -102,6 +69,13 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
             f"{now:,.{digits}f} {unit}")
     return Severity(band(estimate.S) if percent else None, tuple(words) if percent else (), sd, sd_after, share, now,
                     later, law.gain, law.integral_time_s, said, BANDS_SOURCE)
+
+
+def with_controller(found: Severity, controller: Controller | None) -> Severity:
+    """The severity with the numbers of a controller's exact law, where one was found and the loop was run again."""
+    if controller is None or found.controller_gain is None:
+        return found
+    return replace(found, controller_gain=controller.gain, integral_time_s=controller.integral_time_s)
 
 
 def without_gaps(loop: Loop, residual: FloatArray) -> FloatArray:

@@ -14,11 +14,12 @@ import numpy as np
 
 from ..fit.fit import Fitted
 from ..model.parts import joined, parts_of
+from ..process.controller_law import ControllerLaw, usual_law
 from ..record.loop import Loop, bridged
 from ..record.study import Estimate, Verdict
 from ..record.swing import Severity, Share, Swing
 from ..typing import FloatArray
-from .severity import ControllerLaw, controller_law, perfect_valve, severity, without_gaps
+from .severity import perfect_valve, severity, without_gaps
 
 # Share of the variance of the swing, without the noise, that a perfect valve leaves: from the first the swing goes on,
 # up to the second it ends. Unit: 1; half the variance is 70 % of the amplitude, a tenth is 30 %.
@@ -41,7 +42,7 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
                if p.name not in (Share.VALVE, Share.START)}
     found = severity(piece, estimate, np.sum(list(outside.values()), axis=0), best.stem[rows], held=held)
     own = Swing(tuple(Share(p.name, p.share) for p in joined(parts)), reason=found.statement)
-    law = controller_law(piece, held=held)
+    law = usual_law(piece, held=held)
     if found.pv_sd_repaired is None or law is None:
         return found, own
     causes = _causes(piece, estimate, law, own, outside)

@@ -12,6 +12,8 @@ from ...model.model import Model
 from ...model.spec import Evaluated
 from ...numerics.autoregression import autocovariance
 from ...numerics.gauss_newton import normals_at, principal
+from ...process.controller_law import POINT_90
+from ...process.rounded import command_sd
 from ...typing import FloatArray, IntArray
 from ..moves import descended, longest_first, movable, spreads
 from .profile import reached, spread_over
@@ -210,7 +212,7 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
         found["S"] = S
     # The answer itself is never excluded, even where the search for its interval found a better point.
     found = including(found, best)
-    margin = _between_samples(model, best)
+    margin = float(np.hypot(_between_samples(model, best), _of_command(model)))
     return found | {name: (max(found[name][0] - margin, 0.0), found[name][1] + margin) for name in ("S", "J")}
 
 
@@ -218,6 +220,11 @@ def including(intervals: dict[str, tuple[float, float]], best: Evaluated) -> dic
     """Intervals widened where they leave out the answer; a model run on its record may."""
     answer = {**best.values, GAIN: best.gain}
     return {name: (min(low, answer[name]), max(high, answer[name])) for name, (low, high) in intervals.items()}
+
+
+def _of_command(model: Model) -> float:
+    """Uncertainty of S and J in %, from the rounding of the command at the two places that a slip compares."""
+    return POINT_90 * float(np.sqrt(2.0)) * command_sd(model.loop)
 
 
 def _between_samples(model: Model, best: Evaluated) -> float:

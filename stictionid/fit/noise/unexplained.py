@@ -79,7 +79,7 @@ def judged_by(shape: Unexplained | None, adequate: T, reason: str) -> tuple[T | 
 
     A model that is not adequate anyway keeps its reason, except one that only a noise completes.
     """
-    if shape is None or (adequate is False and not reason.startswith(BUT_FOR)):
+    if shape is None or (adequate is False and BUT_FOR not in reason):
         return adequate, reason
     return False, f"however small its error, {shape.statement}"
 

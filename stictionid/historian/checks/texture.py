@@ -205,7 +205,7 @@ def quantised(loop: Signals) -> list[Finding]:
                     "quantised",
                     "warning",
                     f"{words} moves in steps of {resolution:.4g} over a range of {high - low:.4g}: S and J "
-                    "can't be known more finely than that",
+                    "are known no more finely than that, unless the law of the controller gives back its digits",
                     {
                         "role": role,
                         "resolution": resolution,

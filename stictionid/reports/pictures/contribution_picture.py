@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...model.parts import joined, parts_of
-from ...model.restore import rebuild_model
+from ...model.restore import described, rebuild_model
 from ...record.loop import Loop
-from ...record.segments import described
 from ...record.study import Step, Study
 from ...record.swing import Share
 from .. import effect_words, story, wording

@@ -1,0 +1,343 @@
+"""Controller behind a record: gain, integral and derivative time by regression, and the output without its rounding.
+
+A PID controller that ran with the samples obeys, from sample to sample, `u = c + K e + (K h / T_i) sum(e) + (K T_d / h)
+(e - e before)` with e = SP - PV and the sampling time h. The incremental form is the same regression; c is the start of
+its integral. A record in steps of q obeys it to within q / 2. The law is found where its residual is no larger than
+rounding: that of OP, and that of PV through the gains. Rounded PV also adds up in the integral, so that c walks by
+(K h / T_i) times the rounding of PV in each sample.
+
+The law holds by stretches. A stretch ends where the residual leaves its bound: at saturation, in manual, at a gap and
+at a change of tuning. Wrong for a filtered derivative, and for a controller that scans faster than the samples.
+Source: Astrom and Hagglund 1995 (digital PID); Harvey 1989, 2.3 (a level that walks under white noise); Fuller 1987
+(errors in the regressors).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..record.controller import FULL
+from ..record.loop import Loop, bridged
+from ..typing import BoolArray, FloatArray
+from .rounded import step_of
+
+# Fewest samples of a stretch, and the most that are fitted together: longer ones are cut, and their integral begins
+# anew in each. As many tell which terms the law has, and one more stretch must gain the fewest.
+_FEWEST, MOST = 60, 4096
+# Multiple of a standard deviation that no residual exceeds: chance passes 4.5 in 1 of 1.5e5.
+_NEVER = 4.5
+# Relative variance of the square of a uniform error: the mean of n squares is known to the root of this over n.
+_KURTOSIS = 0.8
+# Rounding of an output with no step, as a share of its swing: the error of single precision.
+_SINGLE = 1e-6
+# t value from which a term of the law counts.
+_COUNTS = 5.0
+# Share of the samples that count, above which a law is the record's.
+_MOSTLY = 0.5
+# Two-sided 90 % point of the normal distribution.
+POINT_90 = 1.645
+# Share of the variance of the output that a law which need not be exact must explain.
+_EXPLAINS = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """Terms of a law: integral and derivative part, the latter on PV or on the error, and samples by which PV is late.
+    """
+
+    integral: bool = True
+    derivative: bool = False
+    on_pv: bool = False
+    late: int = 0
+
+    @property
+    def kind(self) -> str:
+        """The usual letters: P, PI or PID."""
+        return "P" + "I" * self.integral + "D" * self.derivative
+
+
+# Tried in this order; a later form must explain more samples.
+_FORMS = (Form(), Form(late=1), Form(derivative=True), Form(derivative=True, on_pv=True),
+          Form(derivative=True, late=1), Form(integral=False), Form(integral=False, late=1))
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerLaw:
+    """A P, PI or PID law read from r, y and u; gain in % per unit of y, times in s, `intervals` at 90 %.
+
+    A law without integral part has an endless integral time, one without derivative part a derivative time of 0.
+    `stretches` are the samples that obey it. `command` (n,) is the output without its rounding there, and as recorded
+    elsewhere; `command_sd` is the standard deviation of its error. `residual` is the rms distance of law and record in
+    %. `fit` is the share of u's variance explained.
+    """
+
+    kind: str
+    gain: float
+    integral_time_s: float
+    derivative_time_s: float
+    intervals: dict[str, tuple[float, float]]
+    residual: float
+    stretches: tuple[slice, ...]
+    command: FloatArray = field(repr=False)
+    command_sd: float = 0.0
+    fit: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Rounding:
+    """Steps of OP and PV that the law is held against, as variances."""
+
+    output: float
+    error: float
+
+    def spread(self, form: Form, sizes: FloatArray) -> float:
+        """Variance of law less record for the sizes (p,) of a form, the walk of the integral left out."""
+        return self.output + self.error * float(sizes @ _shared(form) @ sizes)
+
+    def walk(self, form: Form, sizes: FloatArray) -> float:
+        """Variance by which the integral walks in each sample."""
+        return self.error * float(sizes[1]) ** 2 if form.integral else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """A regression on one stretch: sizes (p,), their covariance (p, p), fitted values (m,) and residual (m,).
+
+    `numbers` are those estimated, the walking level counted by the samples that it is smoothed over.
+    """
+
+    first: int
+    stop: int
+    sizes: FloatArray
+    covariance: FloatArray
+    fitted: FloatArray
+    rest: FloatArray
+    numbers: float
+
+    @property
+    def counts(self) -> bool:
+        """True where every term of the law is there, and all have one sign."""
+        sure = np.abs(self.sizes) >= _COUNTS * np.sqrt(np.diag(self.covariance))
+        return bool(sure.all() and np.ptp(np.sign(self.sizes)) == 0.0)
+
+
+def controller_law(loop: Loop) -> ControllerLaw | None:
+    """The law that u obeys to within its rounding in most samples; None without a setpoint, or where there is none."""
+    if loop.setpoint is None:
+        return None
+    u = loop.output
+    known = loop.used & np.isfinite(u) & np.isfinite(loop.setpoint) & np.isfinite(loop.process_value)
+    count, swing = int(known.sum()), float(np.ptp(u[known])) if known.any() else 0.0
+    if count < _FEWEST or not swing > 0.0:
+        return None
+    step = step_of(u[known])
+    noise = _Rounding(max(step, _SINGLE * swing) ** 2 / 12.0, step_of(loop.process_value[known]) ** 2 / 12.0)
+    head = known & (np.cumsum(known) <= MOST)
+    best, form = 0, Form()
+    for trial in _FORMS:
+        pieces = _pieces(loop, trial, head, noise)
+        obeys = _samples_of(pieces) - _FEWEST * len(pieces)
+        if obeys > best + _FEWEST:
+            best, form = obeys, trial
+        if best > head.sum() - 2 * _FEWEST:
+            break
+    pieces = _pieces(loop, form, known, noise) if best else []
+    return _read(loop, form, pieces, noise) if _samples_of(pieces) > _MOSTLY * count else None
+
+
+def rebuilt(loop: Loop) -> Loop:
+    """The loop with the output of its controller's law in place of the rounded one; as it is where no law is found."""
+    law = None if loop.followed else controller_law(loop)
+    return loop if law is None else followed_in_full(loop, law)
+
+
+def followed_in_full(loop: Loop, law: ControllerLaw) -> Loop:
+    """The loop with the output of a law that it obeys."""
+    return replace(loop, output=law.command, followed=FULL, output_sd=law.command_sd)
+
+
+def usual_law(loop: Loop, *, held: bool = True) -> ControllerLaw | None:
+    """The PI law behind r, y and u where it need not be exact; None without r, or where it is no PI law.
+
+    A `held` output comes from a scanning controller, which adds the whole error of its scan to the integral.
+    """
+    if loop.setpoint is None:
+        return None
+    columns, u = _columns(loop, Form()), loop.output[loop.used]
+    if u.size < 10 or not np.ptp(u) > 0:
+        return None
+    if not held:
+        columns[1] -= 0.5 * columns[0]
+    # In levels, not in differences: a continuous controller never saw the noise of the samples.
+    design = np.stack([*columns, np.ones(loop.samples)], axis=1)[loop.used]
+    sizes, *_ = np.linalg.lstsq(design, u, rcond=None)
+    rest = u - design @ sizes
+    fit = 1.0 - float(rest @ rest) / float(np.sum((u - u.mean()) ** 2))
+    if fit < _EXPLAINS or sizes[0] == 0.0 or sizes[1] / sizes[0] <= 0.0:
+        return None
+    return ControllerLaw("PI", float(sizes[0]), float(sizes[0] / sizes[1]) * loop.step_s, 0.0, {},
+                         float(np.sqrt(np.mean(rest**2))), (), loop.output, fit=fit)
+
+
+def _columns(loop: Loop, form: Form) -> FloatArray:
+    """Columns of a law without its constant, shape (p, n): error, its sum, and its increment from the sample before."""
+    assert loop.setpoint is not None
+    y = bridged(loop.process_value)
+    e = np.nan_to_num(loop.setpoint - y)
+    moving = -y if form.on_pv else e
+    columns = [e, *([np.cumsum(e)] if form.integral else []),
+               *([np.diff(moving, prepend=moving[0])] if form.derivative else [])]
+    late = [np.concatenate([c[:1].repeat(form.late), c[:c.size - form.late]]) for c in columns]
+    return np.stack(late)
+
+
+def _shared(form: Form) -> FloatArray:
+    """Covariance of a law's columns (p, p) from an error of PV with the variance 1, white; its sum left out."""
+    out = np.zeros((1 + form.integral + form.derivative,) * 2)
+    out[0, 0] = 1.0
+    if form.derivative:
+        out[-1, -1], out[0, -1], out[-1, 0] = 2.0, 1.0, 1.0
+    return out
+
+
+def _pieces(loop: Loop, form: Form, known: BoolArray, noise: _Rounding) -> list[_Piece]:
+    """Longest stretches that obey a form, from the start on."""
+    columns, u = _columns(loop, form), loop.output
+    found: list[_Piece] = []
+    for first, stop in _runs(loop, known, form.late + form.derivative):
+        at = first
+        while at + _FEWEST <= stop:
+            piece = _longest(columns, u, form, noise, at, min(stop, at + MOST))
+            if piece is None:
+                at += _FEWEST
+                continue
+            if piece.counts:
+                found.append(piece)
+            at = piece.stop
+    return found
+
+
+def _samples_of(pieces: list[_Piece]) -> int:
+    return sum(piece.stop - piece.first for piece in pieces)
+
+
+def _runs(loop: Loop, known: BoolArray, lead: int) -> list[tuple[int, int]]:
+    """Runs of known samples within segments, without the first `lead` samples of each, whose e before is unknown."""
+    cut = known.copy()
+    cut[list(loop.starts)] = False
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], cut, [False]]).astype(np.int8)))
+    return [(int(a) + lead, int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _longest(columns: FloatArray, u: FloatArray, form: Form, noise: _Rounding, first: int, end: int) -> _Piece | None:
+    """The longest stretch from `first` on that obeys a form, by doubling and bisection; None where none does."""
+    good: _Piece | None = None
+    size, bad = _FEWEST, end + 1
+    while True:
+        stop = min(first + size, end)
+        piece = _regressed(columns, u, form, noise, first, stop)
+        if piece is None:
+            bad = stop
+            break
+        good = piece
+        if stop == end:
+            return good
+        size *= 2
+    while good is not None and bad - good.stop > 1:
+        middle = (good.stop + bad) // 2
+        piece = _regressed(columns, u, form, noise, first, middle)
+        good, bad = (good, middle) if piece is None else (piece, bad)
+    return good
+
+
+def _regressed(columns: FloatArray, u: FloatArray, form: Form, noise: _Rounding, first: int,
+               stop: int) -> _Piece | None:
+    """The regression on samples first..stop-1; None where its residual is more than rounding.
+
+    The second round knows from the first how the integral walks.
+    """
+    X, y = columns[:, first:stop], u[first:stop]
+    X = X - X.mean(axis=1, keepdims=True)
+    y = y - y.mean()
+    walk, spread = 0.0, noise.output
+    for _ in range(2):
+        own = _levelled(np.vstack([X, y]), walk / spread)
+        gram, answer = X @ own[:-1].T, X @ own[-1]
+        # Rounding of PV bends the sizes, and its known covariance is taken out again.
+        true = gram - noise.error * y.size * _shared(form)
+        if not np.all(np.isfinite(gram)) or np.linalg.cond(true) > 1e14 or np.linalg.eigvalsh(true)[0] <= 0.0:
+            return None
+        sizes = np.linalg.solve(true, answer)
+        walk, spread = noise.walk(form, sizes), noise.spread(form, sizes)
+    best = np.linalg.solve(gram, answer)
+    rest = own[-1] - best @ own[:-1]
+    n, other = y.size, spread - noise.output
+    if float(np.mean(rest**2)) > spread * (1.0 + _NEVER * np.sqrt(_KURTOSIS / n)) \
+            or float(np.abs(rest).max()) > np.sqrt(3.0 * noise.output) + _NEVER * np.sqrt(other + spread / n):
+        return None
+    return _Piece(first, stop, sizes, np.linalg.inv(true) * spread, u[first:stop] - rest, rest,
+                  sizes.size + max(1.0, n * (1.0 - (decay := _decay(walk / spread))) / (1.0 + decay)))
+
+
+def _levelled(rows: FloatArray, ratio: float) -> FloatArray:
+    """Rows (k, n) without the smoothed level that walks by `ratio` of the variance of white noise in each sample."""
+    n = rows.shape[1]
+    if ratio * n**2 < 1e-3:
+        return np.asarray(rows - rows.mean(axis=1, keepdims=True))
+    decay = _decay(ratio)
+    size = 1 << (2 * n - 1).bit_length()
+    kernel = np.zeros(size)
+    powers = decay ** np.arange(n)
+    kernel[:n], kernel[size - n + 1:] = powers, powers[:0:-1]
+    heard = np.fft.rfft(kernel)
+    padded = np.fft.irfft(np.fft.rfft(np.vstack([rows, np.ones(n)]), size) * heard, size)[:, :n]
+    return np.asarray(rows - padded[:-1] / padded[-1])
+
+
+def _decay(ratio: float) -> float:
+    """Factor from sample to sample of the weights that smooth such a level."""
+    return float(1.0 + 0.5 * ratio - np.sqrt(ratio + 0.25 * ratio * ratio))
+
+
+def _read(loop: Loop, form: Form, pieces: list[_Piece], noise: _Rounding) -> ControllerLaw:
+    """The law of the longest stretch, and the command of all."""
+    command = np.array(loop.output)
+    half = 0.5 * step_of(loop.output[loop.used])
+    squares = error = 0.0
+    for piece in pieces:
+        size = float(np.mean(piece.rest**2))
+        squares += size * piece.rest.size
+        # As far as the residual is larger than the rounding of OP, the record knows better than the law.
+        share = max(1.0 - noise.output / size, 0.0) if size > 0.0 else 0.0
+        # The law's own error, and that of its numbers.
+        error += noise.output * min(share * piece.rest.size + piece.numbers, float(piece.rest.size))
+        rows = slice(piece.first, piece.stop)
+        command[rows] = np.clip(piece.fitted + share * piece.rest, loop.output[rows] - half, loop.output[rows] + half)
+    longest = max(pieces, key=lambda piece: piece.stop - piece.first)
+    gain, lag, lead, intervals = _numbers(form, longest, loop.step_s)
+    rows_used = _samples_of(pieces)
+    swing = float(np.var(loop.output[loop.used]))
+    return ControllerLaw(form.kind, gain, lag, lead, intervals, float(np.sqrt(squares / rows_used)),
+                         tuple(slice(piece.first, piece.stop) for piece in pieces), command,
+                         float(np.sqrt(error / rows_used)), 1.0 - squares / rows_used / swing if swing else 1.0)
+
+
+def _numbers(form: Form, piece: _Piece, step_s: float) -> tuple[float, float, float, dict[str, tuple[float, float]]]:
+    """Gain, integral and derivative time of a stretch with their intervals, by the delta method."""
+    sizes, names = piece.sizes, ["gain", *["integral_time_s"] * form.integral, *["derivative_time_s"] * form.derivative]
+    values, slopes = [float(sizes[0])], [np.eye(sizes.size)[0]]
+    for i, name in enumerate(names[1:], 1):
+        over, under = (0, i) if name == "integral_time_s" else (i, 0)
+        value = float(sizes[over] / sizes[under]) * step_s
+        slope = np.zeros(sizes.size)
+        slope[over], slope[under] = value / sizes[over], -value / sizes[under]
+        values.append(value)
+        slopes.append(slope)
+    intervals = {}
+    for name, value, slope in zip(names, values, slopes, strict=True):
+        wide = POINT_90 * float(np.sqrt(slope @ piece.covariance @ slope))
+        intervals[name] = (float(value - wide), float(value + wide))
+    known = dict(zip(names, values, strict=True))
+    return values[0], known.get("integral_time_s", np.inf), known.get("derivative_time_s", 0.0), intervals

@@ -1,0 +1,73 @@
+"""Command that the valve of a record follows: the output as recorded, or as its controller's law computed it.
+
+A law that the rounded output obeys gives its digits back (process/controller_law.py). Both commands are then tried, and
+the likelihood of y decides (fit/seen_command.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from ..fit.adequacy import said_rounding
+from ..fit.context import Run
+from ..fit.seen_command import full_over_rounded
+from ..fit.starts.intersample import surely_moves
+from ..process.controller_law import ControllerLaw, controller_law, followed_in_full
+from ..process.controller_words import kept, steps_in_words, steps_of, words_of
+from ..process.rounded import command_sd, is_coarse, step_of, unknown_step
+from ..record.controller import FULL, LEFT, REBUILT, ROUNDED, SEEN_ROUNDED, Controller
+from ..record.loop import Finding, Loop
+from ..record.study import Estimate
+
+# Error of the rebuilt output, as a share of that of the rounded one, up to which y can tell which the valve followed.
+_GIVES_BACK = 0.5
+_SOURCE = "Astrom and Hagglund 1995 (digital PID)"
+
+
+def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
+               alike: float) -> tuple[Loop, Controller | None, tuple[Finding, ...]]:
+    """The record with the command that its valve follows, the controller's law, and what was found in words.
+
+    The samples `near` are searched. The rounded command must explain y better by more than `alike`, a difference of
+    BIC: few valves get their command rounded, and most historians round.
+    """
+    law, step = _law_of(piece), step_of(piece.output[piece.used])
+    if law is None or not step:
+        return piece, None if law is None else kept(law), ()
+    full = followed_in_full(piece, law)
+    there, here = (run_of(x.cut(near.start, near.stop) if near.stop - near.start < x.samples else x)
+                   for x in (full, piece))
+    gain = full_over_rounded(there, here)
+    rebuilt = gain > -alike
+    # A command that the law knows hardly better than the record does makes slips early or late by chance, too.
+    told = law.command_sd <= _GIVES_BACK * command_sd(piece)
+    found = replace(kept(law), rebuilt=rebuilt, seen_by_valve=ROUNDED if told and not rebuilt else FULL)
+    used = full if rebuilt else replace(piece, followed=ROUNDED) if told else piece
+    return used, found, (_said(piece, found, step, gain, alike),)
+
+
+def rounding_left(loop: Loop, found: Estimate) -> tuple[Finding, ...]:
+    """The warning on an output whose rounding was not undone, where it may move the valve."""
+    if not is_coarse(loop, found.S):
+        return ()
+    return (Finding(LEFT, "warning", f"{said_rounding(loop)}; export the output with more digits",
+                    {"step": unknown_step(loop), "J_known": found.J_known}, (), "Widrow and Kollar 2008"),)
+
+
+def _law_of(piece: Loop) -> ControllerLaw | None:
+    """The law of a controller that ran with the samples; a moving output obeys one in pieces, with a wrong gain."""
+    return None if surely_moves(piece) else controller_law(piece)
+
+
+def _said(loop: Loop, controller: Controller, step: float, gain: float, alike: float) -> Finding:
+    u, y = loop.unit("output", "%"), loop.unit("process_value")
+    told = "the record can't tell from the rounded one" if abs(gain) <= alike else f"BIC {abs(gain):.0f} better"
+    use = (f"OP is rebuilt from this law, and the valve follows the full output ({told})" if controller.rebuilt else
+           f"the valve follows the rounded output ({told}): OP is used as recorded"
+           if controller.seen_by_valve == ROUNDED else
+           "PV is recorded too coarsely for it to give back the digits of OP, which is used as recorded")
+    return Finding(REBUILT if controller.rebuilt else SEEN_ROUNDED, "info",
+                   f"recorded {steps_in_words(steps_of(loop), u, y)}; the controller is a "
+                   f"{words_of(controller, u, y)}: {use}",
+                   {"step": step, "residual": controller.residual, "delta_bic": gain}, (), _SOURCE)
