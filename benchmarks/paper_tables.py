@@ -1,4 +1,4 @@
-"""The paper's Tables 2 and 3: the package beside the paper beside `--method arx`, agreement over seeds.
+"""Tables 2 and 3 of Shang et al.: the package beside the paper beside `--method arx`, agreement over seeds.
 
 Run: python benchmarks/paper_tables.py [--seeds 20]
 

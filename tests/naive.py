@@ -1,4 +1,4 @@
-"""Reference versions of every kernel in plain Python, from the equations (METHODS.md, the paper), not from the kernels.
+"""Reference versions of every kernel in plain Python, from the equations (docs/method.md), not from the kernels.
 
 They run one sample at a time and are slow; nothing here is imported by the package.
 """
@@ -13,7 +13,7 @@ TIE = 1e-9
 
 
 def forces(S, J):
-    """f_s and f_d (paper Eq. 1)."""
+    """f_s and f_d (Shang et al., Eq. 1)."""
     return (S + J) / 2.0, (S - J) / 2.0
 
 

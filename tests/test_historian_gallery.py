@@ -1,4 +1,4 @@
-"""One small file per trap of ../shared/HISTORIAN.md in the vendors' formats: all read to the same arrays."""
+"""One small file per export trap of docs/traps.md in the vendors' formats: all read to the same arrays."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def identify(
     file: FileArgument,
     reading: ReadOptions,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the study as JSON.")] = None,
-    method: Annotated[str, typer.Option(help="auto, arx (the paper exactly: ARX and particle swarm), or one of those "
+    method: Annotated[str, typer.Option(help="auto, arx (Shang et al.: ARX and particle swarm), or one of those "
                                         "it compares itself with: one-parameter, ellipse, polynomial, jelali.")]
     = "auto",
     law: Annotated[str | None, typer.Option(autocompletion=law_names, show_default="chen", help="Stiction law, see "

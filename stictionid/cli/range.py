@@ -18,8 +18,8 @@ _SHOWN = 12
 def range_(file: FileArgument, reading: ReadOptions, as_json: JsonOption = False, quiet: QuietOption = False) -> None:
     """Does the loop oscillate, how fast, and how far does the controller output swing.
 
-    Period T is the longest whole cycle (Eq. 20 of the paper), S_max the largest swing of the output within one
-    (Eq. 21): the stickband S is searched below it. Without a setpoint the mean of y is the reference.
+    Period T is the longest whole cycle (Shang et al., Eq. 20), S_max the largest swing of the output within one (Eq.
+    21): the stickband S is searched below it. Without a setpoint the mean of y is the reference.
 
     Example: stictionid range sample_data/foptd.csv
     """

@@ -19,7 +19,7 @@ from .common.user_files import EffectsOption, LawsOption
                             json="file, truth_file, rows, truth"))
 def simulate(
     output: Annotated[Path, typer.Option("--output", "-o", help="Data file: .csv, .tsv, .txt or .parquet.")],
-    preset: Annotated[str, typer.Option(help="Loop to start from: foptd, itptd (the paper's Table 1) or tank.")]
+    preset: Annotated[str, typer.Option(help="Loop to start from: foptd, itptd (Shang et al., Table 1) or tank.")]
     = "foptd",
     law: Annotated[str, typer.Option(metavar="NAME[:par=value,…]", autocompletion=law_names,
                                      help="Stiction law of the valve, see stictionid laws; numbers of its own after a "

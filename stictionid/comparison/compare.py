@@ -1,7 +1,7 @@
 """The comparison of a model with a record: errors, findings, adequacy, and the curves behind them.
 
 Free-run and one-step errors are reported with the error of the trivial predictor y(k) = y(k-1). A one-step fit hides
-everything (CRITICISM.md section 1); skill over persistence shows that. Source: METHODS.md section 6.
+everything (docs/method.md, section 10); skill over persistence shows that. Source: docs/method.md, section 10.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Questions about the parts of a record where the model fails: each gives a table of cells and at most one finding.
 
-A finding names the numbers it rests on and the effects of the catalogue that leave such a trace (CRITICISM.md section
-8). Only a refit can tell which of these effects it is.
+A finding names the numbers it rests on and the effects of the catalogue that leave such a trace (docs/method.md,
+section 10). Only a refit can tell which of these effects it is.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .valve_phases import delayed, directions, valve_phases
 BLOCKS, DECILES, CYCLE_PARTS = 10, 10, 12
 # Factor on the error elsewhere above which an error is serious, and share of an error below which a mean is not stated.
 _SERIOUS, _MEAN = 2.0, 0.02
-_SOURCE = "cell against the rest, 1 % over all cells, autocorrelation allowed for; CRITICISM.md section 7, step 2"
+_SOURCE = "cell against the rest, 1 % over all cells, autocorrelation allowed for; docs/method.md, section 10.2"
 
 Answer = tuple[str, tuple[Cell, ...], Finding | None]
 

@@ -1,7 +1,7 @@
 """Tests of the residual: whiteness, correlation with the valve, lines in the spectrum. Joint tests at 1 %.
 
 Point-wise 99 % bounds are shown but never decide: 22 % of perfectly white residuals leave one lag of 25 outside.
-Source: Ljung and Box 1978; CRITICISM.md sections 1, 3 and 7.
+Source: Ljung and Box 1978; docs/method.md, sections 7, 10 and 11.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def follows_valve(ground: Ground) -> tuple[FloatArray, Finding | None]:
                 "at_s": float(at * ground.step_s)}
     return cross, Finding("residual-follows-valve", "serious" if explained > 0.2 else "warning", statement, evidence,
                           leaving("valve"),
-                          "joint test of lagged positions, CRITICISM.md section 4")
+                          "joint test of lagged positions, docs/method.md, section 10")
 
 
 def _shifted(x: FloatArray, lag: int) -> FloatArray:

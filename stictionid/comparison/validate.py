@@ -2,7 +2,7 @@
 
 S, J, the process and the period of a wave are held. Start state, bias, phase of a wave and time of a step are refitted.
 A step or ramp that the other record does not show is left out, and so are effects tied to the first record's clock,
-such as drifting stiction; notes say so. Source: CLI.md, compare STUDY FILE.
+such as drifting stiction; notes say so. Source: `stictionid compare --help`.
 """
 
 from __future__ import annotations

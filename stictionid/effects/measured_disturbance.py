@@ -3,7 +3,7 @@
 Lag and dead time are searched, the gain is linear. The tag is part of the effect's name in a study
 ("measured-disturbance:TAG"); `simulate` writes the disturbance as column D1.
 
-Equation: D(s) = gain e^{-dead_time_s s}/(lag_s s + 1) tag(s). Source: METHODS.md section 5.
+Equation: D(s) = gain e^{-dead_time_s s}/(lag_s s + 1) tag(s). Source: docs/method.md, section 5.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _visible(scales: Scales) -> Values:
 EFFECT = Effect(
     name="measured-disturbance", kind="L", place=Place.DISTURBANCE,
     summary="another tag of the export drives the process value",
-    equation="gain e^{-dead_time_s s}/(lag_s s + 1) applied to the tag", source="METHODS.md section 5",
+    equation="gain e^{-dead_time_s s}/(lag_s s + 1) applied to the tag", source="docs/method.md, section 5",
     parameters=(_LAG, _DEAD, _GAIN), searched=("lag_s", "dead_time_s"), needs=("extra",), limits=_limits,
     columns=_columns, guess=_guess, report=_report, disturb=_disturb,
     visible=_visible,

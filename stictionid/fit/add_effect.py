@@ -1,6 +1,6 @@
 """One effect added to a fitted model: refit, choice of the model for the study, last polish with errors and intervals.
 
-Source: METHODS.md section 6; CRITICISM.md section 7.
+Source: docs/method.md, section 11.
 """
 
 from __future__ import annotations

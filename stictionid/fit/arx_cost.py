@@ -1,8 +1,9 @@
-"""The ARX cost: one-step error of a linear difference equation driven by the valve position (paper Eq. 7 to 19).
+"""The ARX cost: one-step error of a linear difference equation driven by the valve position (Shang et al., Eq. 7 to
+19).
 
 For given S and J the position follows from the command. The coefficients then follow by linear least squares. A
 candidate therefore costs one valve recursion and a few sums. The one-step error finds the right basin reliably but
-pulls J low when y is noisy (METHODS.md section 4, trap 2). `identify` therefore finishes with the free-run error; only
+pulls J low when y is noisy (docs/method.md, section 6.2). `identify` therefore finishes with the free-run error; only
 `--method arx` stops here. Misprints of the paper are corrected: the first row of Eq. 15 starts with y(n+τ-1), Eq. 16
 and 19 want the squared norm, Eq. 17 wants Φᵀy.
 """
@@ -65,7 +66,7 @@ class Arx:
     """ARX costs of valve candidates for one order and a set of delays (in samples), on one record.
 
     With `constant` an offset is fitted. Without it the signals are deviations from the mean of the samples used, which
-    is the paper's Eq. 9.
+    is Shang et al., Eq. 9.
     """
 
     def __init__(self, model: Model, order: int, delays: tuple[int, ...], *, constant: bool = True) -> None:

@@ -1,6 +1,6 @@
 """Moves of a model's points, and substitutes for the model: descent, initial force, thinned, coarser and held models.
 
-Searches, intervals and diagnosis share them. Source: METHODS.md section 4; DESIGN.md section 3.
+Searches, intervals and diagnosis share them. Source: docs/method.md, section 6.
 """
 
 from __future__ import annotations

@@ -4,11 +4,11 @@ Layer 1 asks whether the valve is stuck or moving. Layer 2 asks whether |e| > f_
 its direction (moving). The four leaves are keep sticking, slip, keep sliding, and stop. After a stop |e| > f_s is
 tested again in the same sample.
 
-The printed 2008 flow chart has not been seen. This form is reconstructed from Eq. 1 of the paper, from He's law and
-from the description in the paper. It equals Kano's law on every test signal when both start alike. Wrong where the
-stem comes to rest between scans (then He's law holds; see the effect re-sticking).
+The printed 2008 flow chart has not been seen. This form is reconstructed from Shang et al., Eq. 1, from He's law and
+from the description in the paper. It equals Kano's law on every test signal when both start alike. Wrong where the stem
+comes to rest between scans (then He's law holds; see the effect re-sticking).
 
-Source: Chen et al. 2008, METHODS.md section 2.
+Source: Chen et al. 2008, docs/method.md, section 3.
 """
 
 from __future__ import annotations

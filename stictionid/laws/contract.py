@@ -27,7 +27,7 @@ from ..numerics.parameters import Parameter
 from ..typing import FloatArray
 from .inner_loop import STATES, run_inner
 
-# Rows of the friction table. Forces are in % of travel: f_s at break-away, f_d while sliding (paper Eq. 1).
+# Rows of the friction table. Forces are in % of travel: f_s at break-away, f_d while sliding (Shang et al., Eq. 1).
 FS_UP, FS_DOWN, FD_UP, FD_DOWN = 0, 1, 2, 3  # per direction of travel, %
 FS_DRIFT, FD_DRIFT = 4, 5  # change per unit of the profile, %
 RESTICK = 6  # a sliding valve sticks when the command moves less than this, % per valve step

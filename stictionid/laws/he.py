@@ -8,7 +8,7 @@ Right where a held (scanned) command lets a fast stem come to rest between two s
 The re-stick row has no meaning here: this law is Chen's with an infinite re-stick speed. With the overshoot row off
 its neutral 1, this is the law of He and Wang (he-wang); the other rows act as in every law.
 
-Source: He et al. 2007, METHODS.md section 2 (their u_r and cum_u are u - u_v and e). The print has not been seen.
+Source: He et al. 2007, docs/method.md, section 3 (their u_r and cum_u are u - u_v and e). The print has not been seen.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ LAW = Law(
     summary="the valve rests at every sample and jumps when the force exceeds static friction",
     equation="|e| > f_s -> u_v = u - sign(e) f_d, else hold",
     source="He et al. 2007",
-    checked="reconstructed (from the description in the paper; the print has not been seen)",
+    checked="reconstructed (from the description in Shang et al.; the print has not been seen)",
     cannot="sliding: a slow ramp gives a staircase of steps J; inertia; viscous friction",
     run=_run, start=_start, states=1, sliding_state=None,
 )

@@ -10,7 +10,7 @@ and is He's law. The effect slip-overshoot supplies the same row and replaces th
 Wrong where the stem slides under a continuous command (a staircase appears, as with He's law). Large K times J - S
 can move the stem so far that it slips back at the next sample.
 
-Source: He and Wang 2010, METHODS.md section 2. The print has not been seen.
+Source: He and Wang 2010, docs/method.md, section 3. The print has not been seen.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ LAW = replace(
     equation="|e| > f_s -> u_v = u_v(k-1) + K (e - sign(e) f_d), else hold; K = 1 + exp(-pi z / sqrt(1 - z^2)), "
              "z = F_v / (2 sqrt(k m))",
     source="He and Wang 2010",
-    checked="reconstructed (from the description in the paper; the print has not been seen)",
+    checked="reconstructed (from the description in Shang et al.; the print has not been seen)",
     cannot="sliding: a slow ramp gives a staircase; the way the stem swings, only where it ends",
     parameters=(_K,), defaults={"overshoot": DEFAULT_K}, supply=_supply,
 )

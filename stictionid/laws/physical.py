@@ -5,9 +5,9 @@ travel, by
 
     (m/k) x'' = u - x - (F_v/k) x' - F,    |F| = f_d + (f_s - f_d) exp(-(x'/v_s)^2) while it slides,
 
-with f_s = 100 F_s / (k travel), f_d = 100 F_c / (k travel) and S = f_s + f_d, J = f_s - f_d (METHODS.md section 1).
-The friction table carries f_s and f_d as for every law. Rows after ROWS carry numbers derived from the SI values and
-the time between two commands. J can't exceed S, because Coulomb friction is not negative.
+with f_s = 100 F_s / (k travel), f_d = 100 F_c / (k travel) and S = f_s + f_d, J = f_s - f_d (docs/method.md, section
+1). The friction table carries f_s and f_d as for every law. Rows after ROWS carry numbers derived from the SI values
+and the time between two commands. J can't exceed S, because Coulomb friction is not negative.
 
 The default valve has m = 3 lb, k = 300 lbf/in, travel 4 in and F_v = 3.5 lbf s/in. The literature on friction models
 of control valves has used it since Kayihan and Doyle 2000; quoted, not checked in print. Only v_s differs: it is a

@@ -6,8 +6,8 @@ mean of the samples used, since Eq. 9 has no constant. A free-run process is add
 found.
 
 Wrong with measurement noise: the one-step error then pulls J low. Wrong where the start of the valve matters: u_v(0) =
-u(0) can lock the model in a false stuck state. Both are traps of METHODS.md section 4 (2 and 1). Source: the paper, Eq.
-7 to 21 with the misprints corrected as in fit/arx_cost.py.
+u(0) can lock the model in a false stuck state. See docs/method.md, sections 6.1 and 6.2. Source: Shang et al., Eq. 7 to
+21 with the misprints corrected as in fit/arx_cost.py.
 """
 
 from __future__ import annotations
@@ -77,9 +77,9 @@ def _swarm_agreement(points: FloatArray) -> int:
 
 METHOD = Method(
     name="arx",
-    summary="the paper exactly: ARX by least squares, particle swarm over (S, J)",
+    summary="Shang et al. exactly: ARX by least squares, particle swarm over (S, J)",
     equation="A(q) y = q^-tau B(q) u_v(S, J) + xi; min over (S, J) of Eq. 19, S <= S_max, J <= S",
-    source="the paper (Shang, Li and Yu), Eq. 7 to 21",
+    source="Shang et al., Eq. 7 to 21",
     checked="print read; misprints corrected as in arx.py",
     cannot="J under measurement noise (too low); a start other than u_v(0) = u(0)",
     run=_run, options=frozenset({"law", "order", "delay"}),

@@ -2,8 +2,8 @@
 
 The base model is the given law, first order with dead time, and white output noise. The search (selection/) decides how
 the command moved between samples, whether the process integrates, whether it has a further lag, and whether the valve
-rests between scans. Wrong where something else is missing from the model; `diagnose` looks for it. Source: METHODS.md
-section 4, traps 1 to 5; the paper's Eq. 7 to 21 for the ARX part.
+rests between scans. Wrong where something else is missing from the model; `diagnose` looks for it. Source:
+docs/method.md, section 6; Shang et al., Eq. 7 to 21 for the ARX part.
 """
 
 from __future__ import annotations
@@ -240,7 +240,7 @@ METHOD = Method(
     name="auto",
     summary="ARX finds the basin, the free-run error finishes; structure chosen, restarts must agree",
     equation="min over (S, J, e0, T, L) of ||y - K g(T, L) * u_v(S, J, e0) - b||^2 from the basins of Eq. 19",
-    source="METHODS.md section 4; paper Eq. 7 to 21",
+    source="docs/method.md, section 6; Shang et al., Eq. 7 to 21",
     checked="this project's own",
     cannot="anything missing from the model (see diagnose); J where the slide is short",
     run=_run, options=frozenset({"law", "effects", "base_only", "between", "scan", "fixed", "policy"}), restarts=True,

@@ -1,6 +1,6 @@
 """Command rebuilt at the scans of a controller that ran faster than the export: search, findings and refusal.
 
-Source: METHODS.md section 4, trap 4.
+Source: docs/method.md, section 6.4.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def said_scans(run: Run, scans: int, errors: tuple[float, float] | None = None) 
                    f"{scans}: the output in between is rebuilt from {how}{why}",
                    {"scans": scans, "scan_s": step / scans, "gain": law.gain if law else None,
                     "integral_time_s": law.gain / law.per_scan * step / scans if law else None}, (),
-                   "METHODS.md section 4, trap 4")
+                   "docs/method.md, section 6.4")
 
 
 def chatter(run: Run, e: Evaluated | None, scans: int) -> float:

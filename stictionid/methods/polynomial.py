@@ -7,8 +7,8 @@ and no J. The method returns the reason, with three free-run errors: the best fi
 behind a straight line, and behind a valve that sticks.
 
 The ARMAX model itself may come out unstable. In a closed loop without noise a regression of y on u finds the inverse of
-the controller as readily as the process. Its poles are in the evidence. Source: paper Eq. 3 to 6; the split is Bai
-1998.
+the controller as readily as the process. Its poles are in the evidence. Source: Shang et al., Eq. 3 to 6; the split is
+Bai 1998.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ METHOD = Method(
     name="polynomial",
     summary="Hammerstein with a static polynomial and ARMAX: the baseline that can't see stiction",
     equation="A(q) y = B(q) q^-tau sum_i gamma_i u^i + C(q) xi (Eq. 3 to 6)",
-    source="the paper (Shang, Li and Yu), Eq. 3 to 6",
+    source="Shang et al., Eq. 3 to 6",
     checked="print read",
     cannot="stiction: a static curve has no memory, so it gives neither S nor J",
     run=_run, options=frozenset({"order", "delay"}), gives=(),

@@ -6,8 +6,8 @@ has a level, a drift (integrators) and start-up transients of its own in the lea
 segment: nothing reaches across a gap. Effects that depend on time (drifts, sine waves, ramps) take the clock time,
 gaps included.
 
-Wrong where the valve or the process was changed during a gap: then each segment is a record of its own.
-Source: METHODS.md section 4, trap 1; HISTORIAN.md item 3.12.
+Wrong where the valve or the process was changed during a gap: then each segment is a record of its own. Source:
+docs/method.md, section 6.1; docs/traps.md, export trap 12.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ SARIMAX takes Eq. 4 only with lagged y as regressors. Both libraries raise an er
 
 Wrong when C has a root on the unit circle (over-differenced data), and for fewer than some 20 rows a coefficient.
 
-Source: paper Eq. 4; Hannan and Rissanen 1982; Ljung 1999, "System Identification", sections 10.1 to 10.3.
+Source: Shang et al., Eq. 4; Hannan and Rissanen 1982; Ljung 1999, "System Identification", sections 10.1 to 10.3.
 """
 
 from __future__ import annotations

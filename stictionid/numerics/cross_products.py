@@ -5,8 +5,8 @@ lags against y at neighbouring lags. Sums that differ by a shift only are formed
 to the next lag by the few rows that enter and leave the window. Both functions take four rows a pass: a pass loads and
 stores each sum once, and all sums share the loaded values.
 
-Source: normal equations of paper Eq. 17; the shift structure is that of covariance-type linear prediction (Morf,
-Dickinson, Kailath and Vieira 1977).
+Source: normal equations of Shang et al., Eq. 17; the shift structure is that of covariance-type linear prediction
+(Morf, Dickinson, Kailath and Vieira 1977).
 """
 
 from __future__ import annotations

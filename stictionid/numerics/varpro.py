@@ -3,7 +3,7 @@
 Each candidate has columns of its own (valve position, or response of the process), fitted together with the columns
 that all share. Sums of products are collected with the candidates as the fast axis (numerics/cross_products.py), and
 the small normal equations are solved in the same way. Shared columns are made orthonormal first, so that the sums stay
-well conditioned. Source: paper Eq. 16 to 19 (squared norm); variable projection: Golub and Pereyra 1973.
+well conditioned. Source: Shang et al., Eq. 16 to 19 (squared norm); variable projection: Golub and Pereyra 1973.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ Its local columns (the remainder of each segment's unknown start) have sizes of 
 the level and drift that all candidates share. Sums are formed on each segment's own rows, local columns are eliminated
 there, and the rest is added up. The work is that of one segment of the same length, whatever the number of segments.
 
-Source: block elimination of the normal equations of numerics/varpro.py; paper Eq. 16 to 19.
+Source: block elimination of the normal equations of numerics/varpro.py; Shang et al., Eq. 16 to 19.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ Wrong where the valve sticks in the test itself: after a reversal up to S of the
 is low by that share. A measured position avoids it. Wrong for a process that integrates or is far from first order:
 the first is refused, the second shows in `rmse`.
 
-Source: the paper, Fig. 7 and Eq. 21 (the tank); exact discretisation in process/linear.py.
+Source: Shang et al., Fig. 7 and Eq. 21 (the tank); exact discretisation in process/linear.py.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class StepTest:
                        f"constant {self.time_constant_s:.4g} s, dead time {self.dead_time_s:.4g} s, from {source} "
                        f"({100 * self.explained:.1f} % of the variance of y explained)",
                        {**self.fixed, "rmse": self.rmse, "explained": self.explained, "steps": self.steps},
-                       (), "the paper, Fig. 7")
+                       (), "Shang et al., Fig. 7")
 
 
 def fit_step(loop: Loop) -> StepTest:

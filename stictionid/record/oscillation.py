@@ -1,4 +1,5 @@
-"""Oscillation of a record: cycles, period (paper Eq. 20) and S_max, the swing of the controller output (Eq. 21).
+"""Oscillation of a record: cycles, period (Shang et al., Eq. 20) and S_max, the swing of the controller output (Eq.
+21).
 
 Cycles are counted on up-crossings of the deviation e = r - y through its mean, with hysteresis against noise. Only
 whole cycles count. The first one is left out when enough remain, because it still holds the start. M in Eq. 20
@@ -28,7 +29,7 @@ _HYSTERESIS_NOISE = 3.0
 _HYSTERESIS_SPARSE = 0.5
 # Share of samples at either end of the deviation that sets neither level nor band.
 _TRIM = 0.05
-# Least number of whole cycles that make an oscillation (gate 0 of CRITICISM.md).
+# Least number of whole cycles that make an oscillation (docs/method.md, section 12).
 FEWEST_CYCLES = 3
 # Largest coefficient of variation of the cycle lengths of one oscillation.
 _REGULAR = 0.6

@@ -1,6 +1,6 @@
 """Preconditions of an identification (gate 0): a record that lacks one gets an abstention with the reason.
 
-Source: CRITICISM.md section 7, gate 0; METHODS.md section 4, identifiability.
+Source: docs/method.md, sections 6.6 and 12.
 """
 
 from __future__ import annotations

@@ -188,7 +188,8 @@ def _why_it_differs(study: Study) -> str:
 def size(e: Estimate) -> str:
     """S and J with their intervals in one line."""
     level = wording.number(100 * e.interval_level, 2)
-    return (f"S {wording.estimate(e.S, e.S_interval, e.unit)}, J {wording.jump(e.J, e.J_interval, e.unit, known=e.J_known)}, "
+    J = wording.jump(e.J, e.J_interval, e.unit, known=e.J_known)
+    return (f"S {wording.estimate(e.S, e.S_interval, e.unit)}, J {J}, "
             f"{level} % intervals")
 
 

@@ -11,11 +11,11 @@ from ..record.study import Estimate, Step, Study
 from . import effect_words, story, tree_text, wording
 from .document import PageTable, Section
 
-# Samples per period below which the slips cannot be resolved. Unit: samples; METHODS.md section 4.
+# Samples per period below which the slips cannot be resolved. Unit: samples; docs/method.md, section 6.
 FEWEST_SAMPLES_PER_PERIOD = 10
 # Cycles that a new record should hold. Three is the least that is judged, ten make intervals useful. Unit: cycles.
 WANTED_CYCLES = 10
-# A bump in MAN that a healthy valve follows. Unit: % of OP span; HISTORIAN.md section 1.
+# A bump in MAN that a healthy valve follows. Unit: % of OP span; docs/method.md, section 13.
 BUMP_PERCENT = 0.5
 # Cycles shown in the table; the rest is left to the JSON. Unit: rows; half a printed page.
 _CYCLES_SHOWN = 12
@@ -163,9 +163,9 @@ def oscillation(study: Study) -> Section:
     r = study.range
     start = holds_start(r.cycles)
     rows = (("oscillating", "yes" if r.oscillating else "no"),
-            ("longest cycle T (Eq. 20)", wording.duration(r.period_s)),
+            ("longest cycle T (Shang et al., Eq. 20)", wording.duration(r.period_s)),
             ("median cycle", wording.duration(r.period_median_s)),
-            ("largest swing of OP, S_max (Eq. 21)", wording.with_unit(r.s_max, r.unit)),
+            ("largest swing of OP, S_max (Shang et al., Eq. 21)", wording.with_unit(r.s_max, r.unit)),
             ("whole cycles that count", wording.count(len(r.cycles) - start)),
             ("reversals of OP", wording.count(r.reversals)), ("deviations taken from", wording.name(r.reference)))
     tables = [PageTable("Oscillation", ("quantity", "value"), rows, (1,))]

@@ -11,7 +11,8 @@ NOTHING = "-"
 
 # Severity bands of S in % of OP span: upper limit of each band and its word. No standard fixes them. Anchors are
 # digital positioner precision 0.1 % and EnTech nominal backlash + stiction at most 1 %. Others are cycling from 0.5 %
-# (Ruel, Gerry) and 2 % in the Tennessee Eastman benchmark. Source: conventions of the trade, HISTORIAN.md section 1.
+# (Ruel, Gerry) and 2 % in the Tennessee Eastman benchmark. Source: conventions of the trade, docs/method.md, section
+# 13.
 SEVERITY_BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (math.inf, "severe"))
 
 # Most decimals of a number of 1 or more, however narrow its interval; no positioner resolves 0.001 %. Unit: digits.

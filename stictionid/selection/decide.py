@@ -1,6 +1,6 @@
 """The decision after a search: winner pruned, equivalents, ranking, and what the effects asked do not explain.
 
-Source: SELECTION.md section 1; CRITICISM.md section 7.
+Source: docs/method.md, section 11.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Gates that an effect must pass beside its gain: held-out blocks, the free run, its range, and physics.
 
-Each gate is one function of an `Edge` and gives the reason for a rejection, empty where the effect passes.
-Source: CRITICISM.md section 7, steps 6 and 7.
+Each gate is one function of an `Edge` and gives the reason for a rejection, empty where the effect passes. Source:
+docs/method.md, section 11.
 """
 
 from __future__ import annotations

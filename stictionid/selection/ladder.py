@@ -135,4 +135,4 @@ def said_noise(fit: Fitted) -> Finding:
         how += f", from one PV to the next, which is {pace * fit.model.step_s:.3g} s on average,"
     return Finding("noise-model", "info", f"the noise is not white but {how}: the one-step error with it is {sd:.4g}",
                    {"innovation_sd": sd, "order": int(taps.size),
-                    "kind": "random walk" if walks else "autoregression"}, (), "METHODS.md section 4, trap 2")
+                    "kind": "random walk" if walks else "autoregression"}, (), "docs/method.md, section 6.2")

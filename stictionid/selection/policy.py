@@ -15,7 +15,7 @@ from typing import Any
 from ..errors import DataError, UsageError
 from ..system.files import text_of
 
-_PLANTS, _CRITICISM, _LENGTH = "benchmarks/plants", "CRITICISM.md section 7", "benchmarks/search_race.py"
+_PLANTS, _METHOD, _LENGTH = "benchmarks/plants", "docs/method.md, section 11", "benchmarks/search_race.py"
 _NOISE = "benchmarks/noise_family.py"
 
 
@@ -30,20 +30,20 @@ class Policy:
 
     budget: int = _number(400_000, "cost evaluations", "evaluations after which the search stops", _PLANTS, least=1)
     margin: float = _number(20.0, "BIC", "gain beyond noise that names an effect", _PLANTS)
-    structure_margin: float = _number(10.0, "BIC", "gain that changes process, lag, rest or command", _CRITICISM)
+    structure_margin: float = _number(10.0, "BIC", "gain that changes process, lag, rest or command", _METHOD)
     noise_margin: float = _number(20.0, "BIC", "gain that names a noise model", _PLANTS)
     walk_margin: float = _number(2.0, "BIC", "gain of a random walk over stationary noise", _NOISE)
-    alike: float = _number(10.0, "BIC", "distance within which models explain alike", _CRITICISM)
-    beam: int = _number(3, "nodes", "nodes expanded at each depth", _CRITICISM, least=1)
-    depth: int = _number(4, "effects", "most effects of a node, lag and rest not counted", _CRITICISM, least=1)
+    alike: float = _number(10.0, "BIC", "distance within which models explain alike", _METHOD)
+    beam: int = _number(3, "nodes", "nodes expanded at each depth", _METHOD, least=1)
+    depth: int = _number(4, "effects", "most effects of a node, lag and rest not counted", _METHOD, least=1)
     finalists: int = _number(3, "nodes", "looks of an expansion that are fitted in full", _PLANTS, least=1)
     within: float = _number(150.0, "BIC", "distance from the best full fit that a look may have", _PLANTS)
-    better_fit: float = _number(2.0, "2 log L", "gain by which a better optimum replaces a fit", _CRITICISM)
+    better_fit: float = _number(2.0, "2 log L", "gain by which a better optimum replaces a fit", _METHOD)
     better_base: float = _number(1.1, "1", "fall of the free run by which another base is expanded", _PLANTS)
     carried: float = _number(1.05, "1", "free run over innovations that noise alone makes", _PLANTS)
-    blocks_better: int = _number(4, "blocks of 5", "blocks in which the error must fall", _CRITICISM)
-    block_gain: float = _number(0.005, "1", "least median fall of the one-step error of a block", _CRITICISM)
-    free_run: float = _number(1.02, "1", "growth of the free-run error that counts as none", _CRITICISM)
+    blocks_better: int = _number(4, "blocks of 5", "blocks in which the error must fall", _METHOD)
+    block_gain: float = _number(0.005, "1", "least median fall of the one-step error of a block", _METHOD)
+    free_run: float = _number(1.02, "1", "growth of the free-run error that counts as none", _METHOD)
     at_noise: float = _number(1.1, "1", "free-run error over innovations that is the noise", _PLANTS)
     neutral: float = _number(1e-3, "1", "distance from neutral, of the range, of an absent effect", _PLANTS)
     edge: float = _number(0.01, "1", "distance from neutral, of the range, where a limit is allowed", _PLANTS)
@@ -54,7 +54,7 @@ class Policy:
     beyond_scans: float = _number(0.1, "1", "fall of the one-step error beyond unknown scans between samples", _PLANTS)
     kick_samples: float = _number(3.0, "samples", "distance of a step from a setpoint move", _PLANTS)
     rounding: float = _number(3.0, "1", "error beyond noise, over that of rounding, that it explains", _PLANTS)
-    chance: float = _number(0.01, "1", "chance of a false name, by bootstrap, strokes and draws of noise", _CRITICISM,
+    chance: float = _number(0.01, "1", "chance of a false name, by bootstrap, strokes and draws of noise", _METHOD,
                             least=0.001)
     periods: float = _number(12.0, "periods", "length of the record in which valves are searched", _PLANTS, least=1)
     valve_samples: int = _number(1_000, "samples", "least length of that record", _PLANTS, least=1)

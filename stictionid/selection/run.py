@@ -1,6 +1,6 @@
 """The search as a study sees it: roots from its steps and its tree, the ladder of the winner, the tree in words.
 
-Source: SELECTION.md sections 1 and 4.
+Source: docs/method.md, section 11.
 """
 
 from __future__ import annotations

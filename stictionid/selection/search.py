@@ -1,6 +1,6 @@
 """Best-first search over models: expand the best node, fit what may win in full, hand better values back.
 
-Source: SELECTION.md section 1; CRITICISM.md section 7.
+Source: docs/method.md, section 11.
 """
 
 from __future__ import annotations

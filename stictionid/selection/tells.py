@@ -1,6 +1,6 @@
 """Which measurement would settle it: for effects that look alike in u and y, the test in which they differ.
 
-The tests are words of the effects' own files. Source: CRITICISM.md section 8, column "what separates".
+The tests are words of the effects' own files. Source: docs/method.md, section 10.
 """
 
 from __future__ import annotations

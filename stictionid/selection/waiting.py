@@ -1,6 +1,6 @@
 """Order in which the nodes of a search are asked: new bases by free run, then the others by score.
 
-Source: SELECTION.md section 1; CRITICISM.md section 7.
+Source: docs/method.md, section 11.
 """
 
 from __future__ import annotations

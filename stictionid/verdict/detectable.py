@@ -3,8 +3,7 @@
 The change that an effect of a given size makes in the prewhitened model output, less what the base parameters could
 undo (a linear projection), is held against the innovations: it would have been named where the expected gain reaches
 both the information criterion and the one-step drop that are asked for. Noise effects by the expected likelihood ratio
-of their spectrum (Whittle). A local expectation, not a guarantee. Source: CRITICISM.md sections 2 and 7; METHODS.md
-section 6.
+of their spectrum (Whittle). A local expectation, not a guarantee. Source: docs/method.md, section 11.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """S and J read directly from a measured valve position: the law fitted to command and position.
 
 Gain, offset and direction of the position signal are free: it may run opposite and in any unit. It may lag the command
-by a few samples. The result stands beside the blind estimate and does not enter it, as in Fig. 10 of the paper.
+by a few samples. The result stands beside the blind estimate and does not enter it, as in Shang et al., Fig. 10.
 """
 
 from __future__ import annotations

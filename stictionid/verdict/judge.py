@@ -6,14 +6,13 @@ tuning) as well as a valve does. Only the slips of a sticking valve stay unpredi
 second lag more, so that friction is not confused with a process of higher order, and a structure of its own.
 
 Each model gets the noise of either, so that no noise model speaks for friction. Four quantities are compared. First the
-log likelihood ratio of the one-step errors on common samples, whose tails may be heavy; second the number
-of five blocks on which the error falls. Third are the one-step errors on blocks held out of both models: without a gain
-there the verdict is not stiction. A record too short to hold blocks out is judged by the rest and trusted less. Fourth
-is the part of the free-run error that friction explains. "No stiction" is a claim of its own: no friction may predict y
-much better than none, and the S that is not excluded must be small beside the swing of the output. A model far from its
-noise caps the confidence, and the reason begins with it. Thresholds were set by benchmarks/reliability.py.
-Wrong where the record holds few reversals: the confidence says so. Source: METHODS.md section 4 ("stiction or not");
-CRITICISM.md sections 3 to 7.
+log likelihood ratio of the one-step errors on common samples, whose tails may be heavy; second the number of five
+blocks on which the error falls. Third are the one-step errors on blocks held out of both models: without a gain there
+the verdict is not stiction. A record too short to hold blocks out is judged by the rest and trusted less. Fourth is the
+part of the free-run error that friction explains. "No stiction" is a claim of its own: no friction may predict y much
+better than none, and the S that is not excluded must be small beside the swing of the output. A model far from its
+noise caps the confidence, and the reason begins with it. Thresholds were set by benchmarks/reliability.py. Wrong where
+the record holds few reversals: the confidence says so. Source: docs/method.md, sections 7, 8, 9, 10 and 11.
 """
 
 from __future__ import annotations
@@ -70,7 +69,7 @@ _GLANCE, _RIVAL = 4, 1.5
 # A held command is searched beside a moving one where its one-step error is within this factor. It starts from dead
 # times this many samples earlier, and only below this likelihood ratio.
 _NEAR, _EARLIER, _NO_DOUBT = 1.02, (0.0, 0.5, 1.0), 1000.0
-# Fewer reversals of the output than this cap the confidence (CRITICISM.md section 7, gate 0).
+# Fewer reversals of the output than this cap the confidence (docs/method.md, section 12).
 _FEWEST_FOR_TRUST, _CAPPED, _SUREST = 10, 0.6, 0.98
 # "No stiction" needs an S excluded from this share of the output's swing on. From the second number on the reason
 # begins with the free-run error of the model without friction in times its noise; the last number caps the confidence.
@@ -256,7 +255,7 @@ def _held_out_gain(sticking: Whitened, free: Whitened) -> _Gain | None:
     a, b = (held_out_of(w.model, w.values, w.evaluated) for w in (sticking, free))
     if a is None or b is None or not b.rmse_one_step > 0.0:
         return None
-    # The middle block: one bad block would ruin the mean (CRITICISM.md section 7, step 6).
+    # The middle block: one bad block would ruin the mean (docs/method.md, section 11).
     ratio = a.blocks / np.maximum(b.blocks, 1e-300)
     return _Gain(1.0 - float(np.median(ratio)), int((ratio < 1.0).sum()), ratio.size)
 

@@ -1,8 +1,8 @@
 """Tests and refits for a command that may move between its samples instead of being held.
 
 y shows such a motion only where nothing else is missing: a lag rounds the slips as a moving command does. The command
-itself may show it: one without any of the noise of y was not computed from these samples of y. Source: METHODS.md
-section 4, trap 4.
+itself may show it: one without any of the noise of y was not computed from these samples of y. Source: docs/method.md,
+section 6.4.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 Names, digits and setpoints between two levels show averages. So does the noise that a PI law leaves. The means of r, y
 and u follow the law of the controller, as snapshots do. The noise within an interval moves the mean of u late in that
 interval and early in the next one: what the law leaves are differences of white noise, with a correlation of -0.5 from
-one row to the next. What unseen noise leaves between snapshots is not correlated, or positively.
-Wrong for a controller with a derivative or a filter: its law fits too badly to be judged. Source: HISTORIAN.md 3.14.
+one row to the next. What unseen noise leaves between snapshots is not correlated, or positively. Wrong for a controller
+with a derivative or a filter: its law fits too badly to be judged. Source: docs/traps.md, export trap 14.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def averaged(loop: Signals, name_hints: list[str], fractions: float = 0.0) -> Fi
         "J comes out too small, and whether a stamp means the begin or the end of its interval is not known: a dead "
         f"time is uncertain by {loop.step_s:g} s",
         {**evidence, "caps_verdict": caps},
-        source="HISTORIAN.md 3.14",
+        source="docs/traps.md, export trap 14",
     )
 
 

@@ -97,7 +97,7 @@ def tag_findings(shaped: Shaped, aligned: Aligned) -> list[Finding]:
                 f"tags are stamped apart (against PV: {listed}); they were paired by the nearest stamp, "
                 "so a dead time read from them is off by as much",
                 {f"{k}_s": v for k, v in offsets.items()},
-                source="HISTORIAN.md 3.15",
+                source="docs/traps.md, export trap 15",
             )
         )
     if aligned.thinned > 1:
@@ -137,7 +137,7 @@ def setpoint_findings(shaped: Shaped) -> list[Finding]:
             "info",
             f"no setpoint, and the loop runs in cascade: its setpoint is the output of its master{listed}",
             {"candidates": masters[:5]},
-            source="HISTORIAN.md 3.18",
+            source="docs/traps.md, export trap 18",
         )
     ]
 
@@ -151,7 +151,7 @@ def irregular(step: GridStep, honest: float, frame: Frame) -> Finding:
         f"time steps run from {low:g} to {high:g} s and only {100 * step.fitting:.0f} % fit multiples of "
         f"{step.ns / 1e9:g} s: resampled to {honest / 1e9:g} s; shorter slips are lost, S and J come out too small",
         {"share_fitting": step.fitting, "step_s": honest / 1e9},
-        source="HISTORIAN.md 3.11",
+        source="docs/traps.md, export trap 11",
     )
 
 
@@ -190,7 +190,7 @@ def oversampled(every: int, step: GridStep) -> Finding:
         f"all signals repeat {every} times: recorded every {step.ns / 1e9:g} s but updated every "
         f"{every * step.ns / 1e9:g} s; one of {every} rows was kept",
         {"repeats": every},
-        source="HISTORIAN.md 3.13",
+        source="docs/traps.md, export trap 13",
     )
 
 
@@ -208,7 +208,7 @@ def held_process_value(every: int, step: GridStep, share: float, empty: float) -
         f"{'; '.join([repeats] * (share > 0.0) + [between] * (empty > 0.0))}; "
         "the valve runs on by OP",
         {"every": every, "step_s": every * step.ns / 1e9, "share": share, "empty": empty},
-        source="HISTORIAN.md 3.15",
+        source="docs/traps.md, export trap 15",
     )
 
 
@@ -245,7 +245,7 @@ def mode_findings(unclear: dict[str, int], shaped: Shaped, guesses: list[str]) -
             f"{shown(column)} has modes of unknown meaning, {listed}: samples count where OP moves; "
             f"say what they mean with --mode-map {word}=AUTO",
             {"modes": unclear},
-            source="HISTORIAN.md section 2",
+            source="docs/method.md, section 13",
         )
     ]
 

@@ -15,7 +15,7 @@ from ..grid.grid import runs_of
 from ..words.cells import shown
 
 MAX_STRAIGHT_SHARE = 0.3
-"""Share of samples on straight lines from which a record counts as compressed (HISTORIAN.md 3.11)."""
+"""Share of samples on straight lines from which a record counts as compressed (docs/traps.md, export trap 11)."""
 CAPPING_STRAIGHT_SHARE = 0.6
 """Share on straight lines from which no verdict is sure any more."""
 MIN_LINE = 4
@@ -84,7 +84,7 @@ def compressed(loop: Signals) -> Finding | None:
         f"{100 * straight:.0f} % of the PV samples lie on straight lines: compressed or interpolated; small slips "
         "and reversals are gone, S and J come out wrong",
         {"share": straight, "caps_verdict": caps},
-        source="HISTORIAN.md 3.11",
+        source="docs/traps.md, export trap 11",
     )
 
 
@@ -169,7 +169,7 @@ def _swapped(one: str, other: str, flags: str, names: dict[str, str], evidence: 
         f"{one.replace('_', ' ')} {shown(a)} and {other} {shown(b)} look swapped: {why}; S and J would be meaningless "
         f"({flags} settle it)",
         {**evidence, "caps_verdict": True},
-        source="HISTORIAN.md 3.18",
+        source="docs/traps.md, export trap 18",
     )
 
 

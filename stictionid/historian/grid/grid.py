@@ -16,7 +16,7 @@ from ..table.rows import CODE
 from ..time.clock import SECOND
 
 MAX_FILLED = 2
-"""Missing PV samples that may be interpolated, in a row (HISTORIAN.md 3.12)."""
+"""Missing PV samples that may be interpolated, in a row (docs/traps.md, export trap 12)."""
 JITTER_TOLERANCE = 0.25
 """Largest deviation from the even grid that counts as jitter, share of the step; more is irregular."""
 MIN_REGULAR_SHARE = 0.8

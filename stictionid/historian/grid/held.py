@@ -3,7 +3,8 @@
 Of a PV only fresh values are measurements: the valve runs on OP at its own step, and the cost counts where PV is fresh.
 Taken for measurements, the repeats would lengthen the dead time by half the distance of the fresh values. An OP that
 rests between its changes sets the step of the record: a valve law that sees each command ten times stops ten times.
-Wrong where a transmitter is so coarse that its PV changes at even distances by chance. Source: HISTORIAN.md 3.15.
+Wrong where a transmitter is so coarse that its PV changes at even distances by chance. Source: docs/traps.md, export
+trap 15.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def blank_codes(
                 f"{role.replace('_', ' ')}: {int(hits.sum()):,} values are codes, not "
                 f"measurements, and were blanked: {listed}",
                 {"values": seen},
-                source="HISTORIAN.md 3.2 and 3.3",
+                source="docs/traps.md, export traps 2 and 3",
             )
         )
         if guessed.any():
@@ -103,5 +103,5 @@ def _words_finding(role: str, words: dict[str, int]) -> Finding:
         "info",
         f"{role.replace('_', ' ')}: {total:,} cells hold no number that can be used: {listed}",
         {"texts": dict(list(words.items())[:20]), "cells": total},
-        source="HISTORIAN.md 3.1",
+        source="docs/traps.md, export trap 1",
     )

@@ -88,7 +88,7 @@ def output_unit(values: FloatArray, unit: str) -> tuple[str, Finding | None]:
             f"OP stays within 4 to 20 (from {low:g} to {high:g}) and was taken as %: if these are mA, S and J are 6.25 "
             "times larger (--span-op 4,20, or --span-op 0,100 if it is %)",
             {"low": low, "high": high},
-            source="HISTORIAN.md section 2",
+            source="docs/method.md, section 13",
         )
     if low >= 0 and high <= 1.0 and high > low:
         return OTHER, _finding(low, high, "it stays within 0 to 1", "--span-op 0,1 if 1 means fully open")
@@ -111,5 +111,5 @@ def _finding(low: float, high: float, why: str, hint: str) -> Finding:
         f"OP runs from {low:g} to {high:g} and is not taken as % of travel: {why}; S and J are in the unit of OP "
         f"(to scale: {hint})",
         {"low": low, "high": high},
-        source="HISTORIAN.md section 2",
+        source="docs/method.md, section 13",
     )

@@ -2,9 +2,9 @@
 
     e = A(q) (1 - rho q^-1) / (1 - theta q^-1) v,    A = 1 + taps[0] q^-1 + …, of order 0 to 8, 0 <= rho, theta <= 1
 
-rho = theta leaves A alone: an autoregression, or white noise. rho = 1 is a random walk under measurement noise, and
-1 - theta the gain of its steady Kalman filter. 0 < theta < rho < 1 is an AR(1) under measurement noise.
-Source: SELECTION.md section 2.
+rho = theta leaves A alone: an autoregression, or white noise. rho = 1 is a random walk under measurement noise, and 1 -
+theta the gain of its steady Kalman filter. 0 < theta < rho < 1 is an AR(1) under measurement noise. Source:
+docs/method.md, section 7.
 """
 
 from __future__ import annotations

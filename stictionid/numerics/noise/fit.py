@@ -1,8 +1,8 @@
 """Fit of the noise family to a residual: kind and order by BIC of the exact likelihood.
 
 A survey gives starts for every kind and order (survey.py). The best of each kind is polished (exact.py), then its
-neighbours in order, while BIC falls. Slow AR(1) noise, a walk and plain A start one another in the end.
-Source: SELECTION.md section 2.
+neighbours in order, while BIC falls. Slow AR(1) noise, a walk and plain A start one another in the end. Source:
+docs/method.md, section 7.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Pictures of a study as numbers: the paper's Figures 8 to 11, and others that engineers use.
+"""Pictures of a study as numbers: Figures 8 to 11 of Shang et al., and others that engineers use.
 
-Each function makes one picture, or None where the case has no numbers for it. Source: paper Fig. 8 to 11; the other
-pictures from the conventions in HISTORIAN.md section 1.
+Each function makes one picture, or None where the case has no numbers for it. Source: Shang et al., Fig. 8 to 11; the
+other pictures from the conventions in docs/method.md, section 13.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def trend(study: Study, loop: Loop, last: Curves | None) -> Picture:
     finding = ("" if last is None else " No stretch stands out with a larger error." if not failing else
                f" The model fails on {len(failing)} stretch{'es' if len(failing) > 1 else ''}, the first from "
                f"{wording.number(failing[0].start)} to {wording.number(failing[0].end)} {unit}.")
-    return Picture("trend", "Trends of SP, PV and OP (Fig. 8 and 9)",
+    return Picture("trend", "Trends of SP, PV and OP",
                    f"PV runs from {_extent(loop.process_value, loop, 'process_value')}, OP from "
                    f"{_extent(loop.output, loop, 'output', '%')} over {wording.duration(loop.samples * loop.step_s)}."
                    + finding, f"{wording.listed([line.name for line in upper])} above, "
@@ -170,7 +170,7 @@ def characteristic(study: Study, loop: Loop, last: Curves) -> Picture | None:
     if e.from_position is not None:
         beside = (f" Read from the measured position: S {wording.number(e.from_position.S)}, "
                   f"J {wording.number(e.from_position.J)} {wording.name(e.unit)}.")
-    return Picture("characteristic", "Valve characteristic (Fig. 10)",
+    return Picture("characteristic", "Valve characteristic",
                    f"Controller output against valve position: {size}.{beside}",
                    f"Inferred valve position over OP, {_when(part, loop)}, arrows in the direction of time; dashed: "
                    f"where the stem slides. {size}.{beside}",
@@ -201,7 +201,7 @@ def phase(study: Study, loop: Loop) -> Picture:
 
 def fit(study: Study, loop: Loop, last: Curves) -> Picture | None:
     """Fig. 11: free-run model output and measurement over the whole record, residual below."""
-    return _fit(study, loop, last, slice(0, loop.samples), "fit", "Model against measurement (Fig. 11)")
+    return _fit(study, loop, last, slice(0, loop.samples), "fit", "Model against measurement")
 
 
 def closeup(study: Study, loop: Loop, last: Curves) -> Picture | None:
