@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 ROUNDED, FULL = "rounded", "full"
-# Codes of the findings on the command: rebuilt, rounded for the valve, too, and rounded with the digits lost.
-REBUILT, SEEN_ROUNDED, LEFT = COMMAND_FINDINGS = "rebuilt-command", "rounded-command", "digits-lost"
+# Codes of the findings on the command: recorded with all its digits, rebuilt, rounded for the valve, too, and rounded
+# with the digits lost.
+FINE, REBUILT, SEEN_ROUNDED, LEFT = COMMAND_FINDINGS = "full-command", "rebuilt-command", "rounded-command", \
+    "digits-lost"
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,12 +16,15 @@ from ..fit.starts.intersample import surely_moves
 from ..process.controller_law import ControllerLaw, controller_law, followed_in_full
 from ..process.controller_words import kept, steps_in_words, steps_of, words_of
 from ..process.rounded import command_sd, is_coarse, step_of, unknown_step
-from ..record.controller import FULL, LEFT, REBUILT, ROUNDED, SEEN_ROUNDED, Controller
+from ..record.controller import FINE, FULL, LEFT, REBUILT, ROUNDED, SEEN_ROUNDED, Controller
 from ..record.loop import Finding, Loop
+from ..record.preconditions import swing_of
 from ..record.study import Estimate
 
 # Error of the rebuilt output, as a share of that of the rounded one, up to which y can tell which the valve followed.
 _GIVES_BACK = 0.5
+# Least stickband that is looked for, as a share of the largest that the swing of the output allows. Unit: 1.
+_LEAST = 0.05
 _SOURCE = "Astrom and Hagglund 1995 (digital PID)"
 
 
@@ -32,19 +35,29 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
     The samples `near` are searched. The rounded command must explain y better by more than `alike`, a difference of
     BIC: few valves get their command rounded, and most historians round.
     """
-    law, step = _law_of(piece), step_of(piece.output[piece.used])
-    if law is None or not step:
-        return piece, None if law is None else kept(law), ()
+    law = _law_of(piece)
+    if law is None:
+        return piece, None, ()
+    def searched(loop: Loop) -> Run:
+        return run_of(loop.cut(near.start, near.stop) if near.stop - near.start < loop.samples else loop)
+
+    here = searched(piece)
+    if not is_coarse(here.loop, _LEAST * swing_of(here.loop, here.found)):
+        use = "OP is used as recorded, with all the digits that it needs"
+        return piece, kept(law), (_said(piece, kept(law), use, FINE),)
     full = followed_in_full(piece, law)
-    there, here = (run_of(x.cut(near.start, near.stop) if near.stop - near.start < x.samples else x)
-                   for x in (full, piece))
-    gain = full_over_rounded(there, here)
+    gain = full_over_rounded(searched(full), here)
     rebuilt = gain > -alike
     # A command that the law knows hardly better than the record does makes slips early or late by chance, too.
     told = law.command_sd <= _GIVES_BACK * command_sd(piece)
     found = replace(kept(law), rebuilt=rebuilt, seen_by_valve=ROUNDED if told and not rebuilt else FULL)
     used = full if rebuilt else replace(piece, followed=ROUNDED) if told else piece
-    return used, found, (_said(piece, found, step, gain, alike),)
+    proof = "the record can't tell from the rounded one" if abs(gain) <= alike else f"BIC {abs(gain):.0f} better"
+    use = (f"OP is rebuilt from this law, and the valve follows the full output ({proof})" if rebuilt else
+           f"the valve follows the rounded output ({proof}): OP is used as recorded" if told else
+           "PV is recorded too coarsely for it to give back the digits of OP, which is used as recorded")
+    code = REBUILT if rebuilt else SEEN_ROUNDED
+    return used, found, (_said(piece, found, use, code, step=step_of(piece.output[piece.used]), delta_bic=gain),)
 
 
 def rounding_left(loop: Loop, found: Estimate) -> tuple[Finding, ...]:
@@ -60,14 +73,9 @@ def _law_of(piece: Loop) -> ControllerLaw | None:
     return None if surely_moves(piece) else controller_law(piece)
 
 
-def _said(loop: Loop, controller: Controller, step: float, gain: float, alike: float) -> Finding:
+def _said(loop: Loop, controller: Controller, use: str, code: str, **evidence: float) -> Finding:
+    """The finding on the steps of a record, on its controller, and on the use of the output."""
     u, y = loop.unit("output", "%"), loop.unit("process_value")
-    told = "the record can't tell from the rounded one" if abs(gain) <= alike else f"BIC {abs(gain):.0f} better"
-    use = (f"OP is rebuilt from this law, and the valve follows the full output ({told})" if controller.rebuilt else
-           f"the valve follows the rounded output ({told}): OP is used as recorded"
-           if controller.seen_by_valve == ROUNDED else
-           "PV is recorded too coarsely for it to give back the digits of OP, which is used as recorded")
-    return Finding(REBUILT if controller.rebuilt else SEEN_ROUNDED, "info",
-                   f"recorded {steps_in_words(steps_of(loop), u, y)}; the controller is a "
-                   f"{words_of(controller, u, y)}: {use}",
-                   {"step": step, "residual": controller.residual, "delta_bic": gain}, (), _SOURCE)
+    steps = steps_in_words(steps_of(loop), u, y)
+    return Finding(code, "info", f"{f'recorded {steps}; ' if steps else ''}the controller is a "
+                   f"{words_of(controller, u, y)}: {use}", {"residual": controller.residual, **evidence}, (), _SOURCE)

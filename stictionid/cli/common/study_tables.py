@@ -42,7 +42,7 @@ def print_ranking(study: Any, console: Any, *, whole: bool) -> None:
     more = 0 if whole else len(study.candidates) - _RANKED
     if more > 0:
         console.print(f"and {more} more: --details")
-    console.print("gain: BIC over the best model without the effect; 10 or 20 name one")
+    console.print("gain: BIC over the best model without the effect; 20 name an effect, 10 a lag or a rest")
 
 
 def print_answer(study: Any, console: Any, *, applied: bool) -> None:
