@@ -68,7 +68,7 @@ def diagnose(
         print_json(after)
         return
     console = out_console()
-    print_answer(after, console, applied=apply)
+    print_answer(after, console, applied=apply, before=before)
     print_ranking(after, console, whole=details)
     if apply and after.missing:
         print_change(before, after, console)

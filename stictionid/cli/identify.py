@@ -152,7 +152,8 @@ def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
     console = out_console()
     console.print(f"verdict: {study.verdict.stiction} (confidence {study.verdict.confidence:.2f})")
     if study.estimate is not None:
-        console.print(safe(size(study.estimate)))
+        if study.verdict.stiction != "no stiction":
+            console.print(safe(size(study.estimate)))
         console.print(f"adequate: {'yes' if study.adequate else 'no'}, {safe(study.adequate_reason)}")
     console.print(f"because: {safe(study.verdict.reason)}")
     for finding in study.data.findings:

@@ -5,6 +5,7 @@ The names, sentences and actions are those of the effects; the numbers are those
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 from ..fit.adequacy import ADEQUATE
@@ -13,12 +14,15 @@ from . import effect_words, wording
 from .document import PageTable
 
 
-def answers(study: Study, *, applied: bool) -> tuple[str, ...]:
+def answers(study: Study, *, applied: bool, before: Study | None = None) -> tuple[str, ...]:
     """One line for each effect that the search named, or one line that says what else it found.
+
+    `before` is the study that the search began with.
 
     `applied` is true where the named effects are in the study's steps; then a line on what is still missing follows.
     """
-    named = tuple(_named(study, name, applied) for name in study.missing)
+    known = [s.error.rmse for s in (before or study).steps]
+    named = tuple(_named(study, name, applied, known) for name in study.missing)
     if named and not applied:
         return (*named, *([f"beside it: {wording.clean(study.missing_reason)}"] if study.missing_reason else []))
     if named and (study.adequate is not False or study.completed):
@@ -38,8 +42,11 @@ def spelled(c: Candidate) -> str:
     return c.effect + (f"{mark}{c.variant}" if c.variant else "")
 
 
-def _named(study: Study, name: str, applied: bool) -> str:
-    """The line on one named effect: its size, the error before and after, the held-out blocks, and the action."""
+def _named(study: Study, name: str, applied: bool, known: Collection[float]) -> str:
+    """The line on one named effect: its size, the error before and after, the held-out blocks, and the action.
+
+    Where none of the `known` errors is that of the base, the search has changed the base.
+    """
     c = named_candidate(study, name)
     at = next((i for i, step in enumerate(study.steps) if i and applied and step.added == name), None)
     shown, full, before, after = study, name, None, None
@@ -57,7 +64,8 @@ def _named(study: Study, name: str, applied: bool) -> str:
     said = said if said[:2].isupper() else said[:1].lower() + said[1:]
     parts = [f"{'added' if applied else 'missing'}: {said} ({wording.name(full)})."]
     if before is not None and after is not None:
-        parts.append(f"Error {wording.number(before)} -> {_level(study, after)}.")
+        first = at == 1 and wording.number(before) not in (wording.number(r) for r in known)
+        parts.append(f"Error {wording.number(before)}{' on a new base' * first} -> {_level(study, after)}.")
     if c is not None and c.blocks:
         parts.append(f"Better on {c.blocks_better} of {c.blocks} held-out blocks.")
     return " ".join((*parts, effect_words.action(shown, full))).rstrip()

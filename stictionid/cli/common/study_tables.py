@@ -45,11 +45,11 @@ def print_ranking(study: Any, console: Any, *, whole: bool) -> None:
     console.print("gain: BIC over the best model without the effect; 20 name an effect, 10 a lag or a rest")
 
 
-def print_answer(study: Any, console: Any, *, applied: bool) -> None:
+def print_answer(study: Any, console: Any, *, applied: bool, before: Any = None) -> None:
     """The effects named with their numbers, or what else the search found."""
     from ...reports.answer import answers
 
-    for line in answers(study, applied=applied):
+    for line in answers(study, applied=applied, before=before):
         console.print(safe(line))
 
 
