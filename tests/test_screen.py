@@ -170,11 +170,12 @@ def test_every_next_step_runs_as_printed_from_the_record_to_the_page(tmp_path: P
     # An effect that makes the error worse is said to, and the next step takes it out again.
     last = after.steps[-1]
     worse = replace(last, supported=False, error=replace(last.error, rmse=2.0 * before.steps[-1].error.rmse),
-                    findings=(Finding("not-supported", "warning", "the record does not support it", {}),))
+                    findings=(Finding("not-supported", "warning", "the record does not support it", {}),
+                              Finding("worse", "warning", "the free-run error rises", {})))
     with mock.patch("stictionid.verbs.add.add", return_value=replace(after, steps=(*after.steps[:-1], worse))):
         (tmp_path / "a.json").write_text(to_json(before))
         grown = run(*add)
-    assert grown.stdout.startswith("the free-run error is larger with step-disturbance")
+    assert grown.stdout.startswith("warning: the free-run error rises")
     assert "answer: the record does not support it" in grown.stdout
     assert told(grown) == ["remove", "step-disturbance", "a.json"]
     removed = run(*told(grown))
@@ -223,8 +224,8 @@ def test_a_stage_that_takes_long_is_not_said_again_every_few_seconds(capsys: pyt
 def test_a_summary_calls_effects_missing_only_while_the_model_lacks_them() -> None:
     named = st.Study(diagnosed(STOP)).summary()
     held = st.Study(searched(240).study).summary()
-    assert named.loc["missing", "value"] == "travel-limit" and "added" not in named.index
-    assert held.loc["added", "value"] == "extra-lag" and "missing" not in held.index
+    assert named.loc["missing", "value"] == "travel-limit" and "effect" not in named.index
+    assert held.loc["effect", "value"] == "extra-lag" and "missing" not in held.index
 
 
 def test_a_position_that_differs_from_the_model_says_why() -> None:

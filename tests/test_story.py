@@ -29,7 +29,7 @@ from stictionid.reports import effect_words, story
 from stictionid.reports.facts import facts
 from stictionid.selection.decide import missing_reason
 from stictionid.selection.steps import with_steps
-from stictionid.verbs.add import judged_anew
+from stictionid.verbs.by_hand import judged_anew
 from stictionid.verbs.identify import data_record, made_by
 from stictionid.verdict.judge import with_position
 

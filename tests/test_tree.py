@@ -77,8 +77,8 @@ def test_numbers_that_do_not_exist_are_dropped_and_read_again() -> None:
 @pytest.mark.parametrize(("field", "value", "said"), [
     ("status", "best", "the status 'best' is none of named, expanded"),
     ("edge", {"op": "flip", "what": "x"}, "the edge 'flip' is none of root, add"),
-    ("parent", "none", r"study\.tree\[0\]\.parent"), ("gates", {}, r"study\.tree\[0\]\.gates is not a list"),
-    ("parameters", {"S": None}, r"study\.tree\[0\]\.parameters\.S"),
+    ("parent", "none", r"damaged: tree\[0\]\.parent"), ("gates", {}, r"damaged: tree\[0\]\.gates is not a list"),
+    ("parameters", {"S": None}, r"damaged: tree\[0\]\.parameters\.S"),
 ])
 def test_a_damaged_tree_is_named(field: str, value: object, said: str) -> None:
     content = json.loads(to_json(_searched()))

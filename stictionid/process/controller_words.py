@@ -37,8 +37,10 @@ def words_of(controller: Controller, output: str, process_value: str) -> str:
     """The law of a controller with the intervals of its numbers, for signals with these units."""
     def number(name: str, value: float | None, unit: str) -> str:
         low, high = controller.intervals[name]
-        return "" if value is None else f", {name.removesuffix('_s').replace('_', ' ')} {value:.4g}{unit} " \
-                                        f"({low:.4g} to {high:.4g})"
+        if value is None:
+            return ""
+        span = "" if f"{low:.4g}" == f"{high:.4g}" else f" ({low:.4g} to {high:.4g})"
+        return f", {name.removesuffix('_s').replace('_', ' ')} {value:.4g}{unit}{span}"
 
     times = (("integral_time_s", controller.integral_time_s), ("derivative_time_s", controller.derivative_time_s))
     gain = number("gain", controller.gain, f" {output}/{process_value}" if process_value else "")

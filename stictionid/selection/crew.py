@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from ..numerics import tally
 from .looks import Ground, Packed, Task, performed
 from .node import key
 
@@ -25,8 +26,9 @@ _GROUND: Ground | None = None
 def _enter(ground: Ground) -> None:
     global _GROUND
     _GROUND = ground
-    # The parent answers an interrupt for all.
+    # The parent answers an interrupt for all, and shows the progress.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    tally.listeners.clear()
 
 
 def _call(work: Work, task: Task) -> Packed:
