@@ -72,7 +72,7 @@ def test_such_a_model_is_not_adequate_and_the_study_keeps_the_shape(wrong_way: R
     adequate, why = judged_by(shape, True, "nothing is left")
     assert not adequate and shape.statement in why and judged_by(None, True, "fine") == (True, "fine")
     assert judged_by(shape, False, "far from the noise") == (False, "far from the noise")
-    study = replace(study_factory.good(240).study, unexplained=shape, missing_reason=said_missing(shape, wrong_way),
+    study = replace(study_factory.good(240).study, unexplained=shape, missing_reason=said_missing(shape),
                     adequate=adequate, adequate_reason=why)
     assert study_from_json(to_json(study)) == study
     ladder = next(s for s in facts(study).sections if s.key == "ladder")

@@ -146,7 +146,7 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
 
 def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
     """The study as tables on stdout, the models tried among them if asked for; findings on stderr."""
-    from ..record.controller import COMMAND_FINDINGS
+    from ..record.controller import COMMAND_FINDINGS, LEFT
     from ..reports.facts import position_sentences, size
 
     console = out_console()
@@ -157,7 +157,8 @@ def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
         console.print(f"adequate: {'yes' if study.adequate else 'no'}, {safe(study.adequate_reason)}")
     console.print(f"because: {safe(study.verdict.reason)}")
     for finding in study.data.findings:
-        if finding.code in COMMAND_FINDINGS:
+        # The reason of the model begins with digits that are lost.
+        if finding.code in COMMAND_FINDINGS and finding.code != LEFT:
             console.print(f"command: {safe(finding.statement)}")
     if study.estimate is None:
         return

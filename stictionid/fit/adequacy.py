@@ -72,7 +72,8 @@ def carrier(step: Step) -> str:
 def said_rounding(loop: Loop) -> str:
     """Words on the rounding of an output that no law of its controller undoes."""
     return (f"the output is recorded in steps of {unknown_step(loop):.4g} {loop.unit('output', '%')}, and no P, PI or "
-            "PID law of these samples gives its digits back: S and J may lie further off than their intervals say")
+            "PID law of these samples gives its digits back: S and J may lie further off than their intervals say; "
+            "export the output with more digits")
 
 
 def adequate(step: Step, loop: Loop) -> tuple[bool, str]:

@@ -189,8 +189,8 @@ def size(e: Estimate) -> str:
     """S and J with their intervals in one line."""
     level = wording.number(100 * e.interval_level, 2)
     J = wording.jump(e.J, e.J_interval, e.unit, known=e.J_known)
-    return (f"S {wording.estimate(e.S, e.S_interval, e.unit)}, J {J}, "
-            f"{level} % intervals")
+    said = f"S {wording.estimate(e.S, e.S_interval, e.unit)}, J {J}"
+    return said + (f", {level} % intervals" if e.S_interval else ", no intervals")
 
 
 def severity_sentences(study: Study) -> list[str]:

@@ -371,15 +371,13 @@ def missing_reason(winner: Entry, white: bool, unseen: bool = False, shape: Unex
     done = winner.scored.done
     if unseen:
         return (f"the controller scanned between the samples of {done.model.step_s:g} s, and the course of its output "
-                f"there is unknown: the free-run error {winner.scored.rmse:.4g} may be no more than that; export at "
-                "the controller's scan")
+                "there is unknown: the free-run error may be no more than that; export at the controller's scan")
     if white:
         return "" if not slow or winner.scored.free_run_at_noise else (
-            f"what the model leaves ({winner.scored.rmse:.4g}) is coloured noise, or what the output did between the "
-            f"samples of {done.model.step_s:g} s; these look alike: export at the controller's scan")
+            "what the model leaves is coloured noise, or what the output did between the samples of "
+            f"{done.model.step_s:g} s; these look alike: export at the controller's scan")
     if shape is not None:
-        return said_missing(shape, done)
+        return said_missing(shape)
     rest = f" (not asked: {', '.join(unasked)})" if unasked else ""
-    return (f"something is missing that the effects asked so far do not explain{rest}: the innovations "
-            f"{done.innovation_sd:.4g} of the best model still answer past valve positions, the signals or time (free "
-            f"run {winner.scored.rmse:.4g})")
+    return (f"something is missing that the effects asked so far do not explain{rest}: the innovations of the best "
+            "model still answer past valve positions, the signals or time")

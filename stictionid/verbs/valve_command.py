@@ -64,7 +64,7 @@ def rounding_left(loop: Loop, found: Estimate) -> tuple[Finding, ...]:
     """The warning on an output whose rounding was not undone, where it may move the valve."""
     if not is_coarse(loop, found.S):
         return ()
-    return (Finding(LEFT, "warning", f"{said_rounding(loop)}; export the output with more digits",
+    return (Finding(LEFT, "warning", said_rounding(loop),
                     {"step": unknown_step(loop), "J_known": found.J_known}, (), "Widrow and Kollar 2008"),)
 
 

@@ -67,11 +67,10 @@ def unexplained(done: Refit, tried: Collection[str] = ()) -> Unexplained | None:
     return None if done.white else shape_of(done, tried)
 
 
-def said_missing(shape: Unexplained, done: Refit) -> str:
+def said_missing(shape: Unexplained) -> str:
     """The sentence about a model that leaves this shape."""
-    return (f"none of the models tried explains this record: {shape.statement}; the innovations "
-            f"{done.innovation_sd:.4g} of the best one fail the joint test at {100.0 * LEVEL:g} % (free run "
-            f"{done.evaluated.rmse:.4g})")
+    return (f"none of the models tried explains this record: {shape.statement}; the innovations of the best one fail "
+            f"the joint test at {100.0 * LEVEL:g} %")
 
 
 def judged_by(shape: Unexplained | None, adequate: T, reason: str) -> tuple[T | bool, str]:
