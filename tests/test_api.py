@@ -335,10 +335,12 @@ def test_a_bar_appears_in_a_notebook_after_a_second_and_goes() -> None:
     assert not isinstance(teller(None), Bar)
 
 
-def test_the_ten_lines_of_the_page_run_as_written(frame: pd.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                  capsys: pytest.CaptureFixture[str]) -> None:
-    block = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(encoding="utf-8"), re.DOTALL)
-    assert block and len(block[1].splitlines()) == 10 and block[0] in (ROOT / "README.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
+def test_the_lines_of_a_page_run_as_written(page: str, frame: pd.DataFrame, tmp_path: Path,
+                                            monkeypatch: pytest.MonkeyPatch,
+                                            capsys: pytest.CaptureFixture[str]) -> None:
+    block = re.search(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+    assert block and len(block[1].splitlines()) <= 10
     # A loop with no hidden effect is quick; the walk of the README finds the one of its loop.
     frame.to_csv(tmp_path / "loop.csv", index=False)
     monkeypatch.chdir(tmp_path)
