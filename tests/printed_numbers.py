@@ -47,7 +47,7 @@ def wrong_numbers(study: Study, text: str) -> list[str]:
 
 
 def numbers_in(study: Study, text: str) -> int:
-    """How many errors, noises and gains an output prints that are the study's own."""
+    """Number of errors, noises and gains that an output prints and that are the study's own."""
     prose, tables = _read(text)
     blank = _without_numbers(study)
     return sum(len(_said(blank, words)) for words in prose) + sum(len(_tabled(blank, heads, rows, ()))
