@@ -35,6 +35,7 @@ _AT_HAND, _NOT_LONG = 6, 20_000
 # Grid of start forces, time constants and dead times (shares of their ranges) for the process of a given valve.
 _FORCES, _LAGS, _DEADS = np.linspace(-0.96, 0.96, 13), np.linspace(0.1, 0.9, 14), np.linspace(0.0, 0.95, 12)
 
+
 class Run:
     """One identification on one stretch: record, oscillation, options, and the law and order to use."""
 
