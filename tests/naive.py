@@ -499,3 +499,72 @@ def controller_numbers(u, r, y, step_s, derivative):
                 table[k] = [a - share * b for a, b in zip(table[k], table[i], strict=True)]
     sizes = [table[i][-1] / table[i][i] for i in range(p)]
     return sizes[1], sizes[1] / sizes[2] * step_s, sizes[3] / sizes[1] * step_s if derivative else 0.0
+
+
+def normal_above(x):
+    """Chance that a standard normal number exceeds x."""
+    return 0.5 * math.erfc(x / math.sqrt(2.0))
+
+
+def paths(command, S, J, scatter, error=0.0, rests=False, start=None):
+    """Every path of a short record, as (events, positions, log chance): docs/method.md, section 14, word for word.
+
+    The break-away force is drawn anew for every stick, either way, from N(f_s, scatter^2). A sliding stem stops, or
+    slides on, against what the command says with the chance that its turn is an error of the command.
+    """
+    f_s, f_d = forces(S, J)
+
+    def above(x):
+        return 1.0 if x == -math.inf else normal_above(x / scatter)
+
+    # valve: position, heading (0 at rest), largest margin up and down; then events, positions, log chance
+    alive = [(command[0] if start is None else start, 0, -math.inf, -math.inf, (), (), 0.0)]
+    for k, u in enumerate(command):
+        du = u - command[k - 1] if k else 0.0
+        after = []
+        for v, heading, up, down, events, places, chance in alive:
+            ways = []
+            if heading:
+                on = du * heading > 0.0
+                doubt = normal_above(abs(du) / (math.sqrt(2.0) * error)) if error else 0.0
+                ways.append((on, events, chance + math.log(1.0 - doubt)))
+                if doubt:
+                    ways.append((not on, (*events, (k, 2)), chance + math.log(doubt)))
+            else:
+                ways.append((False, events, chance))
+            for on, happened, weight in ways:
+                if on:
+                    at = max(u - f_d, v) if heading > 0 else min(u + f_d, v)
+                    after.append((at, heading, -math.inf, -math.inf, happened, (*places, at), weight))
+                    continue
+                a, c = (-math.inf, -math.inf) if heading else (up, down)
+                rise, fall = u - v - f_s - TIE, v - u - f_s - TIE
+                way = 1 if rise > fall else -1
+                now, old = (rise, a) if way > 0 else (fall, c)
+                p = 1.0 - above(now) / above(old) if now > old else 0.0
+                if p < 1.0:
+                    after.append((v, 0, max(a, rise), max(c, fall), happened, (*places, v),
+                                  weight + math.log(1.0 - p)))
+                if p > 0.0:
+                    at = u - way * f_d
+                    after.append((at, 0 if rests else sign(du), -math.inf, -math.inf, (*happened, (k, way)),
+                                  (*places, at), weight + math.log(p)))
+        alive = after
+    return [(events, places, chance) for *_, events, places, chance in alive]
+
+
+def path_likelihood(path, target, gain, decay, taps=()):
+    """Log chance of a path and of a record (noise of size 1) whose process is one lag that decays by `decay` a sample.
+
+    Without the constants of the normal distribution. Innovations count from the sample that the taps can look back on.
+    """
+    _, places, chance = path
+    x, errors, total = 0.0, [], chance
+    for k, y in enumerate(target):
+        if k:
+            x = decay * x + (1.0 - decay) * (places[k - 1] - places[0])
+        errors.append(y - gain * x)
+        if k >= len(taps):
+            innovation = errors[k] + sum(t * errors[k - 1 - i] for i, t in enumerate(taps))
+            total -= 0.5 * innovation**2
+    return total

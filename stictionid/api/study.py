@@ -193,7 +193,7 @@ class Study:
                   f"{100 * e.interval_level:g} % intervals",
                   f"process: gain {wording.number(e.gain)}, lag {lags} s, dead time {wording.number(e.dead_time_s)} s"
                   + (", integrating" if e.integrating else ""),
-                  f"error: {wording.with_unit(error.rmse, unit)}, held out {wording.number(error.rmse_holdout)}, noise "
+                  f"error: {wording.with_unit(error.best, unit)}, held out {wording.number(error.rmse_holdout)}, noise "
                   f"{wording.number(error.noise_sd)}; the model is {'' if r.adequate else 'not '}adequate",
                   "model: " + " + ".join([f"valve ({wording.name(e.law)})", *map(wording.name, r.steps[-1].effects)])]
         if r.missing:

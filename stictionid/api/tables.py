@@ -44,7 +44,7 @@ def summary(study: Study) -> pd.DataFrame:
         rows.append(("period", study.range.period_median_s, None, None, "s"))
     if study.steps:
         error = study.steps[-1].error
-        rows += [("error", error.rmse, None, None, unit), ("error held out", error.rmse_holdout, None, None, unit),
+        rows += [("error", error.best, None, None, unit), ("error held out", error.rmse_holdout, None, None, unit),
                  ("noise", error.noise_sd, None, None, unit), ("adequate", study.adequate, None, None, "")]
     have = study.steps[-1].effects if study.steps else ()
     lacks = [name for name in study.missing if name not in {re.split("[@:]", own)[0] for own in have}]

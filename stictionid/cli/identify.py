@@ -194,6 +194,8 @@ def _estimate_table(study: Any) -> Any:
     value, ends = wording.jump_apart(e.J, e.J_interval, known=e.J_known)
     table.add_row("J slip jump", f"{value} {safe(e.unit)}" if e.J_known else value, ends,
                   number(seen.J if seen else None, e.unit))
+    if e.scatter is not None:
+        row("f_s from stroke to stroke +-", e.scatter.value, e.scatter.unit, e.scatter.interval)
     row("process gain", e.gain, f"{unit_y}/{e.unit}{' per s' if e.integrating else ''}", e.gain_interval)
     for i, (lag, span) in enumerate(zip_longest(e.time_constants_s, e.time_constants_intervals)):
         row("time constant" if i == 0 else "second time constant", lag, "s", span)
@@ -209,8 +211,10 @@ def _error_table(study: Any) -> Any:
         e = step.error
         kind = "integrator" if step.model.get("process") == "integrator" else "first order"
         name = f"+ {step.added}" if step.added else f"base: {study.estimate.law}, {kind}"
-        table.add_row(name, number(e.rmse), number(e.rmse_holdout), number(e.noise_sd), number(e.fit_percent, "", 3),
+        table.add_row(name, number(e.best), number(e.rmse_holdout), number(e.noise_sd), number(e.fit_percent, "", 3),
                       f"{step.restarts.agree} of {step.restarts.runs}")
+        if e.rmse_path is not None:
+            table.add_row("  slips by OP alone", number(e.rmse), "", "", "", "")
     return table
 
 

@@ -37,6 +37,8 @@ def simulate(
     = None,
     noise: Annotated[float | None, typer.Option(help="Standard deviation of the measurement noise, units of y.")]
     = None,
+    scatter: Annotated[float | None, typer.Option(
+        help="Standard deviation of the break-away force from stroke to stroke, % of travel.")] = None,
     duration: Annotated[float | None, typer.Option(help="Length in seconds.")] = None,
     step: Annotated[float | None, typer.Option(help="Sampling time of the file in seconds.")] = None,
     quantise: Annotated[float | None, typer.Option(help="Resolution of the PV measurement, units of y.")] = None,
@@ -85,7 +87,7 @@ def simulate(
         plant=replace(base.plant, **_given(gain=gain, time_constant_s=time_constant, dead_time_s=dead_time,
                                            second_time_constant_s=second_time_constant, integrating=integrating)),
         controller=replace(base.controller, **_given(gain=kc, integral_time_s=ti, derivative_time_s=td, scan_s=scan)),
-        **_given(S=S, J=J, noise_sd=noise, duration_s=duration, step_s=step, quantise=quantise),
+        **_given(S=S, J=J, noise_sd=noise, scatter=scatter, duration_s=duration, step_s=step, quantise=quantise),
     )
     setting = replace(setting, effects=tuple(_sized(*_effect(text), setting, seed, quiet) for text in effect or ()))
     result = run(setting, seed=seed)

@@ -132,7 +132,7 @@ def _tell(stage: str, so_far: Any, quiet: bool) -> None:
         return
     last = so_far.steps[-1]
     names = " + ".join(["base", *(s.added for s in so_far.steps if s.added)])
-    say(f"{stage}: {names}, error {number(last.error.rmse)}, noise {number(last.error.noise_sd)}", quiet=quiet)
+    say(f"{stage}: {names}, error {number(last.error.best)}, noise {number(last.error.noise_sd)}", quiet=quiet)
 
 
 def _show(found: Any) -> None:

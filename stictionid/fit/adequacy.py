@@ -17,6 +17,8 @@ from ..record.study import BUT_FOR, Step
 # Free-run error within this factor of the irreducible noise is adequate (docs/method.md, section 10.1).
 ADEQUATE = 1.05
 # Above this multiple of the irreducible noise the intervals are reported as conditional on the model.
+# A model explains a record on its own as long as PV moved at most this share of its slips.
+_MOST_MOVED = 0.25
 CONDITIONAL, _CONDITIONAL = "intervals-conditional", 2.0
 
 NO_FLOOR = ("the record is too short, or PV is missing in too many places without a rule, to estimate its irreducible "
@@ -42,7 +44,7 @@ def with_one_noise(steps: Iterable[Step], *others: float) -> tuple[Step, ...]:
 def _cautioned(step: Step) -> Step:
     """A step whose finding on conditional intervals is that of its own error."""
     others = tuple(f for f in step.findings if f.code != CONDITIONAL)
-    error, noise = step.error.rmse, step.error.noise_sd
+    error, noise = step.error.best, step.error.noise_sd
     has_intervals = any(p.name == "S" and p.interval is not None for p in step.parameters)
     if not has_intervals or not noise or error <= _CONDITIONAL * noise or carrier(step):
         return replace(step, findings=others)
@@ -86,14 +88,23 @@ def adequate(step: Step, loop: Loop) -> tuple[bool, str]:
     return holds, (f"{said_rounding(loop)}; {why}" if "S" in values and is_coarse(loop, values["S"]) else why)
 
 
+def placed(step: Step) -> str:
+    """Words on the slips of a step where PV helped to place them; empty where the law alone did."""
+    share = step.error.slips_moved
+    return "" if share is None else f" with slips where PV places them ({100 * share:.0f} % moved)"
+
+
 def _beside_noise(step: Step) -> tuple[bool, str]:
-    noise, error = step.error.noise_sd, step.error.rmse
+    noise, error, moved = step.error.noise_sd, step.error.best, step.error.slips_moved or 0.0
     if noise is None:
         return False, NO_FLOOR
+    said = f"the free-run error {error:.4g}{placed(step)}"
     if error <= ADEQUATE * noise:
-        return True, (f"the free-run error {error:.4g} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible "
-                      f"noise {noise:.4g}: nothing is left to explain")
-    times = f"the free-run error {error:.4g} is {error / noise:.3g} times the irreducible noise {noise:.4g}"
+        near = f"{said} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible noise {noise:.4g}"
+        if moved > _MOST_MOVED:
+            return False, f"{BUT_FOR} the slips: {near}, but PV had to move more than {100 * _MOST_MOVED:.0f} %"
+        return True, f"{near}: nothing is left to explain"
+    times = f"{said} is {error / noise:.3g} times the irreducible noise {noise:.4g}"
     if carried := carrier(step):
         return False, f"{BUT_FOR} {carried}: {times}, and the noise model carries what is left, which may be physics"
     return False, f"{times}: something is missing"

@@ -248,7 +248,7 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
         cube, cost = np.concatenate([top[None], cube]), np.append(best_cost, cost)
     best_values = model.values(longest_first(model, top[None]))[:, 0]
     best = model.evaluate(best_values)
-    held = _holdout(model, best, cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]) if holdout else None
+    held = held_out_cost(model, best, cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]) if holdout else None
     return Fitted(model, best_values, best_cost, len(points), agree, best, held,
                   intervals_of(model, cube, cost, best_cost, best, S, rough=not reach), values[:2].T, (cube, cost))
 
@@ -310,7 +310,7 @@ def agreement(model: Model, points: FloatArray, costs: FloatArray) -> int:
     return int((close & alike).sum())
 
 
-def _holdout(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
+def held_out_cost(model: Model, best: Evaluated, cube: FloatArray) -> float | None:
     """Held-out error on contiguous blocks; each fold averages the points of the cloud, weighted on its training rows.
 
     `cube` (k, d) has the best point of all rows first. The valve runs through the whole record, so no fold restarts it.
@@ -383,7 +383,7 @@ def held_out_error(model: Model, point: FloatArray, rng: np.random.Generator) ->
     """Held-out error of a point (d,) of the unit cube as it is, in the form the model is fitted in (see `_holdout`)."""
     cube, cost = cloud(model, point, rng)
     cube = cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]
-    return _holdout(model, model.evaluate(model.values(cube[:1])[:, 0]), cube)
+    return held_out_cost(model, model.evaluate(model.values(cube[:1])[:, 0]), cube)
 
 
 def gap_rows(model: Model, values: FloatArray, first: int) -> int:

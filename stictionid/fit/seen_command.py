@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from ..model.spec import Spec
 from .context import Run
-from .noise.completion import Refit, complete
+from .noise.completion import Refit, complete, likelier
 
 
 def full_over_rounded(full: Run, rounded: Run) -> float:
@@ -18,4 +18,4 @@ def full_over_rounded(full: Run, rounded: Run) -> float:
 
 def _completed(run: Run) -> Refit:
     fit = run.fit(Spec(law=run.law, fixed=dict(run.options.fixed)))
-    return complete(fit.model, fit.values, None, run.rng, descent=True)
+    return likelier(complete(fit.model, fit.values, None, run.rng, descent=True), anew=True)

@@ -68,7 +68,9 @@ class Law:
 
     `start(command0, friction, share)` gives the state (states, P) for a valve at rest whose residual force is
     `share` (P,) of f_s. `one_parameter` laws tie J to S. `searchable` is False for physical laws, which only
-    simulate. `checked` says whether the printed source was seen or the law was reconstructed.
+    simulate. `checked` says whether the printed source was seen or the law was reconstructed. `slips` says what a
+    valve does after a slip to u - f_d: "slides" on with the command, or "rests" at once; None where a slip lands
+    elsewhere, so that the law has no random break-away force (see paths/).
 
     `parameters` are the law's own, beyond S and J, with their `defaults`; `check` refuses S and J outside its
     validity. `dynamic` laws move while the command rests, so they are advanced every step of an integration. `file` and
@@ -92,6 +94,7 @@ class Law:
     defaults: Mapping[str, float] = field(default_factory=dict)
     check: Callable[[FloatArray | float, FloatArray | float], None] = check_stiction
     supply: Callable[[FloatArray, Mapping[str, float], float, bool], FloatArray] | None = None
+    slips: str | None = None
     file: str = ""
     sha256: str = ""
 

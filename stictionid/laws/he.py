@@ -85,5 +85,5 @@ LAW = Law(
     source="He et al. 2007",
     checked="reconstructed (from the description in Shang et al.; the print has not been seen)",
     cannot="sliding: a slow ramp gives a staircase of steps J; inertia; viscous friction",
-    run=_run, start=_start, states=1, sliding_state=None,
+    run=_run, start=_start, states=1, sliding_state=None, slips="rests",
 )

@@ -101,7 +101,8 @@ def _run(run: Run, policy: Policy) -> Outcome:
     # the noise model explains the distance.
     near = not any(f.code == CONDITIONAL for f in with_one_noise(steps)[-1].findings)
     wide = near and not o.base_only and not o.fixed and LAG not in last.model.spec.effects
-    fits[-1] = _whatever_the_order(run, last) if wide else reaching(last, run.rng)
+    if last.model.spec.paths is None:
+        fits[-1] = _whatever_the_order(run, last) if wide else reaching(last, run.rng)
     if fits[-1].sse < last.sse:
         # Another step of S does better than the search did.
         steps[-1] = run.step_again(steps[-1], fits[-1])

@@ -18,7 +18,7 @@ import numpy as np
 from ..effects.contract import Place
 from ..errors import UsageError
 from ..laws import get as get_law
-from ..laws.contract import INTEGRAL, inner_loop, inner_start
+from ..laws.contract import FS_DOWN, FS_UP, INTEGRAL, inner_loop, inner_start
 from ..process.linear import Dynamics
 from ..process.state_space import Element, Stepped
 from ..record.loop import Loop, Origin
@@ -76,6 +76,8 @@ class Setting:
     quantise: float = 0.0
     effects: tuple[tuple[str, dict[str, float | str]], ...] = ()
     fine_step_s: float | None = None
+    # Standard deviation of the break-away force from stroke to stroke. Unit: % of travel.
+    scatter: float = 0.0
 
 
 PRESETS = {
@@ -105,7 +107,8 @@ def check_setting(setting: Setting) -> None:
     c, p = setting.controller, setting.plant
     for what, value, low in (
         ("--step", setting.step_s, 1e-6), ("--duration", setting.duration_s, setting.step_s),
-        ("--noise", setting.noise_sd, 0.0), ("--quantise", setting.quantise, 0.0), ("--scan", c.scan_s, 0.0),
+        ("--noise", setting.noise_sd, 0.0), ("--scatter", setting.scatter, 0.0),
+        ("--quantise", setting.quantise, 0.0), ("--scan", c.scan_s, 0.0),
         ("--time-constant", p.time_constant_s, 0.0), ("--second-time-constant", p.second_time_constant_s, 0.0),
         ("--dead-time", p.dead_time_s, 0.0), ("--td", c.derivative_time_s, 0.0), ("--kc", c.gain, -LARGEST),
         ("--gain", p.gain, -LARGEST), ("--ti", c.integral_time_s, -LARGEST),
@@ -277,6 +280,10 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
         friction[INTEGRAL] *= fine / (c.scan_s or fine)
         run_law, dynamic, state = inner_loop, True, inner_start(OPERATING_POINT, friction, np.zeros(1))
     run_law(command, friction, profile, state, place)
+    if setting.scatter and law.slips is None:
+        raise UsageError(f"slips of the law {law.name} have no break-away force that could scatter",
+                         "simulate with --law chen or he")
+    forces, draws = friction[[FS_UP, FS_DOWN]].copy(), np.random.default_rng([seed, 2])
     for k in range(samples * per_sample):
         sample, part = divmod(k, per_sample)
         upset = output[sample] + part * rise[sample]
@@ -301,7 +308,11 @@ def simulate(setting: Setting, *, seed: int = 0, disturbance: FloatArray | None 
             due = True
         if due or dynamic:
             profile[0] = hidden.drift(k * fine)
+            before = place[0, 0]
             run_law(command, friction, profile, state, place)
+            if setting.scatter and place[0, 0] != before:
+                # The next rest has a break-away force of its own, either way.
+                friction[[FS_UP, FS_DOWN]] = forces + setting.scatter * draws.standard_normal(forces.shape)
             due = False
         if part == 0:
             y_rec[sample], u_rec[sample], v_rec[sample] = seen, u, place[0, 0]
@@ -332,7 +343,7 @@ def _truth(setting: Setting, p: Plant, seed: int) -> dict[str, Any]:
         "controller": {"gain": c.gain, "integral_time_s": c.integral_time_s,
                        "derivative_time_s": c.derivative_time_s, "scan_s": c.scan_s},
         "effects": [{"name": name, "parameters": dict(values)} for name, values in setting.effects],
-        "noise_sd": setting.noise_sd, "seed": seed, "step_s": setting.step_s,
+        "noise_sd": setting.noise_sd, "scatter": setting.scatter, "seed": seed, "step_s": setting.step_s,
     }
 
 

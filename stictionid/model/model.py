@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..effects.contract import Context, Record
+from ..laws import get as law_of
 from ..numerics import tally
 from ..numerics.autoregression import first_rows, linked
 from ..numerics.fixed_point import fixed_point
@@ -29,6 +30,7 @@ from ..process.linear import free_run
 from ..process.scan import DECIMATED, answers, scanned
 from ..record.loop import Loop, bridged
 from ..typing import BoolArray, FloatArray
+from .replay import Paths, law_along
 from .response import Response
 from .spec import Evaluated, Spec
 
@@ -64,6 +66,7 @@ class Model(Response):
         self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
                                dict(loop.extras), residual, None if residual is None else y - residual, record,
                                spec.held)
+        self.law = law_along(self.law, spec.paths, command.size)
         self.profile = self._drift_profile()
         self._range()
         self.skip = skipped(loop.samples, loop.step_s, period_s)
@@ -86,7 +89,7 @@ class Model(Response):
         *before, last = spec.guides
         guide = Model(self.loop, replace(spec, law=last["law"], process=last["process"], effects=tuple(last["effects"]),
                                          increments=bool(last["increments"]), taps=tuple(last["taps"]),
-                                         friction_free=False, guides=tuple(before)),
+                                         friction_free=False, guides=tuple(before), paths=None),
                       s_max=self.s_max, period_s=self.period_s)
         # On another record, or a part of this one, the valve starts with another residual force.
         trial = guide.vector(last["values"])[:, None].repeat(_GUIDE_FORCES + 1, axis=1)
@@ -97,7 +100,7 @@ class Model(Response):
     def _course(self, values: FloatArray) -> FloatArray:
         """Response of y (n*parts,) at every value of the command to the valve of values (d,), without start-up."""
         column = values.reshape(-1, 1)
-        response = free_run(self.positions(column), self._dynamics(column), step_s=self.step_s / self.parts)
+        response = free_run(self.positions(column), self.dynamics(column), step_s=self.step_s / self.parts)
         return self.evaluate(values).gain * response[:, 0]
 
     def guide(self, values: FloatArray) -> dict[str, Any]:
@@ -113,6 +116,13 @@ class Model(Response):
     def of(self, piece: int, values: FloatArray) -> FloatArray:
         """Values (d, P) of one segment's model, taken from those of all."""
         return values
+
+    def along(self, paths: Paths | None) -> Model:
+        """The same model with valves that slip where the paths, one for each segment, say; none: where the law does."""
+        other = copy(self)
+        other.spec = replace(self.spec, paths=paths)
+        other.law = law_along(law_of(self.spec.law), paths, self.context.command.size)
+        return other
 
     def starting(self, extra: int = 0) -> BoolArray:
         """Samples (n,) in which the unknown start shows: the first `skip` and `extra` more of every segment."""

@@ -214,17 +214,21 @@ class Response:
         """Positions (n*substeps, P) by the law and the effects on its friction."""
         if self._follows:
             return self._followed()[:, None].repeat(values.shape[1], axis=1)
-        table = self.law.searched_friction(values[0], values[1])
-        for effect, rows in self._placed():
-            if effect.friction:
-                table = effect.friction(table, values[rows], self.context.command_step_s,
-                                        self.spec.held)
+        table = self.friction(values)
         position = self.law.positions(self.context.command, table, profile=self.profile, share=values[2],
                                       lent=lent)
         if not self.spec.held:
             interval_means(self.context.command, table, self.profile, position)
         repeat = self.loop.samples * self.parts // position.shape[0]
         return np.repeat(position, repeat, axis=0) if repeat > 1 else position
+
+    def friction(self, values: FloatArray) -> FloatArray:
+        """Friction table (ROWS, P) of the law for values (d, P), with the effects that change it."""
+        table = self.law.searched_friction(values[0], values[1])
+        for effect, rows in self._placed():
+            if effect.friction:
+                table = effect.friction(table, values[rows], self.context.command_step_s, self.spec.held)
+        return table
 
     def _beside_y(self, position: FloatArray, values: FloatArray) -> FloatArray:
         """Positions (n*substeps, P) after all effects, from those of `_before_y`."""
@@ -246,7 +250,7 @@ class Response:
         command = self.context.command
         return command if self.spec.held else np.append(command[:1], 0.5 * (command[1:] + command[:-1]))
 
-    def _dynamics(self, values: FloatArray) -> Dynamics:
+    def dynamics(self, values: FloatArray) -> Dynamics:
         dynamics = Dynamics(values[3], values[4], np.zeros(values.shape[1]), self.spec.process == INTEGRATOR,
                             since_s=self.context.start_s)
         for effect, rows in self._placed():
@@ -263,7 +267,7 @@ class Response:
         """
         if position is None:
             position = self._followed()[:, None] if self._follows else self.positions(values, lent=True)
-        dynamics = self._dynamics(values)
+        dynamics = self.dynamics(values)
         respond = partial(free_run, dynamics=dynamics, step_s=self.step_s, substeps=self.parts,
                           ahead=not self.spec.held)
         n = self.loop.samples
@@ -293,7 +297,7 @@ class Response:
 
     def starts_of(self, values: FloatArray) -> int:
         """Number of start-up columns of values (d,) in one segment: one for every lag and every state of an element."""
-        dynamics = self._dynamics(values.reshape(-1, 1))
+        dynamics = self.dynamics(values.reshape(-1, 1))
         lags = (dynamics.time_constant_s, dynamics.second_time_constant_s)
         return sum(bool(lag.any()) for lag in lags) + sum(e.order for e in dynamics.elements)
 
@@ -357,6 +361,7 @@ class Response:
                 "friction_free": s.friction_free, "guides": list(s.guides), "s_max": self.s_max,
                 "period_s": self.period_s, "values": self.named(values),
                 **({"command": self.loop.followed} if self.loop.followed else {}),
+                **({"paths": s.paths.described()} if s.paths is not None else {}),
                 **({"written": written} if written else {}),
                 **({"written_law": {"file": self.law.file, "sha256": self.law.sha256}} if self.law.file else {})}
 

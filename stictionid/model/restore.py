@@ -17,6 +17,7 @@ from ..record.loop import Loop
 from ..record.segments import fitted_segments
 from ..typing import FloatArray
 from .model import Model
+from .replay import paths_from
 from .segments import bound
 from .spec import FIRST_ORDER, INTEGRATOR, Curves, Spec
 
@@ -88,7 +89,10 @@ def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, Float
         spec = Spec(description["law"], description["process"], tuple(description["effects"]),
                     description["between"], int(description["substeps"]), bool(description["increments"]),
                     tuple(description["taps"]), dict(description["fixed"]),
-                    bool(description.get("friction_free", False)), tuple(description.get("guides", ())))
+                    bool(description.get("friction_free", False)), tuple(description.get("guides", ())),
+                    paths_from(description["paths"]) if "paths" in description else None)
+        if spec.paths is not None and len(spec.paths.slips) != len(loop.starts):
+            raise ValueError(f"its path has {len(spec.paths.slips)} segments, the record {len(loop.starts)}")
         model = bound(loop, spec, s_max=description["s_max"], period_s=description["period_s"])
         return model, model.vector(description["values"])
     except UsageError as error:

@@ -27,6 +27,7 @@ from ..numerics.varpro_segments import Blockwise, block_columns
 from ..record.loop import Loop
 from ..typing import FloatArray
 from .model import Model
+from .replay import Paths
 from .response import Kind
 from .spec import BASE, Spec
 
@@ -164,6 +165,13 @@ class Restarted(Model):
         other._pieces = tuple(piece.guided(part) for piece, part in zip(self._pieces, self.split(guide), strict=True))
         return other
 
+    def along(self, paths: Paths | None) -> Model:
+        """The same model with valves that slip where the paths, one for each segment, say; none: where the law does."""
+        other = copy(self)
+        other.spec = replace(self.spec, paths=paths)
+        other._pieces = tuple(piece.along(paths and paths.of(i)) for i, piece in enumerate(self._pieces))
+        return other
+
     def describe(self, values: FloatArray) -> dict[str, Any]:
         """Description by which this model runs again without a search, with its segments."""
         sizes = [p.stop - p.start for p in self.loop.segments]
@@ -172,7 +180,8 @@ class Restarted(Model):
 
 
 def _of_segment(spec: Spec, segment: int) -> Spec:
-    """Spec of one segment's model: its guides start with the residual force of that segment."""
+    """Spec of one segment's model: its own slips, and guides that start with the residual force of that segment."""
+    spec = replace(spec, paths=spec.paths and spec.paths.of(segment))
     if not segment or not spec.guides:
         return spec
     name = BASE[2]

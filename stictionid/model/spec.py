@@ -11,6 +11,7 @@ from ..effects import parse
 from ..process.intersample import CORNER
 from ..record.loop import bridged
 from ..typing import FloatArray
+from .replay import Paths
 
 FIRST_ORDER, INTEGRATOR = "first-order", "integrator"
 BASE = ("S", "J", "initial_residual_force", "time_constant_s", "dead_time_s")
@@ -33,6 +34,7 @@ class Spec:
     `fixed` holds values the user knows ("gain", "time_constant_s", "dead_time_s"). `taps` is the autoregressive
     noise model (coefficients after the leading 1); `increments` fits differences, for integrators.
     `guides` are models found before (see `Model.guide`), whose y between samples helps to rebuild a decimated command.
+    `paths` are the slips of every segment, where PV placed them; they belong to one grid of the command.
     """
 
     law: str = "chen"
@@ -45,6 +47,7 @@ class Spec:
     fixed: dict[str, float] = field(default_factory=dict)
     friction_free: bool = False
     guides: tuple[dict[str, Any], ...] = ()
+    paths: Paths | None = None
 
     @property
     def held(self) -> bool:

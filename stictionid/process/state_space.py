@@ -211,6 +211,34 @@ def series_run(position: FloatArray, T1: FloatArray, L: FloatArray, T2: FloatArr
     return response[:samples + room]
 
 
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A chain advanced over a part before (0) and behind (1) the fraction of its dead time, the input held over each.
+
+    `keep` (2, m, m) and `take` (2, m) give the states, `row` (m,) and `through` the response; `late` are whole parts.
+    """
+
+    keep: FloatArray
+    take: FloatArray
+    row: FloatArray
+    through: float
+    late: int
+
+
+def held(T1: FloatArray, L: FloatArray, T2: FloatArray, elements: tuple[Element, ...], integrating: bool, *,
+         part_s: float, ahead: bool) -> Held:
+    """The chain of one candidate as it runs from one value of the command to the next; see `series_run`."""
+    delay = max(float(L[0]) - (part_s if ahead else 0.0), 0.0) / part_s
+    late = int(np.floor(delay + 1e-12))
+    first = min(max(delay - late, 0.0), 1.0) * part_s
+    chain = _chain(T1[:1], T2[:1], elements, integrating, part_s)
+    m = chain.order
+    keep, take = np.empty((2, m, m)), np.empty((2, m))
+    two = np.repeat(chain.A, 2, axis=0), np.repeat(chain.B, 2, axis=0)
+    _held(*two, np.array([first, part_s - first]), keep, take)
+    return Held(keep, take, chain.C[0].copy(), float(chain.D[0]), late)
+
+
 @kernel
 def _modes(keep: FloatArray, row: FloatArray, out: FloatArray) -> None:
     """Fill out (m * samples, P): what every state alone (column i), once 1, leaves in the output at the samples.

@@ -113,11 +113,22 @@ class PositionEstimate:
 
 
 @dataclass(frozen=True, slots=True)
+class Scatter:
+    """Standard deviation of the break-away force from stroke to stroke, in `unit` and as a share of S (0 to 1)."""
+
+    value: float
+    unit: str
+    share_of_S: float
+    interval: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Estimate:
     """The last step's main numbers; S and J in `unit`, intervals at `interval_level`, null where unknown.
 
     The longest time constant comes first; `time_constants_intervals` has one interval, or null, for each. `J_known` is
-    false where a rounded output leaves more than half of J open: its interval then is the answer.
+    false where a rounded output leaves more than half of J open: its interval then is the answer. `scatter` is null
+    where the law alone places every slip.
     """
 
     S: float
@@ -137,6 +148,7 @@ class Estimate:
     time_constants_intervals: tuple[tuple[float, float] | None, ...] = ()
     dead_time_interval: tuple[float, float] | None = None
     J_known: bool = field(default=True, kw_only=True)
+    scatter: Scatter | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +169,9 @@ class ParameterValue:
 class ErrorSummary:
     """Distance of model and measurement in the unit of y: `rmse` is the free run, `rmse_one_step` the innovations.
 
-    `noise_sd` is the irreducible noise, one number for all steps of a study (fit/adequacy.py).
+    `noise_sd` is the irreducible noise, one number for all steps of a study (fit/adequacy.py). `rmse_path` is the error
+    of the free run whose slips PV helped to place, `slips_moved` the share of slips that it moved or added (0 to 1);
+    both are null where the law alone places them.
     """
 
     rmse: float
@@ -167,6 +181,13 @@ class ErrorSummary:
     noise_sd: float | None = None
     fit_percent: float | None = None
     bic: float | None = None
+    rmse_path: float | None = None
+    slips_moved: float | None = None
+
+    @property
+    def best(self) -> float:
+        """Free-run error with slips where PV placed them, where it did: what "adequate" is judged by."""
+        return self.rmse if self.rmse_path is None else self.rmse_path
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ def answers(study: Study, *, applied: bool, before: Study | None = None) -> tupl
 
     `applied` is true where the named effects are in the study's steps; then a line on what is still missing follows.
     """
-    known = [s.error.rmse for s in (before or study).steps]
+    known = [s.error.best for s in (before or study).steps]
     named = tuple(_named(study, name, applied, known) for name in study.missing)
     if named and not applied:
         return (*named, *([f"beside it: {wording.clean(study.missing_reason)}"] if study.missing_reason else []))
@@ -52,12 +52,12 @@ def _named(study: Study, name: str, applied: bool, known: Collection[float]) -> 
     shown, full, before, after = study, name, None, None
     if at is not None:
         full = effect_words.named_in(study.steps[at])
-        before, after = study.steps[at - 1].error.rmse, study.steps[at].error.rmse
+        before, after = study.steps[at - 1].error.best, study.steps[at].error.best
     elif c is not None and study.steps:
         # The words take their numbers from a step; the effect is in none yet.
         full = spelled(c)
         shown = replace(study, steps=(*study.steps, replace(study.steps[-1], parameters=c.parameters)))
-        before, after = study.steps[-1].error.rmse, c.rmse
+        before, after = study.steps[-1].error.best, c.rmse
     effect, _ = effect_words.known(full)
     sized = effect is None or effect_words.parameters(shown, full)
     said = effect.summary if effect is not None and not sized else effect_words.sentence(shown, full).rstrip(".")
@@ -75,11 +75,11 @@ def _unnamed(study: Study) -> str:
     """The line of a search that names nothing: nothing is missing, or nobody knows what."""
     error = study.steps[-1].error
     if study.adequate is not False or study.completed:
-        if error.noise_sd and error.rmse <= ADEQUATE * error.noise_sd:
-            return f"missing: nothing. The free-run error {wording.number(error.rmse)} is the noise."
+        if error.noise_sd and error.best <= ADEQUATE * error.noise_sd:
+            return f"missing: nothing. The free-run error {wording.number(error.best)} is the noise."
         return f"missing: nothing, {wording.clean(study.adequate_reason)}"
     why = wording.sentence(study.missing_reason) or "No effect of the catalogue helps enough."
-    return f"missing: unknown. Error {_level(study, error.rmse)}. {why}"
+    return f"missing: unknown. Error {_level(study, error.best)}. {why}"
 
 
 def _level(study: Study, rmse: float) -> str:
@@ -98,7 +98,7 @@ def change(before: Study, after: Study) -> PageTable:
     unit = after.data.units.get("process_value") or "unit of y"
     rows = [["free-run error"], ["x noise"], ["S"], ["J"], ["verdict"]]
     for study in (before, after):
-        error, e = study.steps[-1].error.rmse, study.estimate
+        error, e = study.steps[-1].error.best, study.estimate
         sizes = (wording.NOTHING,) * 2 if e is None else (wording.estimate(e.S, e.S_interval, e.unit),
                                                           wording.jump(e.J, e.J_interval, e.unit, known=e.J_known))
         cells = (wording.with_unit(error, unit), wording.times(error, noise), *sizes,

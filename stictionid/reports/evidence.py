@@ -54,7 +54,7 @@ def _section(study: Study, i: int, name: str) -> Section:
 def _weak(study: Study, i: int) -> bool:
     """True for a step that hardly lowers the free-run error of a model that still misses something."""
     return i > 0 and study.adequate is False and \
-        study.steps[i].error.rmse > _HARDLY * study.steps[i - 1].error.rmse
+        study.steps[i].error.best > _HARDLY * study.steps[i - 1].error.best
 
 
 def by_hand(step: Step) -> Finding | None:

@@ -46,7 +46,7 @@ def _reason(study: Study) -> str:
         return reason
     names = wording.listed([wording.name(s.added) for s in added])
     return (f"Before {names} {'was' if len(added) == 1 else 'were'} added: {wording.clean(study.verdict.reason)}. Now "
-            f"the free-run error is {wording.number(study.steps[-1].error.rmse, 4)}.")
+            f"the free-run error is {wording.number(study.steps[-1].error.best, 4)}.")
 
 
 def adds(facts: Facts) -> bool:
@@ -228,9 +228,9 @@ def _ladder(study: Study) -> Section | None:
     if study.adequate is not None:
         word = "" if study.completed else "adequate: " if study.adequate else "not adequate: "
         text.append(f"The model is {word}{_tail(study.adequate_reason)}")
-    text += [f"With {wording.name(b.added)} the free run errs more, {wording.number(b.error.rmse)} for "
-             f"{wording.number(a.error.rmse)} without it." for a, b in pairwise(study.steps)
-             if b.added and b.error.rmse > a.error.rmse]
+    text += [f"With {wording.name(b.added)} the free run errs more, {wording.number(b.error.best)} for "
+             f"{wording.number(a.error.best)} without it." for a, b in pairwise(study.steps)
+             if b.added and b.error.best > a.error.best]
     if study.missing:
         text.append("Effects named by the search: " + ", ".join(wording.name(m) for m in study.missing) + ".")
     if study.missing_reason:

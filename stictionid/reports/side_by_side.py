@@ -47,7 +47,7 @@ def picture(s: SideBySide, cases: tuple[Case, Case]) -> Picture | None:
         assert loop is not None
         part = study_pictures.window(case.study, loop)
         t = loop.time_s[part]
-        error = case.study.steps[-1].error.rmse
+        error = case.study.steps[-1].error.best
         panels.append(Panel("time, s", study_pictures.axis_label("PV", loop, "process_value"), (
             Line("PV", "pv", *measures.thin(t, loop.process_value[part], study_pictures.TREND_BINS)),
             Line(f"{head}: error {wording.number(error)}", "model",

@@ -19,8 +19,9 @@ from ..model.segments import bound
 from ..typing import Progress
 from .crew import Crew
 from .entry import Entry
-from .looks import Ground, Packed, Task, look_at, standing
+from .looks import Ground, Packed, Task, look_at
 from .node import node, with_effect
+from .score import standing
 from .search import Search
 
 

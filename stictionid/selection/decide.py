@@ -318,8 +318,8 @@ def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: 
     done = scored.done
     better, blocks = blocks_won(_held(model), _held(without)) if accepted else (None, None)
     return Candidate(
-        name, accepted, error.rmse, error.rmse_holdout, error.rmse_one_step_holdout,
-        drop_percent(_error(without, stated).rmse, error.rmse),
+        name, accepted, error.best, error.rmse_holdout, error.rmse_one_step_holdout,
+        drop_percent(_error(without, stated).best, error.best),
         drop_percent(without.scored.done.innovation_sd, model.scored.done.innovation_sd), gain, alike, None,
         rows_in(whole, done.model, done.values, done.evaluated), said, parse(whole)[1],
         gain_beyond_noise=gain, rejected_because=why, blocks_better=better, blocks=blocks)
@@ -345,7 +345,7 @@ def _noise_row(search: Search, found: Decision, named: Sequence[str],
         return ()
     numbers = noise_values(name, done.taps, done.increments, done.innovation_sd, done.model.step_s, done.model.pace)
     accepted = name in map(plain, named)
-    return (Candidate(name, accepted, _error(found.winner, stated).rmse, None, None, 0.0, None, None, (), None,
+    return (Candidate(name, accepted, _error(found.winner, stated).best, None, None, 0.0, None, None, (), None,
                       rows_for(name, numbers), f"{name}: every model is completed with it before effects are compared",
                       gain_beyond_noise=0.0, rejected_because="" if accepted else "every model is given it"),)
 

@@ -12,8 +12,9 @@ from ..fit.add_effect import polished
 from ..fit.adequacy import CONDITIONAL
 from ..fit.context import Run
 from ..fit.fit import Fitted, finish
+from ..fit.intervals.along_path import finished_along
 from ..fit.moves import descended
-from ..fit.noise.completion import Refit
+from ..fit.noise.completion import Refit, likelier, quick
 from ..fit.noise.prewhitening import whitened
 from ..model.model import Model
 from ..model.segments import bound
@@ -67,14 +68,23 @@ def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, 
     known = search.memo.get(key(spec))
     if known is not None and not known.failed:
         starts.append(model.vector(known.scored.done.model.named(known.scored.done.values)))
+    if known is not None and not known.failed and known.scored.done.model.spec.paths is not None:
+        # (slips that PV placed belong to these values)
+        done = known.scored.done
+        return replace(spec, paths=done.model.spec.paths), done.values, done.bic(done.good)
     found = descended(model, model.cube(np.stack(starts, axis=1)))
     values = model.values(found.points[:1])[:, 0]
+    if best.model.spec.paths is not None:
+        done = likelier(quick(model, values), *starts)
+        return replace(spec, paths=done.model.spec.paths), done.values, done.bic(done.good)
     done = glanced(model, values)
     return spec, values, done.bic(done.good)
 
 
 def fitted(model: Model, values: FloatArray, rng: np.random.Generator, *, last: bool) -> Fitted:
     """A rung with its last polish and errors; the `last` one with intervals, too."""
+    if model.spec.paths is not None:
+        return finished_along(model, values, last=last)
     if last:
         return polished(model, values, rng)
     point = model.cube(values[:, None])
@@ -94,6 +104,8 @@ def in_colour(model: Model, values: FloatArray, scored: Scored) -> Rung:
     or not. The values of the completed node are a start, too. An integrator has its errors in differences already. A
     noise model with a root near 1 may lose the level: then the free run says so, and the model stays as it is.
     """
+    if model.spec.paths is not None:
+        return scored.done.spec, scored.done.values
     if model.spec.process != FIRST_ORDER or model.spec.increments:
         return model.spec, values
     starts = values, model.vector(scored.done.model.named(scored.done.values))
@@ -109,7 +121,7 @@ def with_levels(run: Run, fit: Fitted, rng: np.random.Generator) -> Fitted:
     Innovations of a wrong model are far smaller than its error, so that intervals from them alone would be too narrow.
     """
     spec = fit.model.spec
-    if not spec.taps or spec.increments or noises_in(spec.effects):
+    if not spec.taps or spec.increments or spec.paths is not None or noises_in(spec.effects):
         return fit
     levels = fitted(run.model(replace(spec, taps=())), fit.values, rng, last=True).intervals
     both = {name: (min(low, levels[name][0]), max(high, levels[name][1]))

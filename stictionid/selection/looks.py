@@ -97,6 +97,7 @@ class Packed:
     increments: bool = False
     noise_numbers: int = 0
     residual: FloatArray | None = None
+    prior: float = 0.0
     points: FloatArray | None = None
     cost: float = np.inf
     gain: float = 0.0
@@ -116,7 +117,7 @@ class Packed:
         model = bound(before.loop, self.model_spec, s_max=before.s_max, period_s=before.period_s,
                       residual=self.residual)
         done = restored(model, self.values, self.taps, own=self.own, increments=self.increments,
-                        numbers=self.noise_numbers)
+                        numbers=self.noise_numbers, prior=self.prior)
         return Scored(done, self.full, self.held)
 
 
@@ -439,12 +440,4 @@ def _packed(task: Task, done: Refit, *, points: FloatArray | None = None, cost: 
     if not np.isfinite(done.innovation_sd):
         return Packed(task.spec, task.added, failed="its refit did not converge")
     return Packed(task.spec, task.added, done.model.spec, done.values, done.taps, done.own, done.increments,
-                  done.noise_numbers, done.evaluated.left, points, cost, gain)
-
-
-def standing(fit_of: Scored, spec: Spec) -> Fitted:
-    """The node's point in its search form, ready for looks at its children."""
-    done = fit_of.done
-    model = bound(done.model.loop, node(spec, soft=done.increments), s_max=done.model.s_max,
-                  period_s=done.model.period_s, residual=done.evaluated.left)
-    return as_it_stands(model, model.vector(done.model.named(done.values)))
+                  done.noise_numbers, done.evaluated.left, done.prior, points, cost, gain)

@@ -44,7 +44,7 @@ def node(spec: Spec, *, soft: bool = False) -> Spec:
     """
     differences = soft or spec.process == INTEGRATOR
     return replace(spec, effects=tuple(name for name, _, _ in in_order(physical(spec))), increments=differences,
-                   taps=SOFT if differences else ())
+                   taps=SOFT if differences else (), paths=None)
 
 
 def key(spec: Spec) -> str:

@@ -11,18 +11,30 @@ import numpy as np
 from ..effects import built_in, parse
 from ..effects.contract import DIAGNOSE
 from ..fit.cross_validation import Held
+from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended
-from ..fit.noise.completion import AUTOREGRESSIVE, RANDOM_WALK, RESONANT, Refit, banded, better, complete, quick
+from ..fit.noise.completion import (
+    AUTOREGRESSIVE,
+    RANDOM_WALK,
+    RESONANT,
+    Refit,
+    banded,
+    better,
+    complete,
+    likelier,
+    quick,
+)
 from ..fit.noise.draws import imitated
 from ..fit.noise.whiteness import remembers
 from ..model.model import Model
 from ..model.rounding import moved_within
 from ..model.segments import bound
-from ..model.spec import FIRST_ORDER, SOFT
+from ..model.spec import FIRST_ORDER, SOFT, Spec
 from ..numerics.noise.family import WALK, Noise, resonance_of
 from ..numerics.noise.fit import fit_noise, fits_of
 from ..numerics.noise.whitener import bic_of
 from ..typing import FloatArray
+from .node import node
 from .policy import Policy
 
 
@@ -114,22 +126,22 @@ def glanced(model: Model, values: FloatArray) -> Refit:
     """The model as it is, completed with the better of an autoregression and a walk, not refitted to it."""
     found = quick(model, values)
     walk = _as_walk(model, found)
-    return found if walk is None else better(found, quick(*walk))
+    return likelier(found if walk is None else better(found, quick(*walk)), settle=False)
 
 
-def completed(model: Model, values: FloatArray, pool: FloatArray, rng: np.random.Generator,
-              policy: Policy) -> Refit:
+def completed(model: Model, values: FloatArray, pool: FloatArray, rng: np.random.Generator, policy: Policy, *,
+              anew: bool = False) -> Refit:
     """The model refitted with the best noise of the family: an autoregression in levels, or in softened differences.
 
     The exact likelihood of the residual decides: criteria of levels and of differences differ by a row. `pool` (k, 5)
-    holds starts of the base for the differences.
+    holds starts of the base for the differences. With `anew` slips that PV places are sought from other valves, too.
     """
-    found = complete(model, values, None, rng, descent=True)
+    found = likelier(complete(model, values, None, rng, descent=True), values, anew=anew)
     walk = _as_walk(found.model, found)
     if walk is None or not remembers(found.taps):
         return found
     # So slow a noise may have moved the valve into another basin.
-    softened = complete(*walk, pool, rng, descent=True)
+    softened = likelier(complete(*walk, pool, rng, descent=True), found.values)
     gain = softened.gain_over(found)
     return softened if gain > policy.alike or (gain > -policy.alike and _noise(softened).walks) else found
 
@@ -251,3 +263,13 @@ def noise_words(done: Refit) -> str:
 def is_noise(name: str) -> bool:
     """True for the name of a noise model."""
     return parse(name)[0].noise is not None
+
+
+def standing(scored: Scored, spec: Spec) -> Fitted:
+    """The node's point in its search form, ready for looks at its children."""
+    done = scored.done
+    model = bound(done.model.loop, node(spec, soft=done.increments), s_max=done.model.s_max,
+                  period_s=done.model.period_s, residual=done.evaluated.left)
+    fit = as_it_stands(model, model.vector(done.model.named(done.values)))
+    # What slips in the wrong place would leave is no effect's work.
+    return fit if done.model.spec.paths is None else replace(fit, best=done.evaluated)

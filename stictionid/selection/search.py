@@ -39,7 +39,6 @@ from .looks import (
     pool_of,
     rng_of,
     settled_again,
-    standing,
 )
 from .node import (
     BASE_EFFECTS,
@@ -56,7 +55,7 @@ from .node import (
     without,
 )
 from .policy import Policy
-from .score import Scored, completed
+from .score import Scored, completed, standing
 from .waiting import better_base, other_structures, ranked, waiting
 
 
@@ -97,7 +96,7 @@ class Search:
         model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
         values = model.vector(fit.best.values)
         pool = pool_of(as_it_stands(model, values), self.seed)
-        done = completed(model, values, pool, rng, self.policy)
+        done = completed(model, values, pool, rng, self.policy, anew=True)
         known = self.memo.get(key(spec))
         if known is None or done.gain_over(known.scored.done) > self.policy.better_fit:
             self.memo[key(spec)] = known = Entry(spec, Scored(done, True, held_out(done)))

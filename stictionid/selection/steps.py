@@ -11,6 +11,7 @@ from ..errors import DataError
 from ..fit.adequacy import adequate, with_one_noise
 from ..fit.context import Run, process_numbers
 from ..fit.fit import Fitted, as_it_stands
+from ..fit.intervals.along_path import scatter_of
 from ..fit.options import Options
 from ..model.restore import described, rebuild_model
 from ..process.rounded import is_coarse
@@ -67,7 +68,8 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
         fit = replace(fit, intervals={})
     spans = fit.intervals
     found = replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),
-                    initial_residual_force=v["initial_residual_force"], **process_numbers(fit))
+                    initial_residual_force=v["initial_residual_force"],
+                    scatter=scatter_of(fit.model, fit.values, study.estimate.unit), **process_numbers(fit))
     return with_known_jump(with_ranges(found, study.steps), fit.model.loop)
 
 

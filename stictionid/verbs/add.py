@@ -45,7 +45,7 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
 
 def _worse(effect: str, before: Study, after: Study) -> Finding:
     """The finding on an effect with which the free run is further from the measurement than without it."""
-    errors = [study.steps[-1].error.rmse for study in (before, after)]
+    errors = [study.steps[-1].error.best for study in (before, after)]
     said = f"the free-run error rises from {errors[0]:.4g} to {errors[1]:.4g} with {effect}"
     return Finding("worse", "warning", said,
                    {"effect": effect, "rmse_before": errors[0], "rmse_after": errors[1]}, (), SOURCE)

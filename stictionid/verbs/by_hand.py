@@ -153,7 +153,7 @@ def with_finding(study: Study, finding: Finding, name: str = "") -> Study:
 
 def rises(before: Study, after: Study) -> bool:
     """True where the free-run error of the last model is larger than before, as far as three digits show."""
-    return after.steps[-1].error.rmse > (1.0 + _VISIBLE) * before.steps[-1].error.rmse
+    return after.steps[-1].error.best > (1.0 + _VISIBLE) * before.steps[-1].error.best
 
 
 def needless(search: Search, found: Decision, newest: str, asked: Sequence[str]) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from ..errors import CannotTell
 from ..fit.adequacy import ADEQUATE, adequate, with_one_noise
 from ..fit.context import Run, process_numbers
 from ..fit.fit import Fitted
+from ..fit.intervals.along_path import by_law_alone, scatter_of
 from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..fit.noise.unexplained import judged_by
 from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
@@ -183,7 +184,8 @@ def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstima
     # A value that is not estimated is anywhere in its range: its interval can say so, the value cannot.
     J_interval = fit.intervals.get("J") if outcome.gives_jump else (0.0, v["S"])
     return Estimate(v["S"], v["J"], unit, fit.intervals.get("S"), J_interval, INTERVAL_LEVEL, fit.model.spec.law,
-                    initial_residual_force=v["initial_residual_force"], from_position=position, **process)
+                    initial_residual_force=v["initial_residual_force"], from_position=position,
+                    scatter=scatter_of(fit.model, fit.values, unit), **process)
 
 
 def _cost_map(fit: Fitted, step: int) -> CostMap:
@@ -200,7 +202,7 @@ def _cost_map(fit: Fitted, step: int) -> CostMap:
     values = fit.values[:, None].repeat(int(valid.sum()), axis=1)
     values[:2] = grid[:, valid]
     rmse = np.full(grid.shape[1], np.nan)
-    rmse[valid] = np.sqrt(fit.model.costs_of(values) / max(fit.best.rows, 1))
+    rmse[valid] = np.sqrt(by_law_alone(fit.model).costs_of(values) / max(fit.best.rows, 1))
     own = bool((np.abs(fit.searched - [S_best, J_best]).max(axis=1) <= _NEAR * fit.model.s_max).any())
     rows = [tuple(None if not np.isfinite(x) else float(x) for x in row) for row in rmse.reshape(S.size, J.size)]
     return CostMap(tuple(S.tolist()), tuple(J.tolist()), tuple(rows),

@@ -49,7 +49,7 @@ def _named(effect: str, have: Sequence[str]) -> tuple[str, ...]:
 
 def _removed(on: Resumed, name: str, before: Study, after: Study) -> Finding:
     """The finding on an effect that was taken out: its worth in BIC beyond noise; a noise model has none."""
-    errors = [study.steps[-1].error.rmse for study in (before, after)]
+    errors = [study.steps[-1].error.best for study in (before, after)]
     said = f"{name} was taken out by hand: the free-run error goes from {errors[0]:.4g} to {errors[1]:.4g}"
     evidence = {"effect": name, "rmse_before": errors[0], "rmse_after": errors[1]}
     if is_noise(name):

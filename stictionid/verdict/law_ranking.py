@@ -55,12 +55,12 @@ def rank(fits: Mapping[str, tuple[Step, Fitted]], *, period: int) -> Ranking:
     tied = PREFERRED in fits and errors[PREFERRED] <= (1.0 + ALIKE_SHARE) * errors[best]
     keep = PREFERRED if tied else best
     laws = tuple(LawResult(n, fits[n][1].best.values["S"], fits[n][1].best.values["J"],
-                           fits[n][0].error.rmse_holdout, fits[n][0].error.rmse) for n in order)
+                           fits[n][0].error.rmse_holdout, fits[n][0].error.best) for n in order)
     return Ranking(laws, keep, alike, _finding(laws, alike, keep))
 
 
 def _error(step: Step) -> float:
-    return step.error.rmse if step.error.rmse_holdout is None else step.error.rmse_holdout
+    return step.error.best if step.error.rmse_holdout is None else step.error.rmse_holdout
 
 
 def _alike(best: Fitted, other: Fitted, best_error: float, other_error: float, period: int) -> bool:

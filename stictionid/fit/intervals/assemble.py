@@ -212,7 +212,7 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
         found["S"] = S
     # The answer itself is never excluded, even where the search for its interval found a better point.
     found = including(found, best)
-    margin = float(np.hypot(_between_samples(model, best), _of_command(model)))
+    margin = margin_of(model, best)
     return found | {name: (max(found[name][0] - margin, 0.0), found[name][1] + margin) for name in ("S", "J")}
 
 
@@ -220,6 +220,11 @@ def including(intervals: dict[str, tuple[float, float]], best: Evaluated) -> dic
     """Intervals widened where they leave out the answer; a model run on its record may."""
     answer = {**best.values, GAIN: best.gain}
     return {name: (min(low, answer[name]), max(high, answer[name])) for name, (low, high) in intervals.items()}
+
+
+def margin_of(model: Model, best: Evaluated) -> float:
+    """Uncertainty of S and J in % from what a record does not show of the command: its digits, and between samples."""
+    return float(np.hypot(_between_samples(model, best), _of_command(model)))
 
 
 def _of_command(model: Model) -> float:

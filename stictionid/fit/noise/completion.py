@@ -6,6 +6,7 @@ form. Source: docs/method.md, sections 10 and 11.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +18,9 @@ from ...model.spec import BASE, Evaluated, Spec
 from ...numerics.autoregression import autoregression, filtered
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
 from ...numerics.population import refine
+from ...paths.likelihood import possible
+from ...paths.settle import Settled, annealed, settled
+from ...process.rounded import command_sd
 from ...typing import BoolArray, FloatArray
 from ..fit import polish_smooth
 from ..moves import descended, search_model, spreads, with_start
@@ -53,6 +57,8 @@ class Refit:
     parameters: int
     noise_numbers: int = 0
     own: tuple[float, ...] = ()
+    # Where `model` runs along slips that PV placed: -2 log of the chance of their break-away forces.
+    prior: float = 0.0
 
     @property
     def innovation_sd(self) -> float:
@@ -101,7 +107,7 @@ class Refit:
         """BIC of the innovations on common samples (n,)."""
         rows = float(good.sum())
         sse = float(np.sum(self.innovation[good] ** 2))
-        return rows * float(np.log(max(sse, 1e-300) / rows)) + self.parameters * float(np.log(rows))
+        return rows * float(np.log(max(sse, 1e-300) / rows)) + self.parameters * float(np.log(rows)) + self.prior
 
     def gain_over(self, other: Refit) -> float:
         """BIC by which this model does better than another on the samples that both predict."""
@@ -147,7 +153,7 @@ def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, ord
 
 def banded(done: Refit) -> Refit | None:
     """A completed model with a band of wandering phase as its noise; None where none lasts longer than its cycle."""
-    found = _as_it_is(done.model, done.values, RESONANT)
+    found = replace(_as_it_is(done.model, done.values, RESONANT), prior=done.prior)
     band = _band_of(done.model, done.evaluated, np.ones(1), None)
     return found if band is not None and band.coherence > 1.0 else None
 
@@ -288,9 +294,38 @@ def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArra
 
 
 def restored(model: Model, values: FloatArray, taps: FloatArray, *, own: tuple[float, ...], increments: bool,
-             numbers: int) -> Refit:
+             numbers: int, prior: float = 0.0) -> Refit:
     """A refit restored from its stored values: one run of the model, no search."""
-    return _refit(model, values, model.evaluate(values), taps, increments, own, numbers)
+    return replace(_refit(model, values, model.evaluate(values), taps, increments, own, numbers), prior=prior)
+
+
+def likelier(done: Refit, *starts: FloatArray, settle: bool = True, anew: bool = False) -> Refit:
+    """A completed model along the slips that PV shows, where that is likelier than a force that never changes.
+
+    With `settle` the values are fitted along them, too, also from other `starts` (d,), and with `anew` from other
+    valves where that leaves more than white noise. White innovations without a noise model ask for nothing.
+    """
+    if done.model.spec.paths or (not done.taps.size and done.white) or not possible(done.model, done.values):
+        return done
+    best, own, error = done, tuple(done.own), command_sd(done.model.loop)
+
+    def along(taps: tuple[float, ...], begin: Callable[[Model], list[Settled]]) -> Refit:
+        spec = replace(done.model.spec, taps=taps, increments=done.increments)
+        loop, s_max, period_s, left = done.model.loop, done.model.s_max, done.model.period_s, done.evaluated.left
+        found = min(begin(bound(loop, spec, s_max=s_max, period_s=period_s, residual=left)), key=lambda s: s.deviance)
+        free = bound(loop, replace(spec, taps=own, paths=found.paths), s_max=s_max, period_s=period_s, residual=left)
+        now = _as_it_is(free, found.values)
+        return replace(now, prior=found.prior, parameters=now.parameters + 1)
+
+    best = better(done, along(own, lambda model: [
+        settled(model, values, error=error, turns=settle) for values in (done.values, *starts)]))
+    if settle and anew and not (best.white and at_noise(best)):
+        best = better(best, along(own, lambda model: annealed(model, best.values, error)))
+    if settle and best is not done and best.taps.size:
+        # Errors of slips in the wrong place look like noise of long memory: its numbers are those along the path.
+        taps = tuple(_joined(own, best.taps)[1:].tolist())
+        best = better(best, along(taps, lambda model: [settled(model, best.values, error=error)]))
+    return best
 
 
 def block_gains(before: Refit, after: Refit, good: BoolArray) -> FloatArray:

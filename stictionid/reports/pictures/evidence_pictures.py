@@ -80,7 +80,7 @@ def _evidence(study: Study, loop: Loop, key: str, name: str, before: Curves, aft
         held = "Without it, the other numbers kept, the model errs by"
         change = f"{held} {wording.number(errors[0])}, with it by {wording.number(errors[1])} where both are known."
     else:
-        first, last = (study.steps[int(key) - k].error.rmse for k in (1, 0))
+        first, last = (study.steps[int(key) - k].error.best for k in (1, 0))
         change = (f"The free-run error {'falls' if last < first else 'rises'} from {wording.number(first)} to "
                   f"{wording.number(last)}.")
     if over == "spectrum":
@@ -203,4 +203,4 @@ def _frame(step: Step) -> str:
     of = {p.name: p for p in step.parameters if p.effect is None}
     known = [f"{name} {wording.with_unit(of[name].value, of[name].unit)}" for name in ("S", "J") if name in of]
     name = "base model" if step.added is None else f"+ {wording.clean(step.added, 30)}"
-    return f"{', '.join([f'error {wording.number(step.error.rmse)}', *known])}: {name}"
+    return f"{', '.join([f'error {wording.number(step.error.best)}', *known])}: {name}"

@@ -223,8 +223,8 @@ def _fit(study: Study, loop: Loop, last: Curves, part: slice, key: str, title: s
     residual = measures.joined(loop, last.residual)[part]
     good = residual[np.isfinite(residual)]
     pv_unit = loop.unit("process_value")
-    alt = (f"The model follows PV with a free-run error of {wording.with_unit(error.rmse, pv_unit)}"
-           + (f", {wording.number(error.rmse / error.noise_sd)} times the noise" if error.noise_sd else "")
+    alt = (f"The model follows PV with a free-run error of {wording.with_unit(error.best, pv_unit)}"
+           + (f", {wording.number(error.best / error.noise_sd)} times the noise" if error.noise_sd else "")
            + (f"; the largest residual here is {wording.with_unit(float(np.abs(good).max()), pv_unit)}."
               if good.size else "."))
     rules, measured = [Rule("y", 0.0)], measures.joined(loop, loop.process_value)
@@ -301,7 +301,7 @@ def ladder(study: Study) -> Picture | None:
     names = tuple("base model" if s.added is None else f"+ {wording.name(s.added)}" for s in study.steps)
     at = np.arange(len(names), dtype=float)
     held = [(i, s.error.rmse_holdout) for i, s in enumerate(study.steps) if s.error.rmse_holdout is not None]
-    lines = [Line("error", "model", np.array([s.error.rmse for s in study.steps]), at, "bars")]
+    lines = [Line("error", "model", np.array([s.error.best for s in study.steps]), at, "bars")]
     if held:
         lines.append(Line("held out", "position", np.array([h for _, h in held]),
                           np.array([float(i) for i, _ in held]), "points"))
@@ -309,8 +309,8 @@ def ladder(study: Study) -> Picture | None:
     rules = (Rule("x", noise, "noise", "bound"),) if noise else ()
     unit = wording.name(study.data.units.get("process_value") or "units of PV")
     return Picture("ladder", "Error after each added effect",
-                   f"The free-run error goes from {wording.number(study.steps[0].error.rmse)} to "
-                   f"{wording.number(study.steps[-1].error.rmse)} {unit} with "
+                   f"The free-run error goes from {wording.number(study.steps[0].error.best)} to "
+                   f"{wording.number(study.steps[-1].error.best)} {unit} with "
                    f"{counted(len(names) - 1, 'added effect')}.",
                    "Bars: free-run error; dots: the same on data held out; dashed: measurement noise.",
                    (Panel(f"error, {unit}", "", tuple(lines), rules=rules, names=names),))

@@ -1,0 +1,84 @@
+"""The last fit of a model along the slips that PV placed: errors, held-out error and intervals, without a search.
+
+Along a path the cost is smooth, and S shows only in the break-away forces of the strokes. So the intervals are those of
+a normal distribution whose covariance comes from the slopes of errors and forces, instead of points that a likelihood
+ratio does not exclude. Wrong where another path, far from this one, explains PV as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...model.model import Model
+from ...model.segments import bound
+from ...model.spec import Evaluated
+from ...paths.settle import Settled, bounds, covariance
+from ...process.controller_law import POINT_90
+from ...record.study import Scatter
+from ...typing import FloatArray
+from ..fit import Fitted, held_out_cost
+from .assemble import INTERVAL_LEVEL, including, margin_of
+from .smooth import GAIN
+
+# Draws behind the intervals, and the fewest strokes that show how much a force scatters.
+_DRAWS, _FEWEST_STROKES = 400, 5
+
+
+def finished_along(model: Model, values: FloatArray, *, last: bool = True) -> Fitted:
+    """A model along its paths as a fit for a step of a study, with intervals where it is the `last` one."""
+    best = model.evaluate(values)
+    point = model.cube(values[:, None])
+    return Fitted(model, values, best.sse, 1, 1, best, held_out_cost(model, best, point),
+                  _intervals(model, values, best) if last else {}, values[None, :2])
+
+
+def by_law_alone(model: Model) -> Model:
+    """The same model with slips where the law alone puts them."""
+    if model.spec.paths is None:
+        return model
+    return bound(model.loop, replace(model.spec, paths=None), s_max=model.s_max, period_s=model.period_s,
+                 residual=model.context.residual)
+
+
+def moved(model: Model, values: FloatArray) -> float | None:
+    """Share of the slips that PV moved or added; None where the law placed them all."""
+    paths = model.spec.paths
+    return None if paths is None else Settled(model, values, paths, np.nan).moved
+
+
+def scatter_of(model: Model, values: FloatArray, unit: str) -> Scatter | None:
+    """The scatter of the break-away force, less what the error of the command adds to it; None where no path shows it.
+
+    A slip compares the command with the place where it left the stem, so that the error counts twice. The interval is
+    that of a standard deviation from as many strokes.
+    """
+    paths = model.spec.paths
+    if paths is None or paths.count < _FEWEST_STROKES:
+        return None
+    wide = POINT_90 / np.sqrt(2.0 * paths.count)
+    low, value, high = (float(np.sqrt(max((paths.scatter * (1.0 + sign * wide))**2 - 2.0 * paths.error**2, 0.0)))
+                        for sign in (-1.0, 0.0, 1.0))
+    if paths.scatter <= bounds(model, values)[0] * (1.0 + 1e-9):
+        # At its lower bound the scatter is anything smaller.
+        low = 0.0
+    return Scatter(value, unit, value / max(float(values[0]), 1e-12), (low, high))
+
+
+def _intervals(model: Model, values: FloatArray, best: Evaluated) -> dict[str, tuple[float, float]]:
+    assert model.spec.paths is not None
+    spread = covariance(Settled(model, values, model.spec.paths, np.nan))
+    point = model.cube(values[:, None])[0]
+    draws = np.random.default_rng(0).multivariate_normal(point, spread, _DRAWS, method="eigh")
+    draws = np.clip(np.concatenate([draws, 2.0 * point - draws]), 0.0, 1.0)
+    drawn = model.values(draws)
+    base, offsets = model.responses(drawn)
+    known = "gain" in model.spec.fixed
+    gains = np.full(len(draws), best.gain) if known else model.shared.solve(base, offsets)[1][0]
+    tails = 50.0 * (1.0 - INTERVAL_LEVEL), 50.0 * (1.0 + INTERVAL_LEVEL)
+    found = {name: tuple(np.percentile(row, tails).tolist()) for name, row in
+             zip([*best.values, GAIN], [*drawn, gains], strict=True)}
+    found = including(found, best)
+    margin = margin_of(model, best)
+    return found | {name: (max(found[name][0] - margin, 0.0), found[name][1] + margin) for name in ("S", "J")}

@@ -1,0 +1,272 @@
+"""A valve moved along a known sequence of slips: the law decides where a slip lands, the path when it comes.
+
+The stiction laws let a valve break away at the first sample where the force exceeds f_s. A real break-away force
+differs from stroke to stroke, so a slip comes a little early or late. `replayed` moves valves (P of them at once) that
+slip at given samples, and gives for every stroke the forces that the stem withstood. With slips `by law` it moves the
+valve as the laws of Chen (slides on) and He (rests at once) do. Wrong for laws that land elsewhere.
+
+Source: Chen et al. 2008, He et al. 2007; docs/method.md, section 3; the random break-away force is section 14.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from typing import Any, cast
+
+import numpy as np
+
+from ..laws.contract import (
+    CROSSES,
+    FD_DOWN,
+    FD_DRIFT,
+    FD_UP,
+    FS_DOWN,
+    FS_DRIFT,
+    FS_UP,
+    INTEGRAL,
+    LOWER,
+    OVERSHOOT,
+    RESTICK,
+    TIE,
+    UPPER,
+    Law,
+)
+from ..numerics.jit import kernel, output
+from ..numerics.noise.normal import log_upper
+from ..typing import FloatArray, IntArray
+
+# Rows of a stroke's margins: the largest force before the slip, the force at it, and the largest the other way; all in
+# % beyond the break-away force there.
+BEFORE, AT, OTHER = range(3)
+# Error of a difference of two commands, and the distance in errors from which its sign is sure.
+_BOTH, _SURE = 2.0**0.5, 4.0
+
+
+@kernel
+def _replay(command: FloatArray, friction: FloatArray, profile: FloatArray, start: FloatArray, rests: bool,
+            doubt: FloatArray, events: IntArray, kinds: IntArray, known: int, position: FloatArray,
+            margins: FloatArray, turns: FloatArray, law_at: IntArray, law_way: IntArray) -> int:
+    """Fill position (n, P), margins (slips + 1, 3, P) and turns (P,); slips by the law from sample `known` on.
+
+    Slips by the law go into `law_at` and `law_way`, of one lane only; their number is returned.
+    """
+    n, lanes = position.shape
+    found = 0
+    for p in range(lanes):
+        fs_up0, fs_down0 = friction[FS_UP, p] + TIE, friction[FS_DOWN, p] + TIE
+        fd_up0, fd_down0 = friction[FD_UP, p], friction[FD_DOWN, p]
+        fs_drift, fd_drift = friction[FS_DRIFT, p], friction[FD_DRIFT, p]
+        restick = np.inf if rests else friction[RESTICK, p]
+        spare, low, high = friction[OVERSHOOT, p] - 1.0, friction[LOWER, p], friction[UPPER, p]
+        v = start[p]
+        moves, heading = False, 0.0
+        event, stroke = 0, 0
+        a, c = -np.inf, -np.inf
+        chance = 0.0
+        for k in range(n):
+            u = command[k]
+            du = u - command[k - 1] if k > 0 else 0.0
+            fs_up, fs_down = fs_up0 + fs_drift * profile[k], fs_down0 + fs_drift * profile[k]
+            to_up, to_down = u - (fd_up0 + fd_drift * profile[k]), u + (fd_down0 + fd_drift * profile[k])
+            way = 0
+            turned = False
+            while event < events.size and events[event] == k and k < known:
+                if abs(kinds[event]) == 1:
+                    way = kinds[event]
+                else:
+                    turned = True
+                event += 1
+            if moves:
+                goes_on = (du * heading > 0.0 and abs(du) >= restick) != turned
+                if k < known and doubt[k] > 0.0:
+                    chance += math.log(doubt[k] if turned else 1.0 - doubt[k])
+                if goes_on:
+                    new = max(to_up, v) if heading > 0.0 else min(to_down, v)
+                    held = min(max(new, low), high)
+                    moves = held == new
+                    v = held
+                else:
+                    moves = False
+                if not moves:
+                    a, c = -np.inf, -np.inf
+                if goes_on:
+                    position[k, p] = v
+                    continue
+            up = u - v - fs_up if v < high else -np.inf
+            down = v - u - fs_down if v > low else -np.inf
+            if k >= known and (up > 0.0 or down > 0.0):
+                way = 1 if up > 0.0 else -1
+                if lanes == 1 and found < law_at.size:
+                    law_at[found], law_way[found] = k, way
+                    found += 1
+            if way != 0:
+                if stroke < margins.shape[0]:
+                    margins[stroke, BEFORE, p] = a if way > 0 else c
+                    margins[stroke, AT, p] = up if way > 0 else down
+                    margins[stroke, OTHER, p] = max(c, down) if way > 0 else max(a, up)
+                stroke += 1
+                new = to_up + spare * (to_up - v) if way > 0 else to_down + spare * (to_down - v)
+                v = min(max(new, low), high)
+                moves = v == new and restick < np.inf
+                heading = 1.0 if du > 0.0 else -1.0 if du < 0.0 else 0.0
+                a, c = -np.inf, -np.inf
+            else:
+                a, c = max(a, up), max(c, down)
+            position[k, p] = v
+        if stroke < margins.shape[0]:
+            margins[stroke, BEFORE, p], margins[stroke, AT, p], margins[stroke, OTHER, p] = a, np.nan, c
+        turns[p] = chance
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Slips:
+    """The events of one path: samples of the command's grid (m,) in order, and kinds (m,); the grid has `size` samples.
+
+    A kind is a slip up (1) or down (-1), or that a sliding stem stops, or slides on, against what the recorded command
+    says (2): the command is known to an error. From sample `known` on the law decides: nothing measured depends on it.
+    """
+
+    at: IntArray
+    kind: IntArray
+    known: int
+    size: int
+
+    @property
+    def count(self) -> int:
+        """Number of slips."""
+        return int((np.abs(self.kind) == 1).sum())
+
+    def _key(self) -> tuple[bytes, bytes, int, int]:
+        return self.at.tobytes(), self.kind.tobytes(), self.known, self.size
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Slips) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def __repr__(self) -> str:
+        return f"Slips({sha256(repr(self._key()).encode()).hexdigest()[:16]})"
+
+
+@dataclass(frozen=True, slots=True)
+class Paths:
+    """The slips of every segment, the scatter of the break-away force and the error of the command, both in %."""
+
+    slips: tuple[Slips, ...]
+    scatter: float
+    # Standard deviation; whether a sliding stem stopped is in doubt where the command is not exact.
+    error: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """Number of slips."""
+        return sum(s.count for s in self.slips)
+
+    def described(self) -> dict[str, Any]:
+        """The path as a study stores it."""
+        return {"scatter": self.scatter, "error": self.error,
+                "slips": [{"at": s.at.tolist(), "kind": s.kind.tolist(), "known": s.known, "size": s.size}
+                          for s in self.slips]}
+
+    def of(self, segment: int) -> Paths:
+        """The path of one segment."""
+        return replace(self, slips=self.slips[segment:segment + 1])
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """Positions (n, P), margins (slips + 1, 3, P), the last stroke unfinished, and log chances (P,) of the turns."""
+
+    position: FloatArray
+    margins: FloatArray
+    turns: FloatArray
+
+
+def paths_from(stored: Mapping[str, Any]) -> Paths:
+    """The inverse of `Paths.described`; ValueError for events that no path has."""
+    scatter, error = float(stored["scatter"]), float(stored["error"])
+    if not (0.0 < scatter < math.inf and 0.0 <= error < math.inf):
+        raise ValueError(f"the scatter {scatter:g} % or the error {error:g} % of its path is out of range")
+    slips = []
+    for one in stored["slips"]:
+        at, kind = np.array(one["at"], dtype=np.int64), np.array(one["kind"], dtype=np.int64)
+        known, size = int(one["known"]), int(one["size"])
+        ordered = at.ndim == 1 and at.shape == kind.shape and bool((np.diff(at) >= 0).all())
+        if not (ordered and 0 <= known <= size and np.isin(kind, (-1, 1, 2)).all()
+                and (not at.size or (at[0] >= 0 and at[-1] < size))):
+            raise ValueError("its path holds events out of order, or beyond its samples")
+        slips.append(Slips(at, kind, known, size))
+    if not slips:
+        raise ValueError("its path is empty")
+    return Paths(tuple(slips), scatter, error)
+
+
+def supported(law: Law, friction: FloatArray) -> bool:
+    """True where a valve (ROWS, P) slips and lands as `replayed` moves it."""
+    crossing = (friction[CROSSES] > 0.0) & (friction[RESTICK] > 0.0)
+    return law.slips is not None and not bool(crossing.any() or friction[INTEGRAL].any())
+
+
+def doubts(command: FloatArray, error: float) -> FloatArray:
+    """Chance (n,) that a command known to an `error` in % (standard deviation) turned where the record says not."""
+    if not error > 0.0:
+        return np.zeros(command.size)
+    apart = np.abs(np.diff(command, prepend=command[:1])) / (_BOTH * error)
+    found = np.exp(log_upper(apart))
+    found[(apart > _SURE) | (np.arange(command.size) == 0)] = 0.0
+    return found
+
+
+def replayed(law: Law, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray,
+             slips: Slips, *, doubt: FloatArray | None = None, lent: bool = False) -> Replayed:
+    """Valves (ROWS, P) moved along the slips; `doubt` (n,) as of `doubts`, None for a command that is exact."""
+    friction = np.ascontiguousarray(friction)
+    position = output("replay", command.size, friction.shape[1], lent)
+    margins, turns = np.full((slips.count + 1, 3, friction.shape[1]), np.nan), np.zeros(friction.shape[1])
+    none = np.empty(0, np.int64)
+    _replay(command, friction, profile, law.start(float(command[0]), friction, share)[0].copy(),
+            law.slips == "rests", np.zeros(command.size) if doubt is None else doubt, slips.at, slips.kind,
+            slips.known, position, margins, turns, none, none)
+    return Replayed(position, margins, turns)
+
+
+def by_law(law: Law, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray) -> Slips:
+    """The slips of one valve (ROWS, 1) that breaks away exactly at f_s."""
+    friction = np.ascontiguousarray(friction)
+    at, way = np.empty(command.size, np.int64), np.empty(command.size, np.int64)
+    none = np.empty(0, np.int64)
+    found = _replay(command, friction, profile, law.start(float(command[0]), friction, share)[0].copy(),
+                    law.slips == "rests", np.zeros(command.size), none, none, 0, np.empty((command.size, 1)),
+                    np.empty((0, 3, 1)), np.zeros(1), at, way)
+    return Slips(at[:found].copy(), way[:found].copy(), command.size, command.size)
+
+
+class AlongPath:
+    """A law whose valves slip where a path says; it stands in a model in the place of the law."""
+
+    def __init__(self, law: Law, slips: Slips) -> None:
+        self._law, self._slips = law, slips
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # (a copy that has nothing yet)
+            raise AttributeError(name)
+        return getattr(self._law, name)
+
+    def positions(self, command: FloatArray, friction: FloatArray, *, profile: FloatArray | None = None,
+                  share: FloatArray | float = 0.0, lent: bool = False) -> FloatArray:
+        """Valve positions (n, P) along the path; as `Law.positions`."""
+        profile = np.zeros(command.size) if profile is None else profile
+        shares = share if isinstance(share, np.ndarray) else np.full(friction.shape[1], float(share))
+        return replayed(self._law, command, friction, profile, shares, self._slips, lent=lent).position
+
+
+def law_along(law: Law, paths: Paths | None, samples: int) -> Law:
+    """The law of a valve that slips where the first path says, if that belongs to a grid of so many samples."""
+    if paths is None or paths.slips[0].size != samples:
+        return law
+    return cast(Law, AlongPath(law, paths.slips[0]))

@@ -1,0 +1,61 @@
+"""Logarithms of chances under the normal distribution, far into its tails, without scipy.
+
+Source: asymptotic series of the error function, Abramowitz and Stegun 1964, 7.1.23.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...typing import FloatArray
+from ..jit import kernel
+
+# From here on the upper tail is taken from its asymptotic series; erfc still has digits.
+_FAR = 25.0
+# Least logarithm that is told apart from none at all.
+_NONE = -1e5
+
+
+@kernel
+def _log_upper(x: FloatArray, out: FloatArray) -> None:
+    for i in range(x.size):
+        if x[i] < _FAR:
+            out[i] = math.log(0.5 * math.erfc(x[i] / math.sqrt(2.0)))
+        else:
+            out[i] = -0.5 * x[i] * x[i] - math.log(x[i] * math.sqrt(2.0 * math.pi)) - 1.0 / (x[i] * x[i])
+        out[i] = max(out[i], _NONE)
+
+
+@kernel
+def _log_between(low: FloatArray, high: FloatArray, out: FloatArray) -> None:
+    for i in range(low.size):
+        a, b = low[i], high[i]
+        if b < -a:
+            # the mirror image, so that the upper tail is the smaller one
+            a, b = -b, -a
+        if a < _FAR:
+            chance = 0.5 * (math.erfc(a / math.sqrt(2.0)) - math.erfc(b / math.sqrt(2.0)))
+            out[i] = math.log(chance) if chance > 0.0 else _NONE
+        else:
+            tail = -0.5 * a * a - math.log(a * math.sqrt(2.0 * math.pi)) - 1.0 / (a * a)
+            less = math.exp(-min(0.5 * (b - a) * (b + a), 700.0))
+            out[i] = tail + math.log1p(-less) if less < 1.0 else _NONE
+        out[i] = max(out[i], _NONE)
+
+
+def log_upper(x: FloatArray) -> FloatArray:
+    """Logarithm of the chance that a standard normal number exceeds x, of any shape."""
+    x = np.ascontiguousarray(x, dtype=np.float64)
+    out = np.empty_like(x)
+    _log_upper(x.ravel(), out.ravel())
+    return out
+
+
+def log_between(low: FloatArray, high: FloatArray) -> FloatArray:
+    """Logarithm of the chance that a standard normal number lies between low and high, of one shape."""
+    low, high = np.ascontiguousarray(low, dtype=np.float64), np.ascontiguousarray(high, dtype=np.float64)
+    out = np.empty_like(low)
+    _log_between(low.ravel(), high.ravel(), out.ravel())
+    return out

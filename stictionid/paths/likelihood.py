@@ -1,0 +1,111 @@
+"""Likelihood of a model along a path of slips: the free run along it, and the break-away forces that it asks for.
+
+-2 log L = rows ln(SSE / rows) - 2 sum over strokes of ln P(the force lies where the path says), with the forces drawn
+from N(f_s, scatter^2). The model along the path is the model with another law (`AlongPath`): effects, process, noise
+filter and least squares are the same. A path by the law with a scatter near 0 gives today's sum of squares.
+
+Source: docs/method.md, section 14.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..model.model import Model
+from ..model.replay import AT, BEFORE, OTHER, Paths, Replayed, Slips, by_law, doubts, replayed, supported
+from ..numerics.noise.normal import log_between, log_upper
+from ..process.linear import free_run
+from ..process.state_space import held
+from ..typing import FloatArray
+from .beam import beam
+
+# Nodes of a beam's tree for every value of the command.
+_NODES_EACH = 8
+
+
+def possible(model: Model, values: FloatArray) -> bool:
+    """True where the law of the model, with its effects at values (d,), slips and lands as a path says."""
+    return not model._follows and supported(model.law, model.friction(values[:, None]))
+
+
+def law_paths(model: Model, values: FloatArray) -> tuple[Slips, ...]:
+    """The slips of a valve at values (d,) that breaks away exactly at f_s, for each segment."""
+    return tuple(by_law(piece.law, piece.context.command, piece.friction(own), piece.profile, own[2])
+                 for piece, own in _apart(model, values[:, None]))
+
+
+def strokes(model: Model, values: FloatArray, paths: Paths) -> list[Replayed]:
+    """The strokes of every segment for values (d, P)."""
+    return [replayed(piece.law, piece.context.command, piece.friction(own), piece.profile, own[2], slips, lent=True,
+                     doubt=doubts(piece.context.command, paths.error))
+            for (piece, own), slips in zip(_apart(model, values), paths.slips, strict=True)]
+
+
+def log_prior(found: Sequence[Replayed], scatter: float) -> FloatArray:
+    """Logarithm (P,) of the chance of the break-away forces and turns of all segments."""
+    total = np.zeros(found[0].turns.size)
+    for stroke in found:
+        m = stroke.margins
+        total += stroke.turns
+        before, at, other = m[:-1, BEFORE], m[:-1, AT], m[:-1, OTHER]
+        total += log_between(before / scatter, np.maximum(at, before) / scatter).sum(axis=0)
+        total += log_upper(other / scatter).sum(axis=0)
+        total += log_upper(m[-1, BEFORE] / scatter) + log_upper(m[-1, OTHER] / scatter)
+    return total
+
+
+def deviance(model: Model, values: FloatArray, paths: Paths) -> FloatArray:
+    """-2 log L (P,) of values (d, P), but for a constant, along the paths."""
+    sse = model.along(paths).costs_of(values)
+    rows = model.shared.rows
+    return rows * np.log(sse / rows) - 2.0 * log_prior(strokes(model, values, paths), paths.scatter)
+
+
+def likeliest(model: Model, values: FloatArray, now: Paths) -> Paths:
+    """The likeliest slips of every segment at values (d,), sought from the model along the paths `now`.
+
+    What the beam's process lacks (a lag that differs by direction, effects behind the valve) is taken from the model
+    along `now`: its prediction is right for paths near to it.
+    """
+    found = model.along(now).evaluate(values)
+    noise = float(np.sqrt(found.sse / max(found.rows, 1)))
+    return replace(now, slips=tuple(
+        _beam(piece, own[:, 0], slips, y, found.gain, noise, now.scatter, now.error) for (piece, own), slips, y in
+        zip(_apart(model, values[:, None]), now.slips, model.split(found.model), strict=True)))
+
+
+def _beam(model: Model, values: FloatArray, now: Slips, predicted: FloatArray, gain: float, noise: float,
+          scatter: float, error: float) -> Slips:
+    column = values[:, None]
+    friction, dynamics = model.friction(column), model.dynamics(column)
+    command = model.context.command
+    position = replayed(model.law, command, friction, model.profile, column[2], now).position
+    parts = command.size // model.loop.samples
+    part = model.step_s / parts
+    ahead = not model.spec.held
+    plain = replace(dynamics, closing=None, dead_time_drift=None)
+    response = free_run(position, plain, step_s=model.step_s, substeps=parts, ahead=ahead)[:, 0]
+    chain = held(plain.time_constant_s, plain.dead_time_s, plain.second_time_constant_s, plain.elements,
+                 plain.integrating, part_s=part, ahead=ahead)
+    target = (model.context.process_value - predicted + gain * response) / noise
+    nodes = _NODES_EACH * command.size
+    parent, at, kind = (np.empty(nodes, np.int64) for _ in range(3))
+    start = float(model.law.start(float(command[0]), friction, column[2])[0, 0])
+    _, node, known = beam(command, np.ascontiguousarray(friction[:, 0]), model.profile, start,
+                          model.law.slips == "rests", scatter, doubts(command, error), parts, chain.late, chain.keep,
+                          chain.take, chain.row, chain.through, gain / noise, target, model.good(), model.weight > 0,
+                          model.taps, parent, at, kind)
+    path: list[int] = []
+    while node >= 0:
+        path.append(node)
+        node = int(parent[node])
+    order = np.array(path[::-1], dtype=np.int64)
+    return Slips(at[order], kind[order], known, command.size)
+
+
+def _apart(model: Model, values: FloatArray) -> list[tuple[Model, FloatArray]]:
+    """The model of every segment and its values (d, P)."""
+    return [(piece, model.of(i, values)) for i, piece in enumerate(model.pieces)]

@@ -1,0 +1,257 @@
+"""Values and path of a model settled together: the likeliest slips, then the values along them, until neither gains.
+
+One round seeks the likeliest path at the values so far (`likeliest`). Then Gauss-Newton descends along this path on
+the errors of PV and on one row for every stroke: how far its expected break-away force lies from f_s, in units of the
+scatter, times the noise. That is the M-step of expectation and maximisation, with the forces as what is missing.
+Along a path the cost is smooth in all numbers. The scatter follows from the same forces, within bounds.
+
+The start is a path by the law with the scatter at its lower bound, so that no answer is less likely than that of a
+valve whose break-away force never changes. Wrong where the start is no neighbour of the answer: nothing here searches.
+
+Source: docs/method.md, section 14; Dempster, Laird and Rubin 1977.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..model.model import Model
+from ..model.replay import AT, BEFORE, OTHER, Paths, Replayed
+from ..model.spec import Evaluated
+from ..numerics.gauss_newton import descend, slopes_at
+from ..numerics.noise.normal import log_between, log_upper
+from ..typing import BoolArray, FloatArray
+from .likelihood import deviance, law_paths, likeliest, log_prior, strokes
+
+# Scatter of a break-away force: bounds as shares of f_s, and those tried for the first path of a start.
+LEAST, MOST, FIRST = 0.003, 0.06, (0.005, 0.02, 0.06)
+# Rounds of path and values, turns of a descent in each, and the fall of -2 log L that is worth another round.
+_ROUNDS, _TURNS, _WORTH = 8, 4, 0.5
+# First difference of a number, as a share of its range.
+_DIFFERENCE, _STILL = 1e-4, 1e-6
+# Rounds and change that settle the scatter; break-away forces tried either way, and their reach in scatters.
+_SCATTER_ROUNDS, _SAME_SCATTER, _FORCES, _REACH = 20, 0.01, 24, 1.0
+# Shares of a stickband whose path serves where that of the whole one never moves. Other valves to begin with: shares of
+# S, with a slip jump that is this share of it, and the scatters that shrink, as shares of f_s.
+_SMALLER = (1.0, 0.85, 0.7, 0.55, 0.4)
+_BEST = 2
+_OTHER_VALVES, _OTHER_JUMP, _SHRINKING = (0.5, 0.7, 0.85, 1.0, 1.2, 1.5), 0.5, (0.2, 0.07, 0.02)
+_ROOT = float(np.sqrt(2.0 * np.pi))
+# Largest force the other way that still says something of f_s there, in units of the scatter.
+_SAYS = -3.0
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Values (d,) and paths of a model, -2 log L but for a constant, and what PV moved."""
+
+    model: Model
+    values: FloatArray
+    paths: Paths
+    deviance: float
+
+    @property
+    def prior(self) -> float:
+        """-2 log of the chance of the break-away forces and turns."""
+        return -2.0 * float(log_prior(self.strokes(), self.paths.scatter)[0])
+
+    @property
+    def along(self) -> Model:
+        """The model along the paths."""
+        return self.model.along(self.paths)
+
+    def evaluated(self) -> Evaluated:
+        """The model in full along the paths."""
+        return self.along.evaluate(self.values)
+
+    def strokes(self) -> list[Replayed]:
+        """The strokes of every segment, of one candidate."""
+        return strokes(self.model, self.values[:, None], self.paths)
+
+    @property
+    def moved(self) -> float:
+        """Share of the slips that a break-away force of exactly f_s would not have given there."""
+        count = 0
+        for stroke in self.strokes():
+            m = stroke.margins[:, :, 0]
+            early_or_late = (m[:-1, BEFORE] > 0.0) | (m[:-1, AT] <= 0.0) | (m[:-1, OTHER] > 0.0)
+            count += int(early_or_late.sum()) + int(max(m[-1, BEFORE], m[-1, OTHER]) > 0.0)
+        return count / max(self.paths.count, 1)
+
+
+def bounds(model: Model, values: FloatArray, hidden: float = 0.0) -> tuple[float, float]:
+    """Least and largest scatter in %, for values (d,); `hidden` is what the record does not show of the command."""
+    fs = 0.5 * float(values[0] + (values[0] if model.law.one_parameter else values[1]))
+    return LEAST * fs, MOST * fs + hidden
+
+
+def settled(model: Model, values: FloatArray, *, error: float = 0.0, hidden: float = 0.0,
+            turns: bool = True) -> Settled:
+    """The model settled from values (d,); without `turns` only the path is sought, and the values stay.
+
+    `error` is that of the command, and `hidden` widens the bound of the scatter, both in %. The result is never less
+    likely than the start by the law.
+    """
+    model = model.along(None)
+    low, high = bounds(model, values, hidden)
+    start = best = _by_law(model, values, low, error)
+    for share in FIRST:
+        width = min(max(share * high / MOST, low), high)
+        found = _with_scatter(_scored(model, values, likeliest(model, values, replace(start.paths, scatter=width))),
+                              low, high)
+        best = min(best, found, key=lambda s: s.deviance)
+    for _ in range(_ROUNDS if turns else 0):
+        moved = _at_force(_with_scatter(_descended(best), low, high))
+        again = _with_scatter(_scored(model, moved.values, likeliest(model, moved.values, moved.paths)), low, high)
+        now = min(moved, again, best, key=lambda s: s.deviance)
+        if not now.deviance < best.deviance - _WORTH:
+            return now
+        best = now
+    return best
+
+
+def annealed(model: Model, values: FloatArray, error: float = 0.0) -> list[Settled]:
+    """The model settled from other valves than that of values (d,), with a scatter that shrinks from a large one.
+
+    With a large scatter no path is impossible, and the cost is smooth in S: a start may be half off.
+    """
+    model, found = model.along(None), []
+    if model.law.one_parameter or not _free(model)[:2].all():
+        return [settled(model, values, error=error)]
+    for share in _OTHER_VALVES:
+        start = values.copy()
+        start[0] = min(share * values[0], 0.98 * model.space.parameters[0].high)
+        start[1] = _OTHER_JUMP * start[0]
+        fs = 0.5 * float(start[0] + start[1])
+        now = _by_law(model, start, _SHRINKING[0] * fs, error)
+        for width in _SHRINKING:
+            now = _scored(model, now.values, replace(now.paths, scatter=width * fs))
+            for _ in range(_TURNS):
+                path = _scored(model, now.values, likeliest(model, now.values, now.paths))
+                after = _at_force(_descended(path))
+                better = after.deviance < now.deviance - _WORTH
+                now = min(now, after, key=lambda s: s.deviance)
+                if not better:
+                    break
+        found.append(now)
+    found.sort(key=lambda s: s.deviance)
+    return [settled(model, one.values, error=error) for one in found[:_BEST]]
+
+
+def _by_law(model: Model, values: FloatArray, scatter: float, error: float) -> Settled:
+    """A path by the law; of a smaller valve where this one never moves."""
+    for share in _SMALLER:
+        smaller = values.copy()
+        smaller[:2] *= share
+        found = _scored(model, values, Paths(law_paths(model, smaller), scatter, error))
+        if np.isfinite(found.deviance):
+            break
+    return found
+
+
+def _scored(model: Model, values: FloatArray, paths: Paths) -> Settled:
+    return Settled(model, values, paths, float(deviance(model, values[:, None], paths)[0]))
+
+
+def _with_scatter(found: Settled, low: float, high: float) -> Settled:
+    """The same path with the likeliest scatter within bounds, by expectation and maximisation."""
+    width = found.paths.scatter
+    margins = [stroke.margins[:-1, :, 0] for stroke in found.strokes()]
+    for _ in range(_SCATTER_ROUNDS):
+        before = width
+        squares = np.concatenate([_between(m[:, BEFORE], m[:, AT], width)[1] for m in margins])
+        width = min(max(float(np.sqrt(squares.mean())) if squares.size else low, low), high)
+        if abs(width - before) < _SAME_SCATTER * before:
+            break
+    return _scored(found.model, found.values, replace(found.paths, scatter=width))
+
+
+def _at_force(found: Settled) -> Settled:
+    """The same path with the likeliest break-away force: S and J move together, so that f_d stays.
+
+    Expectation and maximisation takes small steps where a force is known to a whole step of the command.
+    """
+    model, values = found.model, found.values
+    if model.law.one_parameter or not _free(model)[:2].all():
+        return found
+    fs, width = 0.5 * (values[0] + values[1]), found.paths.scatter
+    trial = values[:, None] + np.zeros((1, 2 * _FORCES + 1))
+    moves = _REACH * width * np.linspace(-1.0, 1.0, 2 * _FORCES + 1)
+    trial[:2] += moves
+    trial[list(model.forces)] *= fs / (fs + moves)
+    trial = trial[:, (np.abs(trial[list(model.forces)]) <= 1.0).all(axis=0) & (trial[1] >= 0.0)
+                  & (trial[1] <= 2.0 * trial[0]) & (trial[0] <= model.space.parameters[0].high)]
+    if not trial.shape[1]:
+        return found
+    costs = deviance(model, trial, found.paths)
+    best = int(np.argmin(costs))
+    return found if costs[best] >= found.deviance else Settled(model, trial[:, best].copy(), found.paths,
+                                                               float(costs[best]))
+
+
+def _between(low: FloatArray, high: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    """Mean and mean square of N(0, width^2) between low and high, which is above."""
+    a, b = low / width, np.maximum(high, low + 1e-9 * width) / width
+    share = log_between(a, b)
+    at_a, at_b = np.exp(-0.5 * a**2 - share) / _ROOT, np.exp(-0.5 * b**2 - share) / _ROOT
+    mean = np.clip(at_a - at_b, a, b)
+    second = 1.0 + np.where(np.isfinite(a), a, 0.0) * at_a - b * at_b
+    return width * mean, width**2 * np.maximum(second, mean**2)
+
+
+class _Rows:
+    """Residuals of PV and of the break-away forces along one path, with the forces expected at one point."""
+
+    def __init__(self, found: Settled) -> None:
+        self.model, self.along, self.paths = found.model, found.along, found.paths
+        sse, width = float(self.along.costs_of(found.values[:, None])[0]), found.paths.scatter
+        self.factor = float(np.sqrt(sse / self.model.shared.rows)) / width
+        self.shift: list[FloatArray] = []
+        self.rest: list[tuple[BoolArray, FloatArray]] = []
+        for stroke in found.strokes():
+            m = stroke.margins[:-1, :, 0]
+            self.shift.append(m[:, AT] - _between(m[:, BEFORE], m[:, AT], width)[0])
+            says = m[:, OTHER] > _SAYS * width
+            a = m[says, OTHER] / width
+            self.rest.append((says, width * np.exp(-0.5 * a**2 - log_upper(a)) / _ROOT - m[says, OTHER]))
+
+    def forces(self, cube: FloatArray) -> FloatArray:
+        """Rows (r, P): how far every expected force lies from f_s, in units of the scatter, times the noise."""
+        rows = []
+        for stroke, shift, (says, rest) in zip(strokes(self.model, self.model.values(cube), self.paths), self.shift,
+                                               self.rest, strict=True):
+            rows += [stroke.margins[:-1, AT] - shift[:, None], stroke.margins[:-1, OTHER][says] + rest[:, None]]
+        return self.factor * np.concatenate(rows)
+
+    def residuals(self, cube: FloatArray) -> FloatArray:
+        return np.concatenate([self.along.residuals(cube), self.forces(cube)])
+
+    def costs(self, cube: FloatArray) -> FloatArray:
+        return self.along.costs(cube) + np.einsum("np,np->p", r := self.forces(cube), r)
+
+
+def _descended(found: Settled) -> Settled:
+    """The values after some turns of Gauss-Newton along the path."""
+    rows = _Rows(found)
+    best = descend(rows.residuals, rows.costs, found.model.cube(found.values[:, None]),
+                   spread=_DIFFERENCE * _free(found.model), turns=_TURNS, settle=_STILL)
+    return _scored(found.model, found.model.values(best.points[:1])[:, 0], found.paths)
+
+
+def _free(model: Model) -> FloatArray:
+    return np.array([float(p.high > p.low) for p in model.space.parameters])
+
+
+def covariance(found: Settled) -> FloatArray:
+    """Covariance (d, d) of the values in the unit cube, from the curvature along the path; 0 where fixed."""
+    rows, point, free = _Rows(found), found.model.cube(found.values[:, None]), np.flatnonzero(_free(found.model))
+    slopes, left = slopes_at(rows.residuals, point, free, np.full((1, free.size), _DIFFERENCE))
+    normal = slopes[0].T @ slopes[0]
+    errors = left[0, :found.model.loop.samples]
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10) / np.outer(size, size)
+    spread = np.zeros((point.shape[1], point.shape[1]))
+    spread[np.ix_(free, free)] = inverse * float(errors @ errors) / found.model.shared.rows
+    return spread
