@@ -78,21 +78,22 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     doubt = "may be rounding" if blur else "may be chance" if chance else ""
     if doubt:
         new = ()
-    study = ranked(on, told(on, study, found, order), found, new, doubt, p_value)
+    study = told(on, study, found, order)
+    changed = not doubt and (new or set(before) - set(order) or key(here.spec) != key(found.winner.spec))
+    if changed and apply:
+        tell("fitting the ladder", 1.0)
+        study = concluded(study, found, *ladder_of(run, search, found, fit, (order, rungs), study,
+                                                   left_out(found, study)))
+    study = ranked(on, study, found, new, doubt, p_value)
     if blur:
         return _left_to_rounding(study, blur)
     if chance:
         return study
-    changed = new or set(before) - set(order) or key(here.spec) != key(found.winner.spec)
-    if not changed:
-        after = _reaching(study, found)
-        return after if after.estimate == study.estimate else judge(loop, after, seed)
-    if not apply:
-        return replace(study, missing=(parse(new[0])[0].name,) if new else ())
-    tell("fitting the ladder", 1.0)
-    ladder = ladder_of(run, search, found, fit, (order, rungs), study, left_out(found, study))
-    after = judge(loop, ranked(on, concluded(study, found, *ladder), found, new, doubt, p_value), seed)
-    return replace(after, missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
+    missing = tuple(dict.fromkeys(parse(name)[0].name for name in new))
+    if changed:
+        return replace(judge(loop, study, seed), missing=missing) if apply else replace(study, missing=missing[:1])
+    after = _reaching(study, found)
+    return after if after.estimate == study.estimate else judge(loop, after, seed)
 
 
 def resumed(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy: Policy | None = None,
