@@ -57,7 +57,7 @@ class Loop:
             raise UsageError(f"{type(frame).__name__} is no DataFrame",
                              "give a pandas DataFrame, or read a file with st.read_loop(path)")
         frame = frame.set_axis([str(c) for c in frame.columns], axis=1)
-        dated = _has_dates(frame) and time is None
+        dated = time is None and (frame.index.dtype.kind == "M" or "datetime" in str(frame.index.dtype))
         if dated and frame.index.name is None:
             frame = frame.rename_axis("time" if "time" not in frame.columns else "time of the index")
         if dated:
@@ -208,7 +208,3 @@ def _place(frame: pd.DataFrame, column: Any) -> int | None:
         return same[0]
     number = int(column) if str(column).isdecimal() and len(str(column)) < 10 else 0
     return number - 1 if 1 <= number <= len(frame.columns) else None
-
-
-def _has_dates(frame: pd.DataFrame) -> bool:
-    return frame.index.dtype.kind == "M" or "datetime" in str(frame.index.dtype)

@@ -53,15 +53,19 @@ def print_answer(study: Any, console: Any, *, applied: bool, before: Any = None)
         console.print(safe(line))
 
 
+def print_table(table: Any, console: Any) -> None:
+    """A table of a report, on a terminal."""
+    shown = plain_table(*map(safe, table.columns), title=table.caption)
+    for row in table.rows:
+        shown.add_row(*map(safe, row))
+    console.print(shown)
+
+
 def print_change(before: Any, after: Any, console: Any) -> None:
     """Error, S, J and verdict before and after a change of the model."""
     from ...reports.answer import change
 
-    found = change(before, after)
-    table = plain_table(*found.columns, title=found.caption)
-    for row in found.rows:
-        table.add_row(*map(safe, row))
-    console.print(table)
+    print_table(change(before, after), console)
 
 
 def ladder_table(study: Any) -> Any:
