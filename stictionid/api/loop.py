@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ..historian.bytes.options import ReadOptions
+    from ..record.study import Study
 
 # Findings shown in a short text; the loop holds all.
 _SHOWN = 3
@@ -208,3 +210,29 @@ def _place(frame: pd.DataFrame, column: Any) -> int | None:
         return same[0]
     number = int(column) if str(column).isdecimal() and len(str(column)) < 10 else 0
     return number - 1 if 1 <= number <= len(frame.columns) else None
+
+
+def loop_of(source: Any) -> Loop:
+    """The loop in a Loop, a record, a DataFrame, a path or an open file; UsageError for anything else."""
+    if isinstance(source, Loop):
+        return source
+    if isinstance(source, Record):
+        return Loop(source)
+    if isinstance(source, str | os.PathLike) or hasattr(source, "read"):
+        return read_loop(source)
+    if hasattr(source, "columns") and hasattr(source, "index"):
+        return Loop.from_dataframe(source)
+    raise UsageError(f"{type(source).__name__} is no loop", "give a Loop, a DataFrame or the path of a file")
+
+
+def loop_in_file(study: Study) -> Loop:
+    """The loop in the file that a study names; UsageError where it is not there, DataError where it has changed."""
+    from ..reports.pictures.curves import find_data, refuse_changed
+
+    place = find_data(study)
+    if place is None:
+        raise UsageError(f"the data of the study ({study.data.file or 'no file'}) are not there",
+                         "give the loop that was identified")
+    found = read_loop(place, options=study.data.options)
+    refuse_changed(study, place, found.record.origin.sha256)
+    return found

@@ -28,8 +28,14 @@ from .common.output import (
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.study_files import DataArgument, StudyArgument, check_study_place, open_data, open_study
-from .common.study_tables import print_answer, print_change, print_ranking, write_study
-from .common.tree import print_equivalents, print_tree
+from .common.study_tables import (
+    print_answer,
+    print_change,
+    print_equivalents,
+    print_ranking,
+    print_tree,
+    write_study,
+)
 from .common.user_files import EffectsOption, LawsOption
 
 if TYPE_CHECKING:
