@@ -11,7 +11,7 @@ import pytest
 
 from stictionid.model.closed_loop import preset, simulate
 from stictionid.model.restore import rerun
-from stictionid.process.controller_law import ControllerLaw
+from stictionid.record.controller import Controller
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import crossings, find_range, reversals
 from stictionid.verbs import long_records as room
@@ -125,7 +125,7 @@ def test_the_loop_without_friction_is_the_plain_recursion() -> None:
     loop = simulate(SCANNED, seed=3).loop.cut(0, 400)
     study = identify(loop, options=Options(base_only=True))
     residual = np.random.default_rng(0).standard_normal(400) * 0.01
-    law = ControllerLaw("PI", 0.1, 5.0, 0.0, {}, 0.0, (), loop.output)
+    law = Controller("PI", 0.1, 5.0, None)
     for changed in ({}, {"integrating": True, "gain": 0.05}, {"time_constants_s": ()},
                     {"time_constants_s": (5.0, 2.0)}):
         estimate = replace(study.estimate, **changed)

@@ -70,7 +70,8 @@ def test_a_search_that_names_nothing_says_which_nothing_it_is() -> None:
     right = searched(240).study
     assert answers(replace(right, missing=()), applied=False) == (
         "missing: nothing. The free-run error 0.0521 is the noise.",)
-    wandering = replace(right, missing=(), adequate=False, adequate_reason="explained but for a random walk", steps=(
+    wandering = replace(right, missing=(), adequate=False,
+                        adequate_reason="explained but for a random walk", carried_by="a random walk", steps=(
         replace(right.steps[0], error=replace(right.steps[0].error, rmse=0.3)),))
     assert answers(wandering, applied=False) == ("missing: nothing, explained but for a random walk",)
     both = answers(replace(wandering, missing=("random-walk-disturbance",)), applied=True)

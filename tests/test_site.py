@@ -58,7 +58,8 @@ def test_the_schema_is_one_and_every_study_keeps_it() -> None:
     for study in studies:
         check.validate(study)
     for spoil in ({"schema": "stictionid.study/x"}, {"estimate": {"S": "5"}}, {"adequate": "yes"}, {"steps": {}},
-                  {"swing": {"parts": 1}}, {"steps": [{**studies[0]["steps"][0], "supported": "yes"}]}):
+                  {"carried_by": True}, {"swing": {"parts": 1}},
+                  {"steps": [{**studies[0]["steps"][0], "supported": "yes"}]}):
         assert list(check.iter_errors({**studies[0], **spoil})), spoil
 
 

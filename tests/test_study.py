@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,16 @@ def test_a_study_has_every_field_of_the_contract() -> None:
     assert {"rmse", "rmse_holdout", "rmse_one_step", "rmse_one_step_holdout", "noise_sd", "fit_percent",
             "bic"} <= set(step["error"])
     assert {"start_s", "period_s", "u_swing"} <= set(study["range"]["cycles"][0])
+
+
+def test_the_noise_that_carries_a_model_is_a_field_and_is_read_from_the_words_of_older_studies() -> None:
+    content = json.loads((GOLDEN / "study_schema_1.json").read_text(encoding="utf-8"))
+    for start in ("", "the output is recorded in steps of 0.1 %; "):
+        words = f"{start}explained but for a drift: the free-run error 0.149 is 7.29 times the irreducible noise 0.0204"
+        old = study_from_json(json.dumps({**content, "adequate": False, "adequate_reason": words}))
+        assert old.completed and old.carried_by == "a drift" and study_from_json(to_json(old)) == old
+        assert not study_from_json(to_json(replace(old, carried_by=""))).completed
+    assert not study_from_json(json.dumps(content)).carried_by
 
 
 @pytest.mark.parametrize("text", [

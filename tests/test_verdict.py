@@ -95,7 +95,8 @@ def test_coloured_noise_is_a_step_of_its_own_and_gives_s_and_j_back() -> None:
     assert pytest.approx(5.0, rel=0.01) == study.estimate.S
     assert pytest.approx(3.0, rel=0.15) == study.estimate.J
     assert study.steps[-1].error.rmse_one_step == pytest.approx(0.6 * sd, rel=0.1)
-    assert study.completed and study.adequate_reason.startswith("explained but for coloured noise")
+    assert study.completed and study.carried_by == "coloured noise"
+    assert study.adequate_reason.startswith("explained but for coloured noise")
 
 
 def test_a_random_walk_is_a_step_of_its_own_and_gives_s_and_j_back() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ..historian.bytes.options import ReadOptions
+    from ..record.study import Study
 
 # Findings shown in a short text; the loop holds all.
 _SHOWN = 3
@@ -57,7 +59,7 @@ class Loop:
             raise UsageError(f"{type(frame).__name__} is no DataFrame",
                              "give a pandas DataFrame, or read a file with st.read_loop(path)")
         frame = frame.set_axis([str(c) for c in frame.columns], axis=1)
-        dated = _has_dates(frame) and time is None
+        dated = time is None and (frame.index.dtype.kind == "M" or "datetime" in str(frame.index.dtype))
         if dated and frame.index.name is None:
             frame = frame.rename_axis("time" if "time" not in frame.columns else "time of the index")
         if dated:
@@ -210,5 +212,27 @@ def _place(frame: pd.DataFrame, column: Any) -> int | None:
     return number - 1 if 1 <= number <= len(frame.columns) else None
 
 
-def _has_dates(frame: pd.DataFrame) -> bool:
-    return frame.index.dtype.kind == "M" or "datetime" in str(frame.index.dtype)
+def loop_of(source: Any) -> Loop:
+    """The loop in a Loop, a record, a DataFrame, a path or an open file; UsageError for anything else."""
+    if isinstance(source, Loop):
+        return source
+    if isinstance(source, Record):
+        return Loop(source)
+    if isinstance(source, str | os.PathLike) or hasattr(source, "read"):
+        return read_loop(source)
+    if hasattr(source, "columns") and hasattr(source, "index"):
+        return Loop.from_dataframe(source)
+    raise UsageError(f"{type(source).__name__} is no loop", "give a Loop, a DataFrame or the path of a file")
+
+
+def loop_in_file(study: Study) -> Loop:
+    """The loop in the file that a study names; UsageError where it is not there, DataError where it has changed."""
+    from ..reports.pictures.curves import find_data, refuse_changed
+
+    place = find_data(study)
+    if place is None:
+        raise UsageError(f"the data of the study ({study.data.file or 'no file'}) are not there",
+                         "give the loop that was identified")
+    found = read_loop(place, options=study.data.options)
+    refuse_changed(study, place, found.record.origin.sha256)
+    return found

@@ -112,7 +112,7 @@ def loop_for(study: Record, loop: Any, known: Loop | None) -> Loop:
 
     Raises DataError where the loop is not the record of the study, UsageError where there is none.
     """
-    from .source import loop_in_file, loop_of
+    from .loop import loop_in_file, loop_of
 
     if loop is None:
         return known if known is not None else loop_in_file(study)

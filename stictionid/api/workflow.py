@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING
 from ..errors import UsageError
 from ..typing import Progress
 from .arguments import checked, refuse
-from .loop import Loop
+from .loop import Loop, loop_in_file, loop_of
 from .messages import as_html, in_python, speaking_python
 from .plots import is_own, loop_for
 from .progress import teller
-from .source import loop_in_file, loop_of
 from .study import Study
 from .threads import one_thread
 

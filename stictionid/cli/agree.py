@@ -20,12 +20,12 @@ from .common.output import (
     QuietOption,
     SeedOption,
     out_console,
-    plain_table,
     print_json,
     safe,
     say,
 )
 from .common.reading import read_file, reads_file
+from .common.study_tables import print_table
 from .common.user_files import EffectsOption, LawsOption
 
 
@@ -111,10 +111,7 @@ def _show(found: Any, quiet: bool) -> None:
 
     console = out_console()
     rows = record_table(found)
-    table = plain_table(*rows.columns, title=rows.caption)
-    for row in rows.rows:
-        table.add_row(*(safe(cell) for cell in row))
-    console.print(table)
+    print_table(rows, console)
     for part in (*found.spreads, *found.drifts):
         console.print(safe(part.statement))
     console.print(f"answer: {safe(found.statement)}")

@@ -12,6 +12,7 @@ from .common.next_step import next_step
 from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, safe, say
 from .common.study_files import StudyArgument, open_data, open_other, open_study
+from .common.study_tables import print_table
 from .common.user_files import EffectsOption, LawsOption
 
 
@@ -84,10 +85,7 @@ def _against(study: Path, other: Path, file: Path | None, output: Path | None, f
     console = out_console()
     console.print(safe(found.statement))
     for t in tables(found):
-        shown = plain_table(*map(safe, t.columns), title=t.caption)
-        for row in t.rows:
-            shown.add_row(*map(safe, row))
-        console.print(shown)
+        print_table(t, console)
 
 
 def _plain(found: Any, series: bool) -> dict[str, Any]:

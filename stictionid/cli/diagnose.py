@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,12 +28,20 @@ from .common.output import (
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.study_files import DataArgument, StudyArgument, check_study_place, open_data, open_study
-from .common.study_tables import print_answer, print_change, print_ranking, write_study
-from .common.tree import print_equivalents, print_tree
+from .common.study_tables import (
+    print_answer,
+    print_change,
+    print_equivalents,
+    print_ranking,
+    print_tree,
+    write_study,
+)
 from .common.user_files import EffectsOption, LawsOption
 
 if TYPE_CHECKING:
-    from ..record.study import Step
+    from rich.console import Console
+
+    from ..record.study import Step, Study
 
 
 @app.command(epilog=outcome("the study, in place or to -o", json="schema stictionid.study/1"))
@@ -56,18 +66,9 @@ def diagnose(
     from ..verbs.diagnose import diagnose as run
 
     steered = policy_of(policy, budget)
-    if output is not None:
-        check_study_place(output, force=force)
-    before = open_study(study)
-    loop = open_data(before, study, file)
-    with Progress(quiet or as_json) as progress:
-        after = run(loop, before, everything=everything, apply=apply, seed=seed, jobs=jobs or cores(),
-                    bootstrap=bootstrap, policy=steered, progress=progress)
-    write_study(after, output or study, force, quiet)
-    if as_json:
-        print_json(after)
-        return
-    console = out_console()
+    before, after, place, console = _changed(
+        partial(run, everything=everything, apply=apply, seed=seed, jobs=jobs or cores(), bootstrap=bootstrap,
+                policy=steered), study, file, output, force=force, as_json=as_json, quiet=quiet)
     print_answer(after, console, applied=apply, before=before)
     print_ranking(after, console, whole=details)
     if apply and after.missing:
@@ -79,7 +80,7 @@ def diagnose(
         for f in step.findings:
             if f.code in ("better-optimum", "gave-way", "rounded-output"):
                 say(f"{f.severity}: {f.statement}", quiet=quiet)
-    say(f"next: {next_step(after, output or study, data=file, effects=effects, laws=laws, asked=True)}", quiet=quiet)
+    say(f"next: {next_step(after, place, data=file, effects=effects, laws=laws, asked=True)}", quiet=quiet)
 
 
 @app.command(epilog=outcome("the study, in place or to -o", json="schema stictionid.study/1"))
@@ -104,18 +105,8 @@ def add(
     from ..verbs.support import CODES
 
     wanted, _ = parse(effect)
-    if output is not None:
-        check_study_place(output, force=force)
-    before = open_study(study)
-    loop = open_data(before, study, file)
-    with Progress(quiet or as_json) as progress:
-        after = run(loop, before, effect, seed=seed, prune=prune, progress=progress)
-    place = output or study
-    write_study(after, place, force, quiet)
-    if as_json:
-        print_json(after)
-        return
-    console = out_console()
+    before, after, place, console = _changed(partial(run, effect=effect, seed=seed, prune=prune), study, file, output,
+                                             force=force, as_json=as_json, quiet=quiet)
     step = next((s for s in reversed(after.steps) if s.added == wanted.name), after.steps[-1])
     name = named_in(step)
     grew = any(f.code == "worse" for f in step.findings)
@@ -145,21 +136,28 @@ def remove(
     """
     from ..verbs.remove import remove as run
 
+    before, after, place, console = _changed(partial(run, effect=effect, seed=seed), study, file, output, force=force,
+                                             as_json=as_json, quiet=quiet)
+    print_change(before, after, console)
+    _print_findings(after.steps[-1], ("removed", "gave-way"), console)
+    say(f"next: {next_step(after, place, data=file, effects=effects, laws=laws, asked=False)}", quiet=quiet)
+
+
+def _changed(change: Callable[..., Study], study: Path, file: Path | None, output: Path | None, *, force: bool,
+             as_json: bool, quiet: bool) -> tuple[Study, Study, Path, Console]:
+    """The study before and after a change, its place and a console; with `as_json` it is printed, and that is all."""
     if output is not None:
         check_study_place(output, force=force)
     before = open_study(study)
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:
-        after = run(loop, before, effect, seed=seed, progress=progress)
+        after = change(loop, before, progress=progress)
     place = output or study
     write_study(after, place, force, quiet)
     if as_json:
         print_json(after)
-        return
-    console = out_console()
-    print_change(before, after, console)
-    _print_findings(after.steps[-1], ("removed", "gave-way"), console)
-    say(f"next: {next_step(after, place, data=file, effects=effects, laws=laws, asked=False)}", quiet=quiet)
+        raise typer.Exit
+    return before, after, place, out_console()
 
 
 def _print_findings(step: Step, codes: tuple[str, ...], console: Any, word: str = "") -> None:

@@ -32,7 +32,7 @@ from .common.output import (
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
 from .common.study_files import check_study_place
-from .common.tree import print_equivalents, print_tree
+from .common.study_tables import print_equivalents, print_tree
 from .common.user_files import EffectsOption, LawsOption
 
 

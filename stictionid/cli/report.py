@@ -35,6 +35,7 @@ def report(
     """Read the studies, find their data, re-run their models once, and write or print."""
     from ..errors import UsageError
     from ..reports.pages.write import check_target, write_report
+    from ..reports.pictures.curves import gather
     from ..system.files import keep_apart
     from ..system.plurals import counted
 
@@ -51,7 +52,7 @@ def report(
         cases = []
         for i, path in enumerate(studies):
             progress(f"reading the data of {path.name}", 0.6 * i / len(studies))
-            cases.append(_case(path, data))
+            cases.append(gather(open_study(path), data=data, near=(path.resolve().parent,)))
         if out is not None:
             written = write_report(cases, out, figures=figures, force=force,
                                    progress=lambda text, share: progress(text, 0.6 + 0.4 * share))
@@ -93,12 +94,6 @@ def _is_data(path: Path) -> bool:
             return not file.read(64).lstrip().startswith(b"{")
     except OSError:
         return False
-
-
-def _case(path: Path, data: Path | None) -> Case:
-    from ..reports.pictures.curves import gather
-
-    return gather(open_study(path), data=data, near=(path.resolve().parent,))
 
 
 def _print_json(cases: list[Case]) -> None:

@@ -30,8 +30,7 @@ from .common.output import (
 )
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
-from .common.study_tables import ladder_table, print_answer, write_study
-from .common.tree import print_equivalents
+from .common.study_tables import ladder_table, print_answer, print_equivalents, write_study
 from .common.user_files import EffectsOption, LawsOption
 
 _PAGES = (".html", ".md")

@@ -23,7 +23,7 @@ from ..record.study import Study
 from ..record.unexplained import Unexplained
 from .cells import Cell
 from .matches import matches
-from .model_run import Ground, prepare
+from .model_run import Ground, impulse_of, prepare
 from .questions import ask_all
 from .residual_tests import POINT_99, Spectra, follows_valve, frequencies, own_innovation, whiteness
 from .suspects import Suspect, suspects_of
@@ -156,11 +156,7 @@ def _h_step(ground: Ground, h: int) -> float:
     taps = ground.model.taps
     if taps.size == 0:
         return ground.rmse
-    response = np.zeros(h)
-    response[0] = 1.0
-    for k in range(1, h):
-        back = response[max(k - taps.size, 0):k][::-1]
-        response[k] = -taps[:back.size] @ back
+    response = impulse_of(taps, h)
     innovation = ground.innovation if ground.pace == 1.0 else ground.innovation[ground.good]
     ahead = np.convolve(innovation, response)[:innovation.size]
     sure = innovation != 0.0

@@ -53,6 +53,15 @@ class Ground:
         return self.found.period_median_s or self.model.period_s
 
     @property
+    def cycle_phase(self) -> FloatArray:
+        """Share (n,) of its limit cycle at which each sample lies; not a number outside the cycles."""
+        phase, t = np.full(self.residual.size, np.nan), self.loop.time_s
+        for cycle in self.found.cycles:
+            inside = (t >= cycle.start_s) & (t < cycle.start_s + cycle.period_s)
+            phase[inside] = (t[inside] - cycle.start_s) / cycle.period_s
+        return phase
+
+    @property
     def rmse(self) -> float:
         """Root mean square of the residual over the samples that count."""
         return float(np.sqrt(np.mean(self.residual[self.good] ** 2)))
@@ -99,16 +108,21 @@ def prepare(loop: Loop, model: Model, found: Range, evaluated: Evaluated) -> Gro
                   pace)
 
 
-def correlation_of(taps: FloatArray, lags: int) -> FloatArray:
-    """Autocorrelation (lags + 1,) of an autoregression with `taps` after the leading 1, by its impulse response."""
-    if taps.size == 0:
-        return np.concatenate([[1.0], np.zeros(lags)])
-    length = 8 * lags + 64
+def impulse_of(taps: FloatArray, length: int) -> FloatArray:
+    """Impulse response (length,) of an autoregression with `taps` after the leading 1."""
     response = np.zeros(length)
     response[0] = 1.0
     for k in range(1, length):
         back = response[max(k - taps.size, 0):k][::-1]
         response[k] = -taps[:back.size] @ back
+    return response
+
+
+def correlation_of(taps: FloatArray, lags: int) -> FloatArray:
+    """Autocorrelation (lags + 1,) of an autoregression with `taps` after the leading 1, by its impulse response."""
+    if taps.size == 0:
+        return np.concatenate([[1.0], np.zeros(lags)])
+    length = 8 * lags + 64
     size = 1 << (2 * length - 1).bit_length()
-    full = np.fft.irfft(np.abs(np.fft.rfft(response, size)) ** 2, size)[:lags + 1]
+    full = np.fft.irfft(np.abs(np.fft.rfft(impulse_of(taps, length), size)) ** 2, size)[:lags + 1]
     return full / full[0]

@@ -108,11 +108,7 @@ def by_value(ground: Ground) -> Answer:
 
 def by_cycle(ground: Ground) -> Answer:
     """Parts of the limit cycle, from one up-crossing to the next."""
-    phase = np.full(ground.residual.size, np.nan)
-    t = ground.loop.time_s
-    for cycle in ground.found.cycles:
-        inside = (t >= cycle.start_s) & (t < cycle.start_s + cycle.period_s)
-        phase[inside] = (t[inside] - cycle.start_s) / cycle.period_s
+    phase = ground.cycle_phase
     masks = {f"{100 * i // CYCLE_PARTS} to {100 * (i + 1) // CYCLE_PARTS} % of the cycle":
              (phase >= i / CYCLE_PARTS) & (phase < (i + 1) / CYCLE_PARTS) for i in range(CYCLE_PARTS)}
     cells = split(ground, masks) if len(ground.found.cycles) >= 3 else ()

@@ -66,8 +66,8 @@ def transferred(loop: Loop, description: dict[str, Any],
     model, values = _started(loop, description, kept, fixed)
     for name in own_time:
         # Kept where the other record shows such an event, too.
-        tried, trial = _started(loop, description, _in_place(description, [*model.spec.effects, name]), fixed,
-                                model.evaluate(values).left)
+        names = [n for n in description["effects"] if n == name or n in model.spec.effects]
+        tried, trial = _started(loop, description, names, fixed, model.evaluate(values).left)
         _timed(tried, trial, name)
         _force(tried, trial)
         before, after = (float(m.costs_of(v[:, None])[0]) for m, v in ((model, values), (tried, trial)))
@@ -122,11 +122,6 @@ def _started(loop: Loop, description: dict[str, Any], effects: Sequence[str], fi
     values = model.vector(description["values"])
     _force(model, values)
     return model, values
-
-
-def _in_place(description: dict[str, Any], names: Sequence[str]) -> list[str]:
-    """Names in the order of the described model."""
-    return [name for name in description["effects"] if name in names]
 
 
 def _force(model: Model, values: FloatArray) -> None:

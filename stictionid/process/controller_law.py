@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..record.controller import FULL
+from ..record.controller import FULL, Controller
 from ..record.loop import Loop, bridged
 from ..typing import BoolArray, FloatArray
 from .rounded import step_of
@@ -64,25 +64,17 @@ _FORMS = (Form(), Form(late=1), Form(derivative=True), Form(derivative=True, on_
 
 
 @dataclass(frozen=True, slots=True)
-class ControllerLaw:
-    """A P, PI or PID law read from r, y and u; gain in % per unit of y, times in s, `intervals` at 90 %.
+class Obeyed:
+    """The law of a controller that a record obeys.
 
-    A law without integral part has an endless integral time, one without derivative part a derivative time of 0.
     `stretches` are the samples that obey it. `command` (n,) is the output without its rounding there, and as recorded
-    elsewhere; `command_sd` is the standard deviation of its error. `residual` is the rms distance of law and record in
-    %. `fit` is the share of u's variance explained.
+    elsewhere; `command_sd` is the standard deviation of its error.
     """
 
-    kind: str
-    gain: float
-    integral_time_s: float
-    derivative_time_s: float
-    intervals: dict[str, tuple[float, float]]
-    residual: float
+    controller: Controller
     stretches: tuple[slice, ...]
     command: FloatArray = field(repr=False)
-    command_sd: float = 0.0
-    fit: float = 1.0
+    command_sd: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +115,7 @@ class _Piece:
         return bool(sure.all() and np.ptp(np.sign(self.sizes)) == 0.0)
 
 
-def controller_law(loop: Loop) -> ControllerLaw | None:
+def controller_law(loop: Loop) -> Obeyed | None:
     """The law that u obeys to within its rounding in most samples; None without a setpoint, or where there is none."""
     if loop.setpoint is None:
         return None
@@ -153,12 +145,12 @@ def rebuilt(loop: Loop) -> Loop:
     return loop if law is None else followed_in_full(loop, law)
 
 
-def followed_in_full(loop: Loop, law: ControllerLaw) -> Loop:
+def followed_in_full(loop: Loop, law: Obeyed) -> Loop:
     """The loop with the output of a law that it obeys."""
     return replace(loop, output=law.command, followed=FULL, output_sd=law.command_sd)
 
 
-def usual_law(loop: Loop, *, held: bool = True) -> ControllerLaw | None:
+def usual_law(loop: Loop, *, held: bool = True) -> Controller | None:
     """The PI law behind r, y and u where it need not be exact; None without r, or where it is no PI law.
 
     A `held` output comes from a scanning controller, which adds the whole error of its scan to the integral.
@@ -177,8 +169,8 @@ def usual_law(loop: Loop, *, held: bool = True) -> ControllerLaw | None:
     fit = 1.0 - float(rest @ rest) / float(np.sum((u - u.mean()) ** 2))
     if fit < _EXPLAINS or sizes[0] == 0.0 or sizes[1] / sizes[0] <= 0.0:
         return None
-    return ControllerLaw("PI", float(sizes[0]), float(sizes[0] / sizes[1]) * loop.step_s, 0.0, {},
-                         float(np.sqrt(np.mean(rest**2))), (), loop.output, fit=fit)
+    return Controller("PI", float(sizes[0]), float(sizes[0] / sizes[1]) * loop.step_s, None,
+                      residual=float(np.sqrt(np.mean(rest**2))))
 
 
 def _columns(loop: Loop, form: Form) -> FloatArray:
@@ -301,7 +293,7 @@ def _decay(ratio: float) -> float:
     return float(1.0 + 0.5 * ratio - np.sqrt(ratio + 0.25 * ratio * ratio))
 
 
-def _read(loop: Loop, form: Form, pieces: list[_Piece], noise: _Rounding) -> ControllerLaw:
+def _read(loop: Loop, form: Form, pieces: list[_Piece], noise: _Rounding) -> Obeyed:
     """The law of the longest stretch, and the command of all."""
     command = np.array(loop.output)
     half = 0.5 * step_of(loop.output[loop.used])
@@ -316,16 +308,14 @@ def _read(loop: Loop, form: Form, pieces: list[_Piece], noise: _Rounding) -> Con
         rows = slice(piece.first, piece.stop)
         command[rows] = np.clip(piece.fitted + share * piece.rest, loop.output[rows] - half, loop.output[rows] + half)
     longest = max(pieces, key=lambda piece: piece.stop - piece.first)
-    gain, lag, lead, intervals = _numbers(form, longest, loop.step_s)
     rows_used = _samples_of(pieces)
-    swing = float(np.var(loop.output[loop.used]))
-    return ControllerLaw(form.kind, gain, lag, lead, intervals, float(np.sqrt(squares / rows_used)),
-                         tuple(slice(piece.first, piece.stop) for piece in pieces), command,
-                         float(np.sqrt(error / rows_used)), 1.0 - squares / rows_used / swing if swing else 1.0)
+    return Obeyed(_controller(form, longest, loop.step_s, float(np.sqrt(squares / rows_used))),
+                  tuple(slice(piece.first, piece.stop) for piece in pieces), command,
+                  float(np.sqrt(error / rows_used)))
 
 
-def _numbers(form: Form, piece: _Piece, step_s: float) -> tuple[float, float, float, dict[str, tuple[float, float]]]:
-    """Gain, integral and derivative time of a stretch with their intervals, by the delta method."""
+def _controller(form: Form, piece: _Piece, step_s: float, residual: float) -> Controller:
+    """The controller of a stretch; the intervals of its numbers by the delta method."""
     sizes, names = piece.sizes, ["gain", *["integral_time_s"] * form.integral, *["derivative_time_s"] * form.derivative]
     values, slopes = [float(sizes[0])], [np.eye(sizes.size)[0]]
     for i, name in enumerate(names[1:], 1):
@@ -340,4 +330,5 @@ def _numbers(form: Form, piece: _Piece, step_s: float) -> tuple[float, float, fl
         wide = POINT_90 * float(np.sqrt(slope @ piece.covariance @ slope))
         intervals[name] = (float(value - wide), float(value + wide))
     known = dict(zip(names, values, strict=True))
-    return values[0], known.get("integral_time_s", np.inf), known.get("derivative_time_s", 0.0), intervals
+    return Controller(form.kind, values[0], known.get("integral_time_s"), known.get("derivative_time_s"), intervals,
+                      residual)

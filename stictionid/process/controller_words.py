@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from ..record.controller import Controller, Steps
 from ..record.loop import Loop
-from .controller_law import MOST, ControllerLaw, controller_law
+from .controller_law import MOST, controller_law
 from .rounded import step_of
 
 
@@ -23,14 +23,7 @@ def as_read(loop: Loop) -> Controller | None:
     law = controller_law(loop.longest_segment())
     if law is None or any(a.stop == b.start and a.stop - a.start < MOST for a, b in pairwise(law.stretches)):
         return None
-    return kept(law)
-
-
-def kept(law: ControllerLaw) -> Controller:
-    """A law as a study keeps it."""
-    have = law.intervals
-    return Controller(law.kind, law.gain, law.integral_time_s if "integral_time_s" in have else None,
-                      law.derivative_time_s if "derivative_time_s" in have else None, dict(have), law.residual)
+    return law.controller
 
 
 def words_of(controller: Controller, output: str, process_value: str) -> str:

@@ -148,7 +148,8 @@ def find_range(loop: Loop) -> Range:
                 if alike or not _moved(loop):
                     even, found, cycles, reference = alike, by_turns, near if alike else of_turns, BY_TURNS
     if not cycles:
-        return _none(longest.reason or "the deviation never completes a cycle", unit, reference, turns)
+        return Range(False, None, None, None, (), longest.reason or "the deviation never completes a cycle", unit,
+                     reference, turns)
     counted = cycles[holds_start(cycles):]
     periods = np.array([c.period_s for c in counted])
     scatter = float(periods.std() / periods.mean())
@@ -237,7 +238,3 @@ def _by_turns(loop: Loop, start_s: float) -> _Swings:
         Cycle(float(start_s + a * loop.step_s), float((b - a) * loop.step_s), float(np.ptp(loop.output[a:b + 1])))
         for a, b in zip(turns[:-2:2], turns[2::2], strict=True))
     return _Swings(cycles, len(turns))
-
-
-def _none(reason: str, unit: str, reference: str, reversals: int = 0) -> Range:
-    return Range(False, None, None, None, (), reason, unit, reference, reversals)

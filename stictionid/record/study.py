@@ -21,7 +21,8 @@ from .swing import Severity, Swing
 from .tree import Equivalent, TreeNode
 from .unexplained import Unexplained
 
-# First words of the reason of a model that is not adequate because a noise carries what it leaves.
+# First words of the reason of a model that is not adequate because a noise carries what it leaves. Studies of versions
+# before `carried_by` name that noise nowhere else.
 BUT_FOR = "explained but for"
 SCHEMA = "stictionid.study/1"
 _SCHEMA_NUMBER = 1
@@ -278,8 +279,9 @@ class Study:
 
     `tree` holds every model that the search tried; it is empty in a study of an older version. `evaluations` counts
     the search's cost evaluations. `unasked` lists what the budget left untried. `equivalents` explain the record alike.
-    `missing_reason` says in words what is missing, and `unexplained` holds the shape of it. `rhythm` is set by a
-    batch, which compares the loops of a plant.
+    `missing_reason` says in words what is missing, and `unexplained` holds the shape of it. `carried_by` is the noise
+    that alone keeps the model from being adequate: "coloured noise", "a random walk", "a narrow band" or "a drift";
+    else it is empty. `rhythm` is set by a batch, which compares the loops of a plant.
     """
 
     created_by: CreatedBy
@@ -298,6 +300,7 @@ class Study:
     missing: tuple[str, ...] = ()
     adequate: bool | None = None
     adequate_reason: str = ""
+    carried_by: str = field(default="", kw_only=True)
     cost_map: CostMap | None = None
     command: str = ""
     severity: Severity | None = None
@@ -310,7 +313,7 @@ class Study:
     @property
     def completed(self) -> bool:
         """True for a model that is not adequate only because a noise carries what it leaves."""
-        return self.adequate is False and BUT_FOR in self.adequate_reason
+        return self.adequate is False and bool(self.carried_by)
 
     @property
     def interval_caution(self) -> str:
@@ -386,6 +389,10 @@ def study_from_json(text: str) -> Study:
         raise DataError(f"the study has schema {schema}, newer than {SCHEMA} that this version reads",
                         "update stictionid")
     try:
-        return built(Study, content)
+        study = built(Study, content)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         raise DataError(f"the study is damaged: {error}", "run stictionid identify again") from None
+    if "carried_by" in content or study.adequate is not False:
+        return study
+    _, found, said = study.adequate_reason.partition(f"{BUT_FOR} ")
+    return dataclasses.replace(study, carried_by=said.partition(":")[0]) if found else study

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 OPERATIONS = ("root", "add", "drop", "swap")
@@ -65,20 +64,6 @@ class TreeNode:
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
                 object.__setattr__(self, name, None)
-
-
-def added_to(tree: Iterable[TreeNode], present: Iterable[str]) -> list[tuple[TreeNode, float]]:
-    """Nodes that add one effect to the node with the effects `present`, each with the BIC that it gained.
-
-    Nodes without a BIC, such as failed ones, are left out.
-    """
-    known, have, found = {n.id: n for n in tree}, set(present), []
-    for n in known.values():
-        at = known.get(n.parent) if n.parent is not None else None
-        if at is not None and n.edge.op == "add" and set(at.effects) == have and n.bic is not None \
-                and at.bic is not None:
-            found.append((n, at.bic - n.bic))
-    return found
 
 
 def drop_percent(before: float, after: float) -> float | None:

@@ -132,7 +132,7 @@ def _size(study: Study) -> Section | None:
     e = study.estimate
     if e is None:
         return None
-    rows = [("S, stickband plus deadband", *_value_row(e.S, e.S_interval, e.unit), _band(e)),
+    rows = [("S, stickband plus deadband", *wording.apart(e.S, e.S_interval), wording.name(e.unit), _band(e)),
             ("J, slip jump", *wording.jump_apart(e.J, e.J_interval, known=e.J_known), wording.name(e.unit), "")]
     percent = e.unit == "%"
     text = [f"Intervals hold {wording.number(100 * e.interval_level, 2)} % of the probability"
@@ -196,10 +196,6 @@ def size(e: Estimate) -> str:
 def severity_sentences(study: Study) -> list[str]:
     """The effect of the friction on the loop (its damage, not S alone); empty where the study has none."""
     return [wording.sentence(story.simulated(study.severity.statement))] if study.severity is not None else []
-
-
-def _value_row(value: float, interval: tuple[float, float] | None, unit: str) -> tuple[str, str, str]:
-    return *wording.apart(value, interval), wording.name(unit)
 
 
 def ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:

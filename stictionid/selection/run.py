@@ -43,13 +43,17 @@ Judge = Callable[[Loop, Study, int], Study]
 
 @dataclass(frozen=True, slots=True)
 class Resumed:
-    """A study's last model and tree in a search that goes on from there; `here` is the node of that model."""
+    """A study's last model and tree in a search that goes on from there; `here` is the node of that model.
+
+    `looked` are the nodes of the tree without a full fit; the memo of the search does not hold them.
+    """
 
     study: Study
     run: Run
     fit: Fitted
     search: Search
     here: Entry
+    looked: tuple[Entry, ...]
 
 
 def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, apply: bool = False, seed: int = 0,
@@ -78,21 +82,22 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     doubt = "may be rounding" if blur else "may be chance" if chance else ""
     if doubt:
         new = ()
-    study = ranked(on, told(on, study, found, order), found, new, doubt, p_value)
+    study = told(on, study, found, order)
+    changed = not doubt and (new or set(before) - set(order) or key(here.spec) != key(found.winner.spec))
+    if changed and apply:
+        tell("fitting the ladder", 1.0)
+        study = concluded(study, found, *ladder_of(run, search, found, fit, (order, rungs), study,
+                                                   left_out(found, study)))
+    study = ranked(on, study, found, new, doubt, p_value)
     if blur:
         return _left_to_rounding(study, blur)
     if chance:
         return study
-    changed = new or set(before) - set(order) or key(here.spec) != key(found.winner.spec)
-    if not changed:
-        after = _reaching(study, found)
-        return after if after.estimate == study.estimate else judge(loop, after, seed)
-    if not apply:
-        return replace(study, missing=(parse(new[0])[0].name,) if new else ())
-    tell("fitting the ladder", 1.0)
-    ladder = ladder_of(run, search, found, fit, (order, rungs), study, left_out(found, study))
-    after = judge(loop, ranked(on, concluded(study, found, *ladder), found, new, doubt, p_value), seed)
-    return replace(after, missing=tuple(dict.fromkeys(parse(name)[0].name for name in new)))
+    missing = tuple(dict.fromkeys(parse(name)[0].name for name in new))
+    if changed:
+        return replace(judge(loop, study, seed), missing=missing) if apply else replace(study, missing=missing[:1])
+    after = _reaching(study, found)
+    return after if after.estimate == study.estimate else judge(loop, after, seed)
 
 
 def resumed(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy: Policy | None = None,
@@ -102,14 +107,15 @@ def resumed(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy: Polic
     policy = policy or Policy()
     search = Search(run.loop, policy, seed, jobs, progress or (lambda text, share: None), commands=commands_of(run),
                     slow=blurred(run.loop, run.options.scan_s), blurred=unseen_scans(run), floor=floor_of(run))
-    _replant(search, run, study, fit, policy)
-    return Resumed(study, run, fit, search, search.memo[key(node(fit.model.spec))])
+    looked = _replant(search, run, study, fit, policy)
+    return Resumed(study, run, fit, search, search.memo[key(node(fit.model.spec))], looked)
 
 
 def told(on: Resumed, study: Study, found: Decision, order: Sequence[str]) -> Study:
     """The study with what a decision says beside its model: tree, equivalents, and what is missing."""
     search = on.search
-    _with_looks(on)
+    for entry in on.looked:
+        search.memo.setdefault(key(entry.spec), entry)
     if key(on.here.spec) != key(found.winner.spec):
         study = with_noise_of(study, found.winner.scored)
     return replace(study, tree=tree_of(search, found, order),
@@ -165,25 +171,41 @@ def commands_of(run: Run) -> tuple[Spec, ...]:
     return Spec(), as_moving(Spec())
 
 
-def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy) -> None:
-    """Put the models of a study's steps and of its tree in the memo of a search."""
+def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy) -> tuple[Entry, ...]:
+    """Put the models of a study's steps and of its tree in the memo of a search.
+
+    Nodes that were looked at only, or failed, are returned instead: in the memo a search would not ask for them again.
+    """
     search.root(fit)
+    looked: list[Entry] = []
+    specs = {n.id: spec_of(n.structure, n.effects, fit.model.spec) for n in study.tree}
     children: dict[int, set[str]] = {}
     for n in study.tree:
         if n.parent is not None and n.edge.op == ADD:
             children.setdefault(n.parent, set()).add(n.edge.what)
+    failed = glanced(fit.model, fit.values)
     for n in study.tree:
-        if n.status in _LOOKED or not n.parameters:
+        full = n.status not in _LOOKED
+        if full and not n.parameters:
             continue
-        entry = _entry_of(n, study, fit)
+        spec, done = specs[n.id], failed
+        if n.parameters:
+            model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
+                          residual=fit.best.left)
+            done = glanced(model, model.vector(n.parameters))
+        entry = Entry(spec, Scored(done, full), None if n.parent not in specs else key(specs[n.parent]), n.edge.op,
+                      n.edge.what, gates=n.gates, failed=n.gates[0].reason if n.status == "failed" and n.gates else "")
+        if not full:
+            looked.append(entry)
+            continue
         # Another search may have asked for fewer effects.
-        entry.asked = set(additions(entry.spec, search.loop, search.only)) <= children.get(n.id, set())
-        have = search.memo.get(key(entry.spec))
+        entry.asked = set(additions(spec, search.loop, search.only)) <= children.get(n.id, set())
+        have = search.memo.get(key(spec))
         if have is None:
-            search.memo[key(entry.spec)] = entry
+            search.memo[key(spec)] = entry
             continue
         have.asked = entry.asked
-        if entry.scored.done.gain_over(have.scored.done) > policy.better_fit:
+        if done.gain_over(have.scored.done) > policy.better_fit:
             have.scored = entry.scored
     for step in study.steps[:-1]:
         model, values = rebuild_model(run.loop, step.model)
@@ -192,27 +214,7 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
             there = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
                           residual=fit.best.left)
             search.root(as_it_stands(there, there.vector(model.named(values))))
-
-
-def _entry_of(n: TreeNode, study: Study, fit: Fitted) -> Entry:
-    """A node of a study's tree as the memory of a search has it; `fit` is a fit of the same record."""
-    spec = spec_of(n.structure, n.effects, fit.model.spec)
-    model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
-    before = next((m for m in study.tree if m.id == n.parent), None)
-    parent = None if before is None else key(spec_of(before.structure, before.effects, fit.model.spec))
-    values = model.vector(n.parameters) if n.parameters else fit.values
-    scored = Scored(glanced(model if n.parameters else fit.model, values), n.status not in _LOOKED)
-    failed = n.gates[0].reason if n.status == "failed" and n.gates else ""
-    return Entry(spec, scored, parent, n.edge.op, n.edge.what, gates=n.gates, failed=failed)
-
-
-def _with_looks(on: Resumed) -> None:
-    """Put those nodes of the study's tree in the memo that were looked at only, or failed, and are not known better."""
-    memo = on.search.memo
-    for n in on.study.tree:
-        if n.status in _LOOKED:
-            entry = _entry_of(n, on.study, on.fit)
-            memo.setdefault(key(entry.spec), entry)
+    return tuple(looked)
 
 
 def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: tuple[tuple[str, ...], list[Rung]],

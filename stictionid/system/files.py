@@ -108,6 +108,27 @@ def keep_apart(output: str | Path, *inputs: str | Path, what: str = "the export"
             raise UsageError(f"-o {output} is {what} itself", f"choose another -o; {what} stays as it is")
 
 
+def locked(path: str | Path, *, wait: bool = True) -> int | None:
+    """A handle that holds the lock on a file until it is closed; None where files can't be locked.
+
+    BlockingIOError where another process has it and this one does not wait.
+    """
+    handle = None
+    try:
+        import fcntl
+
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except (ImportError, OSError) as error:
+        if handle is not None:
+            os.close(handle)
+        if isinstance(error, BlockingIOError):
+            raise
+        return None
+    return handle
+
+
 def _is_special(path: Path) -> bool:
     """True for a path to a device or a pipe (/dev/null, /dev/stdout), which a file must never replace."""
     try:

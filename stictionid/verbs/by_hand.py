@@ -15,6 +15,7 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import CannotTell, ModelError
+from ..fit.adequacy import carrier
 from ..fit.noise.completion import quick
 from ..model.restore import described, rebuild_model
 from ..record.loop import Finding, Loop
@@ -37,6 +38,8 @@ from .support import CODES, support_of
 
 # Rise of the free-run error that three digits show, as a share of it.
 _VISIBLE = 1e-3
+# Code of the finding that the rounding of the output explains what a model leaves.
+_ROUNDED = "rounded-output"
 
 
 def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
@@ -57,6 +60,16 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
     severity, swing = meaning_of(run.loop, main, fit, verdict) if main else (None, None)
     severity = severity and with_controller(severity, study.controller)
     return replace(study, estimate=main, verdict=verdict, severity=severity, swing=swing)
+
+
+def with_carrier(study: Study) -> Study:
+    """The study with the noise that alone keeps its model from being adequate.
+
+    No noise does so beside a shape of what is missing, nor where the rounding of the output explains what is left.
+    """
+    last = study.steps[-1]
+    other = study.adequate is not False or study.unexplained or any(f.code == _ROUNDED for f in last.findings)
+    return replace(study, carried_by="" if other else carrier(last))
 
 
 def with_sizes(loop: Loop, study: Study) -> Study:
@@ -141,7 +154,7 @@ def of_effects(loop: Loop, on: Resumed, entry: Entry, *, keep: Sequence[str], as
     after = concluded(told(on, study, found, ladder[0]), found, steps, fits)
     if study.candidates:
         after = with_sizes(loop, ranked(on, after, found, new))
-    return judged_anew(loop, after, search.seed), found
+    return with_carrier(judged_anew(loop, after, search.seed)), found
 
 
 def with_finding(study: Study, finding: Finding, name: str = "") -> Study:

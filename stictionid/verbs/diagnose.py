@@ -10,7 +10,7 @@ from ..record.study import Study
 from ..selection.policy import Policy
 from ..selection.run import select
 from ..typing import Progress
-from .by_hand import judged_anew, with_sizes
+from .by_hand import judged_anew, with_carrier, with_sizes
 
 
 def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool = False, seed: int = 0, jobs: int = 1,
@@ -24,7 +24,7 @@ def diagnose(loop: Loop, study: Study, *, everything: bool = False, apply: bool 
     found = select(loop, study, judged_anew, everything=everything, apply=apply, seed=seed, jobs=jobs,
                    bootstrap=bootstrap, policy=policy or Policy(), progress=progress)
     adequate, why = judged_by(found.unexplained, found.adequate, found.adequate_reason)
-    judged = with_sizes(loop, replace(found, adequate=adequate, adequate_reason=why))
+    judged = with_sizes(loop, with_carrier(replace(found, adequate=adequate, adequate_reason=why)))
     return _with_what_was_asked(study, judged)
 
 

@@ -13,8 +13,8 @@ from ..fit.adequacy import said_rounding
 from ..fit.context import Run
 from ..fit.seen_command import full_over_rounded
 from ..fit.starts.intersample import surely_moves
-from ..process.controller_law import ControllerLaw, controller_law, followed_in_full
-from ..process.controller_words import kept, steps_in_words, steps_of, words_of
+from ..process.controller_law import controller_law, followed_in_full
+from ..process.controller_words import steps_in_words, steps_of, words_of
 from ..process.rounded import command_sd, is_coarse, step_of, unknown_step
 from ..record.controller import FINE, FULL, LEFT, REBUILT, ROUNDED, SEEN_ROUNDED, Controller
 from ..record.loop import Finding, Loop
@@ -35,7 +35,8 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
     The samples `near` are searched. The rounded command must explain y better by more than `alike`, a difference of
     BIC: few valves get their command rounded, and most historians round.
     """
-    law = _law_of(piece)
+    # A moving output obeys a law of the samples in pieces, with a wrong gain.
+    law = None if surely_moves(piece) else controller_law(piece)
     if law is None:
         return piece, None, ()
     def searched(loop: Loop) -> Run:
@@ -44,13 +45,13 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
     here = searched(piece)
     if not is_coarse(here.loop, _LEAST * swing_of(here.loop, here.found)):
         use = "OP is used as recorded, with all the digits that it needs"
-        return piece, kept(law), (_said(piece, kept(law), use, FINE),)
+        return piece, law.controller, (_said(piece, law.controller, use, FINE),)
     full = followed_in_full(piece, law)
     gain = full_over_rounded(searched(full), here)
     rebuilt = gain > -alike
     # A command that the law knows hardly better than the record does makes slips early or late by chance, too.
     told = law.command_sd <= _GIVES_BACK * command_sd(piece)
-    found = replace(kept(law), rebuilt=rebuilt, seen_by_valve=ROUNDED if told and not rebuilt else FULL)
+    found = replace(law.controller, rebuilt=rebuilt, seen_by_valve=ROUNDED if told and not rebuilt else FULL)
     used = full if rebuilt else replace(piece, followed=ROUNDED) if told else piece
     proof = "the record can't tell from the rounded one" if abs(gain) <= alike else f"BIC {abs(gain):.0f} better"
     use = (f"OP is rebuilt from this law, and the valve follows the full output ({proof})" if rebuilt else
@@ -66,11 +67,6 @@ def rounding_left(loop: Loop, found: Estimate) -> tuple[Finding, ...]:
         return ()
     return (Finding(LEFT, "warning", said_rounding(loop),
                     {"step": unknown_step(loop), "J_known": found.J_known}, (), "Widrow and Kollar 2008"),)
-
-
-def _law_of(piece: Loop) -> ControllerLaw | None:
-    """The law of a controller that ran with the samples; a moving output obeys one in pieces, with a wrong gain."""
-    return None if surely_moves(piece) else controller_law(piece)
 
 
 def _said(loop: Loop, controller: Controller, use: str, code: str, **evidence: float) -> Finding:

@@ -14,7 +14,8 @@ import numpy as np
 from ..effects import get
 from ..fit.noise.prewhitening import Whitened
 from ..model.spec import INTEGRATOR
-from ..process.controller_law import ControllerLaw, usual_law
+from ..process.controller_law import usual_law
+from ..record.controller import Controller
 from ..record.loop import Loop
 from ..selection.node import LAG
 from ..typing import BoolArray, FloatArray
@@ -83,10 +84,10 @@ def steady(signal: FloatArray, good: BoolArray) -> tuple[float, float, float]:
     return _FINER * n / k, shares[0], shares[1]
 
 
-def _of_ultimate_gain(free: Whitened, law: ControllerLaw | None) -> float | None:
+def _of_ultimate_gain(free: Whitened, law: Controller | None) -> float | None:
     """The controller's gain as a share of the ultimate gain of the loop; None where that is unknown."""
     e, v = free.evaluated, free.evaluated.values
-    if law is None or law.gain * e.gain <= 0.0:
+    if law is None or law.integral_time_s is None or law.gain * e.gain <= 0.0:
         return None
     lags = [v["time_constant_s"], v.get(f"{LAG}:{get(LAG).parameters[0].name}", 0.0)]
     w = np.geomspace(1e-3, 1e3, 4000) / max(sum(lags) + v["dead_time_s"], 1e-9)

@@ -93,10 +93,8 @@ def _block_means(values: FloatArray, counted: BoolArray, block: int) -> FloatArr
 
 def _finding(laws: tuple[LawResult, ...], alike: tuple[str, ...], keep: str) -> Finding:
     near = [law for law in laws if law.law in alike]
-    spans = {"S": (min(x.S for x in near), max(x.S for x in near)), "J": (min(x.J for x in near),
-                                                                         max(x.J for x in near))}
-    everywhere = {"S": (min(x.S for x in laws), max(x.S for x in laws)), "J": (min(x.J for x in laws),
-                                                                              max(x.J for x in laws))}
+    spans, everywhere = ({name: (min(values), max(values)) for name, values in
+                          (("S", [x.S for x in these]), ("J", [x.J for x in these]))} for these in (near, laws))
     evidence = {"alike": list(alike), "kept": keep, "S_alike": list(spans["S"]), "J_alike": list(spans["J"]),
                 "S_all": list(everywhere["S"]), "J_all": list(everywhere["J"])}
     moves = "S moves from {:.4g} to {:.4g} % and J from {:.4g} to {:.4g} %"

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..numerics.jit import kernel
-from ..process.controller_law import ControllerLaw, usual_law
+from ..process.controller_law import usual_law
 from ..record.controller import Controller
 from ..record.loop import Loop, bridged
 from ..record.study import Estimate
@@ -87,7 +87,7 @@ def _travel(position: FloatArray) -> float:
     return float(np.abs(np.diff(position)).sum())
 
 
-def _repaired(loop: Loop, estimate: Estimate, law: ControllerLaw,
+def _repaired(loop: Loop, estimate: Estimate, law: Controller,
               residual: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """y and u (n,) of the same loop with a valve that follows its command; PI law, process and residual unchanged."""
     assert loop.setpoint is not None
@@ -97,7 +97,7 @@ def _repaired(loop: Loop, estimate: Estimate, law: ControllerLaw,
     return (y, u) if fine else None
 
 
-def perfect_valve(loop: Loop, estimate: Estimate, law: ControllerLaw, r: FloatArray, residual: FloatArray,
+def perfect_valve(loop: Loop, estimate: Estimate, law: Controller, r: FloatArray, residual: FloatArray,
              start_y: float = 0.0, start_u: float = 0.0) -> tuple[FloatArray, FloatArray, bool]:
     """y and u (n,) of the loop with a perfect valve, from a setpoint and a disturbance at the output (n,), and whether
     it is stable."""
@@ -107,7 +107,7 @@ def perfect_valve(loop: Loop, estimate: Estimate, law: ControllerLaw, r: FloatAr
     h = loop.step_s / parts
     y, u = np.empty(loop.samples), np.empty(loop.samples)
     fine = _closed(r, residual, parts, h, np.exp(-h / np.array(lags)), round(estimate.dead_time_s / h),
-                   estimate.gain, estimate.integrating, law.gain, law.gain / law.integral_time_s * h,
+                   estimate.gain, estimate.integrating, law.gain, law.gain / (law.integral_time_s or np.inf) * h,
                    start_u, start_y, y, u)
     return y, u, bool(fine)
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from ..fit.fit import Fitted
 from ..model.parts import joined, parts_of
-from ..process.controller_law import ControllerLaw, usual_law
+from ..process.controller_law import usual_law
+from ..record.controller import Controller
 from ..record.loop import Loop, bridged
 from ..record.study import Estimate, Verdict
 from ..record.swing import Severity, Share, Swing
@@ -60,7 +61,7 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
     return found, causes
 
 
-def _causes(loop: Loop, estimate: Estimate, law: ControllerLaw, own: Swing, outside: dict[str, FloatArray]) -> Swing:
+def _causes(loop: Loop, estimate: Estimate, law: Controller, own: Swing, outside: dict[str, FloatArray]) -> Swing:
     """Shares of the causes in the variance of y about its setpoint."""
     assert loop.setpoint is not None
     y, rest = bridged(loop.process_value), np.zeros(loop.samples)

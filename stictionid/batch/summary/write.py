@@ -8,13 +8,11 @@ from .page import page_of
 from .rows import Row, as_csv, as_markdown, as_parquet, rows_of
 
 
-def write_summary(store: Store, *, page: bool = True) -> list[Row]:
-    """Write summary.csv, .parquet, .md (and .html) from the store and return the rows. UsageError as `write_whole`."""
+def write_summary(store: Store) -> list[Row]:
+    """Write summary.csv, .parquet, .md and .html from the store and return the rows. UsageError as `write_whole`."""
     rows = rows_of(store)
     made: dict[str, bytes | str] = {"summary.csv": as_csv(rows), "summary.md": as_markdown(rows),
-                                    "summary.parquet": as_parquet(rows)}
-    if page:
-        made["summary.html"] = page_of(rows, store.folder)
+                                    "summary.parquet": as_parquet(rows), "summary.html": page_of(rows, store.folder)}
     for name, content in made.items():
         write_whole(store.folder / name, content, force=True)
     return rows

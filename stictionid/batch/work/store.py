@@ -26,7 +26,7 @@ from ..._version import __version__
 from ...errors import DataError, UsageError
 from ...historian.dataset import RESULTS_MARK
 from ...system.csv_safety import harmless
-from ...system.files import unwritable, write_whole
+from ...system.files import locked, unwritable, write_whole
 from ..task import ABSTAINED, FAILED, OK, Skipped, Task, TaskOutcome
 
 SCHEMA = "stictionid.batch/1"
@@ -43,7 +43,7 @@ class Store:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.studies, self.failures, self.pages = folder / "studies", folder / "failures", folder / "pages"
-        self._lock: Any = None
+        self._lock: int | None = None
 
     def check(self, *, force: bool = False) -> None:
         """Refuse a foreign folder, or one of another or a newer version, before anything is touched.
@@ -106,23 +106,15 @@ class Store:
 
     def _claim(self, mark: Path) -> None:
         try:
-            import fcntl
-        except ImportError:
-            return  # no such locks on this system; two batches in one folder then overwrite each other's summary
-        self._lock = open(mark, "rb")  # noqa: SIM115  (held until close)
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._lock = locked(mark, wait=False)
         except BlockingIOError:
-            self.close()
             raise UsageError(f"another batch is writing to {self.folder}", "wait for it, or choose another -o") \
                 from None
-        except OSError:
-            self.close()  # a file system without locks
 
     def close(self) -> None:
         """Release the folder."""
         if self._lock is not None:
-            self._lock.close()
+            os.close(self._lock)
             self._lock = None
 
     def standing(self, task: Task, *, pages: bool = False) -> tuple[str | None, str]:

@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ...system.files import locked
+
 # Levels of which this process has done a loop.
 turns_taken: set[str] = set()
 
@@ -27,21 +29,21 @@ def first_turn(level: str) -> Iterator[bool]:
         yield False
         return
     mark = folder / f".stictionid-warm-{_fingerprint(level)}"
-    lock = None if mark.exists() else _locked(folder / ".stictionid-warm.lock")
+    lock = None if mark.exists() else locked(folder / ".stictionid-warm.lock")
     if lock is None:
         yield False
         return
     try:
         mine = not mark.exists()
         if not mine:
-            _unlock(lock)
+            os.close(lock)
             lock = None
         yield mine
         if mine:
             mark.touch()
     finally:
         if lock is not None:
-            _unlock(lock)
+            os.close(lock)
 
 
 def cold() -> bool:
@@ -72,23 +74,3 @@ def _fingerprint(level: str) -> str:
     newest = max(p.stat().st_mtime_ns for p in package.rglob("*.py"))
     said = f"{level} {newest} {numba.__version__} {platform.python_version()} {platform.processor()} {package}"
     return hashlib.sha256(said.encode()).hexdigest()[:16]
-
-
-def _locked(path: Path) -> int | None:
-    """The lock, once acquired; None where locks do not exist (on this system or its file system)."""
-    try:
-        import fcntl
-
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-    except (ImportError, OSError):
-        return None
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-    except OSError:
-        os.close(handle)
-        return None
-    return handle
-
-
-def _unlock(handle: int) -> None:
-    os.close(handle)

@@ -58,7 +58,7 @@ def width_of(*, terminal: bool) -> int:
     return min(max(found, _NARROWEST), _WIDEST)
 
 
-def out_console(width: int | None = None) -> Console:
+def out_console() -> Console:
     """Console on stdout: as wide as the terminal or COLUMNS, plain and 80 columns wide elsewhere."""
     from rich.console import Console
 
@@ -69,7 +69,7 @@ def out_console(width: int | None = None) -> Console:
             raise BrokenPipeError
 
     return Pipe(file=sys.stdout, highlight=False, soft_wrap=False, emoji=False, markup=False,
-                width=width or width_of(terminal=sys.stdout.isatty()))
+                width=width_of(terminal=sys.stdout.isatty()))
 
 
 def err_console() -> Console:

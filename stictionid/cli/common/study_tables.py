@@ -1,7 +1,8 @@
-"""Tables of a study on a terminal, its ladder and its ranking, its answer in words, and the study written."""
+"""Tables of a study on a terminal, its ladder, ranking and tree, its answer in words, and the study written."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -53,15 +54,19 @@ def print_answer(study: Any, console: Any, *, applied: bool, before: Any = None)
         console.print(safe(line))
 
 
+def print_table(table: Any, console: Any) -> None:
+    """A table of a report, on a terminal."""
+    shown = plain_table(*map(safe, table.columns), title=table.caption)
+    for row in table.rows:
+        shown.add_row(*map(safe, row))
+    console.print(shown)
+
+
 def print_change(before: Any, after: Any, console: Any) -> None:
     """Error, S, J and verdict before and after a change of the model."""
     from ...reports.answer import change
 
-    found = change(before, after)
-    table = plain_table(*found.columns, title=found.caption)
-    for row in found.rows:
-        table.add_row(*map(safe, row))
-    console.print(table)
+    print_table(change(before, after), console)
 
 
 def ladder_table(study: Any) -> Any:
@@ -81,3 +86,37 @@ def _broken(name: str) -> str:
     """A long name in two lines, broken after a hyphen: seven columns leave a name no more room in 80."""
     head, mark, rest = name.partition("-")
     return f"{head}{mark}\n  {rest}" if len(name) > _NAME else name
+
+
+def print_tree(study: Any, console: Any) -> None:
+    """Print the models tried, best first, then the cost evaluations and what was not asked; nothing without a tree.
+
+    The branches are plain ASCII where stdout is no terminal, or one whose encoding lacks them.
+    """
+    from ...reports.tree_text import after_tree, tree_lines
+
+    draws = _draws(console.encoding)
+    lines = tree_lines(study, plain=not (sys.stdout.isatty() and draws), width=console.width)
+    if lines:
+        console.print("models tried", style="bold")
+    for line in lines:
+        console.print(safe(line if draws else line.replace("…", ".")), no_wrap=True, overflow="ignore", crop=False)
+    said = after_tree(study)
+    if said:
+        console.print(said)
+
+
+def print_equivalents(study: Any, console: Any) -> None:
+    """Print one sentence for each model that explains the record alike."""
+    from ...reports.tree_text import equivalents
+
+    for said in equivalents(study):
+        console.print(safe(said))
+
+
+def _draws(encoding: str | None) -> bool:
+    try:
+        "├─│└…".encode(encoding or "ascii")
+    except (UnicodeEncodeError, LookupError):
+        return False
+    return True

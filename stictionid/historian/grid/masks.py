@@ -52,16 +52,14 @@ def manual(frame: Frame, modes: Modes | None) -> tuple[BoolArray, dict[str, int]
     return off, unclear
 
 
-def saturated(
-    op: FloatArray, *, percent: bool, limits: tuple[float, float] | None = None
-) -> tuple[BoolArray, tuple[float, float] | None]:
+def saturated(op: FloatArray, *, percent: bool) -> tuple[BoolArray, tuple[float, float] | None]:
     """True (n,) where OP stays at its limit, and the limits that were seen."""
     if not percent or not op.size or np.isnan(op).all():
         return np.zeros(op.size, np.bool_), None
     low, high = float(np.nanmin(op)), float(np.nanmax(op))
     clamp = np.zeros(op.size, np.bool_)
     seen = None
-    for below, above in (limits,) if limits else LIMITS:
+    for below, above in LIMITS:
         at = ((op == low) & (abs(low - below) < 0.05)) | ((op == high) & (abs(high - above) < 0.05))
         first, end = runs_of(at)
         long = end - first >= MIN_SATURATED_RUN
@@ -135,13 +133,9 @@ def _within(values: FloatArray, usual: FloatArray, wide: float) -> BoolArray:
     known = usual[~np.isnan(usual)]
     if not known.size:
         return np.ones(values.size, np.bool_)
-    low, high = (float(v) for v in np.quantile(_thinned(known), [0.005, 0.995]))
+    low, high = (float(v) for v in np.quantile(known[::max(1, known.size // 200_000)], [0.005, 0.995]))
     room = wide * (high - low) + 1e-9 * max(abs(low), abs(high))
     return np.asarray(np.isnan(values) | ((values >= low - room) & (values <= high + room)))
-
-
-def _thinned(values: FloatArray) -> FloatArray:
-    return values[:: max(1, values.size // 200_000)]
 
 
 def _noisy(pv: FloatArray, outside: BoolArray) -> bool:

@@ -80,3 +80,14 @@ def numbers(values: NDArray[Any]) -> Any:
     kind = pa.float64() if values.dtype == np.float64 else pa.int64()
     wide = np.ascontiguousarray(values, np.float64 if kind == pa.float64() else np.int64)
     return pa.Array.from_buffers(kind, len(wide), [None, pa.py_buffer(wide)])
+
+
+def whole(column: Any) -> Any:
+    """A column as one array of its values, without dictionary and chunks."""
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    if isinstance(column, pa.ChunkedArray):
+        column = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
+    return column

@@ -240,7 +240,7 @@ def _header(
         (row for row in texts if re.fullmatch(r"tag\s?names?|tags?|names?", row[0], re.IGNORECASE)),
         max(texts, key=lambda row: (_filled(row) >= 0.6 * width, _named(row))),
     )
-    if not any(_looks_named(c) for c in names):
+    if not any(letter.isalpha() for c in names for letter in c):
         return blank, blank, blank, []
     rest = [row for row in fit if row is not names]
     units = next((row for row in rest if _units_row(row)), list(blank))
@@ -256,10 +256,6 @@ def _filled(row: list[str]) -> int:
 def _named(row: list[str]) -> int:
     """Number of cells of a header line with a known role; it finds the line of tags among lines of descriptions."""
     return sum(role_of(c) is not None for c in row)
-
-
-def _looks_named(cell: str) -> bool:
-    return any(c.isalpha() for c in cell)
 
 
 def _units_row(row: list[str]) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...errors import DataError
 from ...typing import BoolArray, IntArray
-from ..table.arrow import floats, integers
+from ..table.arrow import floats, integers, whole
 from ..words.cells import shown
 from .clock import SECOND
 from .datetext import TextTimes, parse_text
@@ -81,7 +81,7 @@ def parse_times(
     """The stamps in one column, or in a date and a clock column. DataError where days and months can't be told."""
     import pyarrow as pa
 
-    column = _plain(columns[0]) if len(columns) == 1 else _joined([_plain(c) for c in columns])
+    column = whole(columns[0]) if len(columns) == 1 else _joined([whole(c) for c in columns])
     kind = column.type
     if pa.types.is_timestamp(kind):
         zone = kind.tz
@@ -104,14 +104,6 @@ def parse_times(
     return Times(np.where(valid, text.ns, 0), valid, False, text.text, text.zone, text.assumptions)
 
 
-def _plain(column: Any) -> Any:
-    import pyarrow as pa
-
-    if pa.types.is_dictionary(column.type):
-        column = column.cast(column.type.value_type)
-    if isinstance(column, pa.ChunkedArray):
-        column = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
-    return column
 
 
 def _joined(parts: list[Any]) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...typing import FloatArray
-from ..table.arrow import floats
+from ..table.arrow import floats, whole
 from .cells import NULLS, shown
 from .states import is_state
 
@@ -94,10 +94,7 @@ def read_modes(column: Any, mode_map: dict[str, str], name: str = "") -> Modes:
     """A mode column (words or numbers) as codes with meanings; `name` gives the meaning of a flag."""
     import pyarrow as pa
 
-    if pa.types.is_dictionary(column.type):
-        column = column.cast(column.type.value_type)
-    if isinstance(column, pa.ChunkedArray):
-        column = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
+    column = whole(column)
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.int8())
     encoded = column.dictionary_encode()

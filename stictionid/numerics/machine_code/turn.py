@@ -5,9 +5,9 @@ A process that ends gives its turn back. Where files can't be locked, every proc
 
 from __future__ import annotations
 
-import contextlib
 import os
-from pathlib import Path
+
+from ...system.files import locked
 
 
 class Turn:
@@ -19,12 +19,12 @@ class Turn:
     def take(self, beside: str) -> None:
         """Wait for the turn at the kernel whose files are named after `beside`."""
         self.give()
-        self._handle = _locked(beside, wait=True)
+        self._handle = locked(f"{beside}.lock")
 
     def taken(self, beside: str) -> bool:
         """True where another process has the turn now."""
         try:
-            handle = _locked(beside, wait=False)
+            handle = locked(f"{beside}.lock", wait=False)
         except BlockingIOError:
             return True
         if handle is not None:
@@ -36,24 +36,3 @@ class Turn:
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
-
-
-def _locked(beside: str, wait: bool) -> int | None:
-    """An open file that is locked, None where there is no such lock; BlockingIOError where another has it."""
-    try:
-        import fcntl
-
-        Path(beside).parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(f"{beside}.lock", os.O_RDWR | os.O_CREAT, 0o666)
-    except (ImportError, OSError):
-        return None
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-    except BlockingIOError:
-        os.close(handle)
-        raise
-    except OSError:
-        with contextlib.suppress(OSError):
-            os.close(handle)
-        return None
-    return handle

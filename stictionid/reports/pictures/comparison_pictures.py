@@ -111,11 +111,7 @@ def _cells(c: Comparison, name: str, cells: tuple[Cell, ...]) -> Picture:
 def _cycle(c: Comparison) -> Picture | None:
     """Residual against the phase of the cycle, all cycles overlaid."""
     g = c.ground
-    t = g.loop.time_s
-    phase = np.full(t.size, np.nan)
-    for cycle in g.found.cycles:
-        inside = (t >= cycle.start_s) & (t < cycle.start_s + cycle.period_s)
-        phase[inside] = (t[inside] - cycle.start_s) / cycle.period_s
+    phase = g.cycle_phase
     keep = np.flatnonzero(np.isfinite(phase) & g.good)
     if keep.size < 30:
         return None

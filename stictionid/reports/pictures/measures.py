@@ -18,8 +18,6 @@ from ...typing import BoolArray, FloatArray
 FAILING_RATIO = 1.6
 # Length of the running RMS where the record has no period, as a share of the record.
 _RUNNING_SHARE = 0.02
-# Two-sided 99 % point of the normal distribution, for autocorrelation bounds. Unit: standard deviations.
-NORMAL_99 = 2.576
 # Most lags of an autocorrelation and most points of a spectrum segment. Unit: samples.
 _MOST_LAGS = 400
 _LONGEST_SEGMENT = 4096

@@ -112,7 +112,6 @@ class Panel:
     cells: Cells | None = None
     log_x: bool = False
     height: float = 1.0
-    y_from_zero: bool = False
     names: tuple[str, ...] = ()
     branches: tuple[Branch, ...] = ()
     x_to: float | None = None

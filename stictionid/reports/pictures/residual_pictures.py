@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...comparison.residual_tests import POINT_99
 from ...record.loop import Loop
 from ...record.study import Study
 from .. import wording
@@ -38,7 +39,7 @@ def autocorrelation(study: Study, loop: Loop, residual: np.ndarray) -> Picture:
     most = measures.lags_for(residual.size, period / loop.step_s if period else None)
     r = measures.autocorrelation(residual, most)[1:]
     lag = np.asarray(np.arange(1, most + 1) * loop.step_s, float)
-    bound = measures.NORMAL_99 / np.sqrt(residual.size)
+    bound = POINT_99 / np.sqrt(residual.size)
     outside = float((np.abs(r) > bound).mean())
     word = ("looks like white noise" if outside <= 0.03 else
             "is coloured: its past predicts part of it" if outside < 0.5 else "still holds a pattern")
