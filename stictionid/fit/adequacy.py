@@ -62,6 +62,8 @@ def carrier(step: Step) -> str:
 
     Its one-step error is then the irreducible noise. Differences of y under a noise model carry a drift.
     """
+    if by_pv := _by_pv(step):
+        return by_pv
     noise, ahead = step.error.noise_sd, step.error.rmse_one_step
     if noise is None or ahead is None or ahead > ADEQUATE * noise:
         return ""
@@ -69,6 +71,13 @@ def carrier(step: Step) -> str:
     if named:
         return _CARRIERS[parse(named[-1])[0].noise or ""]
     return "a drift" if step.model.get("taps") and step.model.get("increments") else ""
+
+
+def _by_pv(step: Step) -> str:
+    """The slips that carry what a step's model leaves, in words; empty where PV moved none, or few."""
+    e = step.error
+    carried = e.noise_sd is not None and e.best <= ADEQUATE * e.noise_sd and (e.slips_moved or 0.0) > _MOST_MOVED
+    return "slips that PV moved" if carried else ""
 
 
 def said_rounding(loop: Loop) -> str:
@@ -95,14 +104,14 @@ def placed(step: Step) -> str:
 
 
 def _beside_noise(step: Step) -> tuple[bool, str]:
-    noise, error, moved = step.error.noise_sd, step.error.best, step.error.slips_moved or 0.0
+    noise, error = step.error.noise_sd, step.error.best
     if noise is None:
         return False, NO_FLOOR
     said = f"the free-run error {error:.4g}{placed(step)}"
     if error <= ADEQUATE * noise:
         near = f"{said} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible noise {noise:.4g}"
-        if moved > _MOST_MOVED:
-            return False, f"{BUT_FOR} the slips: {near}, but PV had to move more than {100 * _MOST_MOVED:.0f} %"
+        if carried := _by_pv(step):
+            return False, f"{BUT_FOR} {carried}: {near}; a model of its own moves at most {100 * _MOST_MOVED:.0f} %"
         return True, f"{near}: nothing is left to explain"
     times = f"{said} is {error / noise:.3g} times the irreducible noise {noise:.4g}"
     if carried := carrier(step):
