@@ -22,10 +22,14 @@ from ..typing import FloatArray
 from .model import Model
 from .restore import described, rebuild_model
 from .segments import bound
+from .spec import Evaluated
 
 # Outputs that are drawn, and the quantile of what they move y by: a slip that nearly did not happen is lost by any
 # small change, and is the record's own where the model has it.
 _DRAWS, _QUANTILE = 8, 0.25
+# Longest scan of a usual DCS in seconds. Second: error of a rebuilt command at slips, as a share of its move from
+# sample to sample (benchmarks/verdicts.py, seeds below 1000).
+_SLOWEST_SCAN_S, _REBUILT = 2.0, 0.35
 
 
 def moved_by_rounding(loop: Loop, description: Mapping[str, Any], seed: int = 0) -> float:
@@ -54,3 +58,19 @@ def moved_within(model: Model, values: FloatArray, seed: int = 0) -> float:
                       period_s=model.period_s)
         found.append(float(np.sqrt(np.mean((other.evaluate(values).model - now)[counted]**2))))
     return float(np.quantile(found, _QUANTILE))
+
+
+def between_samples(model: Model, best: Evaluated) -> float:
+    """Uncertainty of S and J in % from slips between two samples, where the command is not known.
+
+    A record as fast as the scans of a DCS knows its command. A slower one knows the command at a slip to within its
+    move from one sample to the next. A command rebuilt between samples (or at the scans there) is known to a share of
+    that move.
+    """
+    share = _REBUILT if model.spec.between != "hold" else 1.0 if model.step_s > _SLOWEST_SCAN_S else 0.0
+    moves = []
+    for position, output in zip(model.split(best.stem), model.split(model.loop.output), strict=True):
+        moved = np.abs(np.diff(position)) > 1e-9
+        moves.append(np.abs(np.diff(output))[np.flatnonzero(moved[1:] & ~moved[:-1]) + 1])
+    slips = np.concatenate(moves)
+    return share * float(np.median(slips)) if slips.size and share else 0.0

@@ -34,10 +34,11 @@ _DIFFERENCE, _STILL = 1e-4, 1e-6
 # Rounds and change that settle the scatter; break-away forces tried either way, and their reach in scatters.
 _SCATTER_ROUNDS, _SAME_SCATTER, _FORCES, _REACH = 20, 0.01, 24, 1.0
 # Shares of a stickband whose path serves where that of the whole one never moves. Other valves to begin with: shares of
-# S, with a slip jump that is this share of it, and the scatters that shrink, as shares of f_s.
+# the largest S, with a slip jump that is this share of it, and the scatters that shrink, as shares of f_s.
 _SMALLER = (1.0, 0.85, 0.7, 0.55, 0.4)
-_BEST = 2
-_OTHER_VALVES, _OTHER_JUMP, _SHRINKING = (0.5, 0.7, 0.85, 1.0, 1.2, 1.5), 0.5, (0.2, 0.07, 0.02)
+_OTHER_VALVES, _OTHER_JUMP, _SHRINKING = (0.3, 0.45, 0.6, 0.75, 0.9), 0.5, (0.2, 0.07, 0.02)
+# Those that are settled, and rounds from the process of the best one.
+_BEST, _TRIES = 2, 3
 _ROOT = float(np.sqrt(2.0 * np.pi))
 # Largest force the other way that still says something of f_s there, in units of the scatter.
 _SAYS = -3.0
@@ -112,32 +113,41 @@ def settled(model: Model, values: FloatArray, *, error: float = 0.0, hidden: flo
     return best
 
 
-def annealed(model: Model, values: FloatArray, error: float = 0.0) -> list[Settled]:
+def annealed(model: Model, values: FloatArray, error: float = 0.0, hidden: float = 0.0) -> list[Settled]:
     """The model settled from other valves than that of values (d,), with a scatter that shrinks from a large one.
 
     With a large scatter no path is impossible, and the cost is smooth in S: a start may be half off.
     """
-    model, found = model.along(None), []
+    model = model.along(None)
     if model.law.one_parameter or not _free(model)[:2].all():
-        return [settled(model, values, error=error)]
-    for share in _OTHER_VALVES:
-        start = values.copy()
-        start[0] = min(share * values[0], 0.98 * model.space.parameters[0].high)
-        start[1] = _OTHER_JUMP * start[0]
-        fs = 0.5 * float(start[0] + start[1])
-        now = _by_law(model, start, _SHRINKING[0] * fs, error)
-        for width in _SHRINKING:
-            now = _scored(model, now.values, replace(now.paths, scatter=width * fs))
-            for _ in range(_TURNS):
-                path = _scored(model, now.values, likeliest(model, now.values, now.paths))
-                after = _at_force(_descended(path))
-                better = after.deviance < now.deviance - _WORTH
-                now = min(now, after, key=lambda s: s.deviance)
-                if not better:
-                    break
-        found.append(now)
-    found.sort(key=lambda s: s.deviance)
-    return [settled(model, one.values, error=error) for one in found[:_BEST]]
+        return [settled(model, values, error=error, hidden=hidden)]
+    best = settled(model, values, error=error, hidden=hidden)
+    for _ in range(_TRIES):
+        found = sorted((_shrunk(model, best.values, share * model.s_max, error) for share in _OTHER_VALVES),
+                       key=lambda s: s.deviance)
+        now = min((settled(model, one.values, error=error, hidden=hidden) for one in found[:_BEST]),
+                  key=lambda s: s.deviance)
+        if not now.deviance < best.deviance - _WORTH:
+            break
+        best = now
+    return [best]
+
+
+def _shrunk(model: Model, values: FloatArray, S: float, error: float) -> Settled:
+    """The model settled from a valve of another S, the process from values (d,), with a scatter that shrinks."""
+    start = values.copy()
+    start[:2] = S, _OTHER_JUMP * S
+    fs = 0.5 * float(start[0] + start[1])
+    now = _by_law(model, start, _SHRINKING[0] * fs, error)
+    for width in _SHRINKING:
+        now = _scored(model, now.values, replace(now.paths, scatter=width * fs))
+        for _ in range(_TURNS):
+            after = _at_force(_descended(_scored(model, now.values, likeliest(model, now.values, now.paths))))
+            better = after.deviance < now.deviance - _WORTH
+            now = min(now, after, key=lambda s: s.deviance)
+            if not better:
+                break
+    return now
 
 
 def _by_law(model: Model, values: FloatArray, scatter: float, error: float) -> Settled:

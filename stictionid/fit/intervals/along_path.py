@@ -81,4 +81,24 @@ def _intervals(model: Model, values: FloatArray, best: Evaluated) -> dict[str, t
              zip([*best.values, GAIN], [*drawn, gains], strict=True)}
     found = including(found, best)
     margin = margin_of(model, best)
-    return found | {name: (max(found[name][0] - margin, 0.0), found[name][1] + margin) for name in ("S", "J")}
+    margins = {"S": margin, "J": float(np.hypot(margin, _attenuated(model, values) * values[1]))}
+    return found | {name: (max(found[name][0] - margin, 0.0), found[name][1] + margin)
+                    for name, margin in margins.items()}
+
+
+def _attenuated(model: Model, values: FloatArray) -> float:
+    """Share of J that the error of the command may have added or taken.
+
+    Only strokes of different height tell J from the gain, and a stroke goes from one wrong command to another. Errors
+    of a regressor attenuate its slope by their share of its variance (Fuller 1987, section 1.1).
+    """
+    paths = model.spec.paths
+    assert paths is not None
+    heights = []
+    for stroke, slips in zip(Settled(model, values, paths, np.nan).strokes(), paths.slips, strict=True):
+        at = slips.at[np.abs(slips.kind) == 1]
+        if at.size:
+            v = stroke.position[:, 0]
+            heights.append(np.abs(v[np.append(at[1:], v.size) - 1] - v[np.maximum(at - 1, 0)]))
+    spread = float(np.var(np.concatenate(heights))) if heights else 0.0
+    return min(2.0 * paths.error**2 / spread, 1.0) if spread > 0.0 else 1.0

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...model.model import Model
+from ...model.rounding import between_samples
 from ...model.spec import Evaluated
 from ...numerics.autoregression import autocovariance
 from ...numerics.gauss_newton import normals_at, principal
@@ -22,9 +23,6 @@ from .thresholds import plateaus, ridges
 
 # Step of the differences behind the directions of the rays, and the ladder along them, as shares of the range.
 _RAY_DIFFERENCE, _RAY_LADDER = 1e-4, np.geomspace(1e-5, 0.5, 26)
-# Longest scan of a usual DCS in seconds. Second: error of a rebuilt command at slips, as a share of its move from
-# sample to sample (benchmarks/verdicts.py, seeds below 1000).
-_SLOWEST_SCAN_S, _REBUILT = 2.0, 0.35
 # Parts of the range of S, and of J, from which points are passed on to a wider model.
 _OUTLINE = 8
 # Size of the cloud around the optimum from which folds and intervals choose.
@@ -224,25 +222,9 @@ def including(intervals: dict[str, tuple[float, float]], best: Evaluated) -> dic
 
 def margin_of(model: Model, best: Evaluated) -> float:
     """Uncertainty of S and J in % from what a record does not show of the command: its digits, and between samples."""
-    return float(np.hypot(_between_samples(model, best), _of_command(model)))
+    return float(np.hypot(between_samples(model, best), _of_command(model)))
 
 
 def _of_command(model: Model) -> float:
     """Uncertainty of S and J in %, from the rounding of the command at the two places that a slip compares."""
     return POINT_90 * float(np.sqrt(2.0)) * command_sd(model.loop)
-
-
-def _between_samples(model: Model, best: Evaluated) -> float:
-    """Uncertainty of S and J in % from slips between two samples, where the command is not known.
-
-    A record as fast as the scans of a DCS knows its command. A slower one knows the command at a slip to within its
-    move from one sample to the next. A command rebuilt between samples (or at the scans there) is known to a share of
-    that move.
-    """
-    share = _REBUILT if model.spec.between != "hold" else 1.0 if model.step_s > _SLOWEST_SCAN_S else 0.0
-    moves = []
-    for position, output in zip(model.split(best.stem), model.split(model.loop.output), strict=True):
-        moved = np.abs(np.diff(position)) > 1e-9
-        moves.append(np.abs(np.diff(output))[np.flatnonzero(moved[1:] & ~moved[:-1]) + 1])
-    slips = np.concatenate(moves)
-    return share * float(np.median(slips)) if slips.size and share else 0.0

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...effects import noises_in
 from ...model.model import Model
+from ...model.rounding import between_samples
 from ...model.segments import bound
 from ...model.spec import BASE, Evaluated, Spec
 from ...numerics.autoregression import autoregression, filtered
@@ -38,6 +39,8 @@ _SPARSE = 1.5
 _SETTLED, _GLANCED, _TURNS = 1e-4, 1e-3, 8
 # A free run whose error is at most this multiple of the innovations is at the noise.
 _WHITE = 1.1
+# Standard deviation of a command between two samples, as a share of its move.
+_HALF = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,7 +310,9 @@ def likelier(done: Refit, *starts: FloatArray, settle: bool = True, anew: bool =
     """
     if done.model.spec.paths or (not done.taps.size and done.white) or not possible(done.model, done.values):
         return done
-    best, own, error = done, tuple(done.own), command_sd(done.model.loop)
+    best, own = done, tuple(done.own)
+    hidden = between_samples(done.model, done.evaluated)
+    error = float(np.hypot(command_sd(done.model.loop), _HALF * hidden))
 
     def along(taps: tuple[float, ...], begin: Callable[[Model], list[Settled]]) -> Refit:
         spec = replace(done.model.spec, taps=taps, increments=done.increments)
@@ -318,13 +323,13 @@ def likelier(done: Refit, *starts: FloatArray, settle: bool = True, anew: bool =
         return replace(now, prior=found.prior, parameters=now.parameters + 1)
 
     best = better(done, along(own, lambda model: [
-        settled(model, values, error=error, turns=settle) for values in (done.values, *starts)]))
+        settled(model, values, error=error, hidden=hidden, turns=settle) for values in (done.values, *starts)]))
     if settle and anew and not (best.white and at_noise(best)):
-        best = better(best, along(own, lambda model: annealed(model, best.values, error)))
+        best = better(best, along(own, lambda model: annealed(model, best.values, error, hidden)))
     if settle and best is not done and best.taps.size:
         # Errors of slips in the wrong place look like noise of long memory: its numbers are those along the path.
         taps = tuple(_joined(own, best.taps)[1:].tolist())
-        best = better(best, along(taps, lambda model: [settled(model, best.values, error=error)]))
+        best = better(best, along(taps, lambda model: [settled(model, best.values, error=error, hidden=hidden)]))
     return best
 
 
