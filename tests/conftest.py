@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,9 @@ ROOT = Path(__file__).resolve().parent.parent
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 # Workers of the suite keep all cores busy: none of them starts helpers to compile kernels.
 os.environ["STICTIONID_COMPILE_ALONE"] = "1"
+# Processes that tests start find the bytecode of the modules: without it each compiles some thousand of them.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 # Processes in other folders run the source under test, not an installed copy, and find the kernels compiled so far.
 os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
 

@@ -90,12 +90,15 @@ def test_a_valve_that_overshoots_is_followed_along_its_ridge() -> None:
     setting, loop, (kind, _), sd = loop_of(335, "slip-overshoot", 0.01, 0.0, 1500)
     assert kind == "scan"
     _, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
-    ends = []
+    right = []
     for seed in range(5):
         rng = np.random.default_rng(seed)
-        ends.append(settled(scout(fit, "slip-overshoot", fit.values[None, :5], rng), rng))
-    right = [(model, values) for model, values, _ in ends if model.evaluate(values).rmse < 1.05 * sd]
-    assert len(right) >= 2
+        model, values, _ = settled(scout(fit, "slip-overshoot", fit.values[None, :5], rng), rng)
+        if model.evaluate(values).rmse < 1.05 * sd:
+            right.append((model, values))
+        if len(right) == 2:
+            break
+    assert len(right) == 2
     for _, values in right:
         assert values[0] == pytest.approx(setting.S, rel=0.02)
         assert values[5] == pytest.approx(1.58, abs=0.05)
@@ -193,11 +196,13 @@ def test_a_valve_that_rests_is_found_beside_a_slow_stem_whatever_the_process() -
                  period_s=model.period_s)
     found_by = 0
     for seed in range(4):
+        if found_by == 2:
+            break
         values = both.values(open_valves(both, "slew-limit", wrong, np.random.default_rng(seed)))
         rates = values[both.rows_of("slew-limit").start] / truth["effects"]["slew-limit"]["rate"]
         apart = np.stack([values[0] / truth["S"], values[1] / truth["J"], rates]) - 1.0
         found_by += bool(np.abs(apart).max(axis=0).min() < 0.08)
-    assert found_by >= 2
+    assert found_by == 2
 
 
 @pytest.mark.parametrize("seed", [707, 719])
