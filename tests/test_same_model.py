@@ -81,10 +81,10 @@ def test_a_stop_added_before_or_after_another_effect_is_the_stop_of_the_search()
     assert study.evaluations is not None and study.evaluations > 0
     applied = diagnose(loop, study, apply=True)
     assert applied.missing == ("travel-limit",)
-    other = add(loop, study, "slew-limit")
+    other = add(loop, study, "ramp-disturbance")
     late = add(loop, other, "travel-limit")
-    assert [step.added for step in late.steps] == [None, "slew-limit", "travel-limit"]
-    assert_same(remove(loop, late, "slew-limit"), applied)
+    assert [step.added for step in late.steps] == [None, "ramp-disturbance", "travel-limit"]
+    assert_same(remove(loop, late, "ramp-disturbance"), applied)
     pruned = add(loop, other, "travel-limit", prune=True)
     assert_same(pruned, applied)
     assert [step.added for step in pruned.steps] == [None, "travel-limit"]

@@ -124,3 +124,21 @@ def test_a_valve_that_rests_is_found_beside_a_slow_stem() -> None:
 @pytest.mark.parametrize("seed", [338])
 def test_looks_find_valves_that_overshoot_beside_a_wrong_process(seed: int) -> None:
     test_grown.test_looks_find_valves_that_overshoot_beside_a_wrong_process(seed)
+
+
+def test_a_valve_that_rests_under_a_moving_command_may_be_one_that_goes_past_its_place() -> None:
+    """Both explained this record to the noise, and only the first was shown: its S is a quarter too small."""
+    setting, loop, (kind, _), sd = loop_of(713, "slip-overshoot", 0.01, 0.0, 1500)
+    assert kind == "moving"
+    study = identify(loop)
+    assert [step.added for step in study.steps] == [None, "re-sticking"]
+    assert study.estimate is not None and study.estimate.S < 0.8 * setting.S
+    found = diagnose(loop, study)
+    assert found.missing == () and found.steps[-1].error.rmse < 1.05 * sd
+    (other,) = found.equivalents
+    assert other.effects == ("slip-overshoot",) and "position" in other.what_would_tell
+    # The intervals reach beyond it, as far as its own; asking again changes nothing.
+    assert found.estimate is not None and found.estimate.S_interval is not None
+    assert other.S > 1.2 * study.estimate.S
+    assert found.estimate.S_interval[0] <= study.estimate.S and found.estimate.S_interval[1] > other.S
+    assert diagnose(loop, found) == found

@@ -40,6 +40,11 @@ def test_the_loop_comes_back_once_its_hidden_effect_is_added(name: str) -> None:
     test_hidden.test_the_loop_comes_back_once_its_hidden_effect_is_added(name)
 
 
+@pytest.mark.parametrize("kind", ["white", "coloured"])
+def test_nothing_is_invented_where_nothing_is_hidden(kind: str) -> None:
+    test_hidden.test_nothing_is_invented_where_nothing_is_hidden(kind, {})
+
+
 def test_of_a_karnopp_valve_at_most_its_own_physics_is_named() -> None:
     _, loop = small(law="karnopp")
     after = diagnose(loop, identify(loop), apply=True)

@@ -23,8 +23,8 @@ from stictionid.verbs.identify import Options, identify
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
 @pytest.mark.parametrize(("name", "expected"), [
-    ("loop_A.csv", {"stiction"}), ("loop_C.csv", {"stiction"}), ("loop_D.csv", {"no stiction", "undecided"}),
-    ("loop_E.csv", {"no stiction", "undecided"}),
+    ("loop_A.csv", {"stiction"}), ("loop_B.csv", {"stiction"}), ("loop_C.csv", {"stiction"}),
+    ("loop_D.csv", {"no stiction", "undecided"}), ("loop_E.csv", {"no stiction", "undecided"}),
     ("export_J.txt", {"no stiction", "undecided"}), ("export_L.txt", {"no stiction", "undecided"}),
     ("export_M.txt", {"no stiction", "undecided"}),
 ])
