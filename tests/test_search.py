@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loops_with_effects import NOISE, small
+from loops_with_effects import small
+from test_same_model import NOISE, swung
 
 from stictionid.effects import parse
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
@@ -28,9 +29,7 @@ from stictionid.verbs.identify import Options, identify
 @pytest.fixture(scope="module")
 def found() -> tuple[Loop, Study, Study]:
     """A loop with a hidden sine, its study, and the study with what the search found."""
-    _, loop = small("sinusoidal-disturbance")
-    before = identify(loop)
-    return loop, before, diagnose(loop, before, apply=True)
+    return swung()
 
 
 def test_a_node_is_the_same_whatever_its_noise_and_the_order_of_its_effects() -> None:

@@ -26,7 +26,7 @@ from stictionid.numerics.gauss_newton import descend
 from stictionid.numerics.population import refine
 from stictionid.process.controller_law import usual_law
 from stictionid.record.loop import Finding, Loop
-from stictionid.record.study import Verdict
+from stictionid.record.study import Study, Verdict
 from stictionid.verbs.identify import Options, identify
 from stictionid.verdict.causes import steady
 from stictionid.verdict.from_position import from_position
@@ -47,11 +47,11 @@ def scanned(S: float, J: float, **changes: object):
 
 
 @cache
-def fitted(make: Callable[[], Loop]) -> tuple[Any, ...]:
-    """What `identify` gives `judge` of a loop: run, fit, record and position; it is fitted once, however judged."""
+def fitted(make: Callable[[], Loop]) -> tuple[Study, tuple[Any, ...]]:
+    """The study of a loop, and what `judge` was given of it: run, fit, record and position, to be judged again."""
     with mock.patch("stictionid.verbs.identify.judge", side_effect=judge) as asked:
-        identify(make())
-    return asked.call_args.args  # type: ignore[no-any-return]
+        study = identify(make())
+    return study, asked.call_args.args
 
 
 def healthy() -> Loop:
@@ -131,8 +131,7 @@ def test_a_random_walk_is_a_step_of_its_own_and_gives_s_and_j_back() -> None:
 
 
 def test_white_noise_gets_no_noise_model() -> None:
-    study = identify(simulate(scanned(5.0, 3.0), seed=5).loop)
-    assert [s.added for s in study.steps] == [None]
+    assert [s.added for s in fitted(sticking)[0].steps] == [None]
 
 
 def test_whitened_innovations_are_white_and_smaller() -> None:
@@ -219,7 +218,7 @@ def test_friction_that_makes_most_of_the_error_is_told_though_the_setpoint_makes
 
 
 def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
-    verdict = identify(simulate(scanned(5.0, 3.0), seed=1).loop).verdict
+    verdict = fitted(sticking)[0].verdict
     assert verdict.stiction == "stiction" and verdict.confidence > 0.9
     assert verdict.evidence["likelihood_ratio"] > 200 and verdict.evidence["blocks_won"] == 5
     assert verdict.evidence["held_out_gain"] > 0.3 and verdict.evidence["held_out_won"] == 5
@@ -229,14 +228,14 @@ def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
 def test_no_stiction_without_a_gain_on_blocks_that_were_not_fitted(monkeypatch) -> None:
     held = [Held(np.full(5, size), np.full(5, 100.0), np.full(5, size), np.full(5, 100.0)) for size in (1.1, 1.0)]
     answers = iter(held)
-    given = fitted(sticking)
+    _, given = fitted(sticking)
     monkeypatch.setattr("stictionid.verdict.judge.held_out_of", lambda *_: next(answers))
     verdict = judge(*given)
     assert verdict.stiction == "undecided" and "5 % worse on blocks" in verdict.reason
 
 
 def test_a_record_of_which_nothing_can_be_held_out_is_trusted_less(monkeypatch) -> None:
-    given = fitted(sticking)
+    _, given = fitted(sticking)
     monkeypatch.setattr("stictionid.verdict.judge.held_out_of", lambda *_: None)
     verdict = judge(*given)
     assert verdict.stiction == "stiction" and verdict.confidence <= 0.6
@@ -252,7 +251,7 @@ def test_a_tightly_tuned_loop_is_not_called_sticking() -> None:
 
 def test_what_reading_found_caps_the_verdict() -> None:
     loop = sticking()
-    verdict = judge(*fitted(sticking))
+    verdict = fitted(sticking)[0].verdict
     bad = Finding("compressed", "warning", "half of the samples lie on straight lines", {"caps_verdict": True})
     spoilt = replace(loop, origin=replace(loop.origin, findings=(bad,)))
     assert capped(verdict, loop) is verdict
@@ -398,7 +397,7 @@ def test_a_valve_that_hardly_moves_is_abstained_not_called_free_of_friction() ->
 
 
 def test_no_stiction_says_which_S_is_excluded() -> None:
-    verdict = judge(*fitted(healthy))
+    verdict = fitted(healthy)[0].verdict
     assert verdict.stiction == "no stiction" and "is excluded" in verdict.reason
     assert 0.0 < verdict.evidence["S_excluded_above"] <= 0.2 * np.ptp(healthy().output)
 
@@ -435,7 +434,7 @@ def test_a_model_that_predicts_worse_than_none_does_not_keep_its_S_possible(seed
 def test_a_smaller_bound_makes_the_claim_surer(monkeypatch: pytest.MonkeyPatch) -> None:
     from stictionid.verdict.excluded import Possible
 
-    given, told = fitted(healthy), []
+    (_, given), told = fitted(healthy), []
     swing = float(np.ptp(healthy().output))
     for share in (0.02, 0.15, 0.19, 0.3):
         monkeypatch.setattr("stictionid.verdict.judge.largest_possible",
@@ -450,7 +449,7 @@ def test_friction_that_predicts_better_in_the_structure_without_it_denies_the_cl
         monkeypatch: pytest.MonkeyPatch) -> None:
     from stictionid.verdict.excluded import Possible
 
-    given = fitted(healthy)
+    _, given = fitted(healthy)
     monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, 60.0))
     verdict = judge(*given)
     assert verdict.stiction == "undecided" and "likelihood ratio 60" in verdict.reason
@@ -493,7 +492,7 @@ def test_the_controller_turned_round_is_no_process() -> None:
 def test_friction_that_explains_most_of_the_free_run_is_not_denied(monkeypatch: pytest.MonkeyPatch) -> None:
     from stictionid.verdict.excluded import Possible
 
-    given, told = fitted(healthy), []
+    (_, given), told = fitted(healthy), []
     monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, -200.0))
     for drop in (0.03, 0.9):
         monkeypatch.setattr("stictionid.verdict.judge._measured", lambda *_, d=drop: (-200.0, 0, 0.001, d, -0.1))
