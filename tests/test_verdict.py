@@ -35,7 +35,6 @@ from stictionid.verdict.severity import band
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 
-import half_real
 import loops
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "real_loops"
@@ -262,20 +261,6 @@ def test_what_reading_found_caps_the_verdict() -> None:
 def test_a_real_loop_is_judged_as_its_experts_do() -> None:
     """Half of it; benchmarks/long judges the whole records of all loops."""
     assert identify(read_loop(SHARED / "loop_B.csv").cut(0, 500)).verdict.stiction == "stiction"
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
-@pytest.mark.parametrize(("name", "seed"), [("export_F.csv", 30246)])
-def test_a_searched_s_that_predicts_worse_than_none_leaves_nothing_open(name: str, seed: int) -> None:
-    """A real load moves the free run, whose interval of S goes to nearly a fifth of the output's swing and more."""
-    loop, _, _ = half_real.drawn(half_real.disturbances(SHARED, ["*_L.*"])[name], seed, False)
-    study = identify(loop)
-    assert study.verdict.evidence["likelihood_ratio"] < 0.0
-    assert study.verdict.stiction == "no stiction"
-    # One statement on S: it covers the interval.
-    high = study.estimate.S_interval[1]
-    assert study.verdict.evidence["S_excluded_above"] == pytest.approx(high) and high > 0.15 * np.ptp(loop.output)
-    assert f"S above {high:.2g} % is excluded" in study.verdict.reason
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
