@@ -97,7 +97,7 @@ def places(found: dict[tuple[int, int], str], every: bool) -> list[Place]:
 
 def run(words: list[str], folder: Path) -> tuple[int, str]:
     """Exit code and what was said of one command, free of what this run's own environment set up."""
-    drop = ("PYTHONPATH", "VIRTUAL_ENV", "PIP_CONSTRAINT")
+    drop = ("PYTHONPATH", "VIRTUAL_ENV", "PIP_CONSTRAINT", "PYTHONDONTWRITEBYTECODE")
     env = {k: v for k, v in os.environ.items() if k not in drop} | {
         "NUMBA_CACHE_DIR": str(folder / "kernels"), "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg",
         "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_NO_INPUT": "1"}

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from architecture import RULES, faults, modules_of, nodes_of
 
+from stictionid.numerics.machine_code import ahead
+
 PACKAGE = Path(__file__).parent.parent / "stictionid"
 
 
@@ -121,8 +123,10 @@ def test_identify_loads_nothing_heavy(tmp_path: Path) -> None:
     file = PACKAGE.parent / "sample_data" / "foptd_scanned.parquet"
     code = f"sys.argv = ['stictionid', 'identify', {str(file)!r}, '-q', '-o', {str(tmp_path / 'study.json')!r}]\n" \
            "from stictionid.__main__ import main\ntry:\n    main()\nexcept SystemExit:\n    pass"
-    modules_loaded_by(code)  # kernels that are not on disk bring the compiler, and that brings scipy.linalg
-    (tmp_path / "study.json").unlink()
+    if not all(hasattr(kernel._cache, "holds") and kernel._cache.holds(signature, kernel.targetctx)
+               for kernel, signature in ahead.kernels()):
+        modules_loaded_by(code)  # kernels that are not on disk bring the compiler, and that brings scipy.linalg
+        (tmp_path / "study.json").unlink()
     found = modules_loaded_by(code)
     assert (tmp_path / "study.json").is_file() and "stictionid.verbs.identify" in found
     further = found - modules_loaded_by("import numpy, numba, pyarrow")

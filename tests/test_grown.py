@@ -22,7 +22,6 @@ from stictionid.fit.starts.beside_effect import guessed_valves, open_valves
 from stictionid.fit.starts.continuation import grown_valves
 from stictionid.fit.starts.intersample import as_moving
 from stictionid.fit.starts.reparametrised import as_natural, as_valves
-from stictionid.fit.with_effect import scout, settled
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.segments import bound
@@ -82,26 +81,12 @@ def test_a_bank_of_lags_costs_what_least_squares_with_its_columns_leave(parts: i
     assert np.isinf(found[3])
 
 
-def test_a_valve_that_overshoots_is_followed_along_its_ridge() -> None:
-    """Searched along S and J this scanned loop ended at K = 1.05, 1.8 times the noise; the true K is 1.58.
-
-    Four numbers are searched: of every five generators two find them, or more.
-    """
-    setting, loop, (kind, _), sd = loop_of(335, "slip-overshoot", 0.01, 0.0, 1500)
-    assert kind == "scan"
-    _, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
-    ends = []
-    for seed in range(5):
-        rng = np.random.default_rng(seed)
-        ends.append(settled(scout(fit, "slip-overshoot", fit.values[None, :5], rng), rng))
-    right = [(model, values) for model, values, _ in ends if model.evaluate(values).rmse < 1.05 * sd]
-    assert len(right) >= 2
-    for _, values in right:
-        assert values[0] == pytest.approx(setting.S, rel=0.02)
-        assert values[5] == pytest.approx(1.58, abs=0.05)
-    # Natural numbers and back.
-    model, values = right[0]
-    cube = model.cube(model.vector({**model.named(values), "S": 5.0})[:, None])
+def test_natural_numbers_of_a_valve_that_overshoots_come_back() -> None:
+    """A search along them, which needs several generators, is in benchmarks/long."""
+    _, loop, _, _ = loop_of(335, "slip-overshoot", 0.01, 0.0, 400)
+    model = Model(loop, Spec(effects=("slip-overshoot",)), s_max=8.0, period_s=60.0)
+    middle = model.named(model.values(np.full((1, model.space.size), 0.5))[:, 0])
+    cube = model.cube(model.vector({**middle, "S": 5.0, "J": 2.0})[:, None])
     again, possible = as_valves(model, as_natural(model, cube))
     assert possible.all()
     assert np.allclose(again, cube, atol=1e-9)
@@ -193,11 +178,13 @@ def test_a_valve_that_rests_is_found_beside_a_slow_stem_whatever_the_process() -
                  period_s=model.period_s)
     found_by = 0
     for seed in range(4):
+        if found_by == 2:
+            break
         values = both.values(open_valves(both, "slew-limit", wrong, np.random.default_rng(seed)))
         rates = values[both.rows_of("slew-limit").start] / truth["effects"]["slew-limit"]["rate"]
         apart = np.stack([values[0] / truth["S"], values[1] / truth["J"], rates]) - 1.0
         found_by += bool(np.abs(apart).max(axis=0).min() < 0.08)
-    assert found_by >= 2
+    assert found_by == 2
 
 
 @pytest.mark.parametrize("seed", [707, 719])

@@ -77,9 +77,9 @@ def test_the_loop_comes_back_once_its_hidden_effect_is_added(name: str) -> None:
     comes_back(after, name, setting)
 
 
-@pytest.mark.parametrize(("kind", "more"), [
-    ("white", {}), ("no moves", {"setpoint_moves": ((0.0, 3.0),)}), ("coloured", {})])
+@pytest.mark.parametrize(("kind", "more"), [("no moves", {"setpoint_moves": ((0.0, 3.0),)})])
 def test_nothing_is_invented_where_nothing_is_hidden(kind: str, more: dict) -> None:
+    """test_search.py leaves the same loop with moves alone, benchmarks/long one with coloured noise."""
     if kind == "no moves":
         # The small loop rests without its moves; this one cycles by itself.
         more = more | {"plant": Plant(1.2, 20.0, 4.0), "controller": Controller(0.7, 12.0, scan_s=1.0)}

@@ -54,12 +54,11 @@ def test_loops_with_nothing_hidden(name: str) -> None:
 
 @needs_hidden
 def test_a_further_lag_becomes_a_step_of_its_own() -> None:
+    """Asked for the base alone it does not: benchmarks/long."""
     study = identify(read_loop(HIDDEN / "hidden_03.csv"))
     assert [s.added for s in study.steps] == [None, "extra-lag"]
     assert study.estimate is not None and len(study.estimate.time_constants_s) == 2
     assert study.steps[1].error.rmse < study.steps[0].error.rmse
-    alone = identify(read_loop(HIDDEN / "hidden_03.csv"), options=Options(base_only=True))
-    assert len(alone.steps) == 1
 
 
 def scanned(S: float = 4.0, J: float = 2.0, noise: float = 0.05, seed: int = 3) -> Loop:

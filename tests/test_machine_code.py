@@ -98,8 +98,8 @@ def asked(rows: int | None) -> set[str]:
 
 
 def test_identify_asks_for_the_kernels_of_the_list() -> None:
-    """A quarter of each sample loop asks for the same kernels as the whole."""
-    assert asked(250) == set(NEEDED), "run benchmarks/kernels.py"
+    """A part of each sample loop asks for the same kernels as the whole."""
+    assert asked(200) == set(NEEDED), "run benchmarks/kernels.py"
 
 
 def test_a_share_of_the_list_is_compiled_once(tmp_path: Path) -> None:

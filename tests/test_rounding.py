@@ -1,8 +1,9 @@
-"""An output recorded in coarse steps: the resulting uncertainty of y, and no effect named for it."""
+"""An output recorded in coarse steps: the resulting uncertainty of y, and no effect named for it.
+
+Studies of clean loops are in benchmarks/long.
+"""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +13,6 @@ from plants.score import loop_of
 from stictionid.fit.starts.intersample import surely_moves
 from stictionid.process.rounded import derounded, step_of
 from stictionid.selection.score import by_rounding
-from stictionid.verbs.diagnose import diagnose
-from stictionid.verbs.identify import identify
 
 
 def test_a_smooth_output_comes_back_from_its_steps() -> None:
@@ -41,15 +40,3 @@ def test_rounding_accounts_for_an_error_that_it_moved_the_model_by() -> None:
     # Draws that move the model by more than it errs lost a slip that the record has.
     assert not by_rounding(0.5, 0.4, 0.6)
     assert not by_rounding(0.4, 0.4, 0.0)
-
-
-def test_a_clean_loop_with_a_rounded_output_gets_neither_an_effect_nor_a_noise() -> None:
-    """A slip that overshoots put single slips right, and gained 100 in BIC; coloured noise came next.
-
-    Without the setpoint no law of the controller gives the digits back.
-    """
-    loop = replace(loop_of(plant_of("clean", 15, 77_000)), setpoint=None)
-    after = diagnose(loop, identify(loop), apply=True)
-    assert after.missing == () and after.steps[-1].effects == ()
-    why = [gate.reason for node in after.tree for gate in node.gates if gate.name == "rounding" and not gate.passed]
-    assert why and why[0].startswith("the rounding of the output moves the model by ")

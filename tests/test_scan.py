@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loops_with_effects import loop_of
 
 from stictionid.errors import UsageError
 from stictionid.fit.starts.intersample import surely_moves, surely_scanned
@@ -171,12 +170,6 @@ def test_a_command_without_the_noise_of_y_moved_between_its_samples_and_any_othe
     lines = np.interp(np.arange(loop.samples), knots, scanned_loop.output[knots])
     assert not surely_moves(replace(scanned_loop, output=lines))
     assert not surely_moves(replace(loop, output=np.round(loop.output, 1)))
-
-
-def test_a_missing_effect_does_not_make_a_moving_command_a_held_one() -> None:
-    _, loop, (kind, bed), _ = loop_of(718, "valve-characteristic", 0.01, 0.0, 1500)
-    assert (kind, bed) == ("moving", "second order")
-    assert identify(loop, options=Options(base_only=True)).steps[0].model["between"] == "corner"
 
 
 @pytest.mark.parametrize("scan_s", [1.0, 0.0])

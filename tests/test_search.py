@@ -1,4 +1,7 @@
-"""The search over models: what it finds, what it leaves alone, and that asking again changes nothing."""
+"""The search over models: what it finds, what it leaves alone, and that asking again changes nothing.
+
+Two answers that explain alike: benchmarks/long/test_grown_long.py.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loops_with_effects import NOISE, loop_of, small
+from loops_with_effects import small
+from test_same_model import NOISE, swung
 
 from stictionid.effects import parse
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
@@ -25,9 +29,7 @@ from stictionid.verbs.identify import Options, identify
 @pytest.fixture(scope="module")
 def found() -> tuple[Loop, Study, Study]:
     """A loop with a hidden sine, its study, and the study with what the search found."""
-    _, loop = small("sinusoidal-disturbance")
-    before = identify(loop)
-    return loop, before, diagnose(loop, before, apply=True)
+    return swung()
 
 
 def test_a_node_is_the_same_whatever_its_noise_and_the_order_of_its_effects() -> None:
@@ -97,21 +99,3 @@ def test_a_process_that_rings_gives_way_to_two_lags_that_explain_as_much(
     rings = search.memo[key(with_effect(root.spec, "underdamped-process"))]
     assert set(with_lag(search, rings, ()).spec.effects) == answer
     assert with_lag(search, rings, ("underdamped-process",)) is rings
-
-
-def test_a_valve_that_rests_under_a_moving_command_may_be_one_that_goes_past_its_place() -> None:
-    """Both explained this record to the noise, and only the first was shown: its S is a quarter too small."""
-    setting, loop, (kind, _), sd = loop_of(713, "slip-overshoot", 0.01, 0.0, 1500)
-    assert kind == "moving"
-    study = identify(loop)
-    assert [step.added for step in study.steps] == [None, "re-sticking"]
-    assert study.estimate is not None and study.estimate.S < 0.8 * setting.S
-    found = diagnose(loop, study)
-    assert found.missing == () and found.steps[-1].error.rmse < 1.05 * sd
-    (other,) = found.equivalents
-    assert other.effects == ("slip-overshoot",) and "position" in other.what_would_tell
-    # The intervals reach beyond it, as far as its own; asking again changes nothing.
-    assert found.estimate is not None and found.estimate.S_interval is not None
-    assert other.S > 1.2 * study.estimate.S
-    assert found.estimate.S_interval[0] <= study.estimate.S and found.estimate.S_interval[1] > other.S
-    assert diagnose(loop, found) == found

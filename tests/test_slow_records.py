@@ -1,4 +1,7 @@
-"""Records slower than the scan, walks, and valves without friction: what is named there and what is not."""
+"""Records slower than the scan, walks, and valves without friction: what is named there and what is not.
+
+Studies of whole records are in benchmarks/long.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants.run import plant_of
-from plants.score import loop_of
 from scipy.signal import lfilter
 
 from stictionid.fit.noise.completion import Refit, quick
@@ -21,7 +22,6 @@ from stictionid.selection.gates import GATES, Edge
 from stictionid.selection.looks import adding
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import COLOURED, NARROW, WALKING, Scored, completed, least_free_run, noise_name
-from stictionid.verbs.identify import identify
 
 SETTING = Setting(Plant(2.5, 17.0, 5.0), Controller(0.35, 14.0, scan_s=1.0), S=3.6, J=2.6, duration_s=1500.0)
 
@@ -72,11 +72,6 @@ def test_beside_a_valve_without_friction_no_effect_of_friction_is_named(
     """
     child: Any = SimpleNamespace(done=SimpleNamespace(increments=False), rmse=1.0, without_friction=without)
     assert bool(dict(GATES)["friction"](Edge(name, child, child, Policy(), blurred=blurred))) is rejected
-
-
-def test_a_lag_that_leaves_the_free_run_of_a_slow_record_as_it_was_is_not_named() -> None:
-    study = identify(loop_of(plant_of("clean", 33, 48_000)))
-    assert study.steps[-1].effects == () and "between the samples" in study.missing_reason
 
 
 def known(spec: Spec, rmse: float, bic: float) -> Any:

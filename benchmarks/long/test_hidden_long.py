@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-import test_effects
 import test_effects_command
 import test_hidden
 from loops_with_effects import BEYOND, NOISE, PHYSICAL, SMALL, small
-from test_effects import needs_hidden
 from test_hidden import ADDED, AT_THE_NOISE, HELD, NAMED, named
+from test_identify import HIDDEN, needs_hidden
 
 from stictionid.effects import get
+from stictionid.historian import read_loop
 from stictionid.model.closed_loop import Controller, Plant
+from stictionid.record.study import study_from_json, to_json
 from stictionid.verbs.diagnose import diagnose
-from stictionid.verbs.identify import identify
+from stictionid.verbs.identify import Options, identify
 
 BENT = "gain-nonlinearity"
 
@@ -36,6 +38,11 @@ def test_a_gain_that_bends_is_named_and_what_its_candidates_say_is_whole() -> No
 def test_the_loop_comes_back_once_its_hidden_effect_is_added(name: str) -> None:
     """Those of BEYOND come back in test_beyond.py, from near the truth."""
     test_hidden.test_the_loop_comes_back_once_its_hidden_effect_is_added(name)
+
+
+@pytest.mark.parametrize("kind", ["white", "coloured"])
+def test_nothing_is_invented_where_nothing_is_hidden(kind: str) -> None:
+    test_hidden.test_nothing_is_invented_where_nothing_is_hidden(kind, {})
 
 
 def test_of_a_karnopp_valve_at_most_its_own_physics_is_named() -> None:
@@ -76,9 +83,19 @@ def test_a_travel_limit_short_of_most_of_the_command_is_found() -> None:
 
 @needs_hidden
 @pytest.mark.parametrize(("name", "effect", "base_only"), [
-    ("hidden_04", "asymmetric-stiction", False), ("hidden_05", "travel-limit", True)])
+    ("hidden_04", "asymmetric-stiction", False), ("hidden_05", "travel-limit", True),
+    ("hidden_08", "step-disturbance", False)])
 def test_an_effect_is_found_in_a_record_made_by_others(name: str, effect: str, base_only: bool) -> None:
-    test_effects.test_a_hidden_effect_is_found_and_the_error_falls_to_the_noise(name, effect, base_only)
+    """test_identify.py finds the lag of hidden_03."""
+    plant = json.loads((HIDDEN / "truth.json").read_text())[name]["plant"]
+    loop = read_loop(HIDDEN / f"{name}.csv")
+    study = diagnose(loop, identify(loop, options=Options(base_only=base_only)), apply=True)
+    assert study.missing == (effect,) and study.steps[-1].added == effect and study.adequate
+    assert study.steps[-1].error.rmse <= 1.05 * plant["noise_sd"]
+    assert study.estimate is not None
+    assert pytest.approx(plant["S_pct"], rel=0.01) == study.estimate.S
+    assert pytest.approx(plant["J_pct"], rel=0.05) == study.estimate.J
+    assert study_from_json(to_json(study)) == study
 
 
 @pytest.mark.parametrize("name", sorted(n for n in set(SMALL) - set(test_effects_command.TAKEN_IN)

@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import pytest
 import test_identify
+from test_identify import HIDDEN, needs_hidden
 
+from stictionid.historian import read_loop
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
@@ -65,3 +67,9 @@ def test_a_load_that_steps_under_an_integrator_is_found_where_the_base_explains_
 def test_noise_free_rows_of_the_paper_come_back_closer_than_the_paper(name: str, S: float, J: float, e_S: float,
                                                                       e_J: float) -> None:
     test_identify.test_noise_free_rows_of_the_paper_come_back_closer_than_the_paper(name, S, J, e_S, e_J)
+
+
+@needs_hidden
+def test_a_further_lag_becomes_no_step_where_the_base_alone_is_asked_for() -> None:
+    alone = identify(read_loop(HIDDEN / "hidden_03.csv"), options=Options(base_only=True))
+    assert len(alone.steps) == 1

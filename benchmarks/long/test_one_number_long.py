@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import test_one_number
 from commands import run
 from printed_numbers import wrong_numbers
 from test_one_number import outputs
 
-from stictionid.record.study import study_from_json
+from stictionid.record.study import Study, study_from_json
 
 _WIDE = {"COLUMNS": "400"}
 _LOOPS = {
@@ -24,6 +25,24 @@ def _simulated(folder: Path, effect: str, *more: str) -> None:
     out = run("simulate", "--S", 4, "--J", 2.5, *noise, "--scan", 1, "--seed", 1, "--setpoint", "0:5", "--setpoint",
               "450:-6", "--effect", effect, *more, "-o", "loop.csv", cwd=folder)
     assert out.returncode == 0, out.stderr
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Study, str]]:
+    """The outputs of the loop with a stop, for the tests of tests/."""
+    folder = tmp_path_factory.mktemp("stop")
+    _simulated(folder, *_LOOPS["stop"])
+    return outputs(folder)
+
+
+test_all_steps_of_a_study_have_one_noise = test_one_number.test_all_steps_of_a_study_have_one_noise
+test_each_effect_has_one_row_and_those_of_the_model_are_never_rejected = \
+    test_one_number.test_each_effect_has_one_row_and_those_of_the_model_are_never_rejected
+test_the_slip_jump_in_percent_of_travel_is_called_no_share = \
+    test_one_number.test_the_slip_jump_in_percent_of_travel_is_called_no_share
+test_the_map_of_the_cost_marks_the_estimate_of_its_step = \
+    test_one_number.test_the_map_of_the_cost_marks_the_estimate_of_its_step
+test_a_number_that_is_not_the_studys_is_found = test_one_number.test_a_number_that_is_not_the_studys_is_found
 
 
 @pytest.mark.parametrize("name", _LOOPS)

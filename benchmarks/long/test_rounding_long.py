@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from plants.run import plant_of
+from plants.score import loop_of
 
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.record.loop import Loop
@@ -32,3 +34,15 @@ def test_what_rounding_makes_of_a_clean_loop_is_not_named() -> None:
     assert [step.added for step in after.steps] == [None] and after.missing == ()
     assert "recorded in steps of 0.1 %" in after.adequate_reason
     assert [f.code for f in after.steps[-1].findings].count("rounded-output") == 1
+
+
+def test_a_clean_loop_with_a_rounded_output_gets_neither_an_effect_nor_a_noise() -> None:
+    """A slip that overshoots put single slips right, and gained 100 in BIC; coloured noise came next.
+
+    Without the setpoint no law of the controller gives the digits back.
+    """
+    loop = replace(loop_of(plant_of("clean", 15, 77_000)), setpoint=None)
+    after = diagnose(loop, identify(loop), apply=True)
+    assert after.missing == () and after.steps[-1].effects == ()
+    why = [gate.reason for node in after.tree for gate in node.gates if gate.name == "rounding" and not gate.passed]
+    assert why and why[0].startswith("the rounding of the output moves the model by ")

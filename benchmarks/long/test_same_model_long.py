@@ -11,7 +11,7 @@ from test_same_model import a_loop, assert_same
 from stictionid.model.closed_loop import Controller
 from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
-from stictionid.verbs.identify import identify
+from stictionid.verbs.identify import Options, identify
 from stictionid.verbs.remove import remove
 
 LONGER = {"duration_s": 900.0, "setpoint_moves": ((0.0, 5.0), (450.0, -6.0))}
@@ -51,3 +51,18 @@ def test_effects_added_by_hand_in_either_order_end_as_the_search_does(effects: E
     without = remove(loop, by_hand, last.added or "")
     assert last.added not in without.steps[-1].effects
     assert_same(add(loop, without, order[-1]), applied)
+
+
+def test_a_stop_added_before_or_after_another_effect_is_the_stop_of_the_search() -> None:
+    loop = a_loop(("travel-limit", {"upper": 52.0}), duration_s=900.0, setpoint_moves=((0.0, 5.0), (450.0, -6.0)))
+    study = identify(loop, options=Options(base_only=True))
+    assert study.evaluations is not None and study.evaluations > 0
+    applied = diagnose(loop, study, apply=True)
+    assert applied.missing == ("travel-limit",)
+    other = add(loop, study, "ramp-disturbance")
+    late = add(loop, other, "travel-limit")
+    assert [step.added for step in late.steps] == [None, "ramp-disturbance", "travel-limit"]
+    assert_same(remove(loop, late, "ramp-disturbance"), applied)
+    pruned = add(loop, other, "travel-limit", prune=True)
+    assert_same(pruned, applied)
+    assert [step.added for step in pruned.steps] == [None, "travel-limit"]

@@ -1,4 +1,4 @@
-"""Records slower than the scan at length: a step that looked like a walk, and colour between unseen scans."""
+"""Records slower than the scan at length: a step that looked like a walk, a lag, and colour between unseen scans."""
 
 from __future__ import annotations
 
@@ -14,6 +14,11 @@ def test_a_step_that_looked_like_a_walk_is_found() -> None:
     loop = loop_of(plant_of("one", 32, 78_000))
     after = diagnose(loop, identify(loop), apply=True)
     assert after.steps[-1].effects == ("step-disturbance",) and after.adequate
+
+
+def test_a_lag_that_leaves_the_free_run_of_a_slow_record_as_it_was_is_not_named() -> None:
+    study = identify(loop_of(plant_of("clean", 33, 48_000)))
+    assert study.steps[-1].effects == () and "between the samples" in study.missing_reason
 
 
 def test_colour_between_unseen_scans_is_no_answer_and_denies_no_friction() -> None:
