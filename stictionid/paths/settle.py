@@ -28,11 +28,13 @@ from .likelihood import deviance, law_paths, likeliest, log_prior, strokes
 # Scatter of a break-away force: bounds as shares of f_s, and those tried for the first path of a start.
 LEAST, MOST, FIRST = 0.003, 0.06, (0.005, 0.02, 0.06)
 # Rounds of path and values, turns of a descent in each, and the fall of -2 log L that is worth another round.
-_ROUNDS, _TURNS, _WORTH = 8, 4, 0.5
+ROUNDS, _TURNS, _WORTH = 8, 4, 0.5
 # First difference of a number, as a share of its range.
 _DIFFERENCE, _STILL = 1e-4, 1e-6
 # Rounds and change that settle the scatter; break-away forces tried either way, and their reach in scatters.
 _SCATTER_ROUNDS, _SAME_SCATTER, _FORCES, _REACH = 20, 0.01, 24, 1.0
+# Reach of f_s on a path of another valve, as a share of f_s.
+_WIDE = 0.4
 # Shares of a stickband whose path serves where that of the whole one never moves. Other valves to begin with: shares of
 # the largest S, with a slip jump that is this share of it, and the scatters that shrink, as shares of f_s.
 _SMALLER = (1.0, 0.85, 0.7, 0.55, 0.4)
@@ -88,22 +90,26 @@ def bounds(model: Model, values: FloatArray, hidden: float = 0.0) -> tuple[float
     return LEAST * fs, MOST * fs + hidden
 
 
-def settled(model: Model, values: FloatArray, *, error: float = 0.0, hidden: float = 0.0,
-            turns: bool = True) -> Settled:
-    """The model settled from values (d,); without `turns` only the path is sought, and the values stay.
+def settled(model: Model, values: FloatArray, *, error: float = 0.0, hidden: float = 0.0, rounds: int = ROUNDS,
+            begin: Paths | None = None) -> Settled:
+    """The model settled from values (d,); without `rounds` only the path is sought, and the values stay.
 
-    `error` is that of the command, and `hidden` widens the bound of the scatter, both in %. The result is never less
-    likely than the start by the law.
+    `error` is that of the command, and `hidden` widens the bound of the scatter, both in %. A path to `begin` with may
+    belong to another S: f_s does not show along it. The result is never less likely than the start by the law.
     """
     model = model.along(None)
     low, high = bounds(model, values, hidden)
     start = best = _by_law(model, values, low, error)
+    if begin is not None and [s.size for s in begin.slips] == [s.size for s in start.paths.slips]:
+        known = _at_force(_scored(model, values, replace(begin, error=error)), _WIDE * high / MOST)
+        known = _with_scatter(_at_force(_with_scatter(known, low, high)), low, high)
+        start = best = min(best, known, key=lambda s: s.deviance)
     for share in FIRST:
         width = min(max(share * high / MOST, low), high)
         found = _with_scatter(_scored(model, values, likeliest(model, values, replace(start.paths, scatter=width))),
                               low, high)
         best = min(best, found, key=lambda s: s.deviance)
-    for _ in range(_ROUNDS if turns else 0):
+    for _ in range(rounds):
         moved = _at_force(_with_scatter(_descended(best), low, high))
         again = _with_scatter(_scored(model, moved.values, likeliest(model, moved.values, moved.paths)), low, high)
         now = min(moved, again, best, key=lambda s: s.deviance)
@@ -121,15 +127,15 @@ def annealed(model: Model, values: FloatArray, error: float = 0.0, hidden: float
     model = model.along(None)
     if model.law.one_parameter or not _free(model)[:2].all():
         return [settled(model, values, error=error, hidden=hidden)]
-    best = settled(model, values, error=error, hidden=hidden)
+    best, process = settled(model, values, error=error, hidden=hidden), values
     for _ in range(_TRIES):
-        found = sorted((_shrunk(model, best.values, share * model.s_max, error) for share in _OTHER_VALVES),
+        found = sorted((_shrunk(model, process, share * model.s_max, error) for share in _OTHER_VALVES),
                        key=lambda s: s.deviance)
         now = min((settled(model, one.values, error=error, hidden=hidden) for one in found[:_BEST]),
                   key=lambda s: s.deviance)
         if not now.deviance < best.deviance - _WORTH:
             break
-        best = now
+        best, process = now, now.values
     return [best]
 
 
@@ -178,17 +184,18 @@ def _with_scatter(found: Settled, low: float, high: float) -> Settled:
     return _scored(found.model, found.values, replace(found.paths, scatter=width))
 
 
-def _at_force(found: Settled) -> Settled:
+def _at_force(found: Settled, reach: float = 0.0) -> Settled:
     """The same path with the likeliest break-away force: S and J move together, so that f_d stays.
 
-    Expectation and maximisation takes small steps where a force is known to a whole step of the command.
+    Expectation and maximisation takes small steps where a force is known to a whole step of the command. The forces
+    tried `reach` so far either way in %, or one scatter.
     """
     model, values = found.model, found.values
     if model.law.one_parameter or not _free(model)[:2].all():
         return found
     fs, width = 0.5 * (values[0] + values[1]), found.paths.scatter
     trial = values[:, None] + np.zeros((1, 2 * _FORCES + 1))
-    moves = _REACH * width * np.linspace(-1.0, 1.0, 2 * _FORCES + 1)
+    moves = (reach or _REACH * width) * np.linspace(-1.0, 1.0, 2 * _FORCES + 1)
     trial[:2] += moves
     trial[list(model.forces)] *= fs / (fs + moves)
     trial = trial[:, (np.abs(trial[list(model.forces)]) <= 1.0).all(axis=0) & (trial[1] >= 0.0)

@@ -16,7 +16,7 @@ from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended, longest_piece, search_model, with_start
-from ..fit.noise.completion import Refit, better, quick, restored
+from ..fit.noise.completion import Refit, better, likelier, quick, restored
 from ..fit.starts.basins import grown, with_process
 from ..fit.starts.beside_effect import (
     RESTING,
@@ -36,6 +36,7 @@ from ..numerics import tally
 from ..numerics.population import together
 from ..record.loop import Loop
 from ..typing import FloatArray
+from .along import fitted_along, looked_along
 from .node import BASE_EFFECTS, additions, key, local, node, other_process, physical, plain, with_effect
 from .policy import Policy
 from .score import WALKING, Scored, completed, glanced
@@ -174,6 +175,9 @@ def _in_form(ground: Ground, task: Task) -> Ground:
 
 def look_at(ground: Ground, task: Task) -> Packed:
     """A first look at one edge: an effect added, another process, or another course of the command."""
+    if ground.fit.model.spec.paths is not None and task.added and ground.fit.model.spec.increments == \
+            task.spec.increments:
+        return _packed(task, looked_along(ground.fit, task.added))
     rng = rng_of(ground.seed, key(task.spec), 1)
     found = (_with_effect(ground, task, rng) if task.added else
              _other_process(ground, task, rng) if task.spec.process != ground.fit.model.spec.process else
@@ -329,7 +333,11 @@ def _bound(fit: Fitted, spec: Spec) -> Model:
 
 
 def _full(ground: Ground, task: Task) -> Packed:
-    assert task.look is not None and task.look.points is not None and task.look.residual is not None
+    assert task.look is not None and task.look.residual is not None
+    if task.look.model_spec is not None and task.look.model_spec.paths is not None and task.look.points is None:
+        done = likelier(task.look.scored(ground.fit).done)
+        return replace(_packed(task, done), held=held_out(done), full=True)
+    assert task.look.points is not None
     rng = rng_of(ground.seed, key(task.spec), 2)
     model = _bound(ground.fit, task.spec)
     name = task.added if task.on_valve else ""
@@ -393,6 +401,8 @@ def fitted_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator,
     """
     model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
     values = model.vector(fit.model.named(fit.values))
+    if fit.model.spec.paths is not None:
+        return fitted_along(fit, spec, values)
     if name in BASE_EFFECTS:
         model, values, _ = refitted(model, values, rng)
     else:
@@ -423,6 +433,9 @@ def handed_back(fit: Fitted, children: Sequence[Scored], policy: Policy) -> tupl
 def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:
     """A node fitted once more from its own point, in levels and in the form that it has; the best of them."""
     done, rng = scored.done, rng_of(seed, key(spec), 2)
+    if done.model.spec.paths is not None:
+        again = likelier(done, anew=True)
+        return Scored(again, True, held_out(again)) if again.gain_over(done) > 0.0 else scored
     for soft in dict.fromkeys((False, done.increments)):
         model = bound(done.model.loop, node(spec, soft=soft), s_max=done.model.s_max, period_s=done.model.period_s,
                       residual=done.evaluated.left)

@@ -15,6 +15,7 @@ from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended
 from ..fit.noise.completion import (
     AUTOREGRESSIVE,
+    NEARLY,
     RANDOM_WALK,
     RESONANT,
     Refit,
@@ -126,7 +127,7 @@ def glanced(model: Model, values: FloatArray) -> Refit:
     """The model as it is, completed with the better of an autoregression and a walk, not refitted to it."""
     found = quick(model, values)
     walk = _as_walk(model, found)
-    return likelier(found if walk is None else better(found, quick(*walk)), settle=False)
+    return likelier(found if walk is None else better(found, quick(*walk)), rounds=0)
 
 
 def completed(model: Model, values: FloatArray, pool: FloatArray, rng: np.random.Generator, policy: Policy, *,
@@ -268,8 +269,8 @@ def is_noise(name: str) -> bool:
 def standing(scored: Scored, spec: Spec) -> Fitted:
     """The node's point in its search form, ready for looks at its children."""
     done = scored.done
-    model = bound(done.model.loop, node(spec, soft=done.increments), s_max=done.model.s_max,
-                  period_s=done.model.period_s, residual=done.evaluated.left)
-    fit = as_it_stands(model, model.vector(done.model.named(done.values)))
-    # What slips in the wrong place would leave is no effect's work.
-    return fit if done.model.spec.paths is None else replace(fit, best=done.evaluated)
+    # Slips that PV placed stay where little is left to explain; elsewhere they bend to the missing effect.
+    paths = done.model.spec.paths if done.evaluated.rmse <= NEARLY * done.innovation_sd else None
+    model = bound(done.model.loop, replace(node(spec, soft=done.increments), paths=paths),
+                  s_max=done.model.s_max, period_s=done.model.period_s, residual=done.evaluated.left)
+    return as_it_stands(model, model.vector(done.model.named(done.values)))

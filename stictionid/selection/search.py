@@ -301,6 +301,8 @@ class Search:
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""
+        if ground.fit.model.spec.paths is not None:
+            return  # looks go along the node's path
         asked = [question for t in tasks if kind_of(t.spec) not in self.valves for question in t.for_valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self.budget.answers(crew, asked):
@@ -337,7 +339,8 @@ class Search:
         by_score = sorted(effects, key=lambda a: -self._seen(a).done.gain_over(entry.scored.done))
         by_free_run = sorted(effects, key=lambda a: self._seen(a).rmse)
         best = {key(a.spec): a for a in (*by_score[:2 * self.policy.finalists], *by_free_run[:self.policy.finalists])}
-        polished = self._performed(ground, entry, [Task(a.spec, a.added, CLOSER, a) for a in best.values()])
+        polished = self._performed(ground, entry, [Task(a.spec, a.added, CLOSER, a) for a in best.values()
+                                                   if a.points is not None])
         closer = {key(a.spec) for a in polished}  # (the budget may end before)
         return [*(a for a in answers if key(a.spec) not in closer), *polished]
 
