@@ -13,12 +13,12 @@ import numpy as np
 from ..effects import parse
 from ..model.model import Model
 from ..model.segments import bound
-from ..model.spec import BASE
+from ..model.spec import BASE, Spec
 from ..numerics.population import Found, refine, together
 from ..typing import FloatArray
 from .fit import Fitted, polish_smooth
 from .moves import descended, search_model, spreads, with_start
-from .noise.completion import quick
+from .noise.completion import Refit, likelier, quick
 from .own_scan import scanned_starts
 from .starts.basins import along_ridge, with_other_start, with_process
 from .starts.beside_effect import RESTING, across, guessed_valves, on_valve, open_valves, stickbands
@@ -46,6 +46,8 @@ _HERDED, _RIDGED = 2, 4
 _RESTS = 0.9
 # Steps along the curve of equal cost (dead time against break-away) in a full refit.
 _RIDGE_TURNS = 3
+# Turns and fall of the cost of a descent along a path that PV placed, and the rounds that settle a look's own.
+_ALONG, _ALONG_STILL, _PATH_ROUNDS = 4, 1e-3, 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,3 +254,32 @@ def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> 
                 best, cost = trial, now
         values = model.values(best[None])[:, 0]
     return best, cost
+
+
+def looked_along(fit: Fitted, name: str) -> Refit:
+    """One effect added to a fit along its path: from its neutral value and its guesses, the path settled anew."""
+    model, _ = widened_by(fit, name)
+    effect, option = parse(name)
+    here = model.vector(fit.best.values)
+    starts = [here]
+    for guess in effect.guess(model.context_of(option)) if effect.guess else ():
+        starts.append(here.copy())
+        starts[-1][model.rows_of(name)] = guess
+    cube = model.cube(np.array(starts).T)
+    if effect.scan is not None:
+        cube = np.concatenate([cube, scanned_starts(model, name, here, False)])
+    near = descended(model, cube, turns=_ALONG, settle=_ALONG_STILL)
+    values = list(model.values(near.points[:1]).T)
+    if effect.friction is not None:
+        # (an effect on break-away forces alone does not show along a path that is given)
+        values.append(here)
+    found = [likelier(quick(model, v), rounds=_PATH_ROUNDS) for v in values]
+    return min(found, key=lambda done: done.bic(done.good))
+
+
+def fitted_along(fit: Fitted, spec: Spec, values: FloatArray) -> Refit:
+    """A node of another structure along the path of a fit, settled from values (d,)."""
+    before = fit.model
+    model = bound(before.loop, replace(spec, paths=before.spec.paths), s_max=before.s_max, period_s=before.period_s,
+                  residual=fit.best.left)
+    return likelier(quick(model, values))

@@ -25,7 +25,7 @@ from ..record.loop import Loop
 from ..record.study import Candidate, ErrorSummary, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
-from .doubts import jumps_past, least_cost
+from .doubts import jumps_past, least_cost, settling
 from .entry import ADD, DROP, Entry
 from .gates import LASTS, SHORT, lasts
 from .looks import rng_of
@@ -33,7 +33,6 @@ from .node import BASE_EFFECTS, LAG, additions, key, physical, plain, shapes, wi
 from .policy import Policy
 from .score import COLOURED, NARROW, Scored, by_rounding, least_free_run, noise_name
 from .search import Search
-from .tells import settling
 
 
 @dataclass(frozen=True, slots=True)

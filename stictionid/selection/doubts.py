@@ -2,7 +2,7 @@
 
 Between samples of a command that moves, both look alike. A slip jump beyond the stickband needs a friction below zero:
 the valve rests, or one that slides jumps past its place. So it may where nothing is named and the free run is far from
-its innovations.
+its innovations. Which measurement would settle what looks alike is said in words of the effects' own files.
 """
 
 from __future__ import annotations
@@ -63,3 +63,15 @@ def rests_instead(done: Refit, name: str) -> dict[str, float]:
     swing, slip = natural.numbers(values[0], values[1], values[model.rows_of(name)], model.context)
     rests = {f"{RESTING}:{p.name}": p.high for p in parse(RESTING)[0].parameters}
     return {**model.named(done.values), "S": float(swing[0]), "J": float(slip[0]), **rests}
+
+
+def settling(name: str, rivals: tuple[str, ...]) -> str:
+    """One test in words that tells an effect from its rivals; empty where nothing rivals it."""
+    mine = parse(name)[0]
+    for rival in rivals:
+        other = parse(rival)[0]
+        if other.name == mine.name:
+            return "a tag of the suspected load, or a step of OP in manual: it shows how a load enters"
+        if words := mine.told_apart.get(other.name) or other.told_apart.get(mine.name):
+            return words
+    return mine.settled_by if rivals else ""

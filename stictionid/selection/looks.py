@@ -6,7 +6,7 @@ Every task has its own random generator, made from the seed and the node's key.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,7 +28,14 @@ from ..fit.starts.beside_effect import (
     undisturbed,
 )
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
-from ..fit.with_effect import Scouted, closer, out_of_basin, scout, settled, widened_by
+from ..fit.with_effect import (
+    Scouted,
+    closer,
+    looked_along,
+    scout,
+    settled,
+    widened_by,
+)
 from ..model.model import Model
 from ..model.segments import bound
 from ..model.spec import BASE, INTEGRATOR, Spec
@@ -36,8 +43,17 @@ from ..numerics import tally
 from ..numerics.population import together
 from ..record.loop import Loop
 from ..typing import FloatArray
-from .along import fitted_along, looked_along
-from .node import BASE_EFFECTS, additions, key, local, node, other_process, physical, plain, with_effect
+from .node import (
+    additions,
+    key,
+    kind_of,
+    local,
+    node,
+    other_process,
+    physical,
+    valve_effects,
+    with_effect,
+)
 from .policy import Policy
 from .score import WALKING, Scored, completed, glanced
 
@@ -81,7 +97,7 @@ class Task:
     @property
     def for_valves(self) -> list[Task]:
         """The searches for valves of the child: two for a held one that rests and has no other effect on it."""
-        rests_only = self.spec.held and _valve_effects(self.spec) == [RESTING]
+        rests_only = self.spec.held and valve_effects(self.spec) == [RESTING]
         return [replace(self, stage=stage) for stage in (VALVES, SPEEDS)[:1 + rests_only]]
 
 
@@ -210,24 +226,9 @@ def _closer(ground: Ground, task: Task) -> Packed:
                    gain=found.gain)
 
 
-def _valve_effects(spec: Spec) -> list[str]:
-    return sorted(n for n in spec.effects if on_valve(parse(n)[0]))
-
-
-def kind_of(spec: Spec) -> str:
-    """The effects on the valve of a node, and its command between samples: nodes of one kind have the same valves.
-
-    A valve that only rests is found with its process, on the record less what disturbs it. So these belong to its kind.
-    """
-    valve = _valve_effects(spec)
-    beside = [n for n in spec.effects if plain(n) in BASE_EFFECTS or parse(n)[0].columns]
-    words = [spec.process, *beside] if valve == [RESTING] else []
-    return f"{' + '.join(valve)} {spec.between} {' + '.join(words)}".rstrip()
-
-
 def _open_rng(ground: Ground, task: Task) -> np.random.Generator:
     """A generator for valves with no process assumed: one question for each set of effects on the valve."""
-    return rng_of(ground.seed, f"{FAR} {' + '.join(_valve_effects(task.spec))} {task.spec.between}", 1)
+    return rng_of(ground.seed, f"{FAR} {' + '.join(valve_effects(task.spec))} {task.spec.between}", 1)
 
 
 def _valves(ground: Ground, task: Task) -> Packed:
@@ -299,7 +300,7 @@ def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
 
 def _other_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     """A look at the other process: the valves of the pool, each with the process of a grid."""
-    model = _bound(ground.fit, task.spec)
+    model = bound_as(ground.fit, task.spec)
     coarse = search_model(model)
     known = ground.fit.model.named(ground.fit.values)
     values = np.stack([coarse.vector({**known, **dict(zip(BASE, base, strict=True))}) for base in ground.pool], axis=1)
@@ -314,7 +315,7 @@ def _other_command(ground: Ground, task: Task, rng: np.random.Generator) -> Scou
     """A look at another course of the command between samples, from the parent's point; a far one from new valves, too.
     """
     fit = ground.fit
-    model = _bound(fit, task.spec)
+    model = bound_as(fit, task.spec)
     coarse = search_model(model)
     if task.spec.held:
         start = coarse.cube(fit.values[:, None])
@@ -327,7 +328,8 @@ def _other_command(ground: Ground, task: Task, rng: np.random.Generator) -> Scou
     return Scouted(coarse, model, found.points, float(found.costs[0]), float(found.costs[0]))
 
 
-def _bound(fit: Fitted, spec: Spec) -> Model:
+def bound_as(fit: Fitted, spec: Spec) -> Model:
+    """The model of a node on the record of a fit, with the residual of that fit for guesses."""
     return bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
                  residual=fit.best.left)
 
@@ -339,7 +341,7 @@ def _full(ground: Ground, task: Task) -> Packed:
         return replace(_packed(task, done), held=held_out(done), full=True)
     assert task.look.points is not None
     rng = rng_of(ground.seed, key(task.spec), 2)
-    model = _bound(ground.fit, task.spec)
+    model = bound_as(ground.fit, task.spec)
     name = task.added if task.on_valve else ""
     look = Scouted(search_model(model), model, task.look.points, task.look.cost, np.inf, name)
     short = _searched(as_it_stands(model, look.values), task.spec, ground.policy)
@@ -377,75 +379,6 @@ def _under_noise(ground: Ground, task: Task, done: Refit, rng: np.random.Generat
         if done.white:
             break
     return done
-
-
-def refitted(model: Model, values: FloatArray, rng: np.random.Generator, *,
-             beside: bool = False) -> tuple[Model, FloatArray, float]:
-    """A model, its values (d,) and cost, fitted in full from values found beside other effects.
-
-    A slip a sample late looks like noise. With `beside`, under a held command, a population in neighbouring basins puts
-    it right; a polish stops at the first sample.
-    """
-    coarse = search_model(model)
-    points = with_start(coarse, coarse.cube(values[:, None]))
-    if beside and model.spec.held:
-        points = out_of_basin(coarse, points, rng).points
-    name = next((n for n in reversed(model.spec.effects) if on_valve(parse(n)[0])), "")
-    return settled(Scouted(coarse, model, points, np.inf, np.inf, name), rng)
-
-
-def fitted_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, policy: Policy) -> Refit:
-    """A node without one of its effects (`spec`), fitted from its own values.
-
-    An effect of the base gets a fit in full: it bent the valve while an effect was missing.
-    """
-    model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
-    values = model.vector(fit.model.named(fit.values))
-    if fit.model.spec.paths is not None:
-        return fitted_along(fit, spec, values)
-    if name in BASE_EFFECTS:
-        model, values, _ = refitted(model, values, rng)
-    else:
-        start = model.cube(values[:, None])
-        values = model.values(descended(model, np.concatenate([start, with_start(model, start)])).points[:1])[:, 0]
-    return completed(model, values, fit.values[None, :len(BASE)], rng, policy)
-
-
-def handed_back(fit: Fitted, children: Sequence[Scored], policy: Policy) -> tuple[Model, FloatArray] | None:
-    """A node's model and values (d,) from those of its children, polished or as they are; None where none is better.
-
-    A node in differences of y is tried in levels, too.
-    """
-    known, before, best = fit.model.named(fit.values), glanced(fit.model, fit.values), None
-    levels = node(fit.model.spec)
-    for model in (fit.model, *(_bound(fit, spec) for spec in (levels,) if spec != fit.model.spec)):
-        starts = np.stack([model.vector({n: v for n, v in c.done.model.named(c.done.values).items()
-                                         if n in known}) for c in children], axis=1)
-        cube = model.cube(starts)
-        # A descent in the free run may leave a basin that only the innovations show.
-        for values in model.values(np.concatenate([descended(model, cube).points[:1], cube])).T:
-            found = glanced(model, values)
-            if found.gain_over(before) > policy.better_fit:
-                before, best = found, (model, values)
-    return best
-
-
-def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:
-    """A node fitted once more from its own point, in levels and in the form that it has; the best of them."""
-    done, rng = scored.done, rng_of(seed, key(spec), 2)
-    if done.model.spec.paths is not None:
-        again = likelier(done, anew=True)
-        return Scored(again, True, held_out(again)) if again.gain_over(done) > 0.0 else scored
-    for soft in dict.fromkeys((False, done.increments)):
-        model = bound(done.model.loop, node(spec, soft=soft), s_max=done.model.s_max, period_s=done.model.period_s,
-                      residual=done.evaluated.left)
-        model, values, cost = refitted(model, model.vector(done.model.named(done.values)), rng, beside=True)
-        if not np.isfinite(cost):
-            continue
-        again = completed(model, values, values[None, :len(BASE)], rng, policy)
-        if again.gain_over(scored.done) > 0.0:
-            scored = Scored(again, True, held_out(again))
-    return scored
 
 
 def _packed(task: Task, done: Refit, *, points: FloatArray | None = None, cost: float = np.inf,

@@ -8,7 +8,7 @@ from dataclasses import replace
 from ..effects import built_in, catalogue, in_order, parse
 from ..effects.contract import Effect, Place
 from ..fit.options import check_tag
-from ..fit.starts.beside_effect import RESTING
+from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec, suited
 from ..record.loop import Loop
 
@@ -64,6 +64,22 @@ def spec_of(words: str, effects: Iterable[str], like: Spec) -> Spec:
     between, _, parts = command.partition("/")
     return node(replace(like, law=law, process=process, between=between, substeps=int(parts or 1),
                         effects=tuple(effects)))
+
+
+def valve_effects(spec: Spec) -> list[str]:
+    """The effects of a node that act on the valve, in alphabetical order."""
+    return sorted(n for n in spec.effects if on_valve(parse(n)[0]))
+
+
+def kind_of(spec: Spec) -> str:
+    """The effects on the valve of a node, and its command between samples: nodes of one kind have the same valves.
+
+    A valve that only rests is found with its process, on the record less what disturbs it. So these belong to its kind.
+    """
+    valve = valve_effects(spec)
+    beside = [n for n in spec.effects if plain(n) in BASE_EFFECTS or parse(n)[0].columns]
+    words = [spec.process, *beside] if valve == [RESTING] else []
+    return f"{' + '.join(valve)} {spec.between} {' + '.join(words)}".rstrip()
 
 
 def depth(spec: Spec) -> int:

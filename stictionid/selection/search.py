@@ -33,12 +33,8 @@ from .looks import (
     Task,
     adding,
     edges,
-    fitted_without,
-    handed_back,
-    kind_of,
     pool_of,
     rng_of,
-    settled_again,
 )
 from .node import (
     BASE_EFFECTS,
@@ -46,6 +42,7 @@ from .node import (
     additions,
     depth,
     key,
+    kind_of,
     leaking,
     node,
     other_process,
@@ -55,6 +52,7 @@ from .node import (
     without,
 )
 from .policy import Policy
+from .refits import fitted_without, handed_back, settled_again
 from .score import Scored, completed, standing
 from .waiting import better_base, other_structures, ranked, waiting
 
@@ -301,8 +299,8 @@ class Search:
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""
-        if ground.fit.model.spec.paths is not None:
-            return  # looks go along the node's path
+        # (looks beside a node whose slips PV placed go along its path)
+        tasks = tasks if ground.fit.model.spec.paths is None else ()
         asked = [question for t in tasks if kind_of(t.spec) not in self.valves for question in t.for_valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self.budget.answers(crew, asked):
@@ -339,8 +337,8 @@ class Search:
         by_score = sorted(effects, key=lambda a: -self._seen(a).done.gain_over(entry.scored.done))
         by_free_run = sorted(effects, key=lambda a: self._seen(a).rmse)
         best = {key(a.spec): a for a in (*by_score[:2 * self.policy.finalists], *by_free_run[:self.policy.finalists])}
-        polished = self._performed(ground, entry, [Task(a.spec, a.added, CLOSER, a) for a in best.values()
-                                                   if a.points is not None])
+        again = [Task(a.spec, a.added, CLOSER, a) for a in best.values() if a.points is not None]
+        polished = self._performed(ground, entry, again)
         closer = {key(a.spec) for a in polished}  # (the budget may end before)
         return [*(a for a in answers if key(a.spec) not in closer), *polished]
 

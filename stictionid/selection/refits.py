@@ -1,0 +1,95 @@
+"""Full fits of a node that is known: without one of its effects, from its children's values, or once more.
+
+Source: docs/method.md, section 11.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..effects import parse
+from ..fit.cross_validation import held_out
+from ..fit.fit import Fitted
+from ..fit.moves import descended, search_model, with_start
+from ..fit.noise.completion import Refit, likelier
+from ..fit.starts.beside_effect import on_valve
+from ..fit.with_effect import Scouted, fitted_along, out_of_basin, settled
+from ..model.model import Model
+from ..model.segments import bound
+from ..model.spec import BASE, Spec
+from ..typing import FloatArray
+from .looks import bound_as, rng_of
+from .node import BASE_EFFECTS, key, node
+from .policy import Policy
+from .score import Scored, completed, glanced
+
+
+def refitted(model: Model, values: FloatArray, rng: np.random.Generator, *,
+             beside: bool = False) -> tuple[Model, FloatArray, float]:
+    """A model, its values (d,) and cost, fitted in full from values found beside other effects.
+
+    A slip a sample late looks like noise. With `beside`, under a held command, a population in neighbouring basins puts
+    it right; a polish stops at the first sample.
+    """
+    coarse = search_model(model)
+    points = with_start(coarse, coarse.cube(values[:, None]))
+    if beside and model.spec.held:
+        points = out_of_basin(coarse, points, rng).points
+    name = next((n for n in reversed(model.spec.effects) if on_valve(parse(n)[0])), "")
+    return settled(Scouted(coarse, model, points, np.inf, np.inf, name), rng)
+
+
+def fitted_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, policy: Policy) -> Refit:
+    """A node without one of its effects (`spec`), fitted from its own values.
+
+    An effect of the base gets a fit in full: it bent the valve while an effect was missing.
+    """
+    model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
+    values = model.vector(fit.model.named(fit.values))
+    if fit.model.spec.paths is not None:
+        return fitted_along(fit, spec, values)
+    if name in BASE_EFFECTS:
+        model, values, _ = refitted(model, values, rng)
+    else:
+        start = model.cube(values[:, None])
+        values = model.values(descended(model, np.concatenate([start, with_start(model, start)])).points[:1])[:, 0]
+    return completed(model, values, fit.values[None, :len(BASE)], rng, policy)
+
+
+def handed_back(fit: Fitted, children: Sequence[Scored], policy: Policy) -> tuple[Model, FloatArray] | None:
+    """A node's model and values (d,) from those of its children, polished or as they are; None where none is better.
+
+    A node in differences of y is tried in levels, too.
+    """
+    known, before, best = fit.model.named(fit.values), glanced(fit.model, fit.values), None
+    levels = node(fit.model.spec)
+    for model in (fit.model, *(bound_as(fit, spec) for spec in (levels,) if spec != fit.model.spec)):
+        starts = np.stack([model.vector({n: v for n, v in c.done.model.named(c.done.values).items()
+                                         if n in known}) for c in children], axis=1)
+        cube = model.cube(starts)
+        # A descent in the free run may leave a basin that only the innovations show.
+        for values in model.values(np.concatenate([descended(model, cube).points[:1], cube])).T:
+            found = glanced(model, values)
+            if found.gain_over(before) > policy.better_fit:
+                before, best = found, (model, values)
+    return best
+
+
+def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:
+    """A node fitted once more from its own point, in levels and in the form that it has; the best of them."""
+    done, rng = scored.done, rng_of(seed, key(spec), 2)
+    if done.model.spec.paths is not None:
+        again = likelier(done, anew=True)
+        return Scored(again, True, held_out(again)) if again.gain_over(done) > 0.0 else scored
+    for soft in dict.fromkeys((False, done.increments)):
+        model = bound(done.model.loop, node(spec, soft=soft), s_max=done.model.s_max, period_s=done.model.period_s,
+                      residual=done.evaluated.left)
+        model, values, cost = refitted(model, model.vector(done.model.named(done.values)), rng, beside=True)
+        if not np.isfinite(cost):
+            continue
+        again = completed(model, values, values[None, :len(BASE)], rng, policy)
+        if again.gain_over(scored.done) > 0.0:
+            scored = Scored(again, True, held_out(again))
+    return scored
