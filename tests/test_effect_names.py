@@ -12,9 +12,9 @@ from stictionid.effects import catalogue, get, leaving
 from stictionid.effects.contract import TRACES
 from stictionid.fit.noise.completion import AUTOREGRESSIVE, RANDOM_WALK, RESONANT
 from stictionid.fit.starts.beside_effect import RESTING
+from stictionid.selection.doubts import settling
 from stictionid.selection.node import BASE_EFFECTS, LAG
 from stictionid.selection.score import COLOURED, NARROW, WALKING
-from stictionid.selection.tells import settling
 from stictionid.verbs.selftest import HIDDEN
 
 PACKAGE = Path(__file__).parent.parent / "stictionid"

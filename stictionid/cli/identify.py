@@ -194,8 +194,12 @@ def _estimate_table(study: Any) -> Any:
     value, ends = wording.jump_apart(e.J, e.J_interval, known=e.J_known)
     table.add_row("J slip jump", f"{value} {safe(e.unit)}" if e.J_known else value, ends,
                   number(seen.J if seen else None, e.unit))
-    if e.scatter is not None:
-        row("f_s from stroke to stroke +-", e.scatter.value, e.scatter.unit, e.scatter.interval)
+    if e.scatter is not None and e.scatter.interval is not None:
+        low, high = e.scatter.interval
+        if low > 0.0:
+            row("scatter of f_s", e.scatter.value, e.scatter.unit, e.scatter.interval)
+        else:
+            table.add_row("scatter of f_s", f"below {number(high)} {safe(e.scatter.unit)}", "-", "-")
     row("process gain", e.gain, f"{unit_y}/{e.unit}{' per s' if e.integrating else ''}", e.gain_interval)
     for i, (lag, span) in enumerate(zip_longest(e.time_constants_s, e.time_constants_intervals)):
         row("time constant" if i == 0 else "second time constant", lag, "s", span)

@@ -140,7 +140,7 @@ def _errors(ground: Ground, study: Study, *, own: bool) -> Errors:
     spread = float(used.std())
     last = study.steps[-1].error
     ahead = float(np.sqrt(np.mean(e[good] ** 2))) if good.any() else 0.0
-    free, one_step = (last.rmse, last.rmse_one_step or ahead) if own else (ground.rmse, ahead)
+    free, one_step = (last.best, last.rmse_one_step or ahead) if own else (ground.rmse, ahead)
     h = max(1, round(ground.evaluated.values["time_constant_s"] / (ground.step_s * ground.pace)))
     delay = int(ground.evaluated.values["dead_time_s"] / ground.step_s)
     floor = last.noise_sd if own else irreducible(y, ground.evaluated.position_means, ground.good, delay,

@@ -69,7 +69,7 @@ def _better(a: ErrorSummary | None, b: ErrorSummary | None) -> int | None:
     if a is None or b is None:
         return None
     held = a.rmse_holdout is not None and b.rmse_holdout is not None
-    first, second = (a.rmse_holdout, b.rmse_holdout) if held else (a.rmse, b.rmse)
+    first, second = (a.rmse_holdout, b.rmse_holdout) if held else (a.best, b.best)
     assert first is not None and second is not None
     if abs(first - second) <= _BETTER * max(first, second):
         return None
@@ -81,7 +81,7 @@ def _statement(same: bool, better: int | None, a: ErrorSummary | None, b: ErrorS
     if a is None or b is None:
         return "one of the studies has no model, because its record can't tell"
     if same:
-        change = f"the free-run error is {a.rmse:.4g} and {b.rmse:.4g}"
+        change = f"the free-run error is {a.best:.4g} and {b.best:.4g}"
         if a.rmse_holdout is not None and b.rmse_holdout is not None:
             change += f", held out {a.rmse_holdout:.4g} and {b.rmse_holdout:.4g}"
         word = "both models explain the record alike" if better is None else \

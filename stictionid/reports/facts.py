@@ -205,11 +205,11 @@ def ladder_rows(study: Study) -> tuple[tuple[str, ...], ...]:
     for step in study.steps:
         e = step.error
         label = "base model" if step.added is None else f"+ {wording.name(step.added)}{evidence.flag(step)}"
-        change = wording.NOTHING if not before else f"{100 * (e.rmse / before - 1):+.0f} %"
-        rows.append((label, wording.number(e.rmse), change, wording.number(e.rmse_holdout),
-                     wording.times(e.rmse, e.noise_sd), wording.number(e.rmse_one_step),
+        change = wording.NOTHING if not before else f"{100 * (e.best / before - 1):+.0f} %"
+        rows.append((label, wording.number(e.best), change, wording.number(e.rmse_holdout),
+                     wording.times(e.best, e.noise_sd), wording.number(e.rmse_one_step),
                      wording.percent(e.fit_percent, 3), f"{step.restarts.agree} of {step.restarts.runs}"))
-        before = e.rmse
+        before = e.best
     return tuple(rows)
 
 
@@ -224,6 +224,7 @@ def _ladder(study: Study) -> Section | None:
     if study.adequate is not None:
         word = "" if study.completed else "adequate: " if study.adequate else "not adequate: "
         text.append(f"The model is {word}{_tail(study.adequate_reason)}")
+    text += path_sentences(study)
     text += [f"With {wording.name(b.added)} the free run errs more, {wording.number(b.error.best)} for "
              f"{wording.number(a.error.best)} without it." for a, b in pairwise(study.steps)
              if b.added and b.error.best > a.error.best]
@@ -235,16 +236,34 @@ def _ladder(study: Study) -> Section | None:
     return Section("ladder", "Error ladder", tuple(text), (), (table,), ("ladder", "film"))
 
 
+def path_sentences(study: Study) -> list[str]:
+    """What PV did to the slips of the last model, and how much its break-away force scatters; empty where nothing."""
+    e, unit = study.steps[-1].error, _pv_unit(study)
+    if e.rmse_path is None or e.slips_moved is None:
+        return []
+    text = [f"PV helped to place the slips: {100 * e.slips_moved:.0f} % come elsewhere than the law alone puts them. "
+            f"With slips by OP alone the model errs by {wording.with_unit(e.rmse, unit)}."]
+    scatter = study.estimate.scatter if study.estimate is not None else None
+    if scatter is not None and scatter.interval is not None:
+        low, high = scatter.interval
+        text.append(f"From stroke to stroke the break-away force scatters by {wording.number(scatter.value)} "
+                    f"{wording.name(scatter.unit)} (90 %: {wording.number(low)} to {wording.number(high)}), "
+                    f"{100 * scatter.share_of_S:.1f} % of S." if low > 0.0 else
+                    f"From stroke to stroke the break-away force scatters by less than {wording.number(high)} "
+                    f"{wording.name(scatter.unit)}.")
+    return text
+
+
 def _ladder_sentence(study: Study, unit: str) -> str:
     first, last = study.steps[0].error, study.steps[-1].error
-    moved = f"The free-run error is {wording.with_unit(last.rmse, unit)}"
+    moved = f"The free-run error is {wording.with_unit(last.best, unit)}"
     if len(study.steps) > 1:
-        moved = (f"The free-run error went from {wording.with_unit(first.rmse, unit)} to "
-                 f"{wording.with_unit(last.rmse, unit)} with "
+        moved = (f"The free-run error went from {wording.with_unit(first.best, unit)} to "
+                 f"{wording.with_unit(last.best, unit)} with "
                  f"{counted(len(study.steps) - 1, 'added effect')}")
     if not last.noise_sd:
         return moved + "."
-    return (f"{moved}, {wording.times(last.rmse, last.noise_sd)} times the irreducible noise "
+    return (f"{moved}, {wording.times(last.best, last.noise_sd)} times the irreducible noise "
             f"{wording.with_unit(last.noise_sd, unit)}.")
 
 
@@ -287,7 +306,7 @@ def comparison(studies: list[Study]) -> PageTable:
     rows = []
     for study in studies:
         e, last = study.estimate, study.steps[-1].error if study.steps else None
-        ratio = wording.times(last.rmse, last.noise_sd) if last else wording.NOTHING
+        ratio = wording.times(last.best, last.noise_sd) if last else wording.NOTHING
         rows.append((
             wording.name(study.data.name), wording.name(study.verdict.stiction),
             wording.estimate(e.S, e.S_interval, e.unit) if e else wording.NOTHING,

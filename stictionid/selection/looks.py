@@ -127,6 +127,11 @@ class Packed:
     # Named values of the valves that a search for valves found.
     valves: tuple[dict[str, float], ...] = ()
 
+    @property
+    def along(self) -> bool:
+        """True for a look along slips that PV placed."""
+        return self.model_spec is not None and self.model_spec.paths is not None and self.points is None
+
     def scored(self, fit: Fitted) -> Scored:
         """The fit with its arrays again; one run of the model, no search."""
         assert self.model_spec is not None and self.values is not None and self.taps is not None
@@ -336,7 +341,7 @@ def bound_as(fit: Fitted, spec: Spec) -> Model:
 
 def _full(ground: Ground, task: Task) -> Packed:
     assert task.look is not None and task.look.residual is not None
-    if task.look.model_spec is not None and task.look.model_spec.paths is not None and task.look.points is None:
+    if task.look.along:
         done = likelier(task.look.scored(ground.fit).done)
         return replace(_packed(task, done), held=held_out(done), full=True)
     assert task.look.points is not None

@@ -337,7 +337,7 @@ class Search:
         by_score = sorted(effects, key=lambda a: -self._seen(a).done.gain_over(entry.scored.done))
         by_free_run = sorted(effects, key=lambda a: self._seen(a).rmse)
         best = {key(a.spec): a for a in (*by_score[:2 * self.policy.finalists], *by_free_run[:self.policy.finalists])}
-        again = [Task(a.spec, a.added, CLOSER, a) for a in best.values() if a.points is not None]
+        again = [Task(a.spec, a.added, CLOSER, a) for a in best.values() if not a.along]
         polished = self._performed(ground, entry, again)
         closer = {key(a.spec) for a in polished}  # (the budget may end before)
         return [*(a for a in answers if key(a.spec) not in closer), *polished]

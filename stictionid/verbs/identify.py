@@ -144,9 +144,9 @@ def _outcome(method: Method, run: Run, policy: Policy | None) -> Outcome:
 def _unclear(found: Range, step: Step) -> str:
     """The reason for silence where the output turns at uneven distances and the best model is far from the noise."""
     e = step.error
-    if found.reference != BY_TURNS or found.oscillating or not e.noise_sd or e.rmse < _FAR * e.noise_sd:
+    if found.reference != BY_TURNS or found.oscillating or not e.noise_sd or e.best < _FAR * e.noise_sd:
         return ""
-    return f"{found.reason}; and the best model errs by {e.rmse / e.noise_sd:.2g} times the noise"
+    return f"{found.reason}; and the best model errs by {e.best / e.noise_sd:.2g} times the noise"
 
 
 def _every_law(piece: Loop, found: Range, options: Options, method: Method, policy: Policy | None,

@@ -24,6 +24,9 @@ from .smooth import GAIN
 
 # Draws behind the intervals, and the fewest strokes that show how much a force scatters.
 _DRAWS, _FEWEST_STROKES = 400, 5
+# Errors of the command in a force, for the lower end of its scatter, the scatter and the upper end. Turns of a slide
+# may bring in two more.
+_ERRORS = (4.0, 2.0, 2.0)
 
 
 def finished_along(model: Model, values: FloatArray, *, last: bool = True) -> Fitted:
@@ -58,8 +61,8 @@ def scatter_of(model: Model, values: FloatArray, unit: str) -> Scatter | None:
     if paths is None or paths.count < _FEWEST_STROKES:
         return None
     wide = POINT_90 / np.sqrt(2.0 * paths.count)
-    low, value, high = (float(np.sqrt(max((paths.scatter * (1.0 + sign * wide))**2 - 2.0 * paths.error**2, 0.0)))
-                        for sign in (-1.0, 0.0, 1.0))
+    low, value, high = (float(np.sqrt(max((paths.scatter * (1.0 + sign * wide))**2 - count * paths.error**2, 0.0)))
+                        for sign, count in zip((-1.0, 0.0, 1.0), _ERRORS, strict=True))
     if paths.scatter <= bounds(model, values)[0] * (1.0 + 1e-9):
         # At its lower bound the scatter is anything smaller.
         low = 0.0
