@@ -38,8 +38,12 @@ MOST, KEPT, CUT = 40, 14, 14.0
 _RESPONSE, _POSITION, _JUMP, _FORCE = 0.2, 0.3, 0.1, 0.3
 # Chances smaller than this are none.
 _LEAST = 1e-6
-# What a copy knows of its part in a sample: it turned against the record, or it has slipped.
-_TURNED, _DONE = 1, 2
+# What a hypothesis knows of its part in a sample: it turns against the record, has slipped, or goes with the record.
+_TURNED, _DONE, _SURE = 1, 2, 3
+# Numbers of a hypothesis: position, heading (0 at rest), largest margins up and down, weight, node, then the process.
+_PLACE, _HEADING, _UP, _DOWN, _WEIGHT, _NODE, _FIRST = range(7)
+# Distance from f_s in scatters below which nothing slips.
+_FAR = 6.0
 
 
 @kernel
@@ -59,196 +63,151 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     restick = np.inf if rests else friction[RESTICK]
     spare, low, high = friction[OVERSHOOT] - 1.0, friction[LOWER], friction[UPPER]
     jump = max(fs_up0 - fd_up0, 1e-6)
-    v = np.zeros(MOST)
-    moves = np.zeros(MOST, np.bool_)
-    heading = np.zeros(MOST)
-    told = np.zeros(MOST, np.int64)
-    a = np.full(MOST, -np.inf)
-    c = np.full(MOST, -np.inf)
-    weight = np.zeros(MOST)
-    z = np.zeros((MOST, states))
-    after = np.zeros(states)
-    past = np.zeros((MOST, max(order, 1)))
-    node = np.zeros(MOST, np.int64)
-    ranked, best_first = np.zeros(MOST, np.int64), np.zeros(MOST, np.int64)
+    past = _FIRST + states
+    width = past + order
+    x = np.zeros((MOST, width))
+    x[0, _PLACE], x[0, _UP], x[0, _DOWN], x[0, _NODE] = start, -np.inf, -np.inf, -1.0
+    told, ranked = np.zeros(MOST, np.int64), np.zeros(MOST, np.int64)
     stays = np.zeros(MOST, np.bool_)
-    v[0] = start
-    node[0] = -1
+    after = np.zeros(states)
     nodes, count, total, filled, i = 0, 1, 0.0, 0, 0
-    size = abs(gain)
-    root = 1.0 / (scatter * math.sqrt(2.0))
+    size, root = abs(gain), 1.0 / (scatter * math.sqrt(2.0))
     for k in range(n):
-        if k > 0:
-            for part in range(parts):
-                i = (k - 1) * parts + part - whole
-                if i < 0:
-                    continue
-                u = command[i]
-                du = u - command[i - 1] if i > 0 else 0.0
-                drift = profile[i]
-                fs_up, fs_down = fs_up0 + friction[FS_DRIFT] * drift, fs_down0 + friction[FS_DRIFT] * drift
-                to_up, to_down = u - (fd_up0 + friction[FD_DRIFT] * drift), u + (fd_down0 + friction[FD_DRIFT] * drift)
-                q = doubt[i]
+        for part in range(parts if k > 0 else 0):
+            i = (k - 1) * parts + part - whole
+            if i < 0:
+                continue
+            u = command[i]
+            du = u - command[i - 1] if i > 0 else 0.0
+            fs_add, fd_add = friction[FS_DRIFT] * profile[i], friction[FD_DRIFT] * profile[i]
+            fs_up, fs_down = fs_up0 + fs_add, fs_down0 + fs_add
+            to_up, to_down = u - fd_up0 - fd_add, u + fd_down0 + fd_add
+            told[:] = 0
+            # The process runs under the old position, then every hypothesis meets the command, and a copy of it may
+            # turn or slip instead; behind the dead time's fraction the process runs under the new position.
+            for half in range(2):
                 for h in range(count):
-                    told[h] = 0
                     for s in range(states):
-                        after[s] = take[0, s] * (v[h] - start)
+                        after[s] = take[half, s] * (x[h, _PLACE] - start)
                         for r in range(states):
-                            after[s] += keep[0, s, r] * z[h, r]
-                    z[h] = after
+                            after[s] += keep[half, s, r] * x[h, _FIRST + r]
+                    for s in range(states):
+                        x[h, _FIRST + s] = after[s]
                 h = -1
-                while h + 1 < count:
+                while half == 0 and h + 1 < count:
                     h += 1
                     if told[h] == _DONE:
                         continue
-                    if moves[h]:
-                        goes_on = du * heading[h] > 0.0 and abs(du) >= restick
-                        if told[h] == _TURNED:
-                            goes_on = not goes_on
-                        elif q > _LEAST and count < MOST:
+                    v, heading = x[h, _PLACE], x[h, _HEADING]
+                    q = doubt[i] if heading != 0.0 and told[h] == 0 and count < MOST else 0.0
+                    goes_on = heading != 0.0 and (
+                        (du * heading > 0.0 and abs(du) >= restick) != (told[h] == _TURNED))
+                    p, event, g, rising = 0.0, 0, h, False
+                    if q > _LEAST:
+                        # (this one first: what becomes of the copy is decided when its turn comes)
+                        p, event = q, 2
+                    elif not goes_on:
+                        if heading != 0.0:
+                            x[h, _HEADING], x[h, _UP], x[h, _DOWN] = 0.0, -np.inf, -np.inf
+                        up = u - v - fs_up if v < high else -np.inf
+                        down = v - u - fs_down if v > low else -np.inf
+                        rising = up > down
+                        new, old = (up, x[h, _UP]) if rising else (down, x[h, _DOWN])
+                        if new > old and new > -_FAR * scatter:
+                            alive = 0.5 * math.erfc(old * root)
+                            p = 1.0 if alive < 1e-14 else 1.0 - 0.5 * math.erfc(new * root) / alive
+                            p = min(max(p, 0.0), 1.0)
+                        x[h, _UP], x[h, _DOWN] = max(x[h, _UP], up), max(x[h, _DOWN], down)
+                        event = 1 if rising else -1
+                    if p > _LEAST and (p > 1.0 - _LEAST or count < MOST):
+                        if p <= 1.0 - _LEAST:
                             g = count
                             count += 1
-                            for s in range(states):
-                                z[g, s] = z[h, s]
-                            for s in range(order):
-                                past[g, s] = past[h, s]
-                            v[g], heading[g], moves[g], a[g], c[g] = v[h], heading[h], True, -np.inf, -np.inf
-                            weight[g] = weight[h] + math.log(q)
-                            weight[h] += math.log1p(-q)
-                            node[g] = node[h]
-                            if nodes < node_parent.size:
-                                node_parent[nodes], node_at[nodes], node_kind[nodes] = node[h], i, 2
-                                node[g] = nodes
-                                nodes += 1
-                            told[g] = _TURNED
-                        if goes_on:
-                            new = max(to_up, v[h]) if heading[h] > 0.0 else min(to_down, v[h])
-                            v[h] = min(max(new, low), high)
-                            if v[h] != new:
-                                moves[h] = False
-                                a[h], c[h] = -np.inf, -np.inf
-                            continue
-                        moves[h] = False
-                        a[h], c[h] = -np.inf, -np.inf
-                    up = u - v[h] - fs_up if v[h] < high else -np.inf
-                    down = v[h] - u - fs_down if v[h] > low else -np.inf
-                    rising = up > down
-                    new_max = up if rising else down
-                    old_max = a[h] if rising else c[h]
-                    p = 0.0
-                    if new_max > old_max and new_max > -6.0 * scatter:
-                        alive = 0.5 * math.erfc(old_max * root)
-                        p = 1.0 if alive < 1e-14 else 1.0 - 0.5 * math.erfc(new_max * root) / alive
-                        p = min(max(p, 0.0), 1.0)
-                    a[h], c[h] = max(a[h], up), max(c[h], down)
-                    if p <= _LEAST or (p <= 1.0 - _LEAST and count >= MOST):
-                        continue
-                    g = h
-                    if p <= 1.0 - _LEAST:
-                        g = count
-                        count += 1
-                        for s in range(states):
-                            z[g, s] = z[h, s]
-                        for s in range(order):
-                            past[g, s] = past[h, s]
-                        v[g], weight[g], node[g] = v[h], weight[h], node[h]
-                        weight[h] += math.log1p(-p)
-                        told[g] = _DONE
-                    weight[g] += math.log(p)
-                    new = to_up + spare * (to_up - v[g]) if rising else to_down + spare * (to_down - v[g])
-                    v[g] = min(max(new, low), high)
-                    moves[g] = v[g] == new and restick < np.inf
-                    heading[g] = 1.0 if du > 0.0 else -1.0 if du < 0.0 else 0.0
-                    a[g], c[g] = -np.inf, -np.inf
-                    if nodes < node_parent.size:
-                        node_parent[nodes], node_at[nodes], node_kind[nodes] = node[g], i, 1 if rising else -1
-                        node[g] = nodes
-                        nodes += 1
-                for h in range(count):
-                    for s in range(states):
-                        after[s] = take[1, s] * (v[h] - start)
-                        for r in range(states):
-                            after[s] += keep[1, s, r] * z[h, r]
-                    z[h] = after
+                            for s in range(width):
+                                x[g, s] = x[h, s]
+                            x[h, _WEIGHT] += math.log1p(-p)
+                        x[g, _WEIGHT] += math.log(p)
+                        if nodes < node_parent.size:
+                            node_parent[nodes], node_at[nodes], node_kind[nodes] = int(x[g, _NODE]), i, event
+                            x[g, _NODE] = nodes
+                            nodes += 1
+                        told[g] = _TURNED if event == 2 else _DONE
+                    if abs(event) == 1 and told[g] == _DONE:
+                        new = to_up + spare * (to_up - v) if rising else to_down + spare * (to_down - v)
+                        held = min(max(new, low), high)
+                        x[g, _PLACE], x[g, _UP], x[g, _DOWN] = held, -np.inf, -np.inf
+                        x[g, _HEADING] = 0.0 if held != new or restick == np.inf or du == 0.0 else du / abs(du)
+                    if event == 2:
+                        # (its own part: it does as the command says)
+                        told[h] = _SURE
+                        h -= 1
+                    elif goes_on:
+                        new = max(to_up, v) if heading > 0.0 else min(to_down, v)
+                        held = min(max(new, low), high)
+                        x[h, _PLACE] = held
+                        if held != new:
+                            x[h, _HEADING], x[h, _UP], x[h, _DOWN] = 0.0, -np.inf, -np.inf
         if not good[k]:
             continue
         best = -np.inf
         for h in range(count):
-            error = target[k] - gain * through * (v[h] - start)
+            error = target[k] - gain * through * (x[h, _PLACE] - start)
             for s in range(states):
-                error -= gain * row[s] * z[h, s]
+                error -= gain * row[s] * x[h, _FIRST + s]
             innovation = error
             for s in range(order):
-                innovation += taps[s] * past[h, s]
-            for s in range(order - 1, 0, -1):
-                past[h, s] = past[h, s - 1]
-            if order:
-                past[h, 0] = error
+                innovation += taps[s] * x[h, past + s]
+            for s in range(order - 1, -1, -1):
+                x[h, past + s] = x[h, past + s - 1] if s else error
             if counted[k] and filled >= order:
-                weight[h] -= 0.5 * innovation * innovation
-            best = max(best, weight[h])
+                x[h, _WEIGHT] -= 0.5 * innovation * innovation
+            best = max(best, x[h, _WEIGHT])
         filled += 1
-        if count == 1:
-            total += weight[0]
-            weight[0] = 0.0
-            continue
         # The best ones stay; one that is nearly the same as a better one is added to it.
         for h in range(count):
             at = h
-            while at > 0 and weight[best_first[at - 1]] < weight[h]:
-                best_first[at] = best_first[at - 1]
+            while at > 0 and x[ranked[at - 1], _WEIGHT] < x[h, _WEIGHT]:
+                ranked[at] = ranked[at - 1]
                 at -= 1
-            best_first[at] = h
+            ranked[at] = h
+            stays[h] = False
         kept = 0
         for q in range(count):
-            h = best_first[q]
-            if weight[h] < best - CUT or kept >= KEPT:
+            h = ranked[q]
+            if x[h, _WEIGHT] < best - CUT or kept >= KEPT:
                 break
             alone = True
             for r in range(kept):
                 g = ranked[r]
-                if moves[g] != moves[h] or abs(v[g] - v[h]) * size > _POSITION or abs(v[g] - v[h]) > _JUMP * jump:
-                    continue
-                if abs(a[g] - a[h]) > _FORCE * scatter or abs(c[g] - c[h]) > _FORCE * scatter:
-                    continue
                 apart = 0.0
                 for s in range(states):
-                    apart += row[s] * (z[g, s] - z[h, s])
-                if abs(apart) * size < _RESPONSE:
-                    weight[g] += math.log1p(math.exp(weight[h] - weight[g]))
+                    apart += row[s] * (x[g, _FIRST + s] - x[h, _FIRST + s])
+                away = abs(x[g, _PLACE] - x[h, _PLACE])
+                differ = (abs(x[g, _UP] - x[h, _UP]) > _FORCE * scatter
+                          or abs(x[g, _DOWN] - x[h, _DOWN]) > _FORCE * scatter)
+                if x[g, _HEADING] == x[h, _HEADING] and away * size <= _POSITION and away <= _JUMP * jump \
+                        and not differ and abs(apart) * size < _RESPONSE:
+                    x[g, _WEIGHT] += math.log1p(math.exp(x[h, _WEIGHT] - x[g, _WEIGHT]))
                     alone = False
                     break
             if alone:
                 ranked[kept] = h
+                stays[h] = True
                 kept += 1
+        q, sum_of = 0, 0.0
         for h in range(count):
-            stays[h] = False
-        for q in range(kept):
-            stays[ranked[q]] = True
-        q = -1
-        for h in range(count):
-            if not stays[h]:
-                continue
-            q += 1
-            if h != q:
-                v[q], moves[q], a[q], c[q], weight[q], node[q] = v[h], moves[h], a[h], c[h], weight[h], node[h]
-                heading[q] = heading[h]
-                for s in range(states):
-                    z[q, s] = z[h, s]
-                for s in range(order):
-                    past[q, s] = past[h, s]
+            if stays[h]:
+                for s in range(width if h != q else 0):
+                    x[q, s] = x[h, s]
+                sum_of += math.exp(x[q, _WEIGHT] - best)
+                q += 1
         count = kept
-        best, sum_of = -np.inf, 0.0
-        for h in range(count):
-            best = max(best, weight[h])
-        for h in range(count):
-            sum_of += math.exp(weight[h] - best)
         shift = best + math.log(sum_of)
         total += shift
         for h in range(count):
-            weight[h] -= shift
+            x[h, _WEIGHT] -= shift
     last = 0
     for h in range(count):
-        if weight[h] > weight[last]:
+        if x[h, _WEIGHT] > x[last, _WEIGHT]:
             last = h
-    return total, node[last], i + 1
+    return total, int(x[last, _NODE]), i + 1
