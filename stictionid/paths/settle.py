@@ -214,7 +214,7 @@ def _between(low: FloatArray, high: FloatArray, width: float) -> tuple[FloatArra
     share = log_between(a, b)
     at_a, at_b = np.exp(-0.5 * a**2 - share) / _ROOT, np.exp(-0.5 * b**2 - share) / _ROOT
     mean = np.clip(at_a - at_b, a, b)
-    second = 1.0 + np.where(np.isfinite(a), a, 0.0) * at_a - b * at_b
+    second = 1.0 + np.where(np.isfinite(a), a, 0.0) * at_a - np.where(np.isfinite(b), b, 0.0) * at_b
     return width * mean, width**2 * np.maximum(second, mean**2)
 
 
