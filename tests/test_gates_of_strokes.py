@@ -25,7 +25,7 @@ POLICY, PERIOD = Policy(), 40
 
 def completed(innovation: np.ndarray[Any, Any]) -> Any:
     """A completed model with these innovations, one a second, in a loop with a period of 40 s."""
-    return SimpleNamespace(innovation=innovation, good=np.isfinite(innovation), increments=False,
+    return SimpleNamespace(innovation=innovation, good=np.isfinite(innovation), increments=False, prior=0.0,
                            model=SimpleNamespace(period_s=PERIOD, step_s=1.0, spec=Spec()))
 
 
@@ -159,8 +159,9 @@ def held(one_step: list[float], level: float) -> Held:
 
 
 def edge(after: Held, before: Held, *, walks: bool = False) -> Edge:
-    child: Any = SimpleNamespace(held=after, done=SimpleNamespace(increments=walks), free_run_at_noise=True, rmse=1.0)
-    parent: Any = SimpleNamespace(held=before, done=SimpleNamespace(increments=False), rmse=9.0)
+    child: Any = SimpleNamespace(held=after, done=SimpleNamespace(increments=walks, prior=0.0), free_run_at_noise=True,
+                                 rmse=1.0)
+    parent: Any = SimpleNamespace(held=before, done=SimpleNamespace(increments=False, prior=0.0), rmse=9.0)
     return Edge("gain-nonlinearity", child, parent, POLICY)
 
 

@@ -18,7 +18,7 @@ from ..record.study import BUT_FOR, Step
 ADEQUATE = 1.05
 # Above this multiple of the irreducible noise the intervals are reported as conditional on the model.
 # A model explains a record on its own as long as PV moved at most this share of its slips.
-_MOST_MOVED = 0.25
+MOST_MOVED = 0.25
 CONDITIONAL, _CONDITIONAL = "intervals-conditional", 2.0
 
 NO_FLOOR = ("the record is too short, or PV is missing in too many places without a rule, to estimate its irreducible "
@@ -76,7 +76,7 @@ def carrier(step: Step) -> str:
 def _by_pv(step: Step) -> str:
     """The slips that carry what a step's model leaves, in words; empty where PV moved none, or few."""
     e = step.error
-    carried = e.noise_sd is not None and e.best <= ADEQUATE * e.noise_sd and (e.slips_moved or 0.0) > _MOST_MOVED
+    carried = e.noise_sd is not None and e.best <= ADEQUATE * e.noise_sd and (e.slips_moved or 0.0) > MOST_MOVED
     return "slips that PV moved" if carried else ""
 
 
@@ -111,7 +111,7 @@ def _beside_noise(step: Step) -> tuple[bool, str]:
     if error <= ADEQUATE * noise:
         near = f"{said} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible noise {noise:.4g}"
         if carried := _by_pv(step):
-            return False, f"{BUT_FOR} {carried}: {near}; a model of its own moves at most {100 * _MOST_MOVED:.0f} %"
+            return False, f"{BUT_FOR} {carried}: {near}; a model of its own moves at most {100 * MOST_MOVED:.0f} %"
         return True, f"{near}: nothing is left to explain"
     times = f"{said} is {error / noise:.3g} times the irreducible noise {noise:.4g}"
     if carried := carrier(step):

@@ -81,6 +81,14 @@ class Edge:
         return self.sound if self.tentative and self.sound is not None else self.parent
 
     @property
+    def by_forces(self) -> bool:
+        """True where the break-away forces of the parent's path alone tell the effect, by its margin.
+
+        Their chances are independent from stroke to stroke. The one-step errors beside them hardly differ.
+        """
+        return self.parent.done.prior - self.child.done.prior >= self.margin
+
+    @property
     def beyond_slip(self) -> bool:
         """True where an effect of an integrator explains more than a slip of the stickband lost for half a cycle.
 
@@ -113,7 +121,7 @@ def _blocks(edge: Edge) -> str:
 
     Beside a model far from the noise a limit that the stem meets in two blocks may cost a little in another one.
     """
-    if edge.local or edge.freed or (edge.halved and not edge.child.done.increments):
+    if edge.local or edge.freed or edge.by_forces or (edge.halved and not edge.child.done.increments):
         return ""
     gains = block_gains(edge.parent.done, edge.child.done, edge.parent.done.good & edge.child.done.good)
     better = int((gains > 0).sum())
@@ -134,7 +142,7 @@ def _held_out(edge: Edge) -> str:
     after, before = edge.child.held, edge.parent.held
     far = not edge.child.done.increments and after is not None and before is not None \
         and 2 * after.rmse <= before.rmse
-    return "" if edge.freed or holds(after, before, edge.policy, either=edge.local or far) else \
+    return "" if edge.freed or edge.by_forces or holds(after, before, edge.policy, either=edge.local or far) else \
         "it predicts held-out blocks no better"
 
 
@@ -160,7 +168,7 @@ def _strokes(edge: Edge) -> str:
     """
     freer = (edge.child.rmse * edge.policy.nearly <= edge.parent.rmse
              and edge.child.done.model.spec.process != INTEGRATOR)
-    if not on_valve(parse(edge.name)[0]) or plain(edge.name) in BASE_EFFECTS or edge.freed or freer:
+    if not on_valve(parse(edge.name)[0]) or plain(edge.name) in BASE_EFFECTS or edge.freed or edge.by_forces or freer:
         return ""
     score, least = stroke_score(edge.parent.done, edge.child.done), chance_limit(edge.policy)
     enough = score >= least

@@ -10,8 +10,10 @@ import numpy as np
 
 from ..effects import built_in, parse
 from ..effects.contract import DIAGNOSE
+from ..fit.adequacy import MOST_MOVED
 from ..fit.cross_validation import Held
 from ..fit.fit import Fitted, as_it_stands
+from ..fit.intervals.along_path import moved
 from ..fit.moves import descended
 from ..fit.noise.completion import (
     AUTOREGRESSIVE,
@@ -72,6 +74,11 @@ class Scored:
     def moved(self) -> float:
         """Motion of the free run within the rounding of its output, in the unit of y."""
         return moved_within(self.done.model, self.done.values)
+
+    @cached_property
+    def by_pv(self) -> bool:
+        """True where PV moved more slips than a model of its own leaves to it: a missing effect may be the reason."""
+        return (moved(self.done.model, self.done.values) or 0.0) > MOST_MOVED
 
     @cached_property
     def without_friction(self) -> float:

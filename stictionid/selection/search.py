@@ -143,10 +143,11 @@ class Search:
     def at_end(self, entry: Entry) -> bool:
         """True where an entry's free run is white noise, or it was expanded and leaves white innovations.
 
-        An autoregression that whitens everything is no reason to stop before that: it may stand for a disturbance.
+        An autoregression that whitens everything is no reason to stop before that: it may stand for a disturbance. Nor
+        are slips that PV moved.
         """
         scored = entry.scored
-        return (scored.white and scored.free_run_at_noise) or (
+        return (scored.white and scored.free_run_at_noise and not scored.by_pv) or (
             entry.asked and (scored.white or self.only_noise(entry)))
 
     def best(self) -> Entry:
@@ -299,8 +300,7 @@ class Search:
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""
-        # (looks beside a node whose slips PV placed go along its path)
-        tasks = tasks if ground.fit.model.spec.paths is None else ()
+        tasks = tasks if ground.fit.model.spec.paths is None else ()  # (beside a path looks go along it)
         asked = [question for t in tasks if kind_of(t.spec) not in self.valves for question in t.for_valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self.budget.answers(crew, asked):

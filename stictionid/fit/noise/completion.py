@@ -336,7 +336,12 @@ def likelier(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, anew: bool 
         taps = tuple(_joined(own, best.taps)[1:].tolist())
         best = better(best, along(taps, lambda model: [
             settled(model, best.values, error=error, hidden=hidden, begin=best.model.spec.paths)]))
-    return best
+    if best is done:
+        return done
+    # At values that are right the law alone may place every slip.
+    model = bound(done.model.loop, replace(best.model.spec, paths=None), s_max=done.model.s_max,
+                  period_s=done.model.period_s, residual=best.evaluated.left)
+    return better(best, _as_it_is(model, best.values))
 
 
 def _placed(before: Refit, found: Refit) -> Refit:
