@@ -75,13 +75,16 @@ class Settled:
 
     @property
     def moved(self) -> float:
-        """Share of the slips that a break-away force of exactly f_s would not have given there."""
-        count = 0
-        for stroke in self.strokes():
+        """Share of the slips (0 to 1) that a break-away force of exactly f_s would not have given there.
+
+        A stem that still rests at the end, and would not, counts as one.
+        """
+        count, strokes = 0, self.strokes()
+        for stroke in strokes:
             m = stroke.margins[:, :, 0]
             early_or_late = (m[:-1, BEFORE] > 0.0) | (m[:-1, AT] <= 0.0) | (m[:-1, OTHER] > 0.0)
             count += int(early_or_late.sum()) + int(max(m[-1, BEFORE], m[-1, OTHER]) > 0.0)
-        return count / max(self.paths.count, 1)
+        return count / (self.paths.count + len(strokes))
 
 
 def bounds(model: Model, values: FloatArray, hidden: float = 0.0) -> tuple[float, float]:

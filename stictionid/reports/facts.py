@@ -237,7 +237,7 @@ def _ladder(study: Study) -> Section | None:
 
 
 def path_sentences(study: Study) -> list[str]:
-    """What PV did to the slips of the last model, and how much its break-away force scatters; empty where nothing."""
+    """The share of slips that PV moved, and how much the break-away force scatters, in words; empty for none."""
     e, unit = study.steps[-1].error, _pv_unit(study)
     if e.rmse_path is None or e.slips_moved is None:
         return []
