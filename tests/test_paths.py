@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import naive
 import numpy as np
 import pytest
 from scipy.stats import norm
 
+from stictionid.fit.intervals.along_path import finished_along
 from stictionid.laws import get
 from stictionid.laws.contract import (
     FD_DRIFT,
@@ -163,6 +165,20 @@ def test_no_answer_is_less_likely_than_the_path_by_the_law():
         model, start = scattering(scatter=scatter)
         by_force = Paths(law_paths(model, start), 0.009)
         assert settled(model, start).deviance <= deviance(model, start[:, None], by_force)[0]
+
+
+def test_a_path_of_several_segments_has_one_gain_and_the_heights_of_its_own_strokes():
+    model, start = scattering()
+    loop = replace(model.loop, starts=(0, 700), begins_s=(0.0, 700.0))
+    parts = bound(loop, Spec(), s_max=model.s_max, period_s=model.period_s)
+    values = parts.vector(model.named(start))
+    found = settled(parts, values)
+    fit = finished_along(found.along, found.values)
+    low, high = fit.intervals["gain"]
+    assert low < 2.0 < high and high - low < 0.4
+    assert found.values[0] == pytest.approx(4.0, rel=0.03)
+    one, two = (stroke.position[:, 0] for stroke in found.strokes())
+    np.testing.assert_array_equal(np.concatenate([one, two]), found.along.positions(found.values[:, None])[:, 0])
 
 
 def test_a_valve_is_found_from_far_off_with_a_scatter_that_shrinks():

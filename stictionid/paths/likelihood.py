@@ -37,9 +37,9 @@ def law_paths(model: Model, values: FloatArray) -> tuple[Slips, ...]:
                  for piece, own in _apart(model, values[:, None]))
 
 
-def strokes(model: Model, values: FloatArray, paths: Paths) -> list[Replayed]:
-    """The strokes of every segment for values (d, P)."""
-    return [replayed(piece.law, piece.context.command, piece.friction(own), piece.profile, own[2], slips, lent=True,
+def strokes(model: Model, values: FloatArray, paths: Paths, *, lent: bool = True) -> list[Replayed]:
+    """The strokes of every segment for values (d, P); of `lent` ones the positions of the last segment only hold."""
+    return [replayed(piece.law, piece.context.command, piece.friction(own), piece.profile, own[2], slips, lent=lent,
                      doubt=doubts(piece.context.command, paths.error))
             for (piece, own), slips in zip(_apart(model, values), paths.slips, strict=True)]
 

@@ -71,7 +71,7 @@ class Settled:
 
     def strokes(self) -> list[Replayed]:
         """The strokes of every segment, of one candidate."""
-        return strokes(self.model, self.values[:, None], self.paths)
+        return strokes(self.model, self.values[:, None], self.paths, lent=False)
 
     @property
     def moved(self) -> float:

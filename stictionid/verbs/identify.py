@@ -19,7 +19,7 @@ from ..errors import CannotTell
 from ..fit.adequacy import ADEQUATE, adequate, with_one_noise
 from ..fit.context import Run, process_numbers
 from ..fit.fit import Fitted
-from ..fit.intervals.along_path import by_law_alone, scatter_of
+from ..fit.intervals.along_path import scatter_of
 from ..fit.intervals.assemble import INTERVAL_LEVEL
 from ..fit.noise.unexplained import judged_by
 from ..fit.options import ALL_LAWS, BETWEEN, Options, searchable
@@ -202,7 +202,7 @@ def _cost_map(fit: Fitted, step: int) -> CostMap:
     values = fit.values[:, None].repeat(int(valid.sum()), axis=1)
     values[:2] = grid[:, valid]
     rmse = np.full(grid.shape[1], np.nan)
-    rmse[valid] = np.sqrt(by_law_alone(fit.model).costs_of(values) / max(fit.best.rows, 1))
+    rmse[valid] = np.sqrt(fit.model.along(None).costs_of(values) / max(fit.best.rows, 1))
     own = bool((np.abs(fit.searched - [S_best, J_best]).max(axis=1) <= _NEAR * fit.model.s_max).any())
     rows = [tuple(None if not np.isfinite(x) else float(x) for x in row) for row in rmse.reshape(S.size, J.size)]
     return CostMap(tuple(S.tolist()), tuple(J.tolist()), tuple(rows),

@@ -7,12 +7,9 @@ ratio does not exclude. Wrong where another path, far from this one, explains PV
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ...model.model import Model
-from ...model.segments import bound
 from ...model.spec import Evaluated
 from ...paths.settle import Settled, bounds, covariance
 from ...process.controller_law import POINT_90
@@ -35,14 +32,6 @@ def finished_along(model: Model, values: FloatArray, *, last: bool = True) -> Fi
     point = model.cube(values[:, None])
     return Fitted(model, values, best.sse, 1, 1, best, held_out_cost(model, best, point),
                   _intervals(model, values, best) if last else {}, values[None, :2])
-
-
-def by_law_alone(model: Model) -> Model:
-    """The same model with slips where the law alone puts them."""
-    if model.spec.paths is None:
-        return model
-    return bound(model.loop, replace(model.spec, paths=None), s_max=model.s_max, period_s=model.period_s,
-                 residual=model.context.residual)
 
 
 def moved(model: Model, values: FloatArray) -> float | None:
@@ -78,7 +67,9 @@ def _intervals(model: Model, values: FloatArray, best: Evaluated) -> dict[str, t
     drawn = model.values(draws)
     base, offsets = model.responses(drawn)
     known = "gain" in model.spec.fixed
-    gains = np.full(len(draws), best.gain) if known else model.shared.solve(base, offsets)[1][0]
+    # (sizes of several segments stand once for each, and their gain is one)
+    gains = np.full(len(draws), best.gain) if known else \
+        model.shared.solve(base, offsets)[1].reshape(-1, len(draws))[0]
     tails = 50.0 * (1.0 - INTERVAL_LEVEL), 50.0 * (1.0 + INTERVAL_LEVEL)
     found = {name: tuple(np.percentile(row, tails).tolist()) for name, row in
              zip([*best.values, GAIN], [*drawn, gains], strict=True)}
