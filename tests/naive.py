@@ -509,6 +509,8 @@ def normal_above(x):
 def paths(command, S, J, scatter, error=0.0, rests=False, start=None):
     """Every path of a short record, as (events, positions, log chance): docs/method.md, section 14, word for word.
 
+    An event is a sample and its kind; of a slip also the largest force before, and that at it, beyond f_s.
+
     The break-away force is drawn anew for every stick, either way, from N(f_s, scatter^2). A sliding stem stops, or
     slides on, against what the command says with the chance that its turn is an error of the command.
     """
@@ -547,24 +549,65 @@ def paths(command, S, J, scatter, error=0.0, rests=False, start=None):
                                   weight + math.log(1.0 - p)))
                 if p > 0.0:
                     at = u - way * f_d
-                    after.append((at, 0 if rests else sign(du), -math.inf, -math.inf, (*happened, (k, way)),
+                    after.append((at, 0 if rests else sign(du), -math.inf, -math.inf, (*happened, (k, way, old, now)),
                                   (*places, at), weight + math.log(p)))
         alive = after
     return [(events, places, chance) for *_, events, places, chance in alive]
 
 
-def path_likelihood(path, target, gain, decay, taps=()):
+def lagged(places, decay):
+    """Response of one lag that decays by `decay` a sample to positions held from sample to sample."""
+    x = [0.0]
+    for place in places[:-1]:
+        x.append(decay * x[-1] + (1.0 - decay) * place)
+    return np.array(x)
+
+
+def between(low, high, scatter, points=2001):
+    """Mean and variance of N(0, scatter^2) between low and high, by sums over points."""
+    x = np.linspace(max(low, -8.0 * scatter), min(high, 8.0 * scatter), points)
+    weight = np.exp(-0.5 * (x / scatter) ** 2)
+    weight[[0, -1]] *= 0.5
+    middle = float(weight @ x / weight.sum())
+    return middle, float(weight @ (x - middle) ** 2 / weight.sum())
+
+
+def landing(events, places, scatter, error):
+    """Expected error (n,) of a stem that lands where a command with an error puts it, and its independent parts (n, n).
+
+    A stem that slides has the error of the command. At a slip the force lies w - e beside f_s but for a part of its own
+    (variance scatter^2 - 2 error^2, and what the record does not show of it), w the error before and e the one after.
+    """
+    n, w, part = len(places), 0.0, np.zeros(len(places))
+    mean, parts, slips = np.zeros(n), np.zeros((n, n)), {e[0]: e for e in events if len(e) > 2}
+    for k in range(n):
+        if k in slips:
+            _, way, before, now = slips[k]
+            middle, spread = between(before, max(now, before + 1e-9), scatter)
+            own = max(scatter**2 - 2.0 * error**2, 0.01 * scatter**2) + spread
+            share = error**2 / (error**2 + own)
+            w, part = share * (w - way * middle), share * part
+            part[k] = error * math.sqrt(1.0 - share)
+        elif k and places[k] != places[k - 1]:
+            w, part = 0.0, np.zeros(n)
+            part[k] = error
+        mean[k], parts[k] = w, part
+    return mean, parts
+
+
+def path_likelihood(path, target, gain, decay, taps=(), scatter=1.0, error=0.0):
     """Log chance of a path and of a record (noise of size 1) whose process is one lag that decays by `decay` a sample.
 
-    Without the constants of the normal distribution. Innovations count from the sample that the taps can look back on.
+    The stem lands with the `error` of the command. Without the constants of the normal distribution. Innovations count
+    from the sample that the taps can look back on.
     """
-    _, places, chance = path
-    x, errors, total = 0.0, [], chance
-    for k, y in enumerate(target):
-        if k:
-            x = decay * x + (1.0 - decay) * (places[k - 1] - places[0])
-        errors.append(y - gain * x)
-        if k >= len(taps):
-            innovation = errors[k] + sum(t * errors[k - 1 - i] for i, t in enumerate(taps))
-            total -= 0.5 * innovation**2
+    events, places, chance = path
+    mean, parts = landing(events, places, scatter, error)
+    columns = np.array([gain * lagged(part, decay) for part in parts.T])
+    factor = np.linalg.cholesky(np.eye(len(places)) + columns.T @ columns)
+    errors = np.linalg.solve(factor, target - gain * lagged(np.array(places) - places[0] + mean, decay))
+    total = chance
+    for k in range(len(taps), len(target)):
+        innovation = errors[k] + sum(t * errors[k - 1 - i] for i, t in enumerate(taps))
+        total -= 0.5 * innovation**2 + math.log(factor[k, k])
     return total

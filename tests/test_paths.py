@@ -27,6 +27,7 @@ from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.replay import Paths, Slips, by_law, doubts, replayed
 from stictionid.model.segments import bound
 from stictionid.model.spec import Spec
+from stictionid.numerics.noise.landing import LandingFilter
 from stictionid.numerics.noise.normal import log_between, log_upper
 from stictionid.paths.beam import beam
 from stictionid.paths.likelihood import deviance, law_paths
@@ -91,10 +92,10 @@ def test_a_replayed_path_has_the_positions_and_the_chance_of_its_slow_twin(rests
 
 
 @pytest.mark.parametrize("rests", [False, True])
-@pytest.mark.parametrize("taps", [(), (-0.6,)])
-def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps):
+@pytest.mark.parametrize(("taps", "lands"), [((), 0.0), ((-0.6,), 0.0), ((), 0.15), ((-0.6,), 0.25)])
+def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps, lands):
     gain, decay, error = 15.0, 0.5, 0.15
-    for seed in range(6):
+    for seed in range(3):
         u = wandering(seed, 9, 1.2)
         every = naive.paths(u, 2.0, 1.0, 0.4, error, rests)
         rng = np.random.default_rng(seed)
@@ -103,8 +104,10 @@ def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps):
         truth, target = every[int(rng.choice(len(every), p=chances / chances.sum()))], np.zeros(u.size)
         for k in range(1, u.size):
             target[k] = decay * target[k - 1] + (1.0 - decay) * gain * (truth[1][k - 1] - truth[1][0])
+        mean, parts = naive.landing(truth[0], truth[1], 0.4, lands)
+        target = target + gain * naive.lagged(mean + parts @ rng.standard_normal(u.size), decay)
         target = target + rng.standard_normal(u.size)
-        weights = np.array([naive.path_likelihood(path, target, gain, decay, taps) for path in every])
+        weights = np.array([naive.path_likelihood(path, target, gain, decay, taps, 0.4, lands) for path in every])
         top = weights.max()
         nodes = 4000
         parent, at, kind = (np.empty(nodes, np.int64) for _ in range(3))
@@ -113,18 +116,41 @@ def test_the_beam_sums_over_all_paths_and_finds_the_likeliest(rests, taps):
         total, node, _ = beam(u, np.ascontiguousarray(table), np.zeros(u.size), float(u[0]), rests, 0.4,
                               doubts(u, error), 1, 0, np.array([[[1.0]], [[decay]]]),
                               np.array([[0.0], [1.0 - decay]]), np.array([1.0]), 0.0, gain, target, counts, counts,
-                              np.array(taps), parent, at, kind)
+                              np.array(taps), lands, max(0.16 - 2.0 * lands**2, 0.0016), parent, at, kind)
         # The last command moves nothing that was measured: paths that differ there only are one to the beam.
         assert total == pytest.approx(top + math.log(np.exp(weights - top).sum()), abs=0.02)
         found = []
         while node >= 0:
             found.append((int(at[node]), int(kind[node])))
             node = parent[node]
-        known = [tuple(e for e in path[0] if e[0] < u.size - 1) for path in every]
+        known = [tuple(e[:2] for e in path[0] if e[0] < u.size - 1) for path in every]
         sums = {}
         for events, weight in zip(known, weights, strict=True):
             sums[events] = np.logaddexp(sums.get(events, -np.inf), weight)
         assert sums[tuple(sorted(found))] > max(sums.values()) - 0.3
+
+
+@pytest.mark.parametrize("late", [0, 3])
+def test_the_filter_of_landings_has_the_innovations_of_the_dense_covariance(late):
+    decay, n = 0.7, 60
+    rng = np.random.default_rng(4)
+    good = rng.random(n) > 0.2
+    moves = rng.random(n) > 0.7
+    carried, drawn = np.where(moves, rng.random(n), 1.0), np.where(moves, rng.random(n), 0.0)
+    found = LandingFilter(np.array([[[1.0]], [[decay]]]), np.array([[0.0], [1.0 - decay]]), np.array([1.0]), 0.0, late,
+                          parts=1, carried=carried, drawn=drawn, good=good)
+    parts = np.zeros((n, n))
+    for k in range(n):
+        parts[k] = carried[k] * parts[k - 1] if k else 0.0
+        parts[k, k] = math.sqrt(drawn[k])
+    columns = np.array([naive.lagged(np.concatenate([np.zeros(late), part[:n - late]]), decay) for part in parts.T])
+    covariance = np.eye(n) + columns.T @ columns
+    np.testing.assert_allclose(found.alone, np.diag(covariance), atol=1e-10)
+    factor = np.linalg.cholesky(covariance[np.ix_(good, good)])
+    signals = rng.normal(size=(n, 3))
+    np.testing.assert_allclose(found.applied(signals)[good], np.linalg.solve(factor, signals[good]), atol=1e-10)
+    assert not found.applied(signals)[~good].any()
+    assert found.log_scale(good) == pytest.approx(2.0 * np.log(np.diag(factor)).sum())
 
 
 def test_chances_of_the_normal_distribution_hold_far_out():

@@ -76,7 +76,7 @@ def carrier(step: Step) -> str:
 def _by_pv(step: Step) -> str:
     """The slips that carry what a step's model leaves, in words; empty where PV moved none, or few."""
     e = step.error
-    carried = e.noise_sd is not None and e.best <= ADEQUATE * e.noise_sd and (e.slips_moved or 0.0) > MOST_MOVED
+    carried = e.unavoidable is not None and e.best <= ADEQUATE * e.unavoidable and (e.slips_moved or 0.0) > MOST_MOVED
     return "slips that PV moved" if carried else ""
 
 
@@ -104,12 +104,13 @@ def placed(step: Step) -> str:
 
 
 def _beside_noise(step: Step) -> tuple[bool, str]:
-    noise, error = step.error.noise_sd, step.error.best
-    if noise is None:
+    noise, error, least = step.error.noise_sd, step.error.best, step.error.unavoidable
+    if noise is None or least is None:
         return False, NO_FLOOR
     said = f"the free-run error {error:.4g}{placed(step)}"
-    if error <= ADEQUATE * noise:
-        near = f"{said} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible noise {noise:.4g}"
+    if error <= ADEQUATE * least:
+        digits = "" if error <= ADEQUATE * noise else f", the unknown digits of the output included ({least:.4g})"
+        near = f"{said} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible noise {noise:.4g}{digits}"
         if carried := _by_pv(step):
             return False, f"{BUT_FOR} {carried}: {near}; a model of its own moves at most {100 * MOST_MOVED:.0f} %"
         return True, f"{near}: nothing is left to explain"

@@ -21,7 +21,7 @@ from ..record.preconditions import swing_of, time_scale_s
 from ..record.study import ErrorSummary, ParameterValue, Range, Restarts, Step
 from ..typing import FloatArray, Progress
 from .fit import Fitted, finish, search
-from .intervals.along_path import moved
+from .intervals.along_path import moved, unlikelihood
 from .intervals.assemble import innovation_rows
 from .options import USUAL_ORDER, Options
 from .public_values import public_parameters
@@ -131,9 +131,11 @@ class Run:
         fitted = 100.0 * (1.0 - e.rmse * np.sqrt(y.size) / span) if span else None
         placed = fit.model.spec.paths is not None
         free = fit.model.along(None).evaluate(fit.values).rmse if placed else e.rmse
+        spread = fit.model.spread
         error = ErrorSummary(free, level_holdout(fit), innovation, fit.rmse_holdout, floor, fitted,
-                             bic(fit.sse * rows / e.rows, rows, count), e.rmse if placed else None,
-                             moved(fit.model, fit.values))
+                             bic(fit.sse * rows / e.rows, rows, count) + unlikelihood(fit.model, fit.values),
+                             e.rmse if placed else None, moved(fit.model, fit.values),
+                             innovation * float(np.sqrt(spread**2 - 1.0)) if spread > 1.0 else None)
         findings = []
         if fit.agree < 2 <= fit.runs:
             findings.append(Finding(

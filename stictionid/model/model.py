@@ -13,12 +13,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from ..effects.contract import Context, Record
 from ..laws import get as law_of
+from ..laws.contract import Law
 from ..numerics import tally
 from ..numerics.autoregression import first_rows, linked
 from ..numerics.fixed_point import fixed_point
@@ -30,6 +31,7 @@ from ..process.linear import free_run
 from ..process.scan import DECIMATED, answers, scanned
 from ..record.loop import Loop, bridged
 from ..typing import BoolArray, FloatArray
+from .landing import landing_of
 from .replay import Paths, law_along
 from .response import Response
 from .spec import Evaluated, Spec
@@ -73,11 +75,19 @@ class Model(Response):
         # Where PV is missing the noise filter goes from one sample that counts to the next.
         self.links = linked(self.good())
         self.weight = self._weights()
-        self.target = self.filtered(y[:, None])[:, 0]
+        self._land()
+
+    def _land(self) -> None:
+        """Filter what all candidates share, by the error with which the stem lands along the path of the spec."""
+        landing = landing_of(self)
+        self.landing = None if landing is None else landing[0]
+        if landing is not None:
+            self.law = cast(Law, landing[1])
+        self.target = self.filtered(self.context.process_value[:, None])[:, 0]
         columns = self.filtered(self.shared_columns())
         # Under a command that moves between samples y also follows from u by the controller turned round.
         self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight,
-                                                         0.0 if spec.held else answers(loop))
+                                                         0.0 if self.spec.held else answers(self.loop))
 
     def _commanded(self) -> FloatArray:
         """Command on the grid of the valve, by the spec's mode between samples."""
@@ -122,7 +132,29 @@ class Model(Response):
         other = copy(self)
         other.spec = replace(self.spec, paths=paths)
         other.law = law_along(law_of(self.spec.law), paths, self.context.command.size)
+        if self.landing is not None or (paths is not None and paths.landing is not None):
+            other._land()
         return other
+
+    @property
+    def log_scale(self) -> float:
+        """Sum of log F over the samples that count: the part of -2 log L that errors of landing add."""
+        return sum(piece.landing.log_scale(piece.weight > 0) for piece in self.pieces if piece.landing is not None)
+
+    @property
+    def spread(self) -> float:
+        """Free-run error over white noise that errors of landing and that noise make together, 1 or more."""
+        alone = [np.ones(piece.loop.samples) if piece.landing is None else piece.landing.alone for piece in self.pieces]
+        return float(np.sqrt(np.mean(np.concatenate(alone)[self._level_weight() > 0])))
+
+    def landed(self, residual: FloatArray) -> FloatArray:
+        """Residual (n,) without what errors of landing explain: its scaled innovations; as it is where there are none.
+        """
+        if all(piece.landing is None for piece in self.pieces):
+            return residual
+        parts = self.split(np.nan_to_num(residual))
+        return np.concatenate([part if piece.landing is None else piece.landing.applied(part[:, None])[:, 0]
+                               for piece, part in zip(self.pieces, parts, strict=True)])
 
     def starting(self, extra: int = 0) -> BoolArray:
         """Samples (n,) in which the unknown start shows: the first `skip` and `extra` more of every segment."""

@@ -154,6 +154,14 @@ class Slips:
 
 
 @dataclass(frozen=True, slots=True)
+class Landing:
+    """Error with which a stem lands, times the gain and over the noise, and the named values that it was told at."""
+
+    ratio: float
+    values: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Paths:
     """The slips of every segment, the scatter of the break-away force and the error of the command, both in %."""
 
@@ -161,6 +169,8 @@ class Paths:
     scatter: float
     # Standard deviation; whether a sliding stem stopped is in doubt where the command is not exact.
     error: float = 0.0
+    # None where a stem lands exactly where the law puts it.
+    landing: Landing | None = None
 
     @property
     def count(self) -> int:
@@ -169,7 +179,8 @@ class Paths:
 
     def described(self) -> dict[str, Any]:
         """The path as a study stores it."""
-        return {"scatter": self.scatter, "error": self.error,
+        landing = self.landing and {"ratio": self.landing.ratio, "values": dict(self.landing.values)}
+        return {"scatter": self.scatter, "error": self.error, "landing": landing,
                 "slips": [{"at": s.at.tolist(), "kind": s.kind.tolist(), "known": s.known, "size": s.size}
                           for s in self.slips]}
 
@@ -203,7 +214,12 @@ def paths_from(stored: Mapping[str, Any]) -> Paths:
         slips.append(Slips(at, kind, known, size))
     if not slips:
         raise ValueError("its path is empty")
-    return Paths(tuple(slips), scatter, error)
+    told = stored.get("landing")
+    landing = Landing(float(told["ratio"]), tuple((str(k), float(v)) for k, v in told["values"].items())) \
+        if told else None
+    if landing is not None and not 0.0 < landing.ratio < math.inf:
+        raise ValueError(f"the error {landing.ratio:g} with which its stem lands is out of range")
+    return Paths(tuple(slips), scatter, error, landing)
 
 
 def supported(law: Law, friction: FloatArray) -> bool:
@@ -249,8 +265,22 @@ def by_law(law: Law, command: FloatArray, friction: FloatArray, profile: FloatAr
 class AlongPath:
     """A law whose valves slip where a path says; it stands in a model in the place of the law."""
 
-    def __init__(self, law: Law, slips: Slips) -> None:
-        self._law, self._slips = law, slips
+    def __init__(self, law: Law, slips: Slips, landed: FloatArray | None = None) -> None:
+        # `landed` (n,) is how far the stem is expected from where the law lets it land, in %.
+        self._law, self._slips, self._landed = law, slips, landed
+
+    def landing(self, landed: FloatArray) -> AlongPath:
+        """The same law with a stem that is expected beside its place, by so much (n,) in %."""
+        return AlongPath(self._law, self._slips, landed)
+
+    def strokes(self, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray) -> Replayed:
+        """The strokes of valves (ROWS, P) along the path, exactly where the law lets them land."""
+        return replayed(self._law, command, friction, profile, share, self._slips)
+
+    @property
+    def path(self) -> Slips:
+        """The slips of the path."""
+        return self._slips
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # (a copy that has nothing yet)
@@ -262,7 +292,10 @@ class AlongPath:
         """Valve positions (n, P) along the path; as `Law.positions`."""
         profile = np.zeros(command.size) if profile is None else profile
         shares = share if isinstance(share, np.ndarray) else np.full(friction.shape[1], float(share))
-        return replayed(self._law, command, friction, profile, shares, self._slips, lent=lent).position
+        position = replayed(self._law, command, friction, profile, shares, self._slips, lent=lent).position
+        if self._landed is not None:
+            position += self._landed[:, None]
+        return position
 
 
 def law_along(law: Law, paths: Paths | None, samples: int) -> Law:

@@ -22,6 +22,7 @@ from .. import laws as law_room
 from ..effects.contract import Context, Effect, Place
 from ..errors import ModelError
 from ..numerics.autoregression import Links, pace_of
+from ..numerics.noise.landing import LandingFilter
 from ..numerics.parameters import Parameter, Space
 from ..numerics.varpro import whiten, whiten_stack
 from ..process.intersample import interval_means
@@ -53,6 +54,8 @@ class Response:
     taps: FloatArray
     profile: FloatArray
     links: Links | None
+    # Filter for a stem that lands a little beside its place; None where it lands exactly.
+    landing: LandingFilter | None = None
 
     def _name(self, loop: Loop, spec: Spec, s_max: float, period_s: float) -> None:
         """Set what follows from the spec alone, without the record."""
@@ -99,7 +102,8 @@ class Response:
 
     def filtered(self, columns: FloatArray) -> FloatArray:
         """Columns (n, c) passed through the noise filter of the model, which starts anew with every segment."""
-        return whiten(columns, self.taps, None if self.links is None else self.links.before)
+        landed = columns if self.landing is None else self.landing.applied(columns)
+        return whiten(landed, self.taps, None if self.links is None else self.links.before)
 
     def own_columns(self, base: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
         """Columns (k, n, P) stacked by `responses`; a column of one segment is zero in all others."""
@@ -291,6 +295,8 @@ class Response:
         for element in dynamics.elements:
             modes(element, base[at * n:(at + element.order) * n], step_s=self.step_s)
             at += element.order
+        if filtered and self.landing is not None:
+            self.landing.apply_stack(base, n)
         if filtered and self.taps.size:
             whiten_stack(base, n, self.taps, None if self.links is None else self.links.before)
         return base, tuple(i * n for i in range(count))

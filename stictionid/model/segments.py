@@ -72,6 +72,10 @@ class Restarted(Model):
         self._range()
         self.skip = min(piece.skip for piece in self._pieces)
         self.weight = np.concatenate([piece.weight for piece in self._pieces])
+        self._join()
+
+    def _join(self) -> None:
+        """Put together what the candidates of all segments share."""
         self.target = np.concatenate([piece.target for piece in self._pieces])
         middle = self.values(np.full((1, self.space.size), 0.5))
         common = 1 + sum(len(effect.columns(middle[rows], piece.context_of(option)))
@@ -169,7 +173,8 @@ class Restarted(Model):
         """The same model with valves that slip where the paths, one for each segment, say; none: where the law does."""
         other = copy(self)
         other.spec = replace(self.spec, paths=paths)
-        other._pieces = tuple(piece.along(paths and paths.of(i)) for i, piece in enumerate(self._pieces))
+        other._pieces = tuple(piece.along(_slips_of(paths, i)) for i, piece in enumerate(self._pieces))
+        other._join()
         return other
 
     def describe(self, values: FloatArray) -> dict[str, Any]:
@@ -181,10 +186,22 @@ class Restarted(Model):
 
 def _of_segment(spec: Spec, segment: int) -> Spec:
     """Spec of one segment's model: its own slips, and guides that start with the residual force of that segment."""
-    spec = replace(spec, paths=spec.paths and spec.paths.of(segment))
+    spec = replace(spec, paths=_slips_of(spec.paths, segment))
     if not segment or not spec.guides:
         return spec
     name = BASE[2]
     guides = tuple({**guide, "values": {**guide["values"], name: guide["values"].get(f"{name}_{segment + 1}", 0.0)}}
                    for guide in spec.guides)
     return replace(spec, guides=guides)
+
+
+def _slips_of(paths: Paths | None, segment: int) -> Paths | None:
+    """The path of one segment, told with the residual force of that segment."""
+    if paths is None:
+        return None
+    own = paths.of(segment)
+    if not segment or own.landing is None:
+        return own
+    known = dict(own.landing.values)
+    known[BASE[2]] = known.get(f"{BASE[2]}_{segment + 1}", 0.0)
+    return replace(own, landing=replace(own.landing, values=tuple(known.items())))

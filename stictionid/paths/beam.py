@@ -1,7 +1,8 @@
 """The likeliest slips of a valve whose break-away force is random: a beam of hypotheses weighed by PV.
 
 Every hypothesis is a valve (position, sliding or at rest, largest force either way since it came to rest), the states
-of the process that it drives, and the last errors, which the noise model turns into innovations. At each value of the
+of the process that it drives, the error with which it landed and its covariance (`numerics/noise/landing.py`), and the
+last errors, which the noise model turns into innovations. At each value of the
 command it slips with the chance that the break-away force, drawn anew for every stick from N(f_s, scatter^2), lies
 between the largest force so far and this one. PV weighs the hypotheses; the least likely are dropped and near ones
 merged. Wrong where the number kept is too small for the time PV takes to tell them apart.
@@ -44,18 +45,22 @@ _TURNED, _DONE, _SURE = 1, 2, 3
 _PLACE, _HEADING, _UP, _DOWN, _WEIGHT, _NODE, _FIRST = range(7)
 # Distance from f_s in scatters below which nothing slips.
 _FAR = 6.0
+# The same for a stem that has felt no force yet; it is as good as infinite.
+_END, _ROOT = 40.0, math.sqrt(2.0 * math.pi)
 
 
 @kernel
 def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: float, rests: bool, scatter: float,
          doubt: FloatArray, parts: int, whole: int, keep: FloatArray, take: FloatArray, row: FloatArray,
          through: float, gain: float, target: FloatArray, good: BoolArray, counted: BoolArray, taps: FloatArray,
-         node_parent: IntArray, node_at: IntArray, node_kind: IntArray) -> tuple[float, int, int]:
+         error_sd: float, own: float, node_parent: IntArray, node_at: IntArray,
+         node_kind: IntArray) -> tuple[float, int, int]:
     """Log-likelihood, the last node of the likeliest path, and the first value of the command that nothing measured.
 
     `keep` (2, m, m), `take` (2, m), `row` (m,) and `through` are the process (`state_space.Held`). `gain` and `target`
-    (n,) are in units of the noise, `doubt` is that of `replay.doubts`. A node is an event of a path (`replay.Slips`):
-    its parent, sample and kind.
+    (n,) are in units of the noise, `doubt` is that of `replay.doubts`. A stem lands with the error `error_sd` of the
+    command; `own` is the variance of its break-away force alone, both in % (`model/landing.py`). A node is an event of
+    a path (`replay.Slips`): its parent, sample and kind.
     """
     n, states, order = target.size, row.size, taps.size
     fs_up0, fs_down0 = friction[FS_UP] + TIE, friction[FS_DOWN] + TIE
@@ -64,14 +69,22 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
     spare, low, high = friction[OVERSHOOT] - 1.0, friction[LOWER], friction[UPPER]
     jump = max(fs_up0 - fd_up0, 1e-6)
     past = _FIRST + states
-    width = past + order
+    # Errors (d,) of process and stem behind those of the past, then their covariance (d, d).
+    d = states + 1 if error_sd > 0.0 else 0
+    ratio2 = (gain * error_sd)**2
+    off = past + order
+    square = off + d
+    width = square + d * d
+    A, turned, along = np.zeros((d, d)), np.zeros((d, d)), np.zeros(d)
+    reads = np.zeros(d)
+    reads[:states], reads[states:] = row[:d], through
     x = np.zeros((MOST, width))
     x[0, _PLACE], x[0, _UP], x[0, _DOWN], x[0, _NODE] = start, -np.inf, -np.inf, -1.0
     told, ranked = np.zeros(MOST, np.int64), np.zeros(MOST, np.int64)
     stays = np.zeros(MOST, np.bool_)
     after = np.zeros(states)
     nodes, count, total, filled, i = 0, 1, 0.0, 0, 0
-    size, root = abs(gain), 1.0 / (scatter * math.sqrt(2.0))
+    root = 1.0 / (scatter * math.sqrt(2.0))
     for k in range(n):
         for part in range(parts if k > 0 else 0):
             i = (k - 1) * parts + part - whole
@@ -86,7 +99,27 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
             # The process runs under the old position, then every hypothesis meets the command, and a copy of it may
             # turn or slip instead; behind the dead time's fraction the process runs under the new position.
             for half in range(2):
+                for r in range(d - 1):
+                    A[r, d - 1] = take[half, r]
+                    for s in range(d - 1):
+                        A[r, s] = keep[half, r, s]
+                for r in range(max(d - 1, 0), d):
+                    A[r, r] = 1.0
                 for h in range(count):
+                    for r in range(d):
+                        along[r] = 0.0
+                        for c in range(d):
+                            along[r] += A[r, c] * x[h, off + c]
+                            turned[r, c] = 0.0
+                            for s in range(d):
+                                turned[r, c] += A[r, s] * x[h, square + s * d + c]
+                    for r in range(d):
+                        x[h, off + r] = along[r]
+                        for c in range(d):
+                            value = 0.0
+                            for s in range(d):
+                                value += turned[r, s] * A[c, s]
+                            x[h, square + r * d + c] = value
                     for s in range(states):
                         after[s] = take[half, s] * (x[h, _PLACE] - start)
                         for r in range(states):
@@ -133,8 +166,25 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                             nodes += 1
                         told[g] = _TURNED if event == 2 else _DONE
                     if abs(event) == 1 and told[g] == _DONE:
+                        force = new
                         new = to_up + spare * (to_up - v) if rising else to_down + spare * (to_down - v)
                         held = min(max(new, low), high)
+                        if d > 0:
+                            # The force at the slip tells of the errors at both of its ends.
+                            least, most = max(old, -_END * scatter), max(force, old)
+                            chance = 0.5 * (math.erfc(least * root) - math.erfc(most * root))
+                            middle, spread = min(max(0.0, least), most), 0.0
+                            if chance > 1e-12:
+                                at_low = math.exp(-(least * root)**2) / (chance * _ROOT)
+                                at_high = math.exp(-(most * root)**2) / (chance * _ROOT)
+                                middle = min(max(scatter * (at_low - at_high), least), most)
+                                spread = max(scatter * (scatter + least * at_low - most * at_high) - middle**2, 0.0)
+                            share = error_sd**2 / (error_sd**2 + own + spread) if held == new else 0.0
+                            for r in range(d):
+                                x[g, square + r * d + d - 1] *= share
+                                x[g, square + (d - 1) * d + r] *= share
+                            x[g, off + d - 1] = share * (x[g, off + d - 1] - gain * (middle if rising else -middle))
+                            x[g, square + d * d - 1] += ratio2 * (1.0 - share) if held == new else 0.0
                         x[g, _PLACE], x[g, _UP], x[g, _DOWN] = held, -np.inf, -np.inf
                         x[g, _HEADING] = 0.0 if held != new or restick == np.inf or du == 0.0 else du / abs(du)
                     if event == 2:
@@ -144,6 +194,10 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                     elif goes_on:
                         new = max(to_up, v) if heading > 0.0 else min(to_down, v)
                         held = min(max(new, low), high)
+                        if d > 0 and held != v:
+                            for r in range(d):
+                                x[h, square + r * d + d - 1] = x[h, square + (d - 1) * d + r] = 0.0
+                            x[h, off + d - 1], x[h, square + d * d - 1] = 0.0, ratio2 if held == new else 0.0
                         x[h, _PLACE] = held
                         if held != new:
                             x[h, _HEADING], x[h, _UP], x[h, _DOWN] = 0.0, -np.inf, -np.inf
@@ -154,13 +208,25 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
             error = target[k] - gain * through * (x[h, _PLACE] - start)
             for s in range(states):
                 error -= gain * row[s] * x[h, _FIRST + s]
+            F = 1.0
+            for r in range(d):
+                error -= reads[r] * x[h, off + r]
+                along[r] = 0.0
+                for c in range(d):
+                    along[r] += x[h, square + r * d + c] * reads[c]
+                F += reads[r] * along[r]
+            for r in range(d):
+                x[h, off + r] += along[r] * error / F
+                for c in range(d):
+                    x[h, square + r * d + c] -= along[r] * along[c] / F
+            error /= math.sqrt(F)
             innovation = error
             for s in range(order):
                 innovation += taps[s] * x[h, past + s]
             for s in range(order - 1, -1, -1):
                 x[h, past + s] = x[h, past + s - 1] if s else error
             if counted[k] and filled >= order:
-                x[h, _WEIGHT] -= 0.5 * innovation * innovation
+                x[h, _WEIGHT] -= 0.5 * (innovation * innovation + math.log(F))
             best = max(best, x[h, _WEIGHT])
         filled += 1
         # The best ones stay; one that is nearly the same as a better one is added to it.
@@ -181,12 +247,17 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                 g = ranked[r]
                 apart = 0.0
                 for s in range(states):
-                    apart += row[s] * (x[g, _FIRST + s] - x[h, _FIRST + s])
+                    apart += gain * row[s] * (x[g, _FIRST + s] - x[h, _FIRST + s])
+                for s in range(d - 1):
+                    apart += row[s] * (x[g, off + s] - x[h, off + s])
                 away = abs(x[g, _PLACE] - x[h, _PLACE])
+                beside = gain * (x[g, _PLACE] - x[h, _PLACE])
+                if d > 0:
+                    beside += x[g, off + d - 1] - x[h, off + d - 1]
                 differ = (abs(x[g, _UP] - x[h, _UP]) > _FORCE * scatter
                           or abs(x[g, _DOWN] - x[h, _DOWN]) > _FORCE * scatter)
-                if x[g, _HEADING] == x[h, _HEADING] and away * size <= _POSITION and away <= _JUMP * jump \
-                        and not differ and abs(apart) * size < _RESPONSE:
+                if x[g, _HEADING] == x[h, _HEADING] and abs(beside) <= _POSITION and away <= _JUMP * jump \
+                        and not differ and abs(apart) < _RESPONSE:
                     x[g, _WEIGHT] += math.log1p(math.exp(x[h, _WEIGHT] - x[g, _WEIGHT]))
                     alone = False
                     break

@@ -14,11 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..model.landing import LEAST_OWN, chain_of
 from ..model.model import Model
-from ..model.replay import AT, BEFORE, OTHER, Paths, Replayed, Slips, by_law, doubts, replayed, supported
+from ..model.replay import AT, BEFORE, OTHER, Landing, Paths, Replayed, Slips, by_law, doubts, replayed, supported
 from ..numerics.noise.normal import log_between, log_upper
 from ..process.linear import free_run
-from ..process.state_space import held
 from ..typing import FloatArray
 from .beam import beam
 
@@ -59,9 +59,10 @@ def log_prior(found: Sequence[Replayed], scatter: float) -> FloatArray:
 
 def deviance(model: Model, values: FloatArray, paths: Paths) -> FloatArray:
     """-2 log L (P,) of values (d, P), but for a constant, along the paths."""
-    sse = model.along(paths).costs_of(values)
-    rows = model.shared.rows
-    return rows * np.log(sse / rows) - 2.0 * log_prior(strokes(model, values, paths), paths.scatter)
+    along = model.along(paths)
+    rows = along.shared.rows
+    noise = rows * np.log(along.costs_of(values) / rows) + along.log_scale
+    return noise - 2.0 * log_prior(strokes(model, values, paths), paths.scatter)
 
 
 def likeliest(model: Model, values: FloatArray, now: Paths) -> Paths:
@@ -70,34 +71,43 @@ def likeliest(model: Model, values: FloatArray, now: Paths) -> Paths:
     What the beam's process lacks (a lag that differs by direction, effects behind the valve) is taken from the model
     along `now`: its prediction is right for paths near to it.
     """
-    found = model.along(now).evaluate(values)
+    along = model.along(now)
+    found = along.evaluate(values)
     noise = float(np.sqrt(found.sse / max(found.rows, 1)))
+    now = landing_at(model, values, now, found.gain / noise)
     return replace(now, slips=tuple(
-        _beam(piece, own[:, 0], slips, y, found.gain, noise, now.scatter, now.error) for (piece, own), slips, y in
-        zip(_apart(model, values[:, None]), now.slips, model.split(found.model), strict=True)))
+        _beam(piece, own, y, found.gain, noise, now) for (piece, own), y in
+        zip(_apart(along, values[:, None]), model.split(found.model), strict=True)))
 
 
-def _beam(model: Model, values: FloatArray, now: Slips, predicted: FloatArray, gain: float, noise: float,
-          scatter: float, error: float) -> Slips:
-    column = values[:, None]
+def landing_at(model: Model, values: FloatArray, paths: Paths, gain: float) -> Paths:
+    """The paths with the error of a landing, which is that of the command; `gain` is in units of the noise.
+
+    The differences of an integrator under softened differences hide it.
+    """
+    ratio = abs(gain) * paths.error
+    told = 0.0 < ratio < np.inf and not model.spec.increments
+    return replace(paths, landing=Landing(ratio, tuple(model.named(values).items())) if told else None)
+
+
+def _beam(model: Model, column: FloatArray, predicted: FloatArray, gain: float, noise: float, paths: Paths) -> Slips:
+    """The likeliest slips at values (d, 1) of a model along its slips so far, which gives `predicted` (n,)."""
     friction, dynamics = model.friction(column), model.dynamics(column)
     command = model.context.command
-    position = replayed(model.law, command, friction, model.profile, column[2], now).position
+    position = model.law.positions(command, friction, profile=model.profile, share=column[2])
+    own = max(paths.scatter**2 - 2.0 * paths.error**2, LEAST_OWN * paths.scatter**2)
     parts = command.size // model.loop.samples
-    part = model.step_s / parts
-    ahead = not model.spec.held
     plain = replace(dynamics, closing=None, dead_time_drift=None)
-    response = free_run(position, plain, step_s=model.step_s, substeps=parts, ahead=ahead)[:, 0]
-    chain = held(plain.time_constant_s, plain.dead_time_s, plain.second_time_constant_s, plain.elements,
-                 plain.integrating, part_s=part, ahead=ahead)
+    response = free_run(position, plain, step_s=model.step_s, substeps=parts, ahead=not model.spec.held)[:, 0]
+    chain = chain_of(model, column)
     target = (model.context.process_value - predicted + gain * response) / noise
     nodes = _NODES_EACH * command.size
     parent, at, kind = (np.empty(nodes, np.int64) for _ in range(3))
     start = float(model.law.start(float(command[0]), friction, column[2])[0, 0])
     _, node, known = beam(command, np.ascontiguousarray(friction[:, 0]), model.profile, start,
-                          model.law.slips == "rests", scatter, doubts(command, error), parts, chain.late, chain.keep,
-                          chain.take, chain.row, chain.through, gain / noise, target, model.good(), model.weight > 0,
-                          model.taps, parent, at, kind)
+                          model.law.slips == "rests", paths.scatter, doubts(command, paths.error), parts, chain.late,
+                          chain.keep, chain.take, chain.row, chain.through, gain / noise, target, model.good(),
+                          model.weight > 0, model.taps, paths.error if paths.landing else 0.0, own, parent, at, kind)
     path: list[int] = []
     while node >= 0:
         path.append(node)

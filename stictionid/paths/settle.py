@@ -21,7 +21,7 @@ from ..model.model import Model
 from ..model.replay import AT, BEFORE, OTHER, Paths, Replayed
 from ..model.spec import Evaluated
 from ..numerics.gauss_newton import descend, slopes_at
-from ..numerics.noise.normal import log_between, log_upper
+from ..numerics.noise.normal import between, log_upper
 from ..typing import BoolArray, FloatArray
 from .likelihood import deviance, law_paths, likeliest, log_prior, strokes
 
@@ -180,7 +180,7 @@ def _with_scatter(found: Settled, low: float, high: float) -> Settled:
     margins = [stroke.margins[:-1, :, 0] for stroke in found.strokes()]
     for _ in range(_SCATTER_ROUNDS):
         before = width
-        squares = np.concatenate([_between(m[:, BEFORE], m[:, AT], width)[1] for m in margins])
+        squares = np.concatenate([between(m[:, BEFORE], m[:, AT], width)[1] for m in margins])
         width = min(max(float(np.sqrt(squares.mean())) if squares.size else low, low), high)
         if abs(width - before) < _SAME_SCATTER * before:
             break
@@ -211,16 +211,6 @@ def _at_force(found: Settled, reach: float = 0.0) -> Settled:
                                                                float(costs[best]))
 
 
-def _between(low: FloatArray, high: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-    """Mean and mean square of N(0, width^2) between low and high, which is above."""
-    a, b = low / width, np.maximum(high, low + 1e-9 * width) / width
-    share = log_between(a, b)
-    at_a, at_b = np.exp(-0.5 * a**2 - share) / _ROOT, np.exp(-0.5 * b**2 - share) / _ROOT
-    mean = np.clip(at_a - at_b, a, b)
-    second = 1.0 + np.where(np.isfinite(a), a, 0.0) * at_a - np.where(np.isfinite(b), b, 0.0) * at_b
-    return width * mean, width**2 * np.maximum(second, mean**2)
-
-
 class _Rows:
     """Residuals of PV and of the break-away forces along one path, with the forces expected at one point."""
 
@@ -232,7 +222,7 @@ class _Rows:
         self.rest: list[tuple[BoolArray, FloatArray]] = []
         for stroke in found.strokes():
             m = stroke.margins[:-1, :, 0]
-            self.shift.append(m[:, AT] - _between(m[:, BEFORE], m[:, AT], width)[0])
+            self.shift.append(m[:, AT] - between(m[:, BEFORE], m[:, AT], width)[0])
             says = m[:, OTHER] > _SAYS * width
             a = m[says, OTHER] / width
             self.rest.append((says, width * np.exp(-0.5 * a**2 - log_upper(a)) / _ROOT - m[says, OTHER]))

@@ -172,7 +172,8 @@ class ErrorSummary:
 
     `noise_sd` is the irreducible noise, one number for all steps of a study (fit/adequacy.py). `rmse_path` is the error
     of the free run whose slips PV helped to place, `slips_moved` the share of slips that it moved or added (0 to 1);
-    both are null where the law alone places them.
+    both are null where the law alone places them. `landing_sd` is the error that the unknown digits of OP make where
+    the stem lands; null where OP is known.
     """
 
     rmse: float
@@ -184,6 +185,12 @@ class ErrorSummary:
     bic: float | None = None
     rmse_path: float | None = None
     slips_moved: float | None = None
+    landing_sd: float | None = None
+
+    @property
+    def unavoidable(self) -> float | None:
+        """Least free-run error of a true model: that of the irreducible noise and of the unknown digits of OP."""
+        return None if self.noise_sd is None else math.hypot(self.noise_sd, self.landing_sd or 0.0)
 
     @property
     def best(self) -> float:

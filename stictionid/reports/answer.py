@@ -75,8 +75,9 @@ def _unnamed(study: Study) -> str:
     """The line of a search that names nothing: nothing is missing, or nobody knows what."""
     error = study.steps[-1].error
     if study.adequate is not False or study.completed:
-        if error.noise_sd and error.best <= ADEQUATE * error.noise_sd:
-            return f"missing: nothing. The free-run error {wording.number(error.best)} is the noise."
+        if error.noise_sd and error.unavoidable and error.best <= ADEQUATE * error.unavoidable:
+            digits = "" if error.best <= ADEQUATE * error.noise_sd else " and what the rounding of OP adds"
+            return f"missing: nothing. The free-run error {wording.number(error.best)} is the noise{digits}."
         return f"missing: nothing, {wording.clean(study.adequate_reason)}"
     why = wording.sentence(study.missing_reason) or "No effect of the catalogue helps enough."
     return f"missing: unknown. Error {_level(study, error.best)}. {why}"

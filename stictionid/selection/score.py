@@ -104,7 +104,7 @@ class Scored:
 
     def bare(self, policy: Policy) -> bool:
         """True where the innovations are nearly all of the free run."""
-        return self.rmse <= policy.carried * self.done.innovation_sd
+        return self.rmse <= policy.carried * self.done.noise_error
 
     def explained(self, policy: Policy) -> bool:
         """True where white innovations are left that are nearly all of the free run."""
@@ -116,7 +116,7 @@ class Scored:
 
     def nearly(self, policy: Policy) -> bool:
         """True where a noise model carries only a little of the free run."""
-        return self.rmse <= policy.nearly * self.done.innovation_sd
+        return self.rmse <= policy.nearly * self.done.noise_error
 
     def endless(self, policy: Policy) -> bool:
         """True for a first order whose lag is many periods long: an integrator but for its level."""
@@ -234,7 +234,7 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     """
     done = scored.done
     e, starts = done.evaluated, done.model.loop.starts
-    residual, good = np.nan_to_num(e.residual), e.counted > 0
+    residual, good = np.nan_to_num(done.model.landed(e.residual)), e.counted > 0
     found = fits_of(residual, good, starts)
     still = min((f for kind, f in found.items() if kind != WALK), key=lambda f: f.bic, default=None)
     if still is None:
@@ -277,7 +277,7 @@ def standing(scored: Scored, spec: Spec) -> Fitted:
     """The node's point in its search form, ready for looks at its children."""
     done = scored.done
     # Slips that PV placed stay where little is left to explain; elsewhere they bend to the missing effect.
-    paths = done.model.spec.paths if done.evaluated.rmse <= NEARLY * done.innovation_sd else None
+    paths = done.model.spec.paths if done.evaluated.rmse <= NEARLY * done.noise_error else None
     model = bound(done.model.loop, replace(node(spec, soft=done.increments), paths=paths),
                   s_max=done.model.s_max, period_s=done.model.period_s, residual=done.evaluated.left)
     return as_it_stands(model, model.vector(done.model.named(done.values)))

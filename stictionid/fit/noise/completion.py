@@ -71,6 +71,11 @@ class Refit:
         return float(np.sqrt(np.mean(self.innovation[self.good] ** 2)))
 
     @property
+    def noise_error(self) -> float:
+        """Free-run error that white noise and errors of landing make, in the unit of y."""
+        return self.innovation_sd * self.model.spread
+
+    @property
     def spec(self) -> Spec:
         """The model's spec with the noise model in it."""
         taps = tuple(_joined(self.own, self.taps)[1:].tolist())
@@ -112,7 +117,8 @@ class Refit:
         """BIC of the innovations on common samples (n,)."""
         rows = float(good.sum())
         sse = float(np.sum(self.innovation[good] ** 2))
-        return rows * float(np.log(max(sse, 1e-300) / rows)) + self.parameters * float(np.log(rows)) + self.prior
+        fit = rows * float(np.log(max(sse, 1e-300) / rows)) + self.model.log_scale
+        return fit + self.parameters * float(np.log(rows)) + self.prior
 
     def gain_over(self, other: Refit) -> float:
         """BIC by which this model does better than another on the samples that both predict."""
@@ -132,7 +138,7 @@ def has_noise(spec: Spec) -> bool:
 
 def at_noise(refit: Refit) -> bool:
     """True where the free-run error of a physical refit is as small as its innovations: a noise model adds little."""
-    return not has_noise(refit.model.spec) and refit.evaluated.rmse <= _WHITE * refit.innovation_sd
+    return not has_noise(refit.model.spec) and refit.evaluated.rmse <= _WHITE * refit.noise_error
 
 
 def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
@@ -270,7 +276,8 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
     polynomial = np.concatenate([[1.0], own])
     if increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
-    signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial, model.loop.starts)
+    residual = model.landed(evaluated.residual)
+    signal, good = filtered(residual, evaluated.counted > 0, polynomial, model.loop.starts)
     if noise == RESONANT:
         found = _band_of(model, evaluated, polynomial, rng)
         return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
@@ -292,7 +299,7 @@ def _band_of(model: Model, evaluated: Evaluated, polynomial: FloatArray,
 def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArray, increments: bool,
            own: tuple[float, ...], numbers: int) -> Refit:
     polynomial = _whitening(own, ar, increments)
-    innovation, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial, model.loop.starts)
+    innovation, good = filtered(model.landed(evaluated.residual), evaluated.counted > 0, polynomial, model.loop.starts)
     good &= ~model.starting(polynomial.size)
     count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + numbers
     return Refit(model, values, evaluated, ar, increments, innovation, good, count, numbers, own)
@@ -350,7 +357,7 @@ def _placed(before: Refit, found: Refit) -> Refit:
     What an effect would explain is no noise: there a path bends to the missing effect, and its likelihood says
     nothing. On a loop with a stop it halved the free run, with a slip jump of 6 % for 2.5.
     """
-    explains = found.evaluated.rmse <= NEARLY * found.innovation_sd
+    explains = found.evaluated.rmse <= NEARLY * found.noise_error
     return better(before, found) if explains else before
 
 

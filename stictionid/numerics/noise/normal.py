@@ -16,6 +16,7 @@ from ..jit import kernel
 _FAR = 25.0
 # Least logarithm that is told apart from none at all.
 _NONE = -1e5
+_ROOT = math.sqrt(2.0 * math.pi)
 
 
 @kernel
@@ -59,3 +60,13 @@ def log_between(low: FloatArray, high: FloatArray) -> FloatArray:
     out = np.empty_like(low)
     _log_between(low.ravel(), high.ravel(), out.ravel())
     return out
+
+
+def between(low: FloatArray, high: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    """Mean and mean square of N(0, width^2) between low and high, which is above."""
+    a, b = low / width, np.maximum(high, low + 1e-9 * width) / width
+    share = log_between(a, b)
+    at_a, at_b = np.exp(-0.5 * a**2 - share) / _ROOT, np.exp(-0.5 * b**2 - share) / _ROOT
+    mean = np.clip(at_a - at_b, a, b)
+    second = 1.0 + np.where(np.isfinite(a), a, 0.0) * at_a - np.where(np.isfinite(b), b, 0.0) * at_b
+    return width * mean, width**2 * np.maximum(second, mean**2)

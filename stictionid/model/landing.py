@@ -1,0 +1,64 @@
+"""Errors of landing along the path of a model: their expected part, and the filter that takes the rest out of PV.
+
+Every slip tells of the errors at both of its ends. With e the error of the command at the slip and w that of the stem
+before it, the force at which the record sees it break away lies w - e beside f_s, and the stem lands with the error e.
+
+Source: docs/method.md, section 14.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..laws.contract import LOWER, UPPER
+from ..numerics.noise.landing import LandingFilter, expected
+from ..numerics.noise.normal import between
+from ..process.state_space import Held, held
+from ..typing import FloatArray
+from .replay import AT, BEFORE, AlongPath
+from .response import Response
+
+# Least variance of a force of its own, as a share of that of all forces along a path.
+LEAST_OWN = 0.01
+
+
+def chain_of(model: Response, values: FloatArray) -> Held:
+    """The process of one candidate (d, 1) from one command to the next, without what changes along the record."""
+    plain = replace(model.dynamics(values), closing=None, dead_time_drift=None)
+    parts = model.context.command.size // model.loop.samples
+    return held(plain.time_constant_s, plain.dead_time_s, plain.second_time_constant_s, plain.elements,
+                plain.integrating, part_s=model.step_s / parts, ahead=not model.spec.held)
+
+
+def landing_of(model: Response) -> tuple[LandingFilter, AlongPath] | None:
+    """The filter of a model along slips whose stem lands with an error, and its law with the expected part of that.
+
+    None where it lands exactly, and for softened differences, which hide it.
+    """
+    paths, law = model.spec.paths, model.law
+    if paths is None or paths.landing is None or not isinstance(law, AlongPath) or model.spec.increments:
+        return None
+    values = model.vector(dict(paths.landing.values))[:, None]
+    friction = model.friction(values)
+    found = law.strokes(model.context.command, friction, model.profile, values[2])
+    position, slips, error = found.position[:, 0], law.path, paths.error**2
+    # A stem that rests keeps its error, one that slides has that of the command, and one at a stop has none.
+    moved = np.diff(position, prepend=position[0]) != 0.0
+    stopped = (position >= friction[UPPER, 0]) | (position <= friction[LOWER, 0])
+    carried, drawn = 1.0 - moved, np.where(moved & ~stopped, error, 0.0)
+    force = np.zeros(position.size)
+    ways = slips.kind[np.abs(slips.kind) == 1]
+    at = slips.at[np.abs(slips.kind) == 1]
+    m = found.margins[:-1, :, 0]
+    mean, square = between(m[:, BEFORE], m[:, AT], paths.scatter)
+    own = max(paths.scatter**2 - 2.0 * error, LEAST_OWN * paths.scatter**2) + square - mean**2
+    share = np.where(stopped[at], 0.0, error / (error + own))
+    carried[at], force[at] = share, ways * mean
+    drawn[at] *= 1.0 - share
+    chain = chain_of(model, values)
+    kalman = LandingFilter(chain.keep, chain.take, chain.row, chain.through, chain.late,
+                           parts=position.size // model.loop.samples, carried=carried,
+                           drawn=drawn * (paths.landing.ratio**2 / error), good=model.good())
+    return kalman, law.landing(expected(carried, force))
