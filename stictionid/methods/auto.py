@@ -61,13 +61,16 @@ _NOTHING, _CHANGES = 0.995, 0.5
 # sample: below an oscillation, of one of 2.5 to 7 samples, and above.
 _TURN, _SLOW, _FAST, _FASTER = 0.5, (0.0, 0.15), (0.15, 0.4), (0.4, 0.5)
 
+# A fit of the base, findings on it, and fits that do no better yet.
+Based = tuple[Fitted, tuple[Finding, ...], tuple[Fitted, ...]]
+
 
 def _run(run: Run, policy: Policy) -> Outcome:
     """Base model, then the search with the small catalogue, and with the whole one where that explains nothing."""
     o = run.options
     run.tell("searching (S, J)", 0.1)
     before = tally.spent()
-    fit, notes, slow = _base(run)
+    fit, notes, slow = _base(run, policy)
     spent = (tally.spent() - before) // policy.unit
     check_scans(run, fit)
     noises = noises_in(o.effects)
@@ -113,7 +116,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
                    reach=found.reach, missing_reason=found.missing_reason, unexplained=found.shape)
 
 
-def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...], tuple[Fitted, ...]]:
+def _base(run: Run, policy: Policy) -> Based:
     """The fit of the base with the effects asked for, findings on scans between samples, and a fit that rebuilds them.
 
     The last is there where it does no better yet: a valve that rests may show which of the two is right.
@@ -121,8 +124,28 @@ def _base(run: Run) -> tuple[Fitted, tuple[Finding, ...], tuple[Fitted, ...]]:
     o = run.options
     asked = tuple(name for name in o.effects if name not in noises_in(o.effects))
     # Samples that don't count would bend every fit; a record that has none asks for no such effect.
-    asked += tuple(e.name for e in catalogue().values() if e.counted and e.name not in asked
+    limits = tuple(e.name for e in catalogue().values() if e.counted and e.name not in asked
                    and e.asked_for(run.loop.process_value))
+    found = _base_with(run, (*asked, *limits))
+    if limits and not _bends(plain := _base_with(run, asked), found, policy):
+        return plain
+    return found
+
+
+def _bends(plain: Based, without: Based, policy: Policy) -> bool:
+    """True where samples at a limit bend a `plain` model, as one `without` them shows on the others.
+
+    A rounded PV that rests takes one value many times, too, and bends nothing.
+    """
+    a, b = plain[0].best, without[0].best
+    both = (a.counted > 0) & (b.counted > 0)
+    gain = both.sum() * np.log(np.sum(a.residual[both] ** 2) / np.sum(b.residual[both] ** 2))
+    return bool(gain >= policy.margin)
+
+
+def _base_with(run: Run, asked: tuple[str, ...]) -> Based:
+    """The same with these effects."""
+    o = run.options
     spec = Spec(law=run.law, effects=asked, fixed=dict(o.fixed), between="hold" if o.between == "auto" else o.between,
                 substeps=SUBSTEPS if o.between == CORNER else 1)
     if o.between == DECIMATED:
