@@ -11,7 +11,7 @@ import numpy as np
 
 from ..effects import parse
 from ..fit.cross_validation import held_out
-from ..fit.fit import Fitted
+from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended, search_model, with_start
 from ..fit.noise.completion import Refit, likelier
 from ..fit.starts.beside_effect import on_valve
@@ -20,7 +20,7 @@ from ..model.model import Model
 from ..model.segments import bound
 from ..model.spec import BASE, Spec
 from ..typing import FloatArray
-from .looks import bound_as, rng_of
+from .looks import Ground, bound_as, rng_of
 from .node import BASE_EFFECTS, key, node
 from .policy import Policy
 from .score import Scored, completed, glanced
@@ -58,7 +58,17 @@ def fitted_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator,
     return completed(model, values, fit.values[None, :len(BASE)], rng, policy)
 
 
-def handed_back(fit: Fitted, children: Sequence[Scored], policy: Policy) -> tuple[Model, FloatArray] | None:
+def from_children(ground: Ground, spec: Spec, parent: Scored, children: Sequence[Scored]) -> Scored:
+    """A node fitted from the values and from the paths of its children, where one of these fits is better."""
+    found = _handed_back(ground.fit, children, ground.policy)
+    done = found and completed(*found, ground.pool, rng_of(ground.seed, key(spec), 1), ground.policy)
+    for better in (done, _handed_along(parent, spec, children, ground.policy)):
+        if better is not None and better.gain_over(parent.done) > 0.0:
+            parent = Scored(better, True, held_out(better))
+    return parent
+
+
+def _handed_back(fit: Fitted, children: Sequence[Scored], policy: Policy) -> tuple[Model, FloatArray] | None:
     """A node's model and values (d,) from those of its children, polished or as they are; None where none is better.
 
     A node in differences of y is tried in levels, too.
@@ -75,6 +85,23 @@ def handed_back(fit: Fitted, children: Sequence[Scored], policy: Policy) -> tupl
             if found.gain_over(before) > policy.better_fit:
                 before, best = found, (model, values)
     return best
+
+
+def _handed_along(parent: Scored, spec: Spec, children: Sequence[Scored], policy: Policy) -> Refit | None:
+    """A node of a spec settled from the path and the values of its best child; None where no child has a better path.
+
+    A path is found from the values of a node, and a parent in another basin looks exactly like a missing effect.
+    """
+    found = [c.done for c in children if c.done.model.spec.paths is not None
+             and c.done.gain_over(parent.done) > policy.better_fit]
+    if not found:
+        return None
+    best = max(found, key=lambda done: done.gain_over(parent.done))
+    fit = as_it_stands(best.model, best.values)
+    named = best.model.named(best.values)
+    model = bound(best.model.loop, spec, s_max=best.model.s_max, period_s=best.model.period_s,
+                  residual=best.evaluated.left)
+    return fitted_along(fit, spec, model.vector(named))
 
 
 def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:

@@ -52,7 +52,7 @@ from .node import (
     without,
 )
 from .policy import Policy
-from .refits import fitted_without, handed_back, settled_again
+from .refits import fitted_without, from_children, settled_again
 from .score import Scored, completed, standing
 from .waiting import better_base, other_structures, ranked, waiting
 
@@ -406,11 +406,8 @@ class Search:
         """Polish the parent from the values of each full child: a wrong basin looks exactly like a missing effect."""
         children = [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
                     and e.spec.process == entry.spec.process and e.spec.between == entry.spec.between]
-        found = handed_back(ground.fit, [e.scored for e in children], self.policy) if children else None
-        if found is not None:
-            done = completed(*found, ground.pool, rng_of(self.seed, key(entry.spec), 1), self.policy)
-            if done.gain_over(entry.scored.done) > 0.0:
-                entry.scored = Scored(done, True, held_out(done))
+        if children:
+            entry.scored = from_children(ground, entry.spec, entry.scored, [e.scored for e in children])
 
     def _judge(self, entry: Entry) -> None:
         rest = max((e.scored.done.gain_over(entry.scored.done) for e in self.memo.values()
