@@ -1,4 +1,4 @@
-"""An output recorded in coarse steps: the resulting uncertainty of y, and no effect named for it.
+"""An output, or a PV, recorded in coarse steps.
 
 Studies of clean loops are in benchmarks/long.
 """
@@ -17,7 +17,6 @@ from stictionid.fit.options import Options
 from stictionid.fit.starts.intersample import surely_moves
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.process.rounded import derounded, step_of
-from stictionid.selection.score import by_rounding
 from stictionid.verbs.identify import identify
 
 
@@ -52,11 +51,3 @@ def test_rounding_hides_no_command_that_moves_between_samples(number: int, comma
     plant = plant_of("one", number, 41_000)
     assert plant.truth["levels"]["command"] == command and plant.truth["rounding"] > 0.02
     assert surely_moves(loop_of(plant)) is (command == "moving")
-
-
-def test_rounding_accounts_for_an_error_that_it_moved_the_model_by() -> None:
-    assert by_rounding(0.5, 0.4, 0.3)
-    assert not by_rounding(0.51, 0.4, 0.3)
-    # Draws that move the model by more than it errs lost a slip that the record has.
-    assert not by_rounding(0.5, 0.4, 0.6)
-    assert not by_rounding(0.4, 0.4, 0.0)

@@ -18,10 +18,7 @@ from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, rows_in
 from ..fit.starts.beside_effect import RESTING
-from ..model.rounding import moved_by_rounding
-from ..process.rounded import unknown_step
 from ..process.scan import DECIMATED
-from ..record.loop import Loop
 from ..record.study import Candidate, ErrorSummary, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
@@ -30,8 +27,7 @@ from .entry import ADD, DROP, Entry
 from .gates import LASTS, SHORT, lasts
 from .looks import rng_of
 from .node import BASE_EFFECTS, LAG, additions, key, physical, plain, shapes, with_effect
-from .policy import Policy
-from .score import COLOURED, NARROW, Scored, by_rounding, least_free_run, noise_name
+from .score import COLOURED, NARROW, Scored, least_free_run, noise_name
 from .search import Search
 
 
@@ -68,8 +64,7 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     tried = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and e.parent == key(winner.spec)}
     # The command between samples and a stem with mass err a little: noise that carries hardly any of it may be that.
     little = winner.scored.explained(search.policy)
-    rounds = by_rounding(winner.scored.rmse, done.innovation_sd, winner.scored.moved)
-    noise = "" if little or rounds else noise_name(winner.scored, search.policy, slow=search.slow)
+    noise = "" if little else noise_name(winner.scored, search.policy, slow=search.slow)
     band = winner.scored.band if noise == NARROW else None
     white = done.white or (band is not None and band.white) or search.explained(winner)
     shape = None if unseen or white else unexplained(done, tried)
@@ -113,26 +108,6 @@ def _integrating(search: Search, winner: Entry) -> Entry:
         return winner
     other.gates = ()
     return other
-
-
-def rounded(loop: Loop, study: Study, before: Scored, found: Decision, policy: Policy, seed: int) -> str:
-    """Words where the rounding of the output explains what the study's model leaves; empty elsewhere.
-
-    A right model of a rounded output leaves whole strokes that no effect explains to the noise. `before` is the study's
-    model in the search.
-    """
-    scored, last = found.winner.scored, study.steps[-1]
-    floor, error = last.error.noise_sd, last.error.rmse
-    sharper = scored.done.innovation_sd <= (1.0 - policy.beyond_scans) * before.done.innovation_sd
-    if floor is None or scored.bare(policy) or scored.rmse <= error / 2 or sharper:
-        return ""
-    moved = moved_by_rounding(loop, last.model, seed)
-    if not moved > 0.0 or error > float(np.hypot(floor, policy.rounding * moved)):
-        return ""
-    return (f"the free-run error {error:.4g} may be no more than rounding: the output is recorded in steps of "
-            f"{unknown_step(loop):.3g} {loop.unit('output', '%')}, which moves the model's process value by "
-            f"{moved:.3g} beside the noise, and no effect brings the error to the noise, or lowers it by much; export "
-            "the output with more digits")
 
 
 def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:

@@ -22,7 +22,7 @@ from ..process.intersample import kicks
 from ..record.tree import Gate
 from .node import BASE_EFFECTS, local, plain, shapes
 from .policy import Policy
-from .score import Scored, by_rounding
+from .score import Scored
 
 
 def margin_of(name: str, policy: Policy) -> float:
@@ -263,19 +263,6 @@ def _beyond_rest(edge: Edge) -> str:
     return ""
 
 
-def _beyond_rounding(edge: Edge) -> str:
-    """Reject an effect on the valve that takes no more from the free run than the rounding of the output puts there.
-
-    A rounded output makes single slips early or late, and a few numbers more of a valve put some of them right, but
-    never most of many. A random walk leaves nothing to compare.
-    """
-    if not on_valve(parse(edge.name)[0]) or edge.child.done.increments or edge.halved:
-        return ""
-    if not by_rounding(edge.parent.rmse, edge.child.rmse, edge.parent.moved):
-        return ""
-    return f"the rounding of the output moves the model by {edge.parent.moved:.4g} as well"
-
-
 def _sticks(edge: Edge) -> str:
     """Reject an effect of friction or process beside a valve that might as well follow its command.
 
@@ -327,12 +314,12 @@ GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "sca
 GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
     (GAIN, _gains), ("there", _is_there), ("blocks", _blocks), ("strokes", _strokes), (HELD_OUT, _held_out),
     (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _slip), ("kick", _kick), ("rest", _beyond_rest),
-    ("friction", _sticks), ("rounding", _beyond_rounding), (SCANS, _beyond_scans))
+    ("friction", _sticks), (SCANS, _beyond_scans))
 # Each gate's answer in a few words, for the ranking of all effects.
 SHORT = {GAIN: "gains too little", "there": "ends where it vanishes", "blocks": "helps in few blocks",
          "strokes": "helps in few strokes", HELD_OUT: "predicts no better", FREE_RUN: "makes the free run worse",
          "range": "ends at a limit", SLIP: "may be one slip", "kick": "may be the setpoint move",
-         "rest": "a rest does as well", "friction": "needs no friction", "rounding": "may be rounding",
+         "rest": "a rest does as well", "friction": "needs no friction",
          SCANS: "may be unseen scans"}
 
 

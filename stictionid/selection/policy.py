@@ -18,6 +18,9 @@ from ..system.files import text_of
 _PLANTS, _METHOD, _LENGTH = "benchmarks/plants", "docs/method.md, section 11", "benchmarks/search_race.py"
 _NOISE = "benchmarks/noise_family.py"
 
+# Entries that earlier versions had, and what stands in their place.
+_GONE = {"rounding": "leave it out: the likelihood along paths knows the error of a rounded output"}
+
 
 def _number(default: float, unit: str, meaning: str, benchmark: str, *, least: float = 0) -> Any:
     """A field with its default, unit, meaning, the benchmark that set it, and its least value."""
@@ -53,7 +56,6 @@ class Policy:
                             "fit may close; its fall that names in a slow record, and that no chance makes", _PLANTS)
     beyond_scans: float = _number(0.1, "1", "fall of the one-step error beyond unknown scans between samples", _PLANTS)
     kick_samples: float = _number(3.0, "samples", "distance of a step from a setpoint move", _PLANTS)
-    rounding: float = _number(3.0, "1", "error beyond noise, over that of rounding, that it explains", _PLANTS)
     chance: float = _number(0.01, "1", "chance of a false name, by bootstrap, strokes and draws of noise", _METHOD,
                             least=0.001)
     periods: float = _number(12.0, "periods", "length of the record in which valves are searched", _PLANTS, least=1)
@@ -87,6 +89,8 @@ def read_policy(path: str | Path) -> Policy:
         raise UsageError(f"policy {path} is no TOML: {error}", hint) from None
     known = {f.name: f for f in dataclasses.fields(Policy)}
     for name in content:
+        if name in _GONE:
+            raise UsageError(f"policy {path} has the entry {name!r}, which is gone", _GONE[name])
         if name not in known:
             raise UsageError(f"policy {path} has an unknown entry {name!r}", f"known: {', '.join(sorted(known))}")
     try:

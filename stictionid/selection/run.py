@@ -24,7 +24,7 @@ from ..record.tree import Edge as TreeEdge
 from ..record.tree import TreeNode
 from ..typing import FloatArray, Progress
 from .bootstrap import p_of
-from .decide import Decision, candidates, decided, rounded
+from .decide import Decision, candidates, decided
 from .entry import ADD, ROOT, Entry
 from .ladder import Rung, fitted, in_colour, ordered, said_noise, step_of, with_levels, with_noise
 from .looks import rng_of
@@ -74,23 +74,19 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     new = tuple(name for name in order if name not in before)
     if found.noise and not any(plain(n) == found.noise for n in fit.model.spec.effects):
         new = (*new, found.noise)
-    blur = rounded(run.loop, study, here.scored, found, search.policy, seed)
     p_value = None
     if bootstrap and new and not is_noise(new[0]):
         p_value = p_of(search, here, new[0], bootstrap, tell)
     chance = p_value is not None and p_value > max(search.policy.chance, 1.0 / (bootstrap + 1))
-    doubt = "may be rounding" if blur else "may be chance" if chance else ""
-    if doubt:
+    if chance:
         new = ()
     study = told(on, study, found, order)
-    changed = not doubt and (new or set(before) - set(order) or key(here.spec) != key(found.winner.spec))
+    changed = not chance and (new or set(before) - set(order) or key(here.spec) != key(found.winner.spec))
     if changed and apply:
         tell("fitting the ladder", 1.0)
         study = concluded(study, found, *ladder_of(run, search, found, fit, (order, rungs), study,
                                                    left_out(found, study)))
-    study = ranked(on, study, found, new, doubt, p_value)
-    if blur:
-        return _left_to_rounding(study, blur)
+    study = ranked(on, study, found, new, "may be chance" if chance else "", p_value)
     if chance:
         return study
     missing = tuple(dict.fromkeys(parse(name)[0].name for name in new))
@@ -295,15 +291,6 @@ def left_out(found: Decision, study: Study, but: Sequence[str] = ()) -> tuple[Fi
     beside = f"beside {', '.join(new)}" if new else "now"
     return (Finding("gave-way", "info", f"left out: {', '.join(gone)}, needless {beside}", {"effects": gone},
                     tuple(new), "Kass and Raftery 1995"),)
-
-
-def _left_to_rounding(study: Study, words: str) -> Study:
-    """The study with the finding that the rounding of its output explains what its model leaves."""
-    last = study.steps[-1]
-    said = Finding("rounded-output", "warning", words, {"rmse": last.error.rmse}, (), "Widrow and Kollar 2008")
-    last = replace(last, findings=(*(f for f in last.findings if f.code != said.code), said))
-    return replace(study, steps=(*study.steps[:-1], last), adequate_reason=words, missing_reason=words,
-                   unexplained=None)
 
 
 def _with_p(ranking: tuple[Candidate, ...], p_value: float | None) -> tuple[Candidate, ...]:

@@ -30,7 +30,6 @@ from ..fit.noise.completion import (
 from ..fit.noise.draws import imitated
 from ..fit.noise.whiteness import remembers
 from ..model.model import Model
-from ..model.rounding import moved_within
 from ..model.segments import bound
 from ..model.spec import FIRST_ORDER, SOFT, Spec
 from ..numerics.noise.family import WALK, Noise, resonance_of
@@ -69,11 +68,6 @@ class Scored:
     def rmse(self) -> float:
         """Free-run error in the unit of y."""
         return self.done.evaluated.rmse
-
-    @cached_property
-    def moved(self) -> float:
-        """Motion of the free run within the rounding of its output, in the unit of y."""
-        return moved_within(self.done.model, self.done.values)
 
     @cached_property
     def by_pv(self) -> bool:
@@ -183,14 +177,6 @@ def least_free_run(scored: Scored, beside: Scored) -> float:
     starts = [model.vector({n: values.get(n, v) for n, v in known.items()}) for values in (known, there)]
     near = descended(model, model.cube(np.stack(starts, axis=1)))
     return min(scored.rmse, model.evaluate(model.values(near.points[:1])[:, 0]).rmse)
-
-
-def by_rounding(error: float, without: float, moved: float) -> bool:
-    """True where an error is that `without` the rounding of the output and what rounding `moved` the model, or less.
-
-    All are in the unit of y. Rounding that moved the model by more than the error did not happen in the record.
-    """
-    return 0.0 < moved <= error and error**2 - without**2 <= moved**2
 
 
 def beyond_noise(done: Refit) -> float:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...model.model import Model
-from ...model.rounding import between_samples
 from ...model.spec import Evaluated
+from ...model.unseen_command import between_samples
 from ...numerics.autoregression import autocovariance
 from ...numerics.gauss_newton import normals_at, principal
 from ...process.controller_law import POINT_90

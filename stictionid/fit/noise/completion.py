@@ -13,9 +13,9 @@ import numpy as np
 
 from ...effects import noises_in
 from ...model.model import Model
-from ...model.rounding import between_samples
 from ...model.segments import bound
 from ...model.spec import BASE, Evaluated, Spec
+from ...model.unseen_command import between_samples
 from ...numerics.autoregression import autoregression, filtered
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
 from ...numerics.population import refine
