@@ -31,10 +31,7 @@ from stictionid.numerics.filter_bank import LagBank
 from stictionid.process.linear import Dynamics, free_run
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
-from stictionid.selection.looks import Ground, adding, performed, pool_of
-from stictionid.selection.policy import Policy
-from stictionid.selection.steps import opened
-from stictionid.verbs.identify import Options, identify
+from stictionid.verbs.identify import identify
 
 
 @pytest.mark.parametrize(("seed", "name"), [(307, "asymmetric-stiction"), (328, "re-sticking")])
@@ -90,18 +87,6 @@ def test_natural_numbers_of_a_valve_that_overshoots_come_back() -> None:
     again, possible = as_valves(model, as_natural(model, cube))
     assert possible.all()
     assert np.allclose(again, cube, atol=1e-9)
-
-
-@pytest.mark.parametrize("seed", [337])
-def test_looks_find_valves_that_overshoot_beside_a_wrong_process(seed: int) -> None:
-    """A scan beside the process of the model so far ended at S 4.3 for 3.9 (an integrator), at 2.3 for 3.0 (a tank)."""
-    setting, loop, (kind, _), _ = loop_of(seed, "slip-overshoot", 0.01, 0.0, 1500)
-    assert kind == "scan"
-    _, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
-    ground = Ground(fit, pool_of(fit, 0), 0, Policy())
-    look = performed(ground, adding(fit.model.spec, "slip-overshoot"))
-    assert look.values is not None
-    assert look.values[0] == pytest.approx(setting.S, rel=0.08)
 
 
 def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another(
@@ -228,7 +213,10 @@ def test_a_growing_search_scans_what_an_effect_does_to_friction() -> None:
 
 
 def test_a_scan_with_no_process_assumed_finds_the_valve_beside_a_process_that_is_far_off() -> None:
-    """A slew limit of a slow tank was found so, at 2.5 times the noise; beside the wrong process it left 20 times."""
+    """A slew limit of a slow tank was found so, at 2.5 times the noise; beside the wrong process it left 20 times.
+
+    Valves that overshoot beside a wrong process are in benchmarks/long.
+    """
     setting, loop = small("slew-limit")
     name, span = "slew-limit", {"s_max": 2.0 * setting.S, "period_s": 60.0}
     before, after = (search_model(bound(loop, Spec(effects=names), **span)) for names in ((), (name,)))

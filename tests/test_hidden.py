@@ -23,9 +23,9 @@ AT_THE_NOISE = 1.05
 # Named here. test_diagnose.py names a step, test_search.py a sine, the walk of README.md a stop; benchmarks/long names
 # all others.
 NAMED = ("asymmetric-stiction",)
-# Added here by name: a noise and an effect on friction; test_diagnose.py adds disturbances. benchmarks/long adds all
-# others.
-ADDED = ("narrow-band-disturbance", "stiction-drift")
+# Added here by name: a noise; test_diagnose.py adds disturbances, and an effect on friction is named above.
+# benchmarks/long adds all others.
+ADDED = ("narrow-band-disturbance",)
 
 
 def test_every_effect_of_the_catalogue_is_hidden_once() -> None:

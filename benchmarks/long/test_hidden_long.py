@@ -86,7 +86,7 @@ def test_a_travel_limit_short_of_most_of_the_command_is_found() -> None:
     ("hidden_04", "asymmetric-stiction", False), ("hidden_05", "travel-limit", True),
     ("hidden_08", "step-disturbance", False)])
 def test_an_effect_is_found_in_a_record_made_by_others(name: str, effect: str, base_only: bool) -> None:
-    """test_identify.py finds the lag of hidden_03."""
+    """test_identify_long.py finds the lag of hidden_03."""
     plant = json.loads((HIDDEN / "truth.json").read_text())[name]["plant"]
     loop = read_loop(HIDDEN / f"{name}.csv")
     study = diagnose(loop, identify(loop, options=Options(base_only=base_only)), apply=True)
