@@ -316,8 +316,8 @@ def test_a_loop_without_setpoint_has_no_usual_law() -> None:
 
 
 def test_severity_is_what_the_same_loop_does_without_friction() -> None:
-    setting = scanned(4.0, 2.5, setpoint_moves=((0.0, 0.0), (10.0, 2.0)))
-    study = identify(simulate(setting, seed=1).loop)
+    setting = scanned(4.0, 2.5, setpoint_moves=((0.0, 0.0), (10.0, 2.0)), duration_s=500.0)
+    study = identify(simulate(setting, seed=1).loop, options=Options(base_only=True))
     found, swing = study.severity, study.swing
     repaired = simulate(replace(setting, S=0.0, J=0.0), seed=1).loop.process_value
     assert found.pv_sd_repaired == pytest.approx(float(np.std(repaired)), rel=0.3)
@@ -374,7 +374,7 @@ def test_a_position_recorded_by_exception_shows_no_stiction(deviation: float) ->
 
 
 def test_a_valve_that_hardly_moves_is_abstained_not_called_free_of_friction() -> None:
-    study = identify(loops.sticky(137, colour=0.8).loop)
+    study = identify(loops.sticky(137, colour=0.8).loop, options=Options(base_only=True))
     assert study.estimate is None and study.verdict.stiction == "undecided"
     assert study.verdict.evidence["code"] == "valve-hardly-moves" and "does not answer" in study.verdict.reason
 
