@@ -101,14 +101,6 @@ def test_a_valve_that_does_not_stick_is_not_called_sticking() -> None:
     assert identify(loop).verdict.stiction == "no stiction"
 
 
-def test_the_known_plant_is_used_as_given() -> None:
-    study = identify(scanned(), options=Options(fixed={"gain": 3.0, "time_constant_s": 5.0, "dead_time_s": 5.0}))
-    e = study.estimate
-    assert e is not None
-    assert (e.gain, e.time_constants_s, e.dead_time_s) == (3.0, (5.0,), 5.0)
-    assert pytest.approx(4.0, rel=0.02) == e.S and pytest.approx(2.0, rel=0.06) == e.J
-
-
 def test_the_papers_method_searches_the_papers_range_and_reports_its_polynomials() -> None:
     loop = simulate(with_stiction(preset("foptd"), 5.0, 3.0)).loop
     study = identify(loop, options=Options(method="arx", order=1, delay=5))

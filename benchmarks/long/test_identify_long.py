@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from test_identify import HIDDEN, needs_hidden, rough
+from test_identify import HIDDEN, needs_hidden, rough, scanned
 
 from stictionid.historian import read_loop
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
@@ -67,6 +67,14 @@ def test_a_rough_command_that_moves_is_far_off_where_it_is_taken_for_a_held_one(
     held = identify(loop, options=Options(base_only=True, between="hold"))
     assert held.estimate is not None and study.estimate is not None
     assert abs(held.estimate.S - 3.8) > 3.0 * abs(study.estimate.S - 3.8)
+
+
+def test_the_known_plant_is_used_as_given() -> None:
+    study = identify(scanned(), options=Options(fixed={"gain": 3.0, "time_constant_s": 5.0, "dead_time_s": 5.0}))
+    e = study.estimate
+    assert e is not None
+    assert (e.gain, e.time_constants_s, e.dead_time_s) == (3.0, (5.0,), 5.0)
+    assert pytest.approx(4.0, rel=0.02) == e.S and pytest.approx(2.0, rel=0.06) == e.J
 
 
 @pytest.mark.parametrize(("name", "S", "J", "e_S", "e_J"), [
