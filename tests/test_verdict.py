@@ -405,18 +405,6 @@ def test_the_bound_on_S_does_not_exclude_the_true_one(seed: int) -> None:
     assert found.ratio > 40.0  # a valve that sticks: friction predicts better than none
 
 
-@pytest.mark.parametrize("seed", [50_019])
-def test_a_model_that_predicts_worse_than_none_does_not_keep_its_S_possible(seed: int) -> None:
-    """A wandering disturbance looks like friction in the free run: a searched S, though the next sample denies it."""
-    rng, n = np.random.default_rng(seed), 900
-    wander = np.convolve(rng.standard_normal(n + 200), np.hanning(200), "valid")[:n]
-    known = replace(simulate(scanned(0.0, 0.0, duration_s=float(n)), seed=seed,
-                             disturbance=8.0 * wander / np.ptp(wander)).loop, position=None)
-    verdict = identify(known).verdict
-    assert verdict.stiction != "stiction"
-    assert verdict.confidence <= 0.7
-
-
 def test_a_smaller_bound_makes_the_claim_surer(monkeypatch: pytest.MonkeyPatch) -> None:
     from stictionid.verdict.excluded import Possible
 
