@@ -206,17 +206,6 @@ def test_noise_that_decays_like_the_process_does_not_let_the_start_of_the_free_r
 # Verdict -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [1])
-def test_friction_that_makes_most_of_the_error_is_told_though_the_setpoint_makes_the_swing(seed: int) -> None:
-    """It explains 0.1 % of the variance of y, most of which setpoint moves make, but half of the free-run error."""
-    moves = tuple((100.0 * k, 20.0 * (-1) ** k) for k in range(8))
-    setting = scanned(0.76, 0.58, duration_s=800.0, setpoint_moves=moves,
-                      effects=(("coloured-noise", {"root": 0.95, "innovation_sd": 0.05}),))
-    verdict = identify(replace(simulate(replace(setting, noise_sd=0.0), seed=seed).loop, position=None)).verdict
-    assert verdict.evidence["share_of_pv_variance"] < 0.005 and verdict.evidence["error_drop"] > 0.5
-    assert verdict.stiction == "stiction" and verdict.confidence <= 0.6
-
-
 def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
     verdict = fitted(sticking)[0].verdict
     assert verdict.stiction == "stiction" and verdict.confidence > 0.9
@@ -433,7 +422,7 @@ def test_the_prediction_alone_is_never_sure_of_stiction() -> None:
     from stictionid.verdict.judge import _answer
 
     assert _answer(900.0, 5, 0.5, 0.6, 0.3)[1] > 0.95
-    assert _answer(900.0, 5, 0.005, 0.6, 0.3)[1] > 0.95  # most of the free-run error
+    assert _answer(900.0, 5, 0.005, 0.6, 0.3)[1] > 0.95  # most of the free-run error: records in benchmarks/long
     assert _answer(900.0, 5, 0.005, 0.2, 0.3) == ("stiction", 0.7)
     assert _answer(900.0, 5, 0.005, 0.02, 0.3)[0] == "undecided"
 
