@@ -1,7 +1,8 @@
 """Runs the tests of .ci/elsewhere.txt with the oldest allowed dependencies, and with the newest on other Pythons.
 
+The oldest are tested as on another processor, too (.ci/processor.py): one set of kernels is compiled for both.
 Run: python .ci/elsewhere.py [--every] [--only WORD]
-Of the other Pythons the newest is taken, where there are more than two cores; --every takes all (each is about two
+Of the other Pythons the newest is taken, where there are more than two cores; --every takes all (each is about three
 minutes of one core).
 Each gets a virtual environment of its own in a temporary folder. An environment is left out, with the reason in one
 line, only where a Python is not here or a dependency has no wheels for it; anything else that goes wrong is a failure,
@@ -52,6 +53,12 @@ class NoWheels(Exception):
     """Which requirements have no wheel for this Python."""
 
 
+def required(extra: str = "") -> list[str]:
+    """The package's requirements, and those of an extra."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return [*project["dependencies"], *(project["optional-dependencies"][extra] if extra else ())]
+
+
 def lines_of(path: Path) -> list[str]:
     """The lines of a list without comments."""
     return [line.strip() for line in path.read_text(encoding="utf-8").splitlines()
@@ -89,7 +96,7 @@ def places(found: dict[tuple[int, int], str], every: bool) -> list[Place]:
     Two cores have no time for the newest ones beside the whole suite.
     """
     (major, minor), oldest = next(iter(found.items()))
-    made = [Place(f"oldest dependencies, Python {major}.{minor}", oldest, OLDEST)]
+    made = [Place(f"oldest dependencies, Python {major}.{minor}, another processor", oldest, OLDEST)]
     others = [Place(f"newest dependencies, Python {major}.{minor}", python, None)
               for (major, minor), python in found.items() if (major, minor) != sys.version_info[:2]]
     return made + (others if every else others[-1:] if (os.cpu_count() or 1) > _FEW_CORES else [])
@@ -116,8 +123,7 @@ def without_wheels(pip: list[str], pins: Path | None, folder: Path) -> list[str]
 
     Asked one by one, because a resolver that fails does not say which of its reasons was the first.
     """
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    wanted = lines_of(pins) if pins else list(project["dependencies"])
+    wanted = lines_of(pins) if pins else required()
     asked = [*pip, "install", "--dry-run", "--ignore-installed", "--no-deps", "--only-binary", ":all:"]
     absent = []
     for requirement in wanted:
@@ -130,32 +136,36 @@ def without_wheels(pip: list[str], pins: Path | None, folder: Path) -> list[str]
     return absent if len(absent) < len(wanted) else []
 
 
-def tested(place: Place, wheel: Path, folder: Path) -> str:
-    """The closing line of the tests in a new environment. Failed, or NoWheels."""
+def tested(place: Place, folder: Path) -> str:
+    """The closing line of the tests in a new environment. Failed, or NoWheels.
+
+    The package itself is not installed: the tests import the folder they stand in.
+    """
     code, said = run([place.python, "-m", "venv", str(folder / "env")], folder)
     if code:
         raise Failed(said)
     pip = [str(folder / "env" / "bin" / "python"), "-m", "pip"]
     pins = ["-c", str(place.pins)] if place.pins else []
-    code, said = run([*pip, "install", "-q", "--no-compile", "--only-binary", ":all:", *pins, f"{wheel}[test]"], folder)
+    install = [*pip, "install", "-q", "--no-compile", "--only-binary", ":all:"]
+    code, said = run([*install, *pins, *required("test")], folder)
     if code:
         absent = without_wheels(pip, place.pins, folder)
         raise NoWheels(", ".join(absent)) if absent else Failed(said)
-    # The tests import the folder they stand in, which is what the wheel was made of.
-    code, said = run([str(folder / "env" / "bin" / "python"), "-m", "pytest", "-p", "no:cacheprovider", "-n", "0",
-                      *lines_of(HERE / "elsewhere.txt")], folder)
+    tests = [str(HERE / "processor.py")] if place.pins else ["-m", "pytest", "-p", "no:cacheprovider"]
+    code, said = run([str(folder / "env" / "bin" / "python"), *tests, "-n", "1", *lines_of(HERE / "elsewhere.txt")],
+                     folder)
     closing = [line for line in said.splitlines() if re.search(r"\d+ (passed|failed|error)", line)]
     if code or not closing:
         raise Failed(said)
     return closing[-1].strip("= ")
 
 
-def report(place: Place, wheel: Path, top: Path) -> bool:
+def report(place: Place, top: Path) -> bool:
     """Test one environment and say in a line how it went, the log before it where it failed; whether it did not."""
     folder = Path(tempfile.mkdtemp(dir=top))
     begun = time.monotonic()
     try:
-        line, good = tested(place, wheel, folder), True
+        line, good = tested(place, folder), True
     except NoWheels as reason:
         line, good = f"left out, no wheels of {reason}", True
     except Failed as failure:
@@ -167,7 +177,7 @@ def report(place: Place, wheel: Path, top: Path) -> bool:
 
 
 def main() -> int:
-    """Make the wheel once, test every environment, exit 1 if one failed."""
+    """Test every environment, exit 1 if one failed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", help="environments whose name holds this word")
     parser.add_argument("--every", action="store_true", help="every other Python here, not only the newest")
@@ -178,18 +188,9 @@ def main() -> int:
     if max(found) == sys.version_info[:2]:
         print("+ no newer Python than this run's is here: only the oldest dependencies are tested elsewhere")
     with tempfile.TemporaryDirectory(prefix="elsewhere-") as top:
-        # One wheel for all, of a copy: several builds in one folder at a time would get into each other's way.
-        source = Path(top) / "source"
-        left_out = shutil.ignore_patterns(".git", ".venv*", "build", "*.egg-info", "__pycache__")
-        shutil.copytree(ROOT, source, ignore=left_out)
-        code, said = run([sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", top, str(source)], Path(top))
-        wheels = list(Path(top).glob("*.whl"))
-        if code or not wheels:
-            print(f"+ the wheel could not be made: FAILED\n{said}")
-            return 1
         wanted = [place for place in places(found, chosen.every) if chosen.only in place.name]
         with ThreadPoolExecutor(min(_SIDE_BY_SIDE, os.cpu_count() or 1)) as lanes:
-            good = list(lanes.map(lambda place: report(place, wheels[0], Path(top)), wanted))
+            good = list(lanes.map(lambda place: report(place, Path(top)), wanted))
     return 0 if all(good) else 1
 
 

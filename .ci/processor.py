@@ -1,9 +1,10 @@
-"""Runs the tests of printed text as on another processor, with the Python that runs this.
+"""Runs tests as on another processor, with the Python that runs this: those of printed text, or those that are named.
 
-Run: .venv/bin/python .ci/processor.py
-The machine lends itself a smaller processor: BLAS takes the kernels of an older one, numpy none but its plainest vector
-loops, numba the instructions that every processor of this kind has. Sums then round otherwise, searches go other ways,
-and what a test asserts of them is seen. Numba keeps machine code by processor, so that none is mixed up or made twice.
+Run: .venv/bin/python .ci/processor.py [arguments of pytest]
+.ci/elsewhere.py runs it with the oldest dependencies. The machine lends itself a smaller processor: BLAS takes the
+kernels of an older one, numpy none but its plainest vector loops, numba the instructions that every processor of this
+kind has. Sums then round otherwise, searches go other ways, and what a test asserts of them is seen. Numba keeps
+machine code by processor, so that none is mixed up or made twice.
 """
 
 from __future__ import annotations
@@ -36,6 +37,12 @@ def asked(changes: dict[str, str]) -> dict[str, object]:
     return found
 
 
+def printed() -> list[str]:
+    """The files with tests of printed text: to collect all tests takes as long as to run these."""
+    return [str(path.relative_to(ROOT)) for path in sorted((ROOT / "tests").glob("test_*.py"))
+            if "pytest.mark.printed" in path.read_text(encoding="utf-8")]
+
+
 def main() -> int:
     """Choose what differs from this machine, say it in a line, and run the tests; 1 where nothing differs."""
     here = asked({})
@@ -50,10 +57,7 @@ def main() -> int:
         else f"{name} the same, {here[name]}" for name in here), flush=True)
     if there["numba"] == here["numba"]:
         return 1
-    # Named, because collecting all tests takes as long as running these.
-    files = [str(path) for path in sorted((ROOT / "tests").glob("test_*.py"))
-             if "pytest.mark.printed" in path.read_text(encoding="utf-8")]
-    words = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-m", "printed", *sys.argv[1:], *files]
+    words = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *(sys.argv[1:] or ["-m", "printed", *printed()])]
     return subprocess.run(words, env=os.environ | changes, cwd=ROOT).returncode
 
 

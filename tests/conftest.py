@@ -7,7 +7,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).resolve().parent.parent
+# Tests of a run that needs most kernels; fewer compile what they ask for.
+_WHOLE_SUITE = 1000
 
 # Read by numpy when it is first imported, and by the processes that tests start.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -54,6 +58,20 @@ def _keep_to_one_core() -> None:
         cores = sorted(os.sched_getaffinity(0))
         worker = int(os.environ["PYTEST_XDIST_WORKER"].removeprefix("gw"))
         os.sched_setaffinity(0, {cores[worker % len(cores)]})
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Let each worker compile its share of the kernels of `identify` before the first test.
+
+    The first tests of all workers need the same kernels: without shares one worker compiles and the others wait. This
+    holds for the whole suite and for the tests of printed text.
+    """
+    many = len(session.items) >= _WHOLE_SUITE or session.config.option.markexpr == "printed"
+    if many and "PYTEST_XDIST_WORKER" in os.environ:
+        from stictionid.numerics.machine_code import ahead
+
+        worker = int(os.environ["PYTEST_XDIST_WORKER"].removeprefix("gw"))
+        ahead.compile_share(worker, int(os.environ["PYTEST_XDIST_WORKER_COUNT"]), lambda: True)
 
 
 if "PYTEST_XDIST_WORKER" in os.environ:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -178,3 +179,7 @@ def test_what_runs_elsewhere_is_there() -> None:
     for file, _, test in (name.partition("::") for name in named):
         text = (PACKAGE.parent / file).read_text(encoding="utf-8")
         assert f"\ndef {test}(" in text if test else "\ndef test_" in text, file
+    # Every test of printed text is among them, so that another processor repeats it.
+    printed = {f"tests/{path.name}::{test}" for path in (PACKAGE.parent / "tests").glob("test_*.py") for test in
+               re.findall(r"^@pytest\.mark\.printed\n(?:@.*\n)*def (\w+)", path.read_text(encoding="utf-8"), re.M)}
+    assert len(printed) >= 5 and printed <= set(named)

@@ -102,7 +102,8 @@ def test_json_alone_on_stdout_and_progress_a_line_each(clean) -> None:
 
 
 @linux
-def test_kill_9_loses_only_loops_in_flight_and_resume_makes_it_whole(site, clean, tmp_path) -> None:
+def test_kill_9_loses_only_loops_in_flight_and_resume_makes_it_whole(site, clean, tmp_path, monkeypatch,
+                                                                     capsys) -> None:
     process = start(site, tmp_path / "out", "--jobs", "1")
     seen = first_loops(process, 2)
     # A worker that is killed does not stop the batch.
@@ -119,17 +120,18 @@ def test_kill_9_loses_only_loops_in_flight_and_resume_makes_it_whole(site, clean
         name = f"studies/{line['loop']}.json"
         assert left[name] == clean[1][name]
     assert not [name for name in left if name.endswith(".part")]
-    again = batch(site, "-o", tmp_path / "out", *WHAT, "--jobs", 2, "--resume", "--json")
-    assert again.returncode == 0 and json.loads(again.stdout)["failed"] == 0
+    assert here(monkeypatch, site, "-o", tmp_path / "out", *WHAT, "--resume", "--json") == 0
+    again = capsys.readouterr()
+    assert json.loads(again.out)["failed"] == 0
     assert results(tmp_path / "out") == clean[1]
-    kept = {line["loop"] for line in map(json.loads, (x for x in again.stderr.splitlines() if x[:1] == "{"))
+    kept = {line["loop"] for line in map(json.loads, (x for x in again.err.splitlines() if x[:1] == "{"))
             if line["kept"]}
     assert {line["loop"] for line in seen} <= kept
 
 
 @linux
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
-def test_stopped_it_keeps_what_is_done_and_says_how_to_go_on(sign, site, clean, tmp_path) -> None:
+def test_stopped_it_keeps_what_is_done_and_says_how_to_go_on(sign, site, clean, tmp_path, monkeypatch) -> None:
     process = start(site, tmp_path / "out", "--jobs", "1")
     first_loops(process, 2)
     workers = children(process.pid)
@@ -145,7 +147,7 @@ def test_stopped_it_keeps_what_is_done_and_says_how_to_go_on(sign, site, clean, 
     words = shlex.split(line.partition("go on with: stictionid batch ")[2])
     assert "--resume" in words
     if sign == signal.SIGTERM:
-        assert batch(*words).returncode == 0
+        assert here(monkeypatch, *words) == 0
         assert results(tmp_path / "out") == clean[1]
 
 

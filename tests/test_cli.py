@@ -131,7 +131,7 @@ def test_bad_content_ends_in_one_sentence(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("spoil", ["unsorted", "duplicates", "some NaN", "unequal steps"])
-def test_spoilt_but_usable_files_give_an_answer_or_a_reason(spoil: str, tmp_path: Path) -> None:
+def test_spoilt_but_usable_files_give_the_answer(spoil: str, tmp_path: Path) -> None:
     lines = (SAMPLE / "foptd.csv").read_text().splitlines()
     head, body = lines[0], lines[1:]
     if spoil == "unsorted":
@@ -141,13 +141,12 @@ def test_spoilt_but_usable_files_give_an_answer_or_a_reason(spoil: str, tmp_path
     elif spoil == "some NaN":
         body = [line.replace(line.split(",")[2], "NaN") if i % 97 == 5 else line for i, line in enumerate(body)]
     else:
-        body = [line for i, line in enumerate(body) if i % 83]
+        body = [line for i, line in enumerate(body) if i % 400 or not i]
     result = run("identify", write(tmp_path / "spoilt.csv", "\n".join([head, *body]) + "\n"), "--base-only", "--json")
-    assert result.returncode in (0, 3) and "Traceback" not in result.stderr
+    assert result.returncode == 0 and "Traceback" not in result.stderr
     study = json.loads(result.stdout)
     assert study["verdict"]["reason"]
-    if spoil in ("unsorted", "duplicates", "some NaN"):
-        assert study["estimate"]["S"] == pytest.approx(5.0, rel=0.03), study["verdict"]
+    assert study["estimate"]["S"] == pytest.approx(5.0, rel=0.03), study["verdict"]
 
 
 def test_usage_errors_are_exit_2(tmp_path: Path) -> None:
@@ -218,6 +217,6 @@ def test_every_help_has_an_example_that_runs(command: str, tmp_path: Path) -> No
         return
     words = [str(SAMPLE / w.removeprefix("sample_data/")) if w.startswith("sample_data/") else w
              for w in examples[0].split()[1:]]
-    # Three records are identified by the example of `agree`: their base models say as much about its words.
-    shorter = ["--base-only"] if command == "agree" else []
+    # The example of `agree` identifies three records: two base models say as much about its words.
+    shorter = ["--base-only", "--windows", 2] if command == "agree" else []
     assert run(*words, *shorter, cwd=tmp_path).returncode == 0

@@ -23,7 +23,6 @@ from stictionid.model.segments import bound
 from stictionid.model.spec import Spec
 from stictionid.numerics.autoregression import chi_square_z
 from stictionid.record.loop import Loop
-from stictionid.record.study import Study
 from stictionid.reports.pages.comparison import MOST_SUSPECTS, rows_of, sentences, write_beside, write_comparison
 from stictionid.reports.pictures.comparison_pictures import comparison_pictures, overview
 from stictionid.verbs.identify import Options, identify
@@ -169,26 +168,12 @@ def test_pictures_and_pages_are_written_whole(stepped, tmp_path: Path) -> None:
     wide = sum(p.wide for p in drawn.values())
     assert text.count('class="pic"') == square + 1
     assert text.count('class="pic desk"') == text.count('class="pic phone"') == wide > 0
+    # Other effects are suspected in benchmarks/long.
     assert "travel-limit" in [s.effect for s in found.suspects[:2]]
+    assert found.suspects[0].gain_expected and "% of the" in found.suspects[0].speaks_for
     assert all(f"<b>{s.effect}</b>" in text for s in found.suspects[:MOST_SUSPECTS])
     written = write_comparison(found, "a loop", tmp_path / "c.md")
     assert len(written) == len(drawn) + 1 and all(p.stat().st_size for p in written)
-
-
-def base_of(effect: str, **values: float) -> tuple[Loop, Study]:
-    """A simulated loop with one effect, and the study of its base model, which lacks it."""
-    loop = simulate(setting(effects=((effect, values),), setpoint_moves=((0.0, 5.0), (450.0, -6.0))), seed=0).loop
-    return loop, identify(loop, options=HELD)
-
-
-@pytest.mark.parametrize(("effect", "values"), [("valve-characteristic", {"log_rangeability": 3.5}),
-                                                ("travel-limit", {"upper": 51.5})])
-def test_the_effect_that_is_missing_is_among_the_suspects_shown(effect: str, values: dict[str, float]) -> None:
-    """Two more effects are in benchmarks/long."""
-    suspects = compare(*base_of(effect, **values)).suspects
-    assert effect in [s.effect for s in suspects[:3]]
-    first = suspects[0]
-    assert first.gain_expected and "% of the" in first.speaks_for
 
 
 def test_the_command_prints_findings_json_and_series(clean, tmp_path: Path) -> None:

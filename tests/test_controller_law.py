@@ -151,7 +151,7 @@ def behind_valve(command: np.ndarray) -> np.ndarray:
 
 
 def test_rounding_that_stays_is_said_first_and_j_is_then_a_range() -> None:
-    setting = replace(setting_of(scan_s=0.0), controller=Controller(0.2, 5.0), duration_s=1000.0)
+    setting = replace(setting_of(scan_s=0.0), controller=Controller(0.2, 5.0), duration_s=500.0)
     loop, _ = recorded(setting, 2)
     study = identify(loop)
     found = [f for f in study.data.findings if f.code in COMMAND_FINDINGS]

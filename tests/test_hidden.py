@@ -1,6 +1,6 @@
-"""Effects of each kind hidden once: some are named, all bring the error to the noise and S and J back.
+"""A hidden effect is named, and brings the error to the noise and S and J back; where none is hidden none is named.
 
-In loops with nothing hidden no effect may be named. Every effect of the catalogue is hidden in benchmarks/long.
+Every effect of the catalogue is hidden, named and added in benchmarks/long.
 """
 
 from __future__ import annotations
@@ -13,19 +13,15 @@ from loops_with_effects import NOISE, SMALL, small
 from stictionid.effects import catalogue, get
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.record.study import Study, study_from_json, to_json
-from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 
 HELD = Options(base_only=True, between="hold")
 # What the noise effects leave one step ahead, and what the others leave of the free run, as a multiple of the noise.
 AT_THE_NOISE = 1.05
-# Named here. test_diagnose.py names a step, test_search.py a sine, the walk of README.md a stop; benchmarks/long names
-# all others.
+# Named here. test_diagnose.py names a step, test_search.py a sine, the walk of README.md a stop. Added by name are a
+# step and a sine there, a lag and a noise in test_prompt.py. benchmarks/long names and adds all others.
 NAMED = ("asymmetric-stiction",)
-# Added here by name: a noise and an effect on friction; test_diagnose.py adds disturbances. benchmarks/long adds all
-# others.
-ADDED = ("narrow-band-disturbance", "stiction-drift")
 
 
 def test_every_effect_of_the_catalogue_is_hidden_once() -> None:
@@ -65,16 +61,6 @@ def test_the_hidden_effect_is_named_and_the_loop_comes_back(name: str) -> None:
     assert top.accepted and top.effect == name and top.rmse_one_step_holdout is not None
     assert {p.name for p in top.parameters} <= {p.name for p in catalogue()[name].parameters}
     assert all(c.detectable_from for c in after.candidates if c.effect == "extra-lag" and not c.accepted)
-
-
-@pytest.mark.parametrize("name", ADDED)
-def test_the_loop_comes_back_once_its_hidden_effect_is_added(name: str) -> None:
-    """Without a comparison with all other effects, which benchmarks/long makes for these, too."""
-    setting, loop = small(name)
-    variant = str(SMALL[name][2].get("at", ""))
-    after = add(loop, identify(loop, options=HELD), f"{name}@{variant}" if variant else name)
-    assert after.steps[-1].added == name
-    comes_back(after, name, setting)
 
 
 @pytest.mark.parametrize(("kind", "more"), [("no moves", {"setpoint_moves": ((0.0, 3.0),)})])

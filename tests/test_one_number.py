@@ -1,6 +1,6 @@
 """One quantity, one number, one name: every output of a study prints its errors, its noise and its gains alike.
 
-Five more loops, one with a stop of the valve among them, are in benchmarks/long.
+Five more loops, one with a sine among them, are in benchmarks/long.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from stictionid.reports.pictures.curves import gather
 _WIDE = {"COLUMNS": "400"}
 _KINDS = ("html", "json", "md")
 _SHORT = ("--seed", 12, "--duration", 600, "--setpoint", "300:-6")
-LOOPS = {"sine": (*_SHORT, "--effect", "sinusoidal-disturbance:period_s=61,amplitude=1"), "sticking": _SHORT}
+LOOPS = {"stop": ("--seed", 1, "--duration", 900, "--setpoint", "450:-6", "--effect", "travel-limit:upper=52"),
+         "sine": (*_SHORT, "--effect", "sinusoidal-disturbance:period_s=61,amplitude=1"), "sticking": _SHORT}
 
 
 def outputs(folder: Path) -> dict[str, tuple[Study, str]]:
@@ -42,14 +43,17 @@ def outputs(folder: Path) -> dict[str, tuple[Study, str]]:
     return shown
 
 
-@pytest.fixture(scope="module", params=LOOPS)
-def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Study, str]]:
-    """The outputs of one short simulated loop."""
-    folder = tmp_path_factory.mktemp("one-number")
-    out = run("simulate", "--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--setpoint", "0:5",
-              *LOOPS[request.param], "-o", "loop.csv", cwd=folder)
+def outputs_of(name: str, folder: Path) -> dict[str, tuple[Study, str]]:
+    """The outputs of one simulated loop."""
+    out = run("simulate", "--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--setpoint", "0:5", *LOOPS[name],
+              "-o", "loop.csv", cwd=folder)
     assert out.returncode == 0, out.stderr
     return outputs(folder)
+
+
+@pytest.fixture(scope="module", params=["stop", "sticking"])
+def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Study, str]]:
+    return outputs_of(request.param, tmp_path_factory.mktemp("one-number"))
 
 
 def test_every_output_prints_the_numbers_of_its_study(shown: dict[str, tuple[Study, str]]) -> None:

@@ -68,10 +68,18 @@ def test_completion_is_shown_and_installed(shell: str, word: str, tmp_path: Path
                                                         ("stictionid identify --law ka", "3", ["kano", "karnopp"]),
                                                         ("stictionid laws he", "2", ["he", "he-wang"])])
 def test_words_are_completed(words: str, number: str, found: list[str]) -> None:
+    assert run(env=completing(words, number)).stdout.split() == found
+
+
+def completing(words: str, number: str) -> dict[str, str]:
+    """What bash puts into the environment of a command that completes a word."""
+    return {"_STICTIONID_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": number}
+
+
+def test_a_completion_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-X", "importtime", "-m", "stictionid"], capture_output=True, text=True,
-                          env={**os.environ, "_STICTIONID_COMPLETE": "complete_bash", "COMP_WORDS": words,
-                               "COMP_CWORD": number})
-    assert done.stdout.split() == found
+                          env={**os.environ, **completing("stictionid simulate --effect slip", "3")})
+    assert done.stdout.split() == ["slip-overshoot"]
     assert not any(heavy in done.stderr for heavy in ("numpy", "numba", "pyarrow"))
 
 

@@ -146,24 +146,25 @@ def test_every_next_step_runs_as_printed_from_the_record_to_the_page(tmp_path: P
     def run(*words: object) -> commands.Done:
         return commands.run(*words, cwd=tmp_path)
 
-    made = run("simulate", "--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--duration", 600, "--seed", 3,
-               "--setpoint", "0:4", "--setpoint", "300:-5", "--effect", "step-disturbance:time_s=350,size=3",
-               "-o", "a.csv")
+    made = run("simulate", "--S", 4, "--J", 2.5, "--noise", 0.05, "--scan", 1, "--duration", 500, "--seed", 3,
+               "--setpoint", "0:4", "--setpoint", "250:-5", "--effect", "travel-limit:upper=52", "-o", "a.csv")
     assert told(made) == ["identify", "a.csv"]
-    keep = told(run("identify", "a.csv", "--base-only"))
-    assert keep == ["identify", "a.csv", "--base-only", "-o", "a.json"]
+    keep = ["identify", "a.csv", "--base-only", "-o", "a.json"]
     identified = run(*keep)
+    made_before = study_from_json((tmp_path / "a.json").read_text())
+    with mock.patch("stictionid.verbs.identify.identify", return_value=made_before):
+        assert told(run("identify", "a.csv", "--base-only")) == keep
     assert told(identified) == told(run("compare", "a.json")) == ["diagnose", "a.json"]
     assert identified.stdout.splitlines()[0].startswith("verdict: stiction")
     assert identified.stdout.splitlines()[1].startswith("S ") and "adequate: no" in identified.stdout
     asked = run("diagnose", "a.json")
-    assert asked.stdout.startswith("missing: ") and "(step-disturbance" in asked.stdout.split(". Error")[0]
+    assert asked.stdout.startswith("missing: ") and "(travel-limit" in asked.stdout.split(". Error")[0]
     add = told(asked)
-    assert add[0] == "add" and add[1].startswith("step-disturbance@") and told(run("compare", "a.json")) == add
+    assert add == ["add", "travel-limit", "a.json"] and told(run("compare", "a.json")) == add
     before = study_from_json((tmp_path / "a.json").read_text())
     added = run(*add)
     after = study_from_json((tmp_path / "a.json").read_text())
-    assert "answer: the record supports step-disturbance" in " ".join(added.stdout.split())
+    assert "answer: the record supports travel-limit" in " ".join(added.stdout.split())
     assert all(cell in added.stdout for row in change(before, after).rows for cell in row)
     assert told(added) == ["report", "a.json", "-o", "a.html"] and run(*told(added)).returncode == 0
     assert (tmp_path / "a.html").is_file()
@@ -178,7 +179,7 @@ def test_every_next_step_runs_as_printed_from_the_record_to_the_page(tmp_path: P
         grown = run(*add)
     assert grown.stdout.startswith("warning: the free-run error rises")
     assert "answer: the record does not support it" in grown.stdout
-    assert told(grown) == ["remove", "step-disturbance", "a.json"]
+    assert told(grown) == ["remove", "travel-limit", "a.json"]
     removed = run(*told(grown))
     assert told(removed) == ["diagnose", "a.json"] and "What changed" in removed.stdout
     assert study_from_json((tmp_path / "a.json").read_text()).steps[-1].effects == ()

@@ -84,11 +84,10 @@ def test_a_tree_names_each_node_once(found: tuple[Loop, Study, Study]) -> None:
     assert len(set(ids)) == len(ids) and all(n.parent is None or n.parent in ids for n in after.tree)
 
 
-@pytest.mark.parametrize(("plant", "effects", "answer"), [
-    (Plant(1.5, 10.0, 2.0, 4.0), (), {"extra-lag"}),
-    (Plant(1.5, 10.0, 2.0), (("underdamped-process", {"natural_period_s": 40.0}),), {"underdamped-process"})])
+@pytest.mark.parametrize(("plant", "effects", "answer"), [(Plant(1.5, 10.0, 2.0, 4.0), (), {"extra-lag"})])
 def test_a_process_that_rings_gives_way_to_two_lags_that_explain_as_much(
         plant: Plant, effects: tuple[tuple[str, dict[str, float]], ...], answer: set[str]) -> None:
+    """One that rings indeed stays: benchmarks/long."""
     setting = Setting(plant, Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=1000.0, noise_sd=0.02, effects=effects,
                       setpoint_moves=((0.0, 3.0), (500.0, -2.0)))
     loop = replace(simulate(setting, seed=3).loop, position=None)

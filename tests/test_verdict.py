@@ -206,17 +206,6 @@ def test_noise_that_decays_like_the_process_does_not_let_the_start_of_the_free_r
 # Verdict -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [1])
-def test_friction_that_makes_most_of_the_error_is_told_though_the_setpoint_makes_the_swing(seed: int) -> None:
-    """It explains 0.1 % of the variance of y, most of which setpoint moves make, but half of the free-run error."""
-    moves = tuple((100.0 * k, 20.0 * (-1) ** k) for k in range(8))
-    setting = scanned(0.76, 0.58, duration_s=800.0, setpoint_moves=moves,
-                      effects=(("coloured-noise", {"root": 0.95, "innovation_sd": 0.05}),))
-    verdict = identify(replace(simulate(replace(setting, noise_sd=0.0), seed=seed).loop, position=None)).verdict
-    assert verdict.evidence["share_of_pv_variance"] < 0.005 and verdict.evidence["error_drop"] > 0.5
-    assert verdict.stiction == "stiction" and verdict.confidence <= 0.6
-
-
 def test_a_sticking_valve_is_called_so_with_its_evidence() -> None:
     verdict = fitted(sticking)[0].verdict
     assert verdict.stiction == "stiction" and verdict.confidence > 0.9
@@ -316,8 +305,8 @@ def test_a_loop_without_setpoint_has_no_usual_law() -> None:
 
 
 def test_severity_is_what_the_same_loop_does_without_friction() -> None:
-    setting = scanned(4.0, 2.5, setpoint_moves=((0.0, 0.0), (10.0, 2.0)))
-    study = identify(simulate(setting, seed=1).loop)
+    setting = scanned(4.0, 2.5, setpoint_moves=((0.0, 0.0), (10.0, 2.0)), duration_s=500.0)
+    study = identify(simulate(setting, seed=1).loop, options=Options(base_only=True))
     found, swing = study.severity, study.swing
     repaired = simulate(replace(setting, S=0.0, J=0.0), seed=1).loop.process_value
     assert found.pv_sd_repaired == pytest.approx(float(np.std(repaired)), rel=0.3)
@@ -374,7 +363,7 @@ def test_a_position_recorded_by_exception_shows_no_stiction(deviation: float) ->
 
 
 def test_a_valve_that_hardly_moves_is_abstained_not_called_free_of_friction() -> None:
-    study = identify(loops.sticky(137, colour=0.8).loop)
+    study = identify(loops.sticky(137, colour=0.8).loop, options=Options(base_only=True))
     assert study.estimate is None and study.verdict.stiction == "undecided"
     assert study.verdict.evidence["code"] == "valve-hardly-moves" and "does not answer" in study.verdict.reason
 
@@ -405,18 +394,6 @@ def test_the_bound_on_S_does_not_exclude_the_true_one(seed: int) -> None:
     assert found.ratio > 40.0  # a valve that sticks: friction predicts better than none
 
 
-@pytest.mark.parametrize("seed", [50_019])
-def test_a_model_that_predicts_worse_than_none_does_not_keep_its_S_possible(seed: int) -> None:
-    """A wandering disturbance looks like friction in the free run: a searched S, though the next sample denies it."""
-    rng, n = np.random.default_rng(seed), 900
-    wander = np.convolve(rng.standard_normal(n + 200), np.hanning(200), "valid")[:n]
-    known = replace(simulate(scanned(0.0, 0.0, duration_s=float(n)), seed=seed,
-                             disturbance=8.0 * wander / np.ptp(wander)).loop, position=None)
-    verdict = identify(known).verdict
-    assert verdict.stiction != "stiction"
-    assert verdict.confidence <= 0.7
-
-
 def test_a_smaller_bound_makes_the_claim_surer(monkeypatch: pytest.MonkeyPatch) -> None:
     from stictionid.verdict.excluded import Possible
 
@@ -445,7 +422,7 @@ def test_the_prediction_alone_is_never_sure_of_stiction() -> None:
     from stictionid.verdict.judge import _answer
 
     assert _answer(900.0, 5, 0.5, 0.6, 0.3)[1] > 0.95
-    assert _answer(900.0, 5, 0.005, 0.6, 0.3)[1] > 0.95  # most of the free-run error
+    assert _answer(900.0, 5, 0.005, 0.6, 0.3)[1] > 0.95  # most of the free-run error: records in benchmarks/long
     assert _answer(900.0, 5, 0.005, 0.2, 0.3) == ("stiction", 0.7)
     assert _answer(900.0, 5, 0.005, 0.02, 0.3)[0] == "undecided"
 

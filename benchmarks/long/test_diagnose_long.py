@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 from loops_with_effects import small
-from test_diagnose import HELD, setting
+from test_diagnose import HELD, setting, with_a_step
+from test_same_model import assert_same
 
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.record.loop import Loop
@@ -14,6 +15,7 @@ from stictionid.record.study import Study
 from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
+from stictionid.verbs.remove import remove
 
 
 def hidden(name: str, seed: int = 21, **values: float) -> tuple[Loop, Study]:
@@ -104,3 +106,10 @@ def test_a_study_without_a_tree_is_searched_all_the_same() -> None:
     assert again.missing == after.missing == ("sinusoidal-disturbance",)
     assert again.estimate is not None and after.estimate is not None
     assert pytest.approx(after.estimate.S, rel=0.01) == again.estimate.S
+
+
+def test_a_superfluous_effect_removed_by_hand_leaves_the_model_that_was_asked_without_it() -> None:
+    loop, study = with_a_step()
+    wrong = add(loop, study, "sinusoidal-disturbance")
+    kept, pruned = (add(loop, wrong, "step-disturbance@output", prune=prune) for prune in (False, True))
+    assert_same(remove(loop, kept, "sinusoidal-disturbance"), pruned)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import test_grown
 from loops_with_effects import VISIBLE, loop_of, shown
 
 from stictionid.fit.fit import as_it_stands
@@ -14,6 +13,8 @@ from stictionid.model.model import Model
 from stictionid.model.spec import Spec
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
+from stictionid.selection.looks import Ground, adding, performed, pool_of
+from stictionid.selection.policy import Policy
 from stictionid.selection.steps import opened
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
@@ -122,9 +123,16 @@ def test_a_valve_that_rests_is_found_beside_a_slow_stem() -> None:
     assert np.abs(apart).max(axis=0).min() < 0.25
 
 
-@pytest.mark.parametrize("seed", [338])
+@pytest.mark.parametrize("seed", [337, 338])
 def test_looks_find_valves_that_overshoot_beside_a_wrong_process(seed: int) -> None:
-    test_grown.test_looks_find_valves_that_overshoot_beside_a_wrong_process(seed)
+    """A scan beside the process of the model so far ended at S 4.3 for 3.9 (an integrator), at 2.3 for 3.0 (a tank)."""
+    setting, loop, (kind, _), _ = loop_of(seed, "slip-overshoot", 0.01, 0.0, 1500)
+    assert kind == "scan"
+    _, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
+    ground = Ground(fit, pool_of(fit, 0), 0, Policy())
+    look = performed(ground, adding(fit.model.spec, "slip-overshoot"))
+    assert look.values is not None
+    assert look.values[0] == pytest.approx(setting.S, rel=0.08)
 
 
 def test_a_valve_that_rests_under_a_moving_command_may_be_one_that_goes_past_its_place() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from test_same_model import a_loop, assert_same
+from test_same_model import a_loop, assert_same, swung
 
 from stictionid.model.closed_loop import Controller
 from stictionid.verbs.add import add
@@ -66,3 +66,18 @@ def test_a_stop_added_before_or_after_another_effect_is_the_stop_of_the_search()
     pruned = add(loop, other, "travel-limit", prune=True)
     assert_same(pruned, applied)
     assert [step.added for step in pruned.steps] == [None, "travel-limit"]
+
+
+def test_a_sine_added_after_a_search_has_its_tree_and_ranking() -> None:
+    loop, study, applied = swung()
+    ranked = diagnose(loop, study)
+    assert ranked.missing == ("sinusoidal-disturbance",)
+    added = add(loop, ranked, ranked.missing[0])
+    assert_same(added, applied)
+    # Tree, ranking and what is missing are those of the new model.
+    named = [set(n.effects) for n in added.tree if n.status == "named"]
+    assert {f"{added.steps[-1].added}@{added.steps[-1].variant}".rstrip("@")} in named
+    row = next(c for c in added.candidates if c.effect == ranked.missing[0])
+    support = next(f for f in added.steps[-1].findings if f.code == "supported")
+    assert row.accepted and row.gain_beyond_noise == pytest.approx(support.evidence["gain_beyond_noise"])
+    assert not added.missing and not added.missing_reason and len(added.candidates) >= len(ranked.candidates)

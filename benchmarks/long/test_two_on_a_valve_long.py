@@ -7,7 +7,7 @@ import pytest
 from test_two_on_a_valve import DIFFERENCE, GROWTH, NOISE, PAIR, J, S, a_loop, a_model
 
 from stictionid.fit.moves import descended, with_start
-from stictionid.selection.looks import refitted
+from stictionid.selection.refits import refitted
 
 
 def test_a_pair_is_searched_out_of_a_basin_whose_dead_time_is_samples_off() -> None:

@@ -88,8 +88,8 @@ def _held(A: FloatArray, B: FloatArray, seconds: FloatArray, keep: FloatArray, t
     lanes, m = B.shape
     big, term = np.empty((m + 1, m + 1)), np.empty((m + 1, m + 1))
     after, total = np.empty((m + 1, m + 1)), np.empty((m + 1, m + 1))
+    # Element by element: arithmetic of whole arrays takes five times as long to compile.
     for p in range(lanes):
-        big[:] = 0.0
         size = 0.0
         for i in range(m):
             row = abs(B[p, i] * seconds[p])
@@ -102,12 +102,12 @@ def _held(A: FloatArray, B: FloatArray, seconds: FloatArray, keep: FloatArray, t
         while size > _SCALED and halvings < 60:
             size *= 0.5
             halvings += 1
-        big *= 0.5 ** halvings
-        total[:] = 0.0
-        term[:] = 0.0
-        for i in range(m + 1):
-            total[i, i] = 1.0
-            term[i, i] = 1.0
+        scale = 0.5 ** halvings
+        for j in range(m + 1):
+            big[m, j] = 0.0
+            for i in range(m + 1):
+                big[i, j] *= scale
+                total[i, j] = term[i, j] = 1.0 if i == j else 0.0
         for n in range(1, _TERMS):
             for i in range(m + 1):
                 for j in range(m + 1):
@@ -115,8 +115,10 @@ def _held(A: FloatArray, B: FloatArray, seconds: FloatArray, keep: FloatArray, t
                     for k in range(m + 1):
                         s += term[i, k] * big[k, j]
                     after[i, j] = s / n
-            term[:] = after
-            total += term
+            for i in range(m + 1):
+                for j in range(m + 1):
+                    term[i, j] = after[i, j]
+                    total[i, j] += after[i, j]
         for _ in range(halvings):
             for i in range(m + 1):
                 for j in range(m + 1):
@@ -124,7 +126,9 @@ def _held(A: FloatArray, B: FloatArray, seconds: FloatArray, keep: FloatArray, t
                     for k in range(m + 1):
                         s += total[i, k] * total[k, j]
                     after[i, j] = s
-            total[:] = after
+            for i in range(m + 1):
+                for j in range(m + 1):
+                    total[i, j] = after[i, j]
         for i in range(m):
             take[p, i] = total[i, m]
             for j in range(m):
