@@ -1,4 +1,4 @@
-"""The end of a fit under a held command: one point for a whole plateau of the cost."""
+"""The end of a fit under a held command: one point for a whole plateau of the cost, and intervals around that point."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from loops_with_effects import small
+from loops_with_effects import NOISE, small
 
 from stictionid.fit.fit import finish
-from stictionid.fit.plateau import settled_on_plateau
+from stictionid.fit.plateau import extremes, settled_on_plateau
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
 from stictionid.record.oscillation import find_range
@@ -62,3 +62,26 @@ def test_a_start_in_another_class_of_first_slips_is_left() -> None:
         end = settled_on_plateau(model, model.cube(moved[:, None])[0])
         assert model.costs(end[None])[0] <= cost * 1.001
         assert abs(model.values(end[None])[0, 0] - values[0]) < 0.1 * (spans["S"][1] - spans["S"][0])
+
+
+@pytest.mark.parametrize(("name", "seed"), [("positioner", 23), ("asymmetric-stiction", 23)])
+def test_an_interval_is_as_wide_as_the_curvature_of_the_likelihood_allows(name: str, seed: int) -> None:
+    """A positioner had a J known to 0.00005 %, beside a better point that a scan of S had found at the end."""
+    model, values, spans = ended(name, seed)
+    best = model.evaluate(values)
+    assert best.rmse < 1.3 * NOISE
+    point = model.cube(values[:, None])[0]
+    far = model.values(extremes(model, point, best.sse * np.exp(2.7 / best.rows)))
+    for i, which in enumerate("SJ"):
+        low, high = spans[which]
+        assert high - low > 1e-3 * values[i] and low <= values[i] <= high
+        assert low - 1e-9 <= far[i].min() and far[i].max() <= high + 1e-9
+
+
+def test_no_point_that_bounds_an_interval_is_excluded_itself() -> None:
+    model, values, _ = ended("positioner", 23)
+    point = model.cube(values[:, None])[0]
+    limit = 1.01 * float(model.costs(point[None])[0])
+    far = extremes(model, point, limit)
+    assert len(far) and (model.costs(far) <= limit).all()
+    assert not len(extremes(model, point, 0.5 * limit))

@@ -38,6 +38,8 @@ _POINTS, _SHAPES, _WIDER = 512, 12, 1.25
 # Initial forces tried, as shares of their range, rungs about each minimum in shares of the last step, how often, and
 # the share of the cost by which two rungs differ.
 _FORCES, _ZOOM, _ZOOMS, _FLAT = np.linspace(0.0, 1.0, 65), np.linspace(-1.0, 1.0, 9), 3, 1e-9
+# Shares of the way to an end of an interval that are tried, and the share of a plateau that holds its middle 90 %.
+_SHRUNK, _SHARE = 0.8 ** np.arange(20.0), 0.9
 # Twice the log-likelihood within which a start gets a descent of its own.
 _PROMISING = 10.0
 
@@ -67,6 +69,38 @@ def settled_on_plateau(model: Model, point: FloatArray) -> FloatArray:
         if moved <= _STILL:
             break
     return point
+
+
+def extremes(model: Model, point: FloatArray, limit: float) -> FloatArray:
+    """Points (k, d) far from one (d,) in S and in J whose cost is at most `limit`, all other numbers following.
+
+    They lie along the curvature of the likelihood on one plateau, and at the ends of that plateau. A cloud drawn beside
+    another optimum holds none of them, and a scan of S that holds what follows it ends before them.
+    """
+    cost = float(model.costs(point[None])[0])
+    if not (movable(model)[0] and 0.0 < cost <= limit):
+        return point[None][:0]
+    flat, steep = _directions(model, point)
+    along = steep * _DIFFERENCE
+    slopes = (model.residuals(np.clip(point + along, 0.0, 1.0)) - model.residuals(np.clip(point - along, 0.0, 1.0)))
+    values = model.values(np.clip(point + along, 0.0, 1.0)) - model.values(np.clip(point - along, 0.0, 1.0))
+    spread = np.linalg.pinv(slopes.T @ slopes)
+    ways = []
+    for number in (0, 1):
+        # The direction in which S or J goes furthest for a rise of the cost.
+        way = spread @ values[number]
+        far = float(np.sqrt(max(values[number] @ way, 0.0)))
+        if far > 0.0:
+            # (both differences have two steps)
+            ways.append((way / far * np.sqrt(limit - cost)) @ (2.0 * along))
+    ladder = np.concatenate([-_SHRUNK, _SHRUNK])
+    trial = np.concatenate([point + ladder[:, None] * way for way in ways]) if ways else point[None][:0]
+    same = _limit(model, cost, _ALIKE)
+    for way in flat if np.isfinite(same) else ():
+        trial = np.concatenate([trial, [point + sign * _SHARE * _end(model, point, sign * way, same) * way
+                                        for sign in (-1.0, 1.0)]])
+    trial = trial[((trial >= 0.0) & (trial <= 1.0)).all(axis=1)]
+    return trial[model.costs(trial) <= limit] if len(trial) else trial
 
 
 def _limit(model: Model, cost: float, ratio: float) -> float:
