@@ -31,8 +31,12 @@ from .moves import (
     thinning,
     with_start,
 )
+from .plateau import settled_on_plateau
 from .starts.basins import along_ridge, basins, grown, roamed, with_other_start, with_process
 
+# Costs that differ by less than this share belong to one valve path; a ladder of S searches where the path ends.
+_SAME_PATH = 1e-9
+_PLATEAU_LADDER = np.geomspace(1e-6, 0.05, 30)
 _MOST_RUNS, _RIDGE_TURNS = 4, 3
 # A restart of an integrator whose cost is this many times the best so far starts from a growing record.
 _MUCH_WORSE = 1.5
@@ -50,9 +54,6 @@ _AGREE_COST, _AGREE_SIGNAL = 0.05, 0.002
 HOLDOUT_BLOCKS = 5
 # Likelihood ratio below which friction explains nothing (as in the verdict).
 _EXPLAINS_NOTHING = 15.0
-# Costs that differ by less than this share belong to one valve path; a ladder of S searches where the path ends.
-_SAME_PATH = 1e-9
-_PLATEAU_LADDER = np.geomspace(1e-6, 0.05, 30)
 # Twice the log-likelihood that moves the answer to another step of S, and the most moves.
 _BETTER, _STEPS_BETTER = 0.5, 3
 # Dead times tried beside a minimum (in parts of a sample; each may hold a minimum), turns, and starts kept a turn.
@@ -234,23 +235,36 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     else:
         found = refine(model.costs, near, rng, spread=spreads(model, 0.15), rounds=rounds, population=18,
                        settle=_SETTLED)
-    top, best_cost = polish_smooth(model, found.points[0])
-    agree = agreement(model, points, costs)
-    cube, cost = cloud(model, top, rng)
-    S = None
+    top = polish_smooth(model, found.points[0])[0]
     if reach:
-        cube, cost, S = widened(model, cube, cost)
-    if cost.min() < best_cost:
-        top, best_cost = cube[cost.argmin()], float(cost.min())
-    if model.spec.held:
-        top = middle_of_plateau(model, top)
+        top = settled_on_plateau(model, top)
+    agree = agreement(model, points, costs)
+    for turn in range(1 + _STEPS_BETTER):
         best_cost = float(model.costs(top[None])[0])
-        cube, cost = np.concatenate([top[None], cube]), np.append(best_cost, cost)
+        cube, cost = cloud(model, top, rng)
+        S = None
+        if reach:
+            cube, cost, S = widened(model, cube, cost)
+        # Points beside an optimum tell nothing of the interval of a better one.
+        if not reach or turn == _STEPS_BETTER or _gain(model, best_cost, float(cost.min())) <= _BETTER:
+            break
+        top = settled_on_plateau(model, cube[cost.argmin()])
+    if not (reach and model.spec.held) and cost.min() < best_cost:
+        top = cube[cost.argmin()]
+    if model.spec.held and not reach:
+        top = middle_of_plateau(model, top)
+    best_cost = float(model.costs(top[None])[0])
+    cube, cost = np.concatenate([top[None], cube]), np.append(best_cost, cost)
     best_values = model.values(longest_first(model, top[None]))[:, 0]
     best = model.evaluate(best_values)
     held = held_out_cost(model, best, cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]) if holdout else None
     return Fitted(model, best_values, best_cost, len(points), agree, best, held,
                   intervals_of(model, cube, cost, best_cost, best, S, rough=not reach), values[:2].T, (cube, cost))
+
+
+def _gain(model: Model, cost: float, other: float) -> float:
+    """Twice the log-likelihood that another cost gains over a cost."""
+    return float(model.shared.rows * np.log(max(cost, 1e-300) / max(other, 1e-300)))
 
 
 def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False) -> Fitted:
@@ -264,7 +278,7 @@ def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False)
     for _ in range(_STEPS_BETTER):
         cube, cost, S = widened(fit.model, *fit.around, steps_only=steps_only)
         best = min(fit.sse, float(cost.min()))
-        if S is None or fit.model.shared.rows * np.log(fit.sse / max(best, 1e-300)) <= _BETTER:
+        if S is None or _gain(fit.model, fit.sse, best) <= _BETTER:
             break
         moved = finish(fit.model, cube[[cost.argmin()]], cost[[cost.argmin()]], rng, reach=False)
         same = abs(moved.values[0] - fit.values[0]) <= AGREE_S * fit.values[0]

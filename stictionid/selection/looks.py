@@ -129,8 +129,11 @@ class Packed:
 
     @property
     def along(self) -> bool:
-        """True for a look along slips that PV placed."""
-        return self.model_spec is not None and self.model_spec.paths is not None and self.points is None
+        """True for a look beside slips that PV placed, also where the law alone places those of the child.
+
+        Such a look has a fit, but no points that a search could go on from.
+        """
+        return self.model_spec is not None and self.points is None
 
     def scored(self, fit: Fitted) -> Scored:
         """The fit with its arrays again; one run of the model, no search."""

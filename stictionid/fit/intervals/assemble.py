@@ -17,6 +17,7 @@ from ...process.controller_law import POINT_90
 from ...process.rounded import command_sd
 from ...typing import FloatArray, IntArray
 from ..moves import descended, longest_first, movable, spreads
+from ..plateau import extremes
 from .profile import reached, spread_over
 from .smooth import GAIN, smooth_intervals
 from .thresholds import plateaus, ridges
@@ -94,6 +95,9 @@ def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
     if len(along):
         cube, cost = np.concatenate([cube, along]), np.append(cost, model.costs(along))
     ratio = _possible(model, cube, cost)
+    far = extremes(model, cube[cost.argmin()], ratio * float(cost.min()))
+    if len(far):
+        cube, cost = np.concatenate([cube, far]), np.append(cost, model.costs(far))
     if not steps_only:
         cube, cost = reached(model, cube, cost, ratio, (0, 1) if steps is None else (1,))
     if steps is None:
@@ -104,6 +108,9 @@ def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
         # The likelihood of each plateau is that under noise taps which other plateaus would move.
         ends = steps.possible(rows, _threshold(model))
         low, high = min(low, ends[0]), max(high, ends[1])
+    if len(far):
+        met = model.values(far)[0]
+        low, high = min(low, float(met.min())), max(high, float(met.max()))
     if len(along):
         possible = model.values(cube[cost <= ratio * cost.min()])[0]
         low, high = min(low, float(possible.min())), max(high, float(possible.max()))
