@@ -58,7 +58,7 @@ def main() -> int:
     if there["numba"] == here["numba"]:
         return 1
     words = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *(sys.argv[1:] or ["-m", "printed", *printed()])]
-    return subprocess.run(words, env=os.environ | changes, cwd=ROOT).returncode
+    return subprocess.run(words, env=os.environ | changes | {"STICTIONID_PAGES": "1"}, cwd=ROOT).returncode
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ that misses something: they end where next to nothing tells points apart.
 
 from __future__ import annotations
 
+import os
 import re
 
 import pytest
@@ -23,6 +24,10 @@ _BRANCH, _FURTHER = re.compile(r"(?:[|│] {2,3}| {3,4})*(?:\|-|`-|├─|└─
 _INADEQUATE = re.compile(r"^(?:adequate: no|not adequate)|is not adequate", re.MULTILINE)
 _INTERVAL = re.compile(rf"(?:{_NUMBER.pattern}) to (?:{_NUMBER.pattern})")
 _BRACKETED = re.compile(rf"\({_INTERVAL.pattern}\)")
+
+# Every command of a page takes most of a minute. `.ci/run` runs the pages once, as on another processor.
+whole_page = pytest.mark.skipif(not os.environ.get("STICTIONID_PAGES"),
+                                reason="a whole page is run by .ci/run, or with STICTIONID_PAGES=1")
 
 
 def same_text(shown: str, today: str) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from printed import same_text
+from printed import same_text, whole_page
 
 pytest.importorskip("jupytext")
 
@@ -38,6 +38,7 @@ def test_there_are_two_and_the_site_shows_them() -> None:
 
 
 @pytest.mark.printed
+@whole_page
 @pytest.mark.parametrize("name", ["one_loop"])
 def test_a_notebook_runs_and_its_page_shows_it(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pyplot = pytest.importorskip("matplotlib.pyplot")

@@ -53,7 +53,8 @@ def test_a_whole_number_serves_as_a_decimal_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("text", "said"), [
-    ("bugdet = 5", "unknown entry 'bugdet'"), ("[budget]\nmost = 1", "budget is {'most': 1}, not a whole number"),
+    ("bugdet = 5", "unknown entry 'bugdet'"), ("rounding = 3.0", "entry 'rounding', which is gone"),
+    ("[budget]\nmost = 1", "budget is {'most': 1}, not a whole number"),
     ("budget = 2.5", "budget is 2.5, not a whole number"), ("budget = true", "budget is True"),
     ("budget = '9'", "budget is '9'"), ("budget = 0", "budget 0 is below 1, the least"),
     ("budget = -3", "budget -3 is below 1"), ("budget =", "is no TOML"), ("budget = 1\nbudget = 2", "is no TOML"),

@@ -8,7 +8,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
-from printed import said, same_text
+from printed import said, same_text, whole_page
 
 from stictionid.effects import catalogue
 from stictionid.errors import DataError
@@ -102,6 +102,7 @@ def test_the_example_csv_reads_as_the_readme_says(tmp_path: Path) -> None:
 
 
 @pytest.mark.printed
+@whole_page
 def test_the_walk_prints_what_the_pages_show(tmp_path: Path) -> None:
     compared = 0
     for _, shown, today in module().made(tmp_path):

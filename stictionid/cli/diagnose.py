@@ -78,7 +78,7 @@ def diagnose(
         print_tree(after, console)
     for step in after.steps[-1:]:
         for f in step.findings:
-            if f.code in ("better-optimum", "gave-way", "rounded-output"):
+            if f.code in ("better-optimum", "gave-way"):
                 say(f"{f.severity}: {f.statement}", quiet=quiet)
     say(f"next: {next_step(after, place, data=file, effects=effects, laws=laws, asked=True)}", quiet=quiet)
 

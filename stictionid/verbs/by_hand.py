@@ -38,8 +38,6 @@ from .support import CODES, support_of
 
 # Rise of the free-run error that three digits show, as a share of it.
 _VISIBLE = 1e-3
-# Code of the finding that the rounding of the output explains what a model leaves.
-_ROUNDED = "rounded-output"
 
 
 def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
@@ -65,11 +63,10 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
 def with_carrier(study: Study) -> Study:
     """The study with the noise that alone keeps its model from being adequate.
 
-    No noise does so beside a shape of what is missing, nor where the rounding of the output explains what is left.
+    No noise does so beside a shape of what is missing.
     """
-    last = study.steps[-1]
-    other = study.adequate is not False or study.unexplained or any(f.code == _ROUNDED for f in last.findings)
-    return replace(study, carried_by="" if other else carrier(last))
+    other = study.adequate is not False or study.unexplained
+    return replace(study, carried_by="" if other else carrier(study.steps[-1]))
 
 
 def with_sizes(loop: Loop, study: Study) -> Study:
