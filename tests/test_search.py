@@ -17,7 +17,7 @@ from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.spec import SOFT, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.study import Study, study_from_json, to_json
-from stictionid.selection.decide import with_lag
+from stictionid.selection.decide import simplest
 from stictionid.selection.node import key, node, spec_of, structure, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.search import Search
@@ -96,5 +96,5 @@ def test_a_process_that_rings_gives_way_to_two_lags_that_explain_as_much(
     root = search.root(fit)
     search.ask(root, ("underdamped-process",))
     rings = search.memo[key(with_effect(root.spec, "underdamped-process"))]
-    assert set(with_lag(search, rings, ()).spec.effects) == answer
-    assert with_lag(search, rings, ("underdamped-process",)) is rings
+    assert set(simplest(search, rings, ()).spec.effects) == answer
+    assert simplest(search, rings, ("underdamped-process",)) is rings

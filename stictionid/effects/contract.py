@@ -14,7 +14,8 @@ An effect is one file in this folder with a constant `EFFECT`. It fills the hook
 * N (noise): `noise` names the noise model; it cannot lower a free-run error.
 
 `theta` is (k, P): one row for each searched parameter, in order. At every parameter's neutral value the effect
-vanishes, so models are nested. `guess(context)` returns starting points (g, k) for the search, `report` the public
+vanishes, so models are nested. `contains` names simpler effects that are a case of this one: they are preferred where
+they explain as much. `guess(context)` returns starting points (g, k) for the search, `report` the public
 parameters of a fit. `disturb(values, time_s, rng)` is the disturbance that the effect adds in a simulation. `setting`
 maps public values, S and J to searched parameters (k, 1), S and J, where the two differ. `plant(values, dynamics)` does
 the same for the process of a simulation.
@@ -231,6 +232,7 @@ class Effect:
     parameters: tuple[Parameter, ...] = ()
     searched: tuple[str, ...] | None = None
     confused_with: tuple[str, ...] = ()
+    contains: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
     variants: tuple[str, ...] = ()
     fine: bool = False

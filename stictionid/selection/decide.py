@@ -55,7 +55,7 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     Effects to `keep` are never pruned.
     """
     search.settle(best)
-    winner = _integrating(search, with_lag(search, pruned(search, best, keep), keep))
+    winner = _integrating(search, simplest(search, pruned(search, best, keep), keep))
     done = winner.scored.done
     unseen = (search.blurred and winner.spec.between != DECIMATED
               and not winner.scored.bare(search.policy))
@@ -84,20 +84,24 @@ def _unasked(search: Search, winner: Entry) -> list[str]:
     return sorted({parse(name)[0].name for name in open_} - asked)
 
 
-def with_lag(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
-    """The winner with a further lag in place of each effect on the process that gains less than the margin beyond one.
+def simplest(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
+    """The winner with a simpler effect in place of each one that contains it and gains less than the margin beyond it.
 
-    An `underdamped-process` of a short natural period is two lags in series, which need no name.
+    An `underdamped-process` of a short natural period is two lags in series, a gain that hardly drifts is a ramp.
     """
-    for name in (n for n in physical(winner.spec) if n not in keep and shapes(parse(n)[0])):
-        before = search.dropped(winner, name)
-        if LAG not in additions(before.spec, search.loop, search.only):
+    for name in (n for n in physical(winner.spec) if n not in keep):
+        effect = parse(name)[0]
+        cases = (*effect.contains, *((LAG,) if shapes(effect) else ()))
+        before = search.dropped(winner, name) if cases else winner
+        simpler = [n for n in additions(before.spec, search.loop, search.only) if plain(n) in cases]
+        if not simpler:
             continue
-        search.ask(before, (LAG,))
-        lagging = search.memo[key(with_effect(before.spec, LAG))]
-        fitted = lagging.scored.full and not lagging.failed
-        if fitted and winner.scored.done.gain_over(lagging.scored.done) < search.policy.margin:
-            winner = lagging
+        search.ask(before, simpler, sure=True)
+        known = [e for n in simpler if (e := search.memo.get(key(with_effect(before.spec, n))))
+                 and e.scored.full and not e.failed]
+        best = max(known, key=lambda e: e.scored.done.gain_over(before.scored.done), default=winner)
+        if winner.scored.done.gain_over(best.scored.done) < search.policy.margin:
+            winner = best
     return winner
 
 
