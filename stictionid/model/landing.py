@@ -16,7 +16,7 @@ from ..laws.contract import LOWER, UPPER
 from ..numerics.noise.landing import LandingFilter, expected
 from ..numerics.noise.normal import between
 from ..process.state_space import Held, held
-from ..typing import FloatArray
+from ..typing import BoolArray, FloatArray
 from .replay import AT, BEFORE, AlongPath
 from .response import Response
 
@@ -32,10 +32,11 @@ def chain_of(model: Response, values: FloatArray) -> Held:
                 plain.integrating, part_s=model.step_s / parts, ahead=not model.spec.held)
 
 
-def landing_of(model: Response) -> tuple[LandingFilter, AlongPath] | None:
+def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, AlongPath] | None:
     """The filter of a model along slips whose stem lands with an error, and its law with the expected part of that.
 
-    None where it lands exactly, and for softened differences, which hide it.
+    Samples that are not `counted` (n,) tell nothing of the stem. None where it lands exactly, and for softened
+    differences, which hide it.
     """
     paths, law = model.spec.paths, model.law
     if paths is None or paths.landing is None or not isinstance(law, AlongPath) or model.spec.increments:
@@ -60,5 +61,5 @@ def landing_of(model: Response) -> tuple[LandingFilter, AlongPath] | None:
     chain = chain_of(model, values)
     kalman = LandingFilter(chain.keep, chain.take, chain.row, chain.through, chain.late,
                            parts=position.size // model.loop.samples, carried=carried,
-                           drawn=drawn * (paths.landing.ratio**2 / error), good=model.good())
+                           drawn=drawn * (paths.landing.ratio**2 / error), good=counted)
     return kalman, law.landing(expected(carried, force))

@@ -79,7 +79,7 @@ class Model(Response):
 
     def _land(self) -> None:
         """Filter what all candidates share, by the error with which the stem lands along the path of the spec."""
-        landing = landing_of(self)
+        landing = landing_of(self, self._level_weight() > 0)
         self.landing = None if landing is None else landing[0]
         if landing is not None:
             self.law = cast(Law, landing[1])

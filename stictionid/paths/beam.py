@@ -215,7 +215,8 @@ def beam(command: FloatArray, friction: FloatArray, profile: FloatArray, start: 
                 for c in range(d):
                     along[r] += x[h, square + r * d + c] * reads[c]
                 F += reads[r] * along[r]
-            for r in range(d):
+            # (a start that is not known yet tells nothing of the stem)
+            for r in range(d if counted[k] else 0):
                 x[h, off + r] += along[r] * error / F
                 for c in range(d):
                     x[h, square + r * d + c] -= along[r] * along[c] / F
