@@ -54,8 +54,10 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
 
     Effects to `keep` are never pruned.
     """
-    search.settle(best)
-    winner = _integrating(search, simplest(search, pruned(search, best, keep), keep))
+    winner = _winner(search, best, keep)
+    while winner.op == ADD and not winner.passed and winner.what not in keep and winner.parent in search.memo:
+        # What was pruned let an effect pass that its own node does not show.
+        winner = search.memo[winner.parent]
     done = winner.scored.done
     unseen = (search.blurred and winner.spec.between != DECIMATED
               and not winner.scored.bare(search.policy))
@@ -75,6 +77,12 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
                     missing_reason(winner, white, unseen, shape, slow=search.slow and not noise,
                                    unasked=_unasked(search, winner)), unseen, shape,
                     reach_of(search, alike))
+
+
+def _winner(search: Search, best: Entry, keep: Sequence[str]) -> Entry:
+    """The best node settled and pruned, with simpler effects and an integrator where these do as well."""
+    search.settle(best)
+    return _integrating(search, simplest(search, pruned(search, best, keep), keep))
 
 
 def _unasked(search: Search, winner: Entry) -> list[str]:
