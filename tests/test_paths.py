@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -24,7 +25,7 @@ from stictionid.laws.contract import (
     friction_table,
 )
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
-from stictionid.model.replay import Paths, Slips, by_law, doubts, replayed
+from stictionid.model.replay import Paths, Slips, by_law, doubts, paths_from, replayed
 from stictionid.model.segments import bound
 from stictionid.model.spec import Spec
 from stictionid.numerics.noise.landing import LandingFilter
@@ -184,6 +185,35 @@ def test_a_valve_whose_break_away_force_scatters_is_found_with_its_scatter():
     assert found.evaluated().rmse == pytest.approx(0.08, rel=0.05)
     assert model.evaluate(found.values).rmse > 3.0 * found.evaluated().rmse
     assert found.moved > 0.5
+
+
+@pytest.mark.parametrize("seed", [6, 7])
+def test_a_stem_lands_with_the_error_of_its_command(seed):
+    model, start = scattering(seed=seed, scatter=0.0)
+    start[[0, 1, 3, 4]] = 4.0, 2.0, 8.0, 3.0
+    starts = start[:, None].repeat(81, axis=1)
+    starts[2] = np.linspace(-1.0, 1.0, 81)
+    start = starts[:, np.argmin(model.costs_of(starts))].copy()
+    error = 0.03
+    output = model.loop.output + error * np.random.default_rng(seed).standard_normal(model.loop.samples)
+    known = bound(replace(model.loop, output=output), Spec(), s_max=model.s_max, period_s=model.period_s)
+    found = settled(known, start, error=error)
+    assert found.values[0] == pytest.approx(4.0, rel=0.01) and found.along.spread > 1.05
+    # What the free run leaves hangs together from sample to sample, what the filter of landings leaves hardly does.
+    left = found.evaluated()
+    counted = left.counted > 0
+    free, ahead = (np.corrcoef(x[counted][1:], x[counted][:-1])[0, 1] for x in (left.residual, left.innovation))
+    assert free > 0.15 and abs(ahead) < 0.5 * free
+    exact = replace(found.paths, landing=None)
+    assert found.deviance < deviance(known, found.values[:, None], exact)[0] - 50.0
+
+
+def test_a_path_with_its_landing_is_stored_and_read():
+    model, start = scattering(seed=6)
+    paths = settled(model, start, error=0.05).paths
+    assert paths.landing is not None and paths_from(json.loads(json.dumps(paths.described()))) == paths
+    with pytest.raises(ValueError, match="lands is out of range"):
+        paths_from({**paths.described(), "landing": {"ratio": -1.0, "values": {}}})
 
 
 def test_no_answer_is_less_likely_than_the_path_by_the_law():
