@@ -58,6 +58,8 @@ def scatter_of(model: Model, values: FloatArray, unit: str) -> Scatter | None:
     wide = POINT_90 / np.sqrt(2.0 * paths.count)
     low, value, high = (float(np.sqrt(max((paths.scatter * (1.0 + sign * wide))**2 - count * paths.error**2, 0.0)))
                         for sign, count in zip((-1.0, 0.0, 1.0), _ERRORS, strict=True))
+    if not high > 0.0:
+        return None  # (the errors of the command alone move the slips as far)
     if paths.scatter <= bounds(model, values)[0] * (1.0 + 1e-9):
         # At its lower bound the scatter is anything smaller.
         low = 0.0
