@@ -237,7 +237,8 @@ def test_remove_takes_an_effect_out_again(tmp_path: Path) -> None:
     before, after = (json.loads((tmp_path / f"{n}.json").read_text()) for n in "ad")
     assert [s["added"] for s in after["steps"]] == [None] and after["candidates"] == []
     assert after["steps"][0]["model"]["effects"] == [] and after["adequate"]
-    assert after["estimate"]["S"] == pytest.approx(before["estimate"]["S"], rel=1e-4)
+    low, high = before["estimate"]["S_interval"]
+    assert after["estimate"]["S"] == pytest.approx(before["estimate"]["S"], abs=0.1 * (high - low))
     assert after["estimate"]["S_interval"] == pytest.approx(before["estimate"]["S_interval"], rel=1e-3)
     done = run("remove", "extra-lag", "c.json", "-o", "e.json", "--json", "-q", cwd=tmp_path)
     later = json.loads(done.stdout)

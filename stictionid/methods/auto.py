@@ -15,7 +15,7 @@ import numpy as np
 
 from ..effects import catalogue, noises_in, walks
 from ..errors import CannotTell
-from ..fit.add_effect import added
+from ..fit.add_effect import added, polished
 from ..fit.adequacy import CONDITIONAL, adequate, with_one_noise
 from ..fit.context import Run, parameters
 from ..fit.fit import Fitted, reaching
@@ -104,6 +104,10 @@ def _run(run: Run, policy: Policy) -> Outcome:
     # the noise model explains the distance.
     near = not any(f.code == CONDITIONAL for f in with_one_noise(steps)[-1].findings)
     wide = near and not o.base_only and not o.fixed and LAG not in last.model.spec.effects
+    if last is fit:
+        # The base alone ends like every other last step: where `remove` comes back to it, it is the same.
+        last = replace(polished(fit.model, fit.values, run.rng), runs=fit.runs, agree=fit.agree, searched=fit.searched)
+        fits[-1], steps[-1] = last, run.step_again(steps[-1], last)
     if last.model.spec.paths is None:
         fits[-1] = _whatever_the_order(run, last) if wide else reaching(last, run.rng)
     if fits[-1].sse < last.sse:
