@@ -43,7 +43,7 @@ def test_noise_free_rows_of_the_paper_come_back_closer_than_the_paper(name, S, J
 @needs_hidden
 @pytest.mark.parametrize("name", ["hidden_01", "hidden_02"])
 def test_loops_with_nothing_hidden(name: str) -> None:
-    """The lag of hidden_03, and the effects of others, are in benchmarks/long."""
+    """The effects of others are in benchmarks/long."""
     truth = json.loads((HIDDEN / "truth.json").read_text())[name]["plant"]
     study = identify(read_loop(HIDDEN / f"{name}.csv"))
     e, error = study.estimate, study.steps[-1].error
@@ -53,6 +53,13 @@ def test_loops_with_nothing_hidden(name: str) -> None:
     assert error.noise_sd == pytest.approx(truth["noise_sd"], rel=0.05)
     assert study.adequate and study.verdict.stiction == "stiction" and [s.added for s in study.steps] == [None]
     assert e.from_position is not None and pytest.approx(truth["S_pct"], rel=0.01) == e.from_position.S
+
+
+@needs_hidden
+def test_a_further_lag_becomes_a_step_of_its_own() -> None:
+    study = identify(read_loop(HIDDEN / "hidden_03.csv"))
+    assert [s.added for s in study.steps] == [None, "extra-lag"] and study.estimate is not None
+    assert len(study.estimate.time_constants_s) == 2 and study.steps[1].error.rmse < study.steps[0].error.rmse
 
 
 def scanned(S: float = 4.0, J: float = 2.0, noise: float = 0.05, seed: int = 3) -> Loop:
