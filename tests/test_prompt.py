@@ -72,7 +72,7 @@ def test_words_are_completed(words: str, number: str, found: list[str]) -> None:
 
 
 def completing(words: str, number: str) -> dict[str, str]:
-    """What bash puts into the environment of a command that completes a word."""
+    """Environment that bash gives a command which completes a word."""
     return {"_STICTIONID_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": number}
 
 

@@ -21,7 +21,7 @@ from ..record.preconditions import swing_of, time_scale_s
 from ..record.study import ErrorSummary, ParameterValue, Range, Restarts, Step
 from ..typing import FloatArray, Progress
 from .fit import Fitted, finish, search
-from .intervals.along_path import moved, unlikelihood
+from .intervals.along_path import moved, path_deviance
 from .intervals.assemble import innovation_rows
 from .options import USUAL_ORDER, Options
 from .public_values import public_parameters
@@ -133,7 +133,7 @@ class Run:
         free = fit.model.along(None).evaluate(fit.values).rmse if placed else e.rmse
         spread = fit.model.spread
         error = ErrorSummary(free, level_holdout(fit), innovation, fit.rmse_holdout, floor, fitted,
-                             bic(fit.sse * rows / e.rows, rows, count) + unlikelihood(fit.model, fit.values),
+                             bic(fit.sse * rows / e.rows, rows, count) + path_deviance(fit.model, fit.values),
                              e.rmse if placed else None, moved(fit.model, fit.values),
                              innovation * float(np.sqrt(spread**2 - 1.0)) if spread > 1.0 else None)
         findings = []

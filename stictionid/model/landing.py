@@ -20,9 +20,6 @@ from ..typing import BoolArray, FloatArray
 from .replay import AT, BEFORE, AlongPath
 from .response import Response
 
-# Least variance of a force of its own, as a share of that of all forces along a path.
-LEAST_OWN = 0.01
-
 
 def chain_of(model: Response, values: FloatArray) -> Held:
     """The process of one candidate (d, 1) from one command to the next, without what changes along the record."""
@@ -54,7 +51,7 @@ def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, Alon
     at = slips.at[np.abs(slips.kind) == 1]
     m = found.margins[:-1, :, 0]
     mean, square = between(m[:, BEFORE], m[:, AT], paths.scatter)
-    own = max(paths.scatter**2 - 2.0 * error, LEAST_OWN * paths.scatter**2) + square - mean**2
+    own = paths.own_variance + square - mean**2
     share = np.where(stopped[at], 0.0, error / (error + own))
     carried[at], force[at] = share, ways * mean
     drawn[at] *= 1.0 - share

@@ -43,6 +43,8 @@ from ..typing import FloatArray, IntArray
 BEFORE, AT, OTHER = range(3)
 # Error of a difference of two commands, and the distance in errors from which its sign is sure.
 _BOTH, _SURE = 2.0**0.5, 4.0
+# Least variance of a break-away force alone, as a share of the scatter's square.
+_LEAST_OWN = 0.01
 
 
 @kernel
@@ -176,6 +178,11 @@ class Paths:
     def count(self) -> int:
         """Number of slips."""
         return sum(s.count for s in self.slips)
+
+    @property
+    def own_variance(self) -> float:
+        """Variance of the break-away force alone in %^2: a slip compares two commands, each with its error."""
+        return max(self.scatter**2 - 2.0 * self.error**2, _LEAST_OWN * self.scatter**2)
 
     def described(self) -> dict[str, Any]:
         """The path as a study stores it."""

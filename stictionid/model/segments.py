@@ -174,7 +174,8 @@ class Restarted(Model):
         other = copy(self)
         other.spec = replace(self.spec, paths=paths)
         other._pieces = tuple(piece.along(_slips_of(paths, i)) for i, piece in enumerate(self._pieces))
-        other._join()
+        if any(piece.landing is not None for piece in (*self._pieces, *other._pieces)):
+            other._join()
         return other
 
     def describe(self, values: FloatArray) -> dict[str, Any]:

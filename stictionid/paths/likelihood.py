@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..model.landing import LEAST_OWN, chain_of
+from ..model.landing import chain_of
 from ..model.model import Model
 from ..model.replay import AT, BEFORE, OTHER, Landing, Paths, Replayed, Slips, by_law, doubts, replayed, supported
 from ..numerics.noise.normal import log_between, log_upper
@@ -95,7 +95,6 @@ def _beam(model: Model, column: FloatArray, predicted: FloatArray, gain: float, 
     friction, dynamics = model.friction(column), model.dynamics(column)
     command = model.context.command
     position = model.law.positions(command, friction, profile=model.profile, share=column[2])
-    own = max(paths.scatter**2 - 2.0 * paths.error**2, LEAST_OWN * paths.scatter**2)
     parts = command.size // model.loop.samples
     plain = replace(dynamics, closing=None, dead_time_drift=None)
     response = free_run(position, plain, step_s=model.step_s, substeps=parts, ahead=not model.spec.held)[:, 0]
@@ -107,7 +106,8 @@ def _beam(model: Model, column: FloatArray, predicted: FloatArray, gain: float, 
     _, node, known = beam(command, np.ascontiguousarray(friction[:, 0]), model.profile, start,
                           model.law.slips == "rests", paths.scatter, doubts(command, paths.error), parts, chain.late,
                           chain.keep, chain.take, chain.row, chain.through, gain / noise, target, model.good(),
-                          model.weight > 0, model.taps, paths.error if paths.landing else 0.0, own, parent, at, kind)
+                          model.weight > 0, model.taps, paths.error if paths.landing else 0.0, paths.own_variance,
+                          parent, at, kind)
     path: list[int] = []
     while node >= 0:
         path.append(node)

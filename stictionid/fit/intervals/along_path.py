@@ -40,7 +40,7 @@ def moved(model: Model, values: FloatArray) -> float | None:
     return None if paths is None else Settled(model, values, paths, np.nan).moved
 
 
-def unlikelihood(model: Model, values: FloatArray) -> float:
+def path_deviance(model: Model, values: FloatArray) -> float:
     """-2 log L of the path of a model beside that of its errors; 0 where the law places all slips."""
     paths = model.spec.paths
     return 0.0 if paths is None else model.log_scale + Settled(model.along(None), values, paths, np.nan).prior
