@@ -55,9 +55,10 @@ def test_an_effect_says_what_it_is(effect) -> None:
     assert effect.kind in "FTLN" and effect.equation and effect.source and effect.summary
     assert all(p.unit and p.meaning and p.low <= p.neutral <= p.high for p in effect.parameters)
     assert all(name in NAMES for name in effect.confused_with)
-    texts = (effect.noun, effect.sentence, effect.action)
+    texts = (effect.noun, effect.sentence, effect.action, *filter(None, [effect.brief]))
     assert all(texts) and effect.seen_over in AXES
-    assert set(re.findall(r"\{(.*?)\}", " ".join(texts))) <= {p.name for p in effect.parameters}
+    said = {name for part in re.findall(r"\{(.*?)\}", " ".join(texts)) for name in part.split("+")}
+    assert said <= {p.name for p in effect.parameters} | {"tag"}
     for p in effect.parameters_for(context()):
         assert p.low < p.high and p.low <= p.neutral <= p.high
     if effect.guess:

@@ -23,6 +23,11 @@ the same for the process of a simulation.
 `counted(y)` are the samples (n,) of a record that count beside an effect of the measurement, and `measured(y, values)`
 is what a simulation records for y. An effect that leaves every sample counted is not asked for.
 
+`shown(context)` is twice the log-likelihood that the best guess of the effect gains on the residual of a model without
+it, less its price. A search asks for the effect only where that is above 0; of several tags the best few enter.
+`picked_from(context)` is the number of alternatives, such as tags times lags, out of which a fit picks the best one.
+The gain that names the effect grows with twice its logarithm.
+
 An effect that is `asked` BY_HAND is left to `add` and `identify --with`: u and y can't tell it from its equivalents.
 `known(option)` is the effect with the number that stands behind a colon in its name, "backlash:1.5".
 Effects that users write in plain numpy (effects/written/) are subclasses, which replace `transformed` and `mover`.
@@ -56,11 +61,15 @@ class Place(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Place of a segment in its whole record: start and length in seconds, gaps included, and the centre of y."""
+    """Place of a segment in its whole record: start and length in seconds, gaps included, and the centre of y.
+
+    `cycle_s` is that of its Context, for the whole record.
+    """
 
     start_s: float
     length_s: float
     centre: float
+    cycle_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +78,8 @@ class Context:
 
     `guide` (n,) is the process value of the model. An effect that depends on y must not see the measured one, or it
     would predict y from itself. `record` is set where this is one segment of a record with gaps. `held` is true where
-    the command is constant from one of its values to the next.
+    the command is constant from one of its values to the next. `period_s` is the time scale of the swings, `cycle_s`
+    the period of the strongest line in the command, 0 where it is not known.
     """
 
     command: FloatArray
@@ -84,6 +94,7 @@ class Context:
     guide: FloatArray | None = None
     record: Record | None = None
     held: bool = True
+    cycle_s: float = 0.0
 
     @property
     def command_step_s(self) -> float:
@@ -211,10 +222,10 @@ class Effect:
     `identify` may add the effect without a look at its rivals. `natural` are the numbers in which such a valve is
     searched. `leaves` names the traces of the effect in a residual (see TRACES),
     with its rank among those that leave the same one. `settled_by` is a test that shows the effect, and `told_apart`
-    one for each effect that looks alike. `noun`
-    names the effect for a reader at the plant, `sentence` says its size, `action` what to do; {name} in them stands for
-    a parameter with its unit. Of the parts in [above {lower}|below {upper}] only those stay whose numbers the record
-    fixes. `seen_over`, one of AXES, is the axis over which a residual shows the effect. `of_record`
+    one for each effect that looks alike. `noun` names the effect for a reader at the plant, `sentence` says its size,
+    `action` what to do, `brief` the answer in a few words. In them {name} stands for a parameter with its unit,
+    {one+other} for a sum, {tag} for the tag. Of the parts in [above {lower}|below {upper}] only those stay whose
+    numbers the record fixes. `seen_over`, one of AXES, is the axis over which a residual shows the effect. `of_record`
     names the parameters that belong to one record, such as the phase of a wave; those of the plant hold in every
     record. `sudden` is true for a disturbance that comes at once. `visible` gives public values that plainly show in a
     simulated loop, the middle of those that tests find. The smallest size that shows is asked for at five values
@@ -259,6 +270,8 @@ class Effect:
     columns: Callable[[FloatArray, Context], tuple[FloatArray, ...]] | None = None
     noise: str | None = None
     guess: Callable[[Context], FloatArray] | None = None
+    shown: Callable[[Context], float] | None = None
+    picked_from: Callable[[Context], float] | None = None
     report: Callable[[Values, FloatArray, Values], dict[str, float]] | None = None
     disturb: Callable[[Values, FloatArray, np.random.Generator], Disturbance] | None = None
     setting: Callable[[Values, float, float], tuple[FloatArray, float, float]] | None = None
@@ -271,6 +284,7 @@ class Effect:
     told_apart: Mapping[str, str] = field(default_factory=dict)
     noun: str = ""
     sentence: str = ""
+    brief: str = ""
     action: str = ""
     seen_over: str = "time"
     of_record: tuple[str, ...] = ()

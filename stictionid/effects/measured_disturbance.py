@@ -1,7 +1,9 @@
 """Measured disturbance: another tag of the export drives the process value, through a lag and a dead time.
 
 Lag and dead time are searched, the gain is linear. The tag is part of the effect's name in a study
-("measured-disturbance:TAG"); `simulate` writes the disturbance as column D1.
+("measured-disturbance:TAG"); `simulate` writes the disturbance as column D1. Of many tags only those enter the search
+that the residual follows best, at any lag. The best of M tags and lags gains 2 ln M by chance, so that the margin
+grows by as much. A tag between this valve and PV, such as its own flow, drives PV as well.
 
 Equation: D(s) = gain e^{-dead_time_s s}/(lag_s s + 1) tag(s). Source: docs/method.md, section 5.
 """
@@ -13,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..numerics.parameters import Parameter
+from ..numerics.spectrum import lagged_gains, whitened
 from ..process.linear import Dynamics, free_run
 from ..typing import FloatArray
 from .contract import Context, Disturbance, Effect, Place, Scales, Values
@@ -20,11 +23,38 @@ from .contract import Context, Disturbance, Effect, Place, Scales, Values
 _LAG = Parameter("lag_s", "s", 1e-3, 1e7, 1.0, "lag from the tag to y", log=True)
 _DEAD = Parameter("dead_time_s", "s", 0.0, 1e7, 0.0, "dead time from the tag to y")
 _GAIN = Parameter("gain", "unit of y / unit of tag", -1e9, 1e9, 0.0, "static gain from the tag to y")
+# Lags of first looks, and the longest lag and dead time. Unit: periods of the loop.
+_LAGS, _LONGEST = np.array([0.02, 0.1, 0.4, 1.0]), 2.0
+# Longest dead time as a share of the record.
+_SHARE = 0.25
 
 
 def _limits(context: Context) -> tuple[Parameter, ...]:
-    return (replace(_LAG, low=0.02 * context.step_s, high=2.0 * context.period_s),
-            replace(_DEAD, high=max(0.5 * context.period_s, 5.0 * context.step_s)))
+    return (replace(_LAG, low=0.02 * context.step_s, high=_LONGEST * context.period_s),
+            replace(_DEAD, high=_longest(context) * context.step_s))
+
+
+def _longest(context: Context) -> int:
+    """Longest dead time in samples."""
+    samples = min(_LONGEST * context.period_s / context.step_s, _SHARE * context.process_value.size)
+    return max(int(samples), 5)
+
+
+def _picked_from(context: Context) -> float:
+    """Number of tags times dead times."""
+    return float(max(len(context.extras), 1) * (_longest(context) + 1))
+
+
+def _gains(context: Context) -> FloatArray:
+    """Gain in 2 log L on the residual for each of the first lags and each dead time in samples, (k, m)."""
+    tag = next(iter(context.extras.values()))
+    residual = np.zeros(tag.size) if context.residual is None else context.residual
+    white, others = whitened(residual, tag[:, None])
+    return lagged_gains(white, others[:, 0], _LAGS * context.period_s / context.step_s, _longest(context))
+
+
+def _shown(context: Context) -> float:
+    return float(_gains(context).max())
 
 
 def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
@@ -38,8 +68,11 @@ def _columns(theta: FloatArray, context: Context) -> tuple[FloatArray, ...]:
 
 
 def _guess(context: Context) -> FloatArray:
-    lags, deads = np.meshgrid([0.02, 0.1, 0.4], [0.0, 0.1, 0.3])
-    return context.period_s * np.stack([lags.ravel(), deads.ravel()], axis=1)
+    """A grid, and the best dead time of the residual beside each of the first lags."""
+    lags, deads = np.meshgrid(_LAGS[:3], [0.0, 0.1, 0.3])
+    grid = context.period_s * np.stack([lags.ravel(), deads.ravel()], axis=1)
+    best = np.stack([_LAGS * context.period_s, _gains(context).argmax(axis=1) * context.step_s], axis=1)
+    return np.concatenate([grid, best])
 
 
 def _report(searched: Values, sizes: FloatArray, base: Values) -> dict[str, float]:
@@ -65,10 +98,12 @@ EFFECT = Effect(
     summary="another tag of the export drives the process value",
     equation="gain e^{-dead_time_s s}/(lag_s s + 1) applied to the tag", source="docs/method.md, section 5",
     parameters=(_LAG, _DEAD, _GAIN), searched=("lag_s", "dead_time_s"), needs=("extra",), limits=_limits,
-    columns=_columns, guess=_guess, report=_report, disturb=_disturb,
+    columns=_columns, guess=_guess, shown=_shown, picked_from=_picked_from, report=_report, disturb=_disturb,
     visible=_visible,
-    noun="another tag of the export",
-    sentence="The tag moves PV with a gain of {gain}, a lag of {lag_s} and a dead time of {dead_time_s}.",
+    noun="{tag}",
+    sentence="{tag} drives this loop, {dead_time_s+lag_s} ahead: a dead time of {dead_time_s}, a lag of {lag_s} and a "
+             "gain of {gain} from the tag to PV.",
+    brief="{tag} drives this loop, {dead_time_s+lag_s} ahead",
     seen_over="time",
     action="Feed the tag forward to the controller, or calm its source.",
     settled_by="a deliberate move of that tag",

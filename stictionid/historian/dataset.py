@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DataError
-from .bytes.options import ReadOptions
+from .bytes.options import ALL_TAGS, ReadOptions
 from .bytes.source import Source
 from .series.assign import key_of
 from .table.arrow import floats, indices, integers
@@ -209,6 +209,8 @@ def selection(opened: Opened, options: ReadOptions) -> tuple[str, ...]:
     """Tags or columns of a dataset that the options name, or those of the loop they name; empty for all."""
     if opened.tag is None and opened.loop is not None:
         return (options.loop,) if options.loop else ()
+    if ALL_TAGS in options.extra:
+        return ()
     named = tuple(w for w in (options.sp, options.pv, options.op, options.position, options.mode, *options.extra) if w)
     if options.loop is None:
         return named if options.pv and options.op else ()

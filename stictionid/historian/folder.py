@@ -10,7 +10,7 @@ from typing import Any
 
 from ..errors import DataError, UsageError
 from .bytes.limits import limits_from
-from .bytes.options import ReadOptions
+from .bytes.options import ALL_TAGS, ReadOptions
 from .bytes.source import Source, in_short, open_source
 from .dataset import groups_of, open_dataset, parquet_in, rows_of, selection
 from .series.assign import key_of
@@ -46,6 +46,8 @@ def tag_of(path: Path) -> str:
 
 def _of_loop(files: list[Path], options: ReadOptions) -> list[Path]:
     """Files of the loop that the options name, where files are named after tags; else all files."""
+    if ALL_TAGS in options.extra:
+        return files
     named = {t for t in (options.sp, options.pv, options.op, options.position, options.mode, *options.extra) if t}
     by_tag = {tag_of(path): path for path in files}
     if options.loop is not None:

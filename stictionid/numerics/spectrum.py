@@ -1,4 +1,4 @@
-"""Power of a signal by bands of the period, for tables and pictures of a residual."""
+"""Power of a signal by bands of the period, for tables and pictures; first looks at what a residual follows."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ import itertools
 import numpy as np
 
 from ..typing import BoolArray, FloatArray
+from .autoregression import autoregression, filtered
 
 # Bands of equal ratio, and the fewest samples of a spectrum.
 BANDS, FEWEST = 8, 64
+# Points of a padded spectrum between two lines.
+_FINE = 4
 Band = tuple[float, float, float, float]
 
 
@@ -34,3 +37,68 @@ def bands_of(f: FloatArray, power: FloatArray) -> tuple[Band, ...]:
     edges, total = np.geomspace(f[0], f[-1] * (1 + 1e-9), BANDS + 1), float(power.sum())
     inside = [(a, b, (f >= a) & (f < b)) for a, b in itertools.pairwise(edges.tolist())]
     return tuple((1.0 / b, 1.0 / a, float(power[m].sum()) / total, float(m.mean())) for a, b, m in inside)
+
+
+def strongest_period(signal: FloatArray, step_s: float) -> float:
+    """Period in s of the strongest line in a signal (n,), by frequency times power; 0 where it has none.
+
+    The weight keeps slow moves of the mean from standing for a cycle. A line has at least three periods.
+    """
+    n = signal.size
+    if n < FEWEST:
+        return 0.0
+    power = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(n), _FINE * n)) ** 2
+    frequency = np.fft.rfftfreq(_FINE * n, step_s)
+    power[:_FINE * 3] = 0.0
+    best = int(np.argmax(frequency * power))
+    return 1.0 / float(frequency[best]) if power[best] > 0.0 else 0.0
+
+
+def lines_over_noise(signal: FloatArray, fine: int) -> FloatArray:
+    """Power of a signal (n,) over that of the noise around it, chi-square with two degrees where only noise is.
+
+    At `fine` frequencies from one line to the next. The noise is the median between 0.6 and 1.6 times a frequency: an
+    autoregression would take the lines of a wave for noise.
+    """
+    n = signal.size
+    x = (signal - signal.mean()) * np.hanning(n)
+    power = np.abs(np.fft.rfft(x)) ** 2
+    at = np.arange(power.size)
+    low, high = np.minimum((0.6 * at).astype(int), at - 8).clip(1), np.maximum((1.6 * at).astype(int), at + 8) + 1
+    noise = np.array([np.median(power[a:b]) for a, b in zip(low, high, strict=True)]) / np.log(2.0)
+    padded = np.abs(np.fft.rfft(x, fine * n)) ** 2
+    beside = np.interp(np.arange(padded.size) / fine, at, noise)
+    return np.asarray(2.0 * padded / np.maximum(beside, np.finfo(float).tiny), np.float64)
+
+
+def whitened(residual: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A residual (n,) and other signals (n, k) through the autoregression that whitens it; NaN counts as the mean."""
+    signals = np.column_stack([residual, others])
+    known = np.isfinite(signals)
+    mean = np.where(known, signals, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    signals = np.where(known, signals - mean, 0.0)
+    good = known[:, 0]
+    taps = autoregression(signals[:, 0], good)
+    polynomial = np.concatenate([[1.0], taps])
+    out = np.stack([filtered(x, np.ones_like(good), polynomial)[0] for x in signals.T], axis=1)
+    out[:taps.size] = 0.0
+    out[~good, 0] = 0.0
+    return out[:, 0], out[:, 1:]
+
+
+def lagged_gains(white: FloatArray, signal: FloatArray, lags: FloatArray, most: int) -> FloatArray:
+    """Gain in 2 log L of a white residual (n,) by a signal (n,), (k, most + 1): lags (k,) by delays of 0..most.
+
+    Lags and delays are in samples. The Fourier transform gives all delays at once.
+    """
+    n = white.size
+    power = float(white @ white)
+    if not power > 0.0:
+        return np.zeros((lags.size, most + 1))
+    z = np.exp(-2j * np.pi * np.fft.rfftfreq(2 * n))
+    keep = np.exp(-1.0 / np.maximum(lags, 1e-3))[:, None]
+    x = np.fft.rfft(signal, 2 * n) * (1.0 - keep) / (1.0 - keep * z)
+    energy = np.sum(np.fft.irfft(x, 2 * n, axis=1)[:, :n] ** 2, axis=1)[:, None]
+    cross = np.fft.irfft(np.conj(x) * np.fft.rfft(white, 2 * n), 2 * n, axis=1)[:, :most + 1]
+    share = cross**2 / np.maximum(energy * power, np.finfo(float).tiny)
+    return np.asarray(-n * np.log1p(-np.minimum(share, 1.0 - 1e-9)), np.float64)

@@ -16,7 +16,9 @@ from ..record.study import ParameterValue, Step, Study
 from ..record.swing import Share
 from . import wording
 
-_PLACE, _CHOICE = re.compile(r"\{(\w+)\}"), re.compile(r"\[([^]]*\|[^]]*)\]")
+_PLACE, _CHOICE = re.compile(r"\{(\w+(?:\+\w+)*)\}"), re.compile(r"\[([^]]*\|[^]]*)\]")
+# Stands for the tag of a measured disturbance, and what is said where its name has none.
+_TAG, _NO_TAG = "tag", "another tag of the export"
 _PARTS = {Share.SETPOINT: "setpoint moves", Share.NOISE: "noise", Share.START: "the start of the record"}
 # Name of the valve's share of a swing, by verdict.
 _VALVE = {"stiction": "the valve's friction", "undecided": "the valve, if it sticks",
@@ -123,14 +125,21 @@ def _filled(study: Study, name: str, text: str, *, ends: bool = True) -> str:
     at = known(name)[1]
 
     def met(part: str) -> bool:
-        return all(p in rows and rows[p].identifiable for p in _PLACE.findall(part))
+        return all(p in rows and rows[p].identifiable for one in _PLACE.findall(part) for p in one.split("+"))
 
     def chosen(choice: re.Match[str]) -> str:
         parts = choice[1].split("|")
         return wording.listed([part for part in parts if met(part)] or parts)
 
     def value(place: re.Match[str]) -> str:
-        return _value(study, rows[place[1]], at, ends) if place[1] in rows else "an unknown size"
+        names = place[1].split("+")
+        if names == [_TAG]:
+            return at or _NO_TAG
+        if not all(n in rows for n in names):
+            return "an unknown size"
+        if len(names) > 1:
+            return f"{wording.number(sum(rows[n].value for n in names))} {wording.name(rows[names[0]].unit)}"
+        return _value(study, rows[names[0]], at, ends)
 
     return _PLACE.sub(value, _CHOICE.sub(chosen, text))
 

@@ -5,6 +5,7 @@ Source: docs/method.md, section 11.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, rows_in
 from ..fit.starts.beside_effect import RESTING
 from ..process.scan import DECIMATED
-from ..record.study import Candidate, ErrorSummary, Study
+from ..record.study import Candidate, ErrorSummary, ParameterValue, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
 from .doubts import jumps_past, least_cost, settling
@@ -89,7 +90,7 @@ def _unasked(search: Search, winner: Entry) -> list[str]:
     """Effects of the catalogue that a search has asked for beside no model, though the record may hold them."""
     asked = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and not e.failed}
     open_ = [name for last in (False, True) for name in additions(winner.spec, search.loop, search.only, last=last)]
-    return sorted({parse(name)[0].name for name in open_} - asked)
+    return sorted({parse(name)[0].name for name in open_} - asked - search.unseen)
 
 
 def simplest(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
@@ -299,6 +300,8 @@ def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: 
     said = f"{whole} explains it, {gain:.0f} BIC beyond noise" if accepted else \
         f"{whole}: {failed or why or 'the model holds it'}"
     if accepted:
+        said = in_brief(whole, rows_in(whole, scored.done.model, scored.done.values, scored.done.evaluated)) + said
+        said += _other_tags(search, whole, holds)
         said += "".join(f"; but {g.reason}" for g in holds.gates if g.name == LASTS and plain(holds.what) == name)
         said += f"; what would settle it: {test}" if (test := settling(whole, alike)) else ""
     done = scored.done
@@ -309,6 +312,29 @@ def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: 
         drop_percent(without.scored.done.innovation_sd, model.scored.done.innovation_sd), gain, alike, None,
         rows_in(whole, done.model, done.values, done.evaluated), said, parse(whole)[1],
         gain_beyond_noise=gain, rejected_because=why, blocks_better=better, blocks=blocks)
+
+
+def in_brief(name: str, rows: Sequence[ParameterValue]) -> str:
+    """The answer of an effect in a few words with a colon; empty where its file has none."""
+    effect, option = parse(name)
+    values = {row.name: row for row in rows}
+    if not effect.brief:
+        return ""
+
+    def filled(place: re.Match[str]) -> str:
+        names = place[1].split("+")
+        return option if names == ["tag"] else f"{sum(values[n].value for n in names):.3g} {values[names[0]].unit}"
+
+    return re.sub(r"\{(.+?)\}", filled, effect.brief) + ": "
+
+
+def _other_tags(search: Search, name: str, holds: Entry) -> str:
+    """The next tags in the place of a named one, by the gain that each has less; empty where none was asked."""
+    others = {e.what: -_over(e, holds) for e in search.memo.values()
+              if e.op == ADD and not e.failed and e.parent == holds.parent and e.what != name
+              and plain(e.what) == plain(name)}
+    said = [f"{parse(other)[1]} ({less:.0f} BIC less)" for other, less in sorted(others.items(), key=lambda o: o[1])]
+    return f"; behind it {', '.join(said)}" if said else ""
 
 
 def _held(entry: Entry) -> Held | None:

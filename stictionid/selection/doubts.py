@@ -39,7 +39,7 @@ def least_cost(name: str, without: Entry, policy: Policy) -> float:
     """
     if plain(name) == RESTING and jumps_past(without):
         return -policy.margin
-    return margin_of(name, policy)
+    return margin_of(name, policy, without.scored.done.model)
 
 
 def judged_drop(name: str, without: Entry, before: Scored, policy: Policy) -> tuple[Gate, ...]:

@@ -6,7 +6,7 @@ Every task has its own random generator, made from the seed and the node's key.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -43,6 +43,7 @@ from ..numerics import tally
 from ..numerics.population import together
 from ..record.loop import Loop
 from ..typing import FloatArray
+from .gates import by_choice
 from .node import (
     additions,
     key,
@@ -51,6 +52,7 @@ from .node import (
     node,
     other_process,
     physical,
+    plain,
     valve_effects,
     with_effect,
 )
@@ -61,6 +63,8 @@ from .score import WALKING, Scored, completed, glanced
 _AGAIN = 2
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
+# Tags that enter a search, of those that its residual follows best.
+_TAGS = 3
 # Stages of a task: searches for valves and for those that rest sometimes; a look from what is known, and one from new
 # valves, too; then a look polished.
 VALVES, SPEEDS, NEAR, FAR, CLOSER = "valves", "speeds", "near", "far", "closer"
@@ -150,6 +154,24 @@ def adding(spec: Spec, name: str) -> Task:
     """The edge that adds an effect to a node, in levels where a walk may stand for that effect."""
     soft = spec.increments and WALKING not in parse(name)[0].confused_with
     return Task(node(with_effect(spec, name), soft=soft), name)
+
+
+def shown(ground: Ground, tasks: Sequence[Task]) -> tuple[list[Task], set[str]]:
+    """The tasks whose effects a first look at the residual does not rule out, and the plain names of the others.
+
+    Of several tags the few enter that the residual follows best.
+    """
+    model, residual = ground.fit.model, ground.fit.best.left
+    seen = {}
+    for task in tasks:
+        effect, option = parse(task.added) if task.added else (None, "")
+        if effect is not None and effect.shown is not None:
+            seen[task.added] = effect.shown(replace(model.context_of(option), residual=residual)) \
+                - by_choice(task.added, model)
+    best = sorted(seen, key=lambda name: -seen[name])
+    tags = [name for name in best if parse(name)[1]][_TAGS:]
+    out = {name for name in best if seen[name] <= 0.0} | set(tags)
+    return [t for t in tasks if t.added not in out], {plain(name) for name in out}
 
 
 def edges(spec: Spec, loop: Loop, only: Iterable[str] | None, commands: Iterable[Spec]) -> list[Task]:

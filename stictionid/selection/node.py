@@ -138,6 +138,11 @@ def additions(spec: Spec, loop: Loop, only: Iterable[str] | None = None, *, last
                  for name in variants(effect.name, loop))
 
 
+def by_tag(spec: Spec, loop: Loop, only: Iterable[str] | None) -> tuple[str, ...]:
+    """Names of effects that a further tag of the record drives and that a node may take."""
+    return tuple(name for name in additions(spec, loop, only) if "extra" in parse(name)[0].needs)
+
+
 def leaking(spec: Spec) -> Spec | None:
     """A first order with a further lag for an integrator: one that leaks has a long lag and its own; None elsewhere."""
     if spec.process != INTEGRATOR or LAG in spec.effects or spec.fixed:

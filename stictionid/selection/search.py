@@ -24,22 +24,12 @@ from .crew import Budget, Crew
 from .doubts import judged_drop, lasting, least_cost, odd, rests_instead
 from .entry import ADD, DROP, ROOT, SWAP, Entry, broken, remember, sound
 from .gates import Edge, judged, judged_change
-from .looks import (
-    CLOSER,
-    FAR,
-    NEAR,
-    Ground,
-    Packed,
-    Task,
-    adding,
-    edges,
-    pool_of,
-    rng_of,
-)
+from .looks import CLOSER, FAR, NEAR, Ground, Packed, Task, adding, edges, pool_of, rng_of, shown
 from .node import (
     BASE_EFFECTS,
     LAG,
     additions,
+    by_tag,
     depth,
     key,
     kind_of,
@@ -74,6 +64,8 @@ class Search:
     drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
     # Answers that slide and were asked once more for a valve that rests.
     rested: set[str] = field(default_factory=set)
+    # Effects that a first look at a residual ruled out.
+    unseen: set[str] = field(default_factory=set)
     budget: Budget = field(init=False)
     # True where the record is slower than the controller's scan.
     slow: bool = False
@@ -107,6 +99,9 @@ class Search:
         """
         if everything and not self.best().asked:
             self.expand(self.best())
+        if (tags := by_tag(self.best().spec, self.loop, self.only)) and not self.at_end(self.best()):
+            # A tag that explains the record is measured: nothing else need be asked.
+            self.ask(self.best(), tags)
         while doubted := self._doubted(best := self._walked()):
             self.rested.add(key(best.spec))
             self.ask(*doubted)
@@ -325,6 +320,8 @@ class Search:
         Effects off the valve come first, then those on it by twos, then changes of structure. As long as no look comes
         near the noise, the latter two are also searched from new valves, with no process assumed.
         """
+        tasks, unseen = shown(ground, tasks)
+        self.unseen |= unseen
         answers: list[Packed] = []
         valves = [t for t in tasks if t.on_valve]
         for some in filter(None, ([t for t in tasks if t.added and not t.on_valve],

@@ -40,7 +40,8 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
         return _of_noise(winner.scored, name, search)
     child, parent = _with_held(winner.scored), _with_held(_before(search, winner, name).scored)
     without = best_without(search, winner, plain(name))
-    worth, margin = winner.scored.done.gain_over(without.scored.done), margin_of(name, search.policy)
+    worth = winner.scored.done.gain_over(without.scored.done)
+    margin = margin_of(name, search.policy, winner.scored.done.model)
     gates = judged(Edge(name, child, parent, search.policy))
     lasts = any(g.name == LASTS for g in gates)
     failed = [g for g in gates if not g.passed and g.name != GAIN]

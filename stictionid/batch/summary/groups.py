@@ -1,7 +1,8 @@
 """Loops that swing with the same period, and which of them may be the source of the swing.
 
 The source is looked for among the loops whose valve sticks: the one with the strongest harmonics, and of two alike the
-one that is first. A candidate, not a proof: a test in manual of that loop tells.
+one that is first. A candidate, not a proof: a test in manual of that loop tells. Where the export held the other loops
+(--extra '*'), the tags that drive the group's loops confirm the source, or name others.
 """
 
 from __future__ import annotations
@@ -54,8 +55,24 @@ def groups_said(rows: Sequence[Row]) -> list[str]:
         why += ", and it is the first to swing" if early is first else ""
         also = [row["loop"] for row in others if row["role"] == STICKS]
         said.append(f"{begin}; {first['loop']} may be the source ({why})" + (
-            f"; {', '.join(also)} {'sticks' if len(also) == 1 else 'stick'} too" if also else "") + ".")
+            f"; {', '.join(also)} {'sticks' if len(also) == 1 else 'stick'} too" if also else "")
+                    + _driven(first, others) + ".")
     return said
+
+
+def _driven(source: Row, others: Sequence[Row]) -> str:
+    """The loops of a group that a tag of the source drives, and those that another tag drives; empty without any."""
+    drivers = {row["loop"]: str(row.get("driver") or "") for row in others if row.get("driver")}
+    mine = [loop for loop, tag in drivers.items() if _of_loop(tag, source["loop"])]
+    apart = [f"{loop} by {tag}" for loop, tag in drivers.items() if loop not in mine]
+    return (f"; its tags drive {', '.join(mine)}, which confirms it" if mine else "") + (
+        f"; other tags drive {', '.join(apart)}" if apart else "")
+
+
+def _of_loop(tag: str, loop: str) -> bool:
+    """True for a tag whose name begins with that of a loop and goes on with a separator or ends."""
+    head, rest = tag[:len(loop)], tag[len(loop):]
+    return head.casefold() == loop.casefold() and not rest[:1].isalnum()
 
 
 def _together(a: dict[str, Any], b: dict[str, Any]) -> bool:

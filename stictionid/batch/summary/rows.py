@@ -8,6 +8,7 @@ import json
 import os
 from typing import Any
 
+from ...effects import built_in
 from ...reports import wording
 from ...system.csv_safety import harmless
 from ...system.plurals import counted
@@ -30,6 +31,7 @@ _SHOWN = ("rank", "loop", "status", "verdict", "S", "J", "friction_share", "peri
           "missing", "rmse_before", "rmse_after", "adequate", "message")
 _DIGITS = 4
 _LONGEST_MESSAGE = 160
+_MEASURED = built_in(lambda effect: "extra" in effect.needs)
 
 Row = dict[str, Any]
 
@@ -37,7 +39,7 @@ Row = dict[str, Any]
 def rows_of(store: Store) -> list[Row]:
     """All rows, worst loop first, skipped files last; the same rows for the same files.
 
-    Beside its columns a row holds the loop's `rhythm`, from which the groups are made.
+    Beside its columns a row holds the loop's `rhythm`, from which groups are made, and the tag that is its `driver`.
     """
     rows = [_failed(key, content) if failure else _done(key, content) for key, content, failure in store.records()]
     rows += [_skipped(file) for file in store.skipped()]
@@ -64,7 +66,7 @@ def _skipped(file: Skipped) -> Row:
 
 
 def _row(**values: Any) -> Row:
-    return {**dict.fromkeys(COLUMNS), "rhythm": None, **values}
+    return {**dict.fromkeys(COLUMNS), "rhythm": None, "driver": None, **values}
 
 
 def _failed(key: str, record: dict[str, Any]) -> Row:
@@ -88,7 +90,13 @@ def _done(key: str, study: dict[str, Any]) -> Row:
         oscillating=_yes(found.get("oscillating")), missing="; ".join(study.get("missing") or ()),
         rmse_before=errors[0].get("rmse"), rmse_after=errors[-1].get("rmse"), noise_sd=errors[-1].get("noise_sd"),
         adequate=_yes(study.get("adequate")), friction_share=_share(study),
-        rhythm=study.get("rhythm"), study=f"studies/{key}.json")
+        rhythm=study.get("rhythm"), driver=_driver(study), study=f"studies/{key}.json")
+
+
+def _driver(study: dict[str, Any]) -> str | None:
+    """The tag that drives a loop, by its accepted candidates; None where none does."""
+    return next((str(c["variant"]) for c in study.get("candidates") or ()
+                 if c.get("accepted") and c.get("effect") == _MEASURED), None)
 
 
 def _yes(value: Any) -> str | None:

@@ -190,6 +190,7 @@ def _of_dataset(task: Task, path: Path, sha256: str | None) -> Any:
 
 def _of_table(task: Task, path: Path) -> Any:
     """A loop of a text file with several: the file is parsed once and kept until another one comes."""
+    from ...historian.bytes.options import ALL_TAGS
     from ...historian.bytes.source import open_source
     from ...historian.dataset import narrowed
     from ...historian.reading import reading_of
@@ -202,5 +203,7 @@ def _of_table(task: Task, path: Path) -> Any:
         _table.clear()
         _table[task.path] = kept
     source, table = kept
-    return reading_of(source, narrowed(table, task.select) if task.select else table, task.reading)
+    # (Other loops of a table may be what disturbs this one.)
+    narrow = task.select and ALL_TAGS not in task.reading.extra
+    return reading_of(source, narrowed(table, task.select) if narrow else table, task.reading)
 

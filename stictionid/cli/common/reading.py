@@ -35,7 +35,9 @@ Time = Annotated[str | None, _option("Column of the time (DATE+CLOCK for two).",
 Mode = Annotated[str | None, _option("Column of the controller mode.", "--mode", metavar="TAG")]
 Quality = Annotated[str | None, _option("Column of the quality of all values.", "--quality", metavar="TAG")]
 Extra = Annotated[
-    list[str] | None, _option("Further column kept as a measured disturbance; repeatable.", "--extra", metavar="TAG")
+    list[str] | None,
+    _option("Further column kept as a measured disturbance; repeatable; '*' for every other tag.", "--extra",
+            metavar="TAG"),
 ]
 LoopName = Annotated[
     str | None, _option("Which loop, sheet or struct of a file that holds several.", "--loop", metavar="NAME")

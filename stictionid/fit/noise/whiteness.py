@@ -89,7 +89,13 @@ def _tags(model: Model, polynomial: FloatArray, e: FloatArray, good: BoolArray) 
     loop = model.loop
     known = {option for name in model.names for effect, option in (parse(name),) if "extra" in effect.needs}
     tags = (loop.extras[tag] for tag in loop.moving_extras if tag not in known)
-    return [_followed(e, good, _positions(model, polynomial, np.where(np.isfinite(x), x, np.nanmean(x)))) for x in tags]
+    filled = (np.where(np.isfinite(x), x, np.nanmean(x)) for x in tags)
+    found = [_followed(e, good, _positions(model, polynomial, x)) for x in filled]
+    if len(found) < 2:
+        return found
+    # One test for all tags, by the chance that the best of so many comes as far.
+    chance = -float(np.expm1(len(found) * np.log1p(-NormalDist().cdf(-max(found)))))
+    return [-NormalDist().inv_cdf(min(max(chance, 1e-300), 1.0 - 1e-16))]
 
 
 def _positions(model: Model, polynomial: FloatArray, position: FloatArray) -> list[FloatArray]:

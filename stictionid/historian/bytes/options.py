@@ -8,14 +8,16 @@ from typing import Any
 
 from ...errors import UsageError
 
-"""Roles a column can have; further columns are extras."""
+# Stands among the further tags for all columns of numbers that have no other use.
+ALL_TAGS = "*"
 
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
     """Options for reading a file: names of columns, formats, spans, window; None or empty means "find out".
 
-    `sp pv op position time mode quality extra` are column names or 1-based column numbers. `step_s` seconds.
+    `sp pv op position time mode quality extra` are column names or 1-based column numbers; an `extra` of * stands for
+    every other tag. `step_s` seconds.
     `span_pv`, `span_op`, `split` are (low, high) in the unit of the column. `start`, `end` are time stamps, or
     seconds since the first row. `dayfirst` True, False, or None to decide over the whole file. `mode_map` maps
     a mode as written to AUTO, CAS, MAN or OFF. `roles` maps the reason of a guess, as `Reading.why` words it
@@ -56,6 +58,11 @@ class ReadOptions:
     profile: str | None = None
     limit: tuple[str, ...] = ()
     roles: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def extra_tags(self) -> tuple[str, ...]:
+        """Further tags that are named one by one."""
+        return tuple(tag for tag in self.extra if tag != ALL_TAGS)
 
     def said(self) -> dict[str, Any]:
         """The options that differ from the defaults, as plain JSON types, for `Origin.options`."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
 from ...errors import DataError, UsageError
-from ..bytes.options import ReadOptions
+from ..bytes.options import ALL_TAGS, ReadOptions
 from ..words.cells import brief, shown
 from ..words.roles import Tag, listing, pick, take_all, take_apart, tidy
 
@@ -56,7 +57,7 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
         if wanted is not None:
             found.index[role] = pick(names, wanted, _FLAG[role], file)
             found.why[role] = f"said with {_FLAG[role]}"
-    for wanted in options.extra:
+    for wanted in options.extra_tags:
         place = pick(names, wanted, "--extra", file)
         found.extras[names[place]] = place
     _refuse_shared(found.index | {f"extra {n}": i for n, i in found.extras.items()}, skip, names, file)
@@ -71,12 +72,26 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
     if missing:
         raise _not_found(missing, found, tags, names, file, encoding)
     _refuse_shared(found.index, skip, names, file)
+    if ALL_TAGS in options.extra:
+        found.extras |= _others(names, found, group, skip, numeric)
     used = set(found.index.values()) | set(found.extras.values()) | skip
     found.unused = [n for i, n in enumerate(names) if i not in used and n]
     if not found.loop:
         loops = [take_apart(names[found.index[r]]).loop for r in ("output", "process_value")]
         found.loop = next((loop for loop in loops if loop), "")
     return found
+
+
+def _others(names: tuple[str, ...], found: Assignment, group: str, skip: set[int],
+            numeric: set[int]) -> dict[str, int]:
+    """Every other column of numbers with a name of its own, without modes, qualities, masks and this loop's tags."""
+    used = set(found.index.values()) | set(found.extras.values()) | skip
+    own = {key_of(take_apart(names[i]).loop) for i in found.index.values()} | {group}
+    counts = Counter(names)
+    tags = {i: take_apart(names[i]) for i in sorted(numeric - used)}
+    return {names[i]: i for i, tag in tags.items()
+            if counts[names[i]] == 1 and names[i] and tag.role not in ("mode", "quality")
+            and names[i].strip().lower() != "used" and not (tag.role and tag.loop and key_of(tag.loop) in own)}
 
 
 def _not_found(

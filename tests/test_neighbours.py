@@ -1,0 +1,100 @@
+"""Other tags of an export as sources of a disturbance, and the cycle of another loop as a distorted wave."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from loops_with_effects import small
+
+from stictionid.batch.summary.groups import grouped, groups_said
+from stictionid.effects import get
+from stictionid.effects.contract import Context
+from stictionid.historian.bytes.options import ReadOptions
+from stictionid.historian.reading import read
+from stictionid.model.model import Model
+from stictionid.model.spec import Spec
+from stictionid.selection.gates import by_choice, margin_of
+from stictionid.selection.policy import Policy
+
+MEASURED, PERIODIC = "measured-disturbance", "periodic-disturbance"
+ROWS = 1200
+WALK = np.cumsum(np.random.default_rng(3).standard_normal(ROWS + 40))
+
+
+def seen(residual: np.ndarray, tag: np.ndarray | None = None, cycle_s: float = 0.0) -> Context:
+    """The context of a look at a residual, with a tag or a loop whose own cycle is known."""
+    return Context(np.zeros(ROWS), np.zeros(ROWS), None, 1.0, 1, 60.0, residual=residual,
+                   extras={} if tag is None else {"T": tag}, cycle_s=cycle_s)
+
+
+def noise(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal(ROWS)
+
+
+def wave(period: float, harmonics: int = 5) -> np.ndarray:
+    t = np.arange(ROWS)
+    return sum(np.sin(2 * np.pi * h * t / period + h) / h for h in range(1, harmonics + 1))
+
+
+def test_every_other_tag_is_read_but_not_those_of_the_loop_itself(tmp_path: Path) -> None:
+    header = "Timestamp,FIC1.SP,FIC1.PV,FIC1.OP,FIC1.ZT,FIC2.PV,FIC2.OP,FIC2.MODE,TI7,Shift,used\n"
+    rows = [f"2026-02-25T06:{k // 60:02d}:{k % 60:02d},50,{50 + k % 7},{40 + k % 5},{k % 3},{k % 11},{k % 13},AUTO,"
+            f"{k % 17},night,1\n" for k in range(300)]
+    file = tmp_path / "unit.csv"
+    file.write_text(header + "".join(rows))
+    loop = read(str(file), options=ReadOptions(loop="FIC1", extra=("*",))).loop
+    assert set(loop.extras) == {"FIC2.PV", "FIC2.OP", "TI7"} and loop.position is not None
+    assert loop.extras["TI7"][20] == 3.0
+    assert not read(str(file), options=ReadOptions(loop="FIC1")).loop.extras
+
+
+def test_the_residual_shows_its_source_and_the_time_by_which_that_is_ahead() -> None:
+    effect = get(MEASURED)
+    assert effect.shown and effect.guess and effect.picked_from
+    driven = noise(1) + 2.0 * WALK[5:-35]
+    context = seen(driven, WALK[35:-5])
+    assert effect.shown(context) > 10 * 2 * np.log(effect.picked_from(context))
+    lag, dead = effect.guess(context)[-4]
+    assert lag <= 2.0 and dead == pytest.approx(30.0, abs=1.0)
+    beyond = [effect.shown(c) > 2 * np.log(20 * effect.picked_from(c))
+              for c in (seen(noise(10 + i), np.cumsum(noise(50 + i))) for i in range(20))]
+    assert sum(beyond) <= 1
+
+
+def test_the_margin_grows_with_the_number_of_tags_and_only_for_tags() -> None:
+    _, loop = small()
+    margins = []
+    for count in (1, 20):
+        tags = {f"T{i}": noise(i)[:loop.samples] for i in range(count)}
+        model = Model(replace(loop, extras=tags), Spec(), s_max=10.0, period_s=60.0)
+        margins.append(margin_of(f"{MEASURED}:T0", Policy(), model))
+        assert by_choice("step-disturbance@load", model) == 0.0
+    assert margins[1] - margins[0] == pytest.approx(2 * np.log(20)) and margins[0] > Policy().margin
+
+
+def test_a_wave_with_harmonics_is_asked_for_but_no_sine_and_no_cycle_of_the_loop_itself() -> None:
+    effect = get(PERIODIC)
+    assert effect.shown and effect.guess and effect.columns
+    heard = seen(noise(1) + 2.0 * wave(71.0), cycle_s=44.0)
+    assert effect.shown(heard) > 0.0
+    assert effect.guess(heard)[0, 0] == pytest.approx(71.0, rel=0.01)
+    for quiet in (seen(noise(2)), seen(noise(2) + 2.0 * wave(71.0, 1)), seen(noise(2) + 2.0 * wave(44.0), cycle_s=44.0),
+                  seen(noise(2) + 2.0 * wave(22.0), cycle_s=44.0)):
+        assert effect.shown(quiet) <= 0.0
+    columns = np.stack(effect.columns(np.array([[44.0, 71.0, 88.0]]), heard))
+    there = np.abs(columns).max(axis=1) > 0.0
+    assert not there[:, 0].any() and there[:2, 1].all()
+    assert there[:, 2].tolist() == [True, True, False, False] * 2 + [True, True]
+
+
+def test_a_group_says_whose_tags_drive_its_loops() -> None:
+    rhythm = {"period_s": 60.0, "cycles": 40.0, "harmonics": 0.2, "phase": 0.4, "middle_s": 0.0}
+    rows = [{"loop": "FIC101", "verdict": "stiction", "rhythm": rhythm},
+            *({"loop": name, "verdict": "no stiction", "rhythm": {**rhythm, "harmonics": 0.01}, "driver": tag}
+              for name, tag in (("TIC2", "FIC101.PV"), ("LIC3", "FIC1011.PV"), ("PIC4", None)))]
+    (said,) = groups_said(grouped(rows))
+    assert "its tags drive TIC2, which confirms it" in said and "other tags drive LIC3 by FIC1011.PV" in said
+    assert "PIC4" not in said
