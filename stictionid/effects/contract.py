@@ -24,7 +24,7 @@ the same for the process of a simulation.
 is what a simulation records for y. An effect that leaves every sample counted is not asked for.
 
 `shown(context)` is twice the log-likelihood that the best guess of the effect gains on the residual of a model without
-it, less its price. A search asks for the effect only where that is above 0; of several tags the best few enter.
+it, less its price. A search asks for the effect only where that is above 0; of many tags the best few enter.
 `picked_from(context)` is the number of alternatives, such as tags times lags, out of which a fit picks the best one.
 The gain that names the effect grows with twice its logarithm.
 

@@ -25,8 +25,8 @@ _DEAD = Parameter("dead_time_s", "s", 0.0, 1e7, 0.0, "dead time from the tag to 
 _GAIN = Parameter("gain", "unit of y / unit of tag", -1e9, 1e9, 0.0, "static gain from the tag to y")
 # Lags of first looks, and the longest lag and dead time. Unit: periods of the loop.
 _LAGS, _LONGEST = np.array([0.02, 0.1, 0.4, 1.0]), 2.0
-# Longest dead time as a share of the record.
-_SHARE = 0.25
+# Least and largest of the longest dead time, as shares of the record.
+_LEAST, _MOST = 0.1, 0.25
 
 
 def _limits(context: Context) -> tuple[Parameter, ...]:
@@ -36,7 +36,8 @@ def _limits(context: Context) -> tuple[Parameter, ...]:
 
 def _longest(context: Context) -> int:
     """Longest dead time in samples."""
-    samples = min(_LONGEST * context.period_s / context.step_s, _SHARE * context.process_value.size)
+    rows = context.process_value.size
+    samples = min(max(_LONGEST * context.period_s / context.step_s, _LEAST * rows), _MOST * rows)
     return max(int(samples), 5)
 
 

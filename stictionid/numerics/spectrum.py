@@ -54,25 +54,35 @@ def strongest_period(signal: FloatArray, step_s: float) -> float:
     return 1.0 / float(frequency[best]) if power[best] > 0.0 else 0.0
 
 
+def _noise(power: FloatArray) -> FloatArray:
+    """Power of the noise (k,) under a spectrum (k,): the median between 0.6 and 1.6 times each frequency.
+
+    An autoregression would take the lines of a wave for noise.
+    """
+    at = np.arange(power.size)
+    low, high = np.minimum((0.6 * at).astype(int), at - 8).clip(1), np.maximum((1.6 * at).astype(int), at + 8) + 1
+    found = np.array([np.median(power[a:b]) for a, b in zip(low, high, strict=True)]) / np.log(2.0)
+    return np.asarray(np.maximum(found, np.finfo(float).tiny), np.float64)
+
+
 def lines_over_noise(signal: FloatArray, fine: int) -> FloatArray:
     """Power of a signal (n,) over that of the noise around it, chi-square with two degrees where only noise is.
 
-    At `fine` frequencies from one line to the next. The noise is the median between 0.6 and 1.6 times a frequency: an
-    autoregression would take the lines of a wave for noise.
+    It is given at `fine` frequencies from one line to the next.
     """
     n = signal.size
     x = (signal - signal.mean()) * np.hanning(n)
-    power = np.abs(np.fft.rfft(x)) ** 2
-    at = np.arange(power.size)
-    low, high = np.minimum((0.6 * at).astype(int), at - 8).clip(1), np.maximum((1.6 * at).astype(int), at + 8) + 1
-    noise = np.array([np.median(power[a:b]) for a, b in zip(low, high, strict=True)]) / np.log(2.0)
+    noise = _noise(np.abs(np.fft.rfft(x)) ** 2)
     padded = np.abs(np.fft.rfft(x, fine * n)) ** 2
-    beside = np.interp(np.arange(padded.size) / fine, at, noise)
-    return np.asarray(2.0 * padded / np.maximum(beside, np.finfo(float).tiny), np.float64)
+    beside = np.interp(np.arange(padded.size) / fine, np.arange(noise.size), noise)
+    return np.asarray(2.0 * padded / beside, np.float64)
 
 
 def whitened(residual: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A residual (n,) and other signals (n, k) through the autoregression that whitens it; NaN counts as the mean."""
+    """A residual (n,) and other signals (n, k) through the autoregression that whitens it; NaN counts as the mean.
+
+    Divided by a smooth spectrum of the residual instead, two walks would follow each other.
+    """
     signals = np.column_stack([residual, others])
     known = np.isfinite(signals)
     mean = np.where(known, signals, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)

@@ -43,7 +43,6 @@ from ..numerics import tally
 from ..numerics.population import together
 from ..record.loop import Loop
 from ..typing import FloatArray
-from .gates import by_choice
 from .node import (
     additions,
     key,
@@ -64,7 +63,7 @@ _AGAIN = 2
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
 # Tags that enter a search, of those that its residual follows best.
-_TAGS = 3
+_TAGS = 4
 # Stages of a task: searches for valves and for those that rest sometimes; a look from what is known, and one from new
 # valves, too; then a look polished.
 VALVES, SPEEDS, NEAR, FAR, CLOSER = "valves", "speeds", "near", "far", "closer"
@@ -159,18 +158,17 @@ def adding(spec: Spec, name: str) -> Task:
 def shown(ground: Ground, tasks: Sequence[Task]) -> tuple[list[Task], set[str]]:
     """The tasks whose effects a first look at the residual does not rule out, and the plain names of the others.
 
-    Of several tags the few enter that the residual follows best.
+    Of many tags the few enter that the residual follows best, however little: a wrong base may hide its source.
     """
     model, residual = ground.fit.model, ground.fit.best.left
     seen = {}
     for task in tasks:
         effect, option = parse(task.added) if task.added else (None, "")
         if effect is not None and effect.shown is not None:
-            seen[task.added] = effect.shown(replace(model.context_of(option), residual=residual)) \
-                - by_choice(task.added, model)
+            seen[task.added] = effect.shown(replace(model.context_of(option), residual=residual))
     best = sorted(seen, key=lambda name: -seen[name])
     tags = [name for name in best if parse(name)[1]][_TAGS:]
-    out = {name for name in best if seen[name] <= 0.0} | set(tags)
+    out = {name for name in best if seen[name] <= 0.0 and not parse(name)[1]} | set(tags)
     return [t for t in tasks if t.added not in out], {plain(name) for name in out}
 
 
