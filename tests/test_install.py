@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import sysconfig
 from importlib.metadata import distributions
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from stictionid._version import __version__
+from stictionid.system import files
 
 PACKAGE = Path(__file__).resolve().parent.parent / "stictionid"
 
@@ -23,6 +25,12 @@ def test_the_installed_package_holds_every_file_of_the_source() -> None:
     source = {path.relative_to(PACKAGE.parent).as_posix() for path in PACKAGE.rglob("*")
               if path.is_file() and "__pycache__" not in path.parts}
     assert source == installed
+
+
+def test_a_run_that_asks_for_the_installed_package_tests_it() -> None:
+    if not sys.flags.safe_path:
+        pytest.skip("the source is tested here; .ci/elsewhere.py tests the wheel")
+    assert PACKAGE not in Path(files.__file__).parents
 
 
 def test_citation_and_changelog_name_this_version() -> None:
