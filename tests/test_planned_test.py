@@ -95,8 +95,10 @@ def test_the_proposed_test_tells_a_sticking_valve_from_one_that_follows(valve: t
 def test_an_integrator_comes_back_and_a_settled_study_has_no_test() -> None:
     study, loop = undecided()
     assert study.estimate is not None
-    tank = replace(study, estimate=replace(study.estimate, integrating=True, gain=0.1))
-    test = with_plan(tank, loop, pv_limits=(0.0, 200.0)).planned_test
+    error = replace(study.steps[-1].error, rmse=0.1, rmse_one_step=0.1)
+    tank = replace(study, estimate=replace(study.estimate, integrating=True, gain=0.05),
+                   steps=(*study.steps[:-1], replace(study.steps[-1], error=error)))
+    test = with_plan(tank, loop, pv_limits=(0.0, 100.0)).planned_test
     assert test is not None and test.moves
     levels = np.cumsum(test.moves)
     assert abs(levels[-1]) < 1e-9 and abs(levels.sum()) < 1e-6

@@ -32,13 +32,13 @@ def stepped(loop: Loop, found: Range) -> Range:
     change = np.diff(u)
     ways = np.sign(change[np.abs(change) > _STEP * np.ptp(u)])
     if ways.size > _MOVING * u.size:
-        raise CannotTell(f"OP moves in {100 * ways.size / u.size:.0f} % of the samples: that is a loop in automatic, or "
-                         "a ramp, no test by hand", "leave --test out, or put the loop in manual and step OP",
+        raise CannotTell(f"OP moves in {100 * ways.size / u.size:.0f} % of the samples: that is a loop in automatic, "
+                         "or a ramp, no test by hand", "leave --test out, or put the loop in manual and step OP",
                          code="no-manual-test")
     turns = int((np.diff(ways) != 0.0).sum())
     if not turns:
-        raise CannotTell(f"OP takes {counted(ways.size, 'step')} in one direction: only after a reversal does PV show S",
-                         "step OP up, then down in small steps", code="no-reversal")
+        raise CannotTell(f"OP takes {counted(ways.size, 'step')} in one direction: only after a reversal does PV "
+                         "show S", "step OP up, then down in small steps", code="no-reversal")
     return replace(found, oscillating=False, period_s=None, period_median_s=None, s_max=None, cycles=(),
                    reason=f"a manual test: OP takes {ways.size} steps and reverses {counted(turns, 'time')}",
                    reference="mean of y", reversals=turns)

@@ -35,8 +35,8 @@ of a verdict (verdict/judge.py) in 97 % of tests. Unit: 1."""
 _DISAGREE, _MOST_ANSWERS = 0.2, 3
 # "No stiction" denies an S of a fifth of the swing of OP; a test denies one of this share. Unit: 1.
 _DENIED = 0.15
-# Share of the squared free-run error by which friction lowers it in the mean: the error falls by 9 %, where a verdict of
-# stiction needs 5 %. Unit: 1.
+# Share of the squared free-run error by which friction lowers it: the error falls by 9 %, where a verdict of stiction
+# needs 5 %. Unit: 1.
 _SHOWN = 0.2
 # S of the study is taken as true within this factor, as far as its interval reaches.
 _UNSURE = 1.5
