@@ -162,7 +162,7 @@ def with_plan(study: Study, loop: Loop | None, *, op_limits: Limits | None = Non
 def _answers(study: Study) -> tuple[ValveAnswer, ...]:
     """Valves that the study leaves open: that of the estimate, one that follows, and others that explain it alike."""
     e = study.estimate
-    if e is None or not study.steps or not study.steps[-1].model:
+    if e is None or not e.S > 0.0 or not study.steps or not study.steps[-1].model:
         return ()
     found = [ValveAnswer(e.S, e.J)]
     if study.verdict.stiction == "undecided":
