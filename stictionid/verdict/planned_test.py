@@ -38,7 +38,7 @@ _DENIED = 0.15
 # Share of the squared free-run error by which friction lowers it: the error falls by 9 %, where a verdict of stiction
 # needs 5 %. Unit: 1.
 _SHOWN = 0.2
-# S of the study is taken as true within this factor, as far as its interval reaches.
+# S and gain of the study are taken as true within this factor, as far as their intervals reach.
 _UNSURE = 1.5
 # Sizes of a small step: at most this share of S, and down to it over the other, on a scale of round numbers.
 _LARGEST, _FINEST, _ROUND = 1.2, 12.0, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
@@ -46,7 +46,8 @@ _LARGEST, _FINEST, _ROUND = 1.2, 12.0, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
 _LARGE, _BACK, _TURNS = (3, 4, 5, 7, 9), (2, 3, 4, 5, 6), (1, 2, 4)
 # Small steps back together, in the largest S that may be true: PV has to show where the stem breaks away. Unit: 1.
 _BREAKS = 1.2
-# Hold of a step: the dead time and these time constants; no shorter than this for the hand, and in samples. Unit: s, 1.
+# Hold of a step: the largest possible dead time and these time constants; no shorter than this for the hand, and in
+# samples. Unit: s, 1.
 _HOLDS, _SHORTEST_S, _FEWEST = (1.0, 2.0, 3.0, 6.0), 5.0, 5
 # Most parts of a hold in a simulation, and the longest test that a person is asked for. Unit: 1, s.
 _PARTS, _LONGEST_S = 20, 7200.0
@@ -198,7 +199,7 @@ def _planned(study: Study, loop: Loop, answers: tuple[ValveAnswer, ...], op_limi
         parts = min(round(hold_s / loop.step_s), _PARTS)
         output, part_s = np.repeat([start, *(start + np.cumsum(moves))], parts), hold_s / parts
         lanes = np.concatenate([plant.lanes(_varied(e, a)) for a in answers], axis=1)
-        way = e.gain * plant.responses(output, part_s, lanes)
+        way = _ends(e.gain, e.gain_interval)[1] * plant.responses(output, part_s, lanes)
         ends, reach = start + np.cumsum(moves), float(np.abs(way).max())
         sign = next((s for s in (1, -1) if _within(start + s * (ends - start), op) and
                      _within(level + s * way, pv, _NOISE * step.error.best)), 0)
@@ -223,8 +224,8 @@ def _candidates(plant: _Plant, answers: Sequence[ValveAnswer]) -> list[tuple[flo
     back = _BREAKS * max(S for a in answers for S, _ in _varied(e, a))
     decades = range(math.floor(math.log10(S / _FINEST)), math.ceil(math.log10(_LARGEST * S)) + 1)
     sizes = [x for d in decades for r in _ROUND if S / _FINEST <= (x := r * 10.0**d) <= _LARGEST * S]
-    lag = sum(e.time_constants_s)
-    holds = {_round_up(max(e.dead_time_s + c * lag, _SHORTEST_S, _FEWEST * plant.step_s), plant.step_s) for c in _HOLDS}
+    lag, dead = sum(e.time_constants_s), max(e.dead_time_s, *(e.dead_time_interval or (0.0,)))
+    holds = {_round_up(max(dead + c * lag, _SHORTEST_S, _FEWEST * plant.step_s), plant.step_s) for c in _HOLDS}
     found = [(hold, size * np.array(moves * turns)) for hold in holds for size in sizes for turns in _TURNS
              for moves in _patterns(e.integrating, back / size)
              if FEWEST_SAMPLES * plant.step_s <= (len(moves) * turns + 1) * hold <= _LONGEST_S]
@@ -254,8 +255,15 @@ def _varied(e: Estimate, answer: ValveAnswer) -> list[tuple[float, float]]:
     """S and J of an answer, and its S at both ends of the interval as far as that is believed; J in proportion."""
     if answer.S == 0.0 or e.S_interval is None:
         return [(answer.S, answer.J)]
-    low, high = (float(np.clip(x / e.S, 1.0 / _UNSURE, _UNSURE)) for x in e.S_interval)
-    return [(f * answer.S, f * answer.J) for f in (1.0, low, high)]
+    return [(f * answer.S, f * answer.J) for f in (1.0, *_ends(1.0, (e.S_interval[0] / e.S, e.S_interval[1] / e.S)))]
+
+
+def _ends(value: float, interval: tuple[float, float] | None) -> tuple[float, float]:
+    """The smallest and the largest size of a number in its interval, as far as that is believed, with its sign."""
+    if interval is None:
+        return value, value
+    low, high = sorted(float(np.clip(x / value, 1.0 / _UNSURE, _UNSURE)) for x in interval)
+    return low * value, high * value
 
 
 def _least(plant: _Plant, answers: Sequence[ValveAnswer], output: FloatArray, part_s: float) -> float:
