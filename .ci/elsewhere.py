@@ -1,6 +1,8 @@
 """Runs the tests of .ci/elsewhere.txt with the oldest allowed dependencies, and with the newest on other Pythons.
 
 The oldest are tested as on another processor, too (.ci/processor.py): one set of kernels is compiled for both.
+The tests, and with them the console blocks of README.md, run the wheel and not the folder. The wheel is built from the
+source distribution.
 Run: python .ci/elsewhere.py [--every] [--only WORD]
 Of the other Pythons the newest is taken, where there are more than two cores; --every takes all (each is about three
 minutes of one core).
@@ -34,6 +36,8 @@ _LIMIT_S = 1800
 _SIDE_BY_SIDE = 2
 # Cores beside which another Python is tested only on request.
 _FEW_CORES = 2
+# Files and folders that a clean checkout does not have.
+_NOT_SOURCE = (".git", ".venv*", "__pycache__", ".*_cache", ".hypothesis", "*.egg-info", "build", "dist", "site")
 
 
 @dataclass(frozen=True)
@@ -53,10 +57,9 @@ class NoWheels(Exception):
     """Which requirements have no wheel for this Python."""
 
 
-def required(extra: str = "") -> list[str]:
-    """The package's requirements, and those of an extra."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    return [*project["dependencies"], *(project["optional-dependencies"][extra] if extra else ())]
+def required() -> list[str]:
+    """The package's requirements."""
+    return list(tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"])
 
 
 def lines_of(path: Path) -> list[str]:
@@ -107,7 +110,9 @@ def run(words: list[str], folder: Path) -> tuple[int, str]:
     drop = ("PYTHONPATH", "VIRTUAL_ENV", "PIP_CONSTRAINT", "PYTHONDONTWRITEBYTECODE")
     env = {k: v for k, v in os.environ.items() if k not in drop} | {
         "NUMBA_CACHE_DIR": str(folder / "kernels"), "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg",
-        "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_NO_INPUT": "1"}
+        "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_NO_INPUT": "1",
+        # The folder that a Python starts in is not searched: the tests import what is installed.
+        "PYTHONSAFEPATH": "1"}
     try:
         done = subprocess.run(words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                               text=True, errors="replace", cwd=ROOT, env=env, timeout=_LIMIT_S)
@@ -136,18 +141,27 @@ def without_wheels(pip: list[str], pins: Path | None, folder: Path) -> list[str]
     return absent if len(absent) < len(wanted) else []
 
 
-def tested(place: Place, folder: Path) -> str:
-    """The closing line of the tests in a new environment. Failed, or NoWheels.
+def built(folder: Path, install: list[str]) -> Path:
+    """The wheel, from the source distribution of a copy: .ci/run builds in the folder itself meanwhile. Failed."""
+    shutil.copytree(ROOT, folder / "source", ignore=shutil.ignore_patterns(*_NOT_SOURCE))
+    for words in ([*install, "build", "setuptools>=77"],
+                  [install[0], "-m", "build", "--no-isolation", "--outdir", str(folder), str(folder / "source")]):
+        code, said = run(words, folder)
+        if code:
+            raise Failed(said)
+    return next(folder.glob("*.whl"))
 
-    The package itself is not installed: the tests import the folder they stand in.
-    """
+
+def tested(place: Place, folder: Path) -> str:
+    """The closing line of the tests in a new environment with the wheel. Failed, or NoWheels."""
     code, said = run([place.python, "-m", "venv", str(folder / "env")], folder)
     if code:
         raise Failed(said)
     pip = [str(folder / "env" / "bin" / "python"), "-m", "pip"]
     pins = ["-c", str(place.pins)] if place.pins else []
     install = [*pip, "install", "-q", "--no-compile", "--only-binary", ":all:"]
-    code, said = run([*install, *pins, *required("test")], folder)
+    wheel = built(folder, install)
+    code, said = run([*install, *pins, f"{wheel}[test]"], folder)
     if code:
         absent = without_wheels(pip, place.pins, folder)
         raise NoWheels(", ".join(absent)) if absent else Failed(said)

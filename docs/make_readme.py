@@ -34,7 +34,7 @@ def run(commands: list[str], folder: Path) -> str:
     for command in commands:
         words = command.replace("stictionid ", f"{sys.executable} -m stictionid ", 1)
         done = subprocess.run(words, shell=True, cwd=folder, capture_output=True, text=True,
-                              env={**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", "COLUMNS": "80"})
+                              env={**os.environ, "NO_COLOR": "1", "COLUMNS": "80"})
         if done.returncode:
             raise SystemExit(f"{command}\n{done.stderr}")
         lines += [f"$ {command}", *(line.rstrip() for line in done.stdout.splitlines())]
@@ -56,6 +56,7 @@ def made(pictures: Path) -> Iterator[tuple[Path, str, str]]:
 
 
 if __name__ == "__main__":
+    os.environ["PYTHONPATH"] = str(ROOT)
     for page, old, new in made(ROOT / "docs"):
         content = page.read_text(encoding="utf-8")
         page.write_text(content.replace(f"```console\n{old}```", f"```console\n{new}```"), encoding="utf-8")

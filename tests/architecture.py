@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 RULES = tomllib.loads((Path(__file__).parent / "architecture.toml").read_text(encoding="utf-8"))
+RULES["order"] = [room for floor in RULES["floors"] for room in floor["rooms"]]
 
 
 @dataclass(frozen=True)

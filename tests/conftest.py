@@ -21,7 +21,9 @@ os.environ["STICTIONID_COMPILE_ALONE"] = "1"
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 # Processes in other folders run the source under test, not an installed copy, and find the kernels compiled so far.
-os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+# Under PYTHONSAFEPATH it is the installed copy that is tested (.ci/elsewhere.py).
+if not sys.flags.safe_path:
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
 
 
 def _compile_each_kernel_once() -> None:

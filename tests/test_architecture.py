@@ -6,6 +6,7 @@ from __future__ import annotations
 import ast
 import importlib
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +26,14 @@ def test_the_layout_has_no_fault() -> None:
 def test_the_order_names_the_rooms_that_are_there() -> None:
     there = {path.stem for path in PACKAGE.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
     assert there - {"__init__", "__main__"} == set(RULES["order"])
+
+
+def test_the_page_and_its_picture_are_what_the_script_writes() -> None:
+    docs = PACKAGE.parent / "docs"
+    drawn = runpy.run_path(str(docs / "make_architecture.py"))
+    assert drawn["WAY"].keys() <= set(RULES["order"])
+    for name, text in ((drawn["PAGE"], drawn["page"]()), (drawn["PICTURE"], drawn["picture"]())):
+        assert (docs / name).read_text(encoding="utf-8") == text, "run docs/make_architecture.py"
 
 
 # One planted fault of each kind: files of a small package, and a part of the line that must be said of it. All stand

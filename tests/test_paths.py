@@ -29,7 +29,7 @@ from stictionid.model.replay import Paths, Slips, by_law, doubts, paths_from, re
 from stictionid.model.segments import bound
 from stictionid.model.spec import Spec
 from stictionid.numerics.noise.landing import LandingFilter
-from stictionid.numerics.noise.normal import log_between, log_upper
+from stictionid.numerics.noise.normal import between, log_between, log_upper
 from stictionid.paths.beam import beam
 from stictionid.paths.likelihood import deviance, law_paths
 from stictionid.paths.settle import annealed, settled
@@ -243,3 +243,20 @@ def test_a_valve_is_found_from_far_off_with_a_scatter_that_shrinks():
     found = min(annealed(model, start), key=lambda s: s.deviance)
     assert found.values[0] == pytest.approx(4.0, rel=0.02)
     assert found.values[1] == pytest.approx(2.0, rel=0.05)
+
+
+def test_moments_of_a_truncated_normal_far_into_its_tails():
+    # A path that is foreign to the values of a model asks for forces a thousand scatters away.
+    low = np.array([-np.inf, -3.0, 0.5, 20.0, 30.0, -31.0, 1e3, -1e6, 0.3, -1e-9, 2.0])
+    high = np.array([1.0, -2.9, 0.6, 20.5, 31.0, -30.0, 1e3 + 1.0, -1e6 + 1.0, 0.3, 1e-9, 1.0])
+    with np.errstate(all="raise"):
+        mean, square = between(low, high, 1.0)
+    for k in range(8):
+        a, b = float(low[k]), float(high[k])
+        top = min(max(a, 0.0), b) if a <= 0.0 <= b else (a if a > 0.0 else b)
+        x = np.linspace(max(a, top - 12.0, -12.0 + min(top, 0.0)), min(b, top + 12.0), 400_001)
+        weight = np.exp(-0.5 * (x - top) * (x + top))
+        np.testing.assert_allclose([mean[k], square[k]], [np.sum(weight * x) / np.sum(weight),
+                                                          np.sum(weight * x * x) / np.sum(weight)], rtol=2e-3)
+    np.testing.assert_allclose(mean[8:], [0.3, 0.0, 2.0], atol=1e-8)
+    assert (square >= mean**2).all()

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
+import typer
 from printed import said, same_text, whole_page
 
+from stictionid.cli.app import app
 from stictionid.effects import catalogue
 from stictionid.errors import DataError
 from stictionid.historian import ReadOptions, read_loop
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [*(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "CHANGELOG", "SECURITY")),
+         *sorted((ROOT / "docs").glob("*.md"))]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -43,6 +47,73 @@ def test_ci_runs_the_readmes_commands() -> None:
 
 def test_the_readme_is_short() -> None:
     assert len(TEXT.splitlines()) <= 150
+
+
+# A number in the prose: digits or a word. Code, links and what the commands print are no prose.
+_WORDS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6, "seven": 7, "eight": 8, "nine": 9, "ten": 10,
+          "eleven": 11, "twelve": 12, "fourteen": 14, "fifteen": 15, "twenty": 20, "thirty": 30, "hundred": 100}
+_NUMBER = re.compile(rf"\d+(?:[.,]\d+)*|\b(?:{'|'.join(_WORDS)})\b", re.IGNORECASE)
+# Numbers that no run prints: advice, and the time of the suite, which is measured by hand.
+_GIVEN = (r"(fourteen) minutes of processor time", r"(Ten) whole cycles in automatic", r"Of (100) such intervals")
+
+
+def prose(text: str) -> str:
+    return re.sub(r"```.*?```|`[^`]*`|\]\([^)]*\)", "", text, flags=re.DOTALL)
+
+
+def sources(text: str) -> dict[str, Sequence[float | str]]:
+    """Sentences with numbers, and the same numbers as commands, outputs, settings and lists give them."""
+    def first(pattern: str) -> tuple[str, ...]:
+        found = re.search(pattern, text)
+        assert found, pattern
+        return found.groups()
+
+    codes = typer.main.get_command(app).commands["identify"].epilog  # type: ignore[attr-defined]
+    level = first(r"(\d+) % intervals\n")
+    return {
+        r"from (\w+)\s+signals": (len(first(r"```csv\nTime,(.*)\n")[0].split(",")),),
+        r"answers (\w+) questions": (len(re.findall(r"^\* ", text.split("\n## ")[0], re.MULTILINE)),),
+        r"each with a (\d+) % interval": level, r"\*\*(\d+) % interval": level, r"about (\d+) hold the truth": level,
+        r"## (\w+) commands": (text.count("```sh\n"),),
+        r"Python ([\d.]+) or newer": re.findall(r'requires-python = ">=(.*)"', (ROOT / "pyproject.toml").read_text()),
+        r"(\w+) are enough, or setpoint moves that make the valve reverse (\w+) times": first(
+            r"(\d+) are needed\) and no setpoint\s+moves that make the valve reverse (\d+) times"),
+        r"exit code (\d), or (\d) with": re.findall(r"(\d) (?:done, whatever the answer|with --strict)", codes),
+        r"ends with (\d), as these (\d+) s do": (*first(r"exit code (\d)\n```"), *first(r"--end (\d+)")),
+        r"S = (\S+) % and J = (\S+) %": first(r"--S (\S+) --J (\S+)"), r"stop at (\S+) %": first(r"upper=(\S+)"),
+        r"leaves ([\d.]+)\.\n": first(r"Error \S+ -> (\S+), the noise"),
+        r"from (\d) to ([\d.]+)\. It is no prob": (0, *first(r"verdict: stiction \(confidence (.*)\)")),
+        r"The error is (\S+) times": first(r"free-run error \S+ is (\S+) times"),
+    }
+
+
+def strange_numbers(said: str, text: str) -> list[str]:
+    """Numbers of the prose that its sources contradict, and those that have no source."""
+    found, known = [], set()
+    for pattern, values in {**sources(text), **dict.fromkeys(_GIVEN, ())}.items():
+        match = re.search(pattern, said)
+        if match is None:
+            found.append(f"nothing says {pattern}")
+            continue
+        known |= {match.span(i) for i in range(1, len(match.groups()) + 1)}
+        found += [f"{value}, not {match[0]}" for word, value in zip(match.groups(), values, strict=bool(values))
+                  if float(_WORDS.get(word.lower(), word)) != float(value)]
+    return found + [f"no source: {said[m.start() - 30:m.end() + 30]}" for m in _NUMBER.finditer(said)
+                    if m.span() not in known]
+
+
+def test_every_number_of_the_prose_is_what_the_commands_print() -> None:
+    assert strange_numbers(prose(TEXT), TEXT) == []
+
+
+def test_a_spoiled_number_of_the_prose_is_found() -> None:
+    said = prose(TEXT)
+    given = [re.search(pattern, said) for pattern in _GIVEN]
+    for number in _NUMBER.finditer(said):
+        if number.span() not in [match and match.span(1) for match in given]:
+            spoiled = f"{said[:number.start()]}7{said[number.end():]}"
+            assert strange_numbers(spoiled, TEXT), number
+    assert any("no source" in line for line in strange_numbers(f"{said} Twelve effects.", TEXT))
 
 
 def test_git_ignores_what_the_readme_writes() -> None:

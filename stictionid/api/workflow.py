@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ..comparison import Comparison as Compared
+    from ..record.study import Study as StudyRecord
     from ..selection.policy import Policy
 
 # Names of a known plant.
@@ -36,15 +37,17 @@ _SHOWN = 5
 def identify(loop: Loop | pd.DataFrame | str | os.PathLike[str], *, law: str | None = None,
              effects: Sequence[str] = (), method: str = "auto", base_only: bool = False, between: str = "auto",
              scan_s: float | None = None, plant: Mapping[str, float] | None = None, seed: int = 0,
-             budget: int | None = None, progress: Progress | None = None) -> Study:
+             budget: int | None = None, progress: Progress | None = None, test: str | None = None,
+             op_limits: tuple[float, float] | None = None, pv_limits: tuple[float, float] | None = None) -> Study:
     """S, J, process, errors and verdict of a loop: a Loop, a DataFrame, or the path of a file.
 
     S and J are in % of travel, the gain of the process in the unit of PV per %, lags and dead time in s, errors in the
     unit of PV. `law` names a stiction law or "all", `effects` are put into the model from the start, `base_only` stops
     at the base model. `plant` holds what is known of the process: gain (unit of PV per %, of an integrator per s,
     too), time_constant_s and dead_time_s (s). `between` says what the output did between samples, `scan_s` is the scan
-    of the controller in s. `budget` is the largest number of cost evaluations. The same seed gives the same study. A
-    record that can't tell gives a study with the verdict "undecided" and its reason.
+    of the controller in s. `budget` is the largest number of cost evaluations. `test` "steps" reads a manual test.
+    `op_limits` (% of travel) and `pv_limits` (unit of PV) bound the test that is planned. The same seed gives the same
+    study. A record that can't tell gives a study with the verdict "undecided" and its reason.
     """
     from ..fit.options import USUAL_SCAN_S, Options
     from ..verbs.identify import identify as run
@@ -55,8 +58,9 @@ def identify(loop: Loop | pd.DataFrame | str | os.PathLike[str], *, law: str | N
         raise UsageError(f"the plant has no {unknown[0]!r}", "give " + ", ".join(_PLANT))
     named = (effects,) if isinstance(effects, str) else tuple(effects)
     options = Options(method, law, named, base_only, between, {k: float(v) for k, v in (plant or {}).items()}, seed,
-                      command="stictionid.identify", scan_s=USUAL_SCAN_S if scan_s is None else scan_s)
-    return Study(run(found.record, options=options, policy=_policy(budget), progress=teller(progress)), found)
+                      command="stictionid.identify", scan_s=USUAL_SCAN_S if scan_s is None else scan_s, test=test)
+    return _study(run(found.record, options=options, policy=_policy(budget), progress=teller(progress)), found,
+                  op_limits=op_limits, pv_limits=pv_limits)
 
 
 @speaking_python
@@ -73,8 +77,8 @@ def diagnose(study: Study, loop: Loop | pd.DataFrame | str | os.PathLike[str] | 
     from ..verbs.diagnose import diagnose as run
 
     found = loop_for(study.record, loop, study.loop)
-    return Study(run(found.record, study.record, everything=everything, apply=apply, seed=seed, jobs=jobs,
-                     bootstrap=bootstrap, policy=_policy(budget), progress=teller(progress)), found)
+    return _study(run(found.record, study.record, everything=everything, apply=apply, seed=seed, jobs=jobs,
+                      bootstrap=bootstrap, policy=_policy(budget), progress=teller(progress)), found)
 
 
 @speaking_python
@@ -91,7 +95,7 @@ def add(study: Study, effect: str, loop: Loop | pd.DataFrame | str | os.PathLike
     from ..verbs.add import add as run
 
     found = loop_for(study.record, loop, study.loop)
-    return Study(run(found.record, study.record, effect, seed=seed, prune=prune, progress=teller(progress)), found)
+    return _study(run(found.record, study.record, effect, seed=seed, prune=prune, progress=teller(progress)), found)
 
 
 @speaking_python
@@ -107,7 +111,7 @@ def remove(study: Study, effect: str, loop: Loop | pd.DataFrame | str | os.PathL
     from ..verbs.remove import remove as run
 
     found = loop_for(study.record, loop, study.loop)
-    return Study(run(found.record, study.record, effect, seed=seed, progress=teller(progress)), found)
+    return _study(run(found.record, study.record, effect, seed=seed, progress=teller(progress)), found)
 
 
 @dataclass(frozen=True, repr=False)
@@ -189,6 +193,13 @@ def report(study: Study | Sequence[Study], path: str | os.PathLike[str],
                      Case(each.record, own.record, tuple(curves(each.record, own.record))))
     write_report(cases, Path(path), figures=figures, force=force, progress=teller(progress))
     return Path(path)
+
+
+def _study(record: StudyRecord, loop: Loop, **limits: tuple[float, float] | None) -> Study:
+    """A study with its loop, and with the test that would settle it."""
+    from ..verdict.planned_test import with_plan
+
+    return Study(with_plan(record, loop.record, **limits), loop)
 
 
 def _policy(budget: int | None) -> Policy | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -26,6 +26,7 @@ from .common.output import (
     safe,
     say,
 )
+from .common.planned import OpLimits, PvLimits, limits_of, print_plan
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.study_files import DataArgument, StudyArgument, check_study_place, open_data, open_study
 from .common.study_tables import (
@@ -56,6 +57,7 @@ def diagnose(
                                            "p-value of the named effect, 99 or more; about half a second each.")] = 0,
     details: Annotated[bool, typer.Option("--details", help="Show every effect asked, the models tried, those not "
                                           "asked, and the counts of work.")] = False,
+    op_limits: OpLimits = None, pv_limits: PvLimits = None,
     policy: PolicyOption = None, budget: BudgetOption = None, effects: EffectsOption = None, laws: LawsOption = None,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
@@ -68,12 +70,14 @@ def diagnose(
     steered = policy_of(policy, budget)
     before, after, place, console = _changed(
         partial(run, everything=everything, apply=apply, seed=seed, jobs=jobs or cores(), bootstrap=bootstrap,
-                policy=steered), study, file, output, force=force, as_json=as_json, quiet=quiet)
+                policy=steered), study, file, output, limits=limits_of(op_limits, pv_limits), force=force,
+        as_json=as_json, quiet=quiet)
     print_answer(after, console, applied=apply, before=before)
     print_ranking(after, console, whole=details)
     if apply and after.missing:
         print_change(before, after, console)
     print_equivalents(after, console)
+    print_plan(after, console)
     if details:
         print_tree(after, console)
     for step in after.steps[-1:]:
@@ -144,14 +148,16 @@ def remove(
 
 
 def _changed(change: Callable[..., Study], study: Path, file: Path | None, output: Path | None, *, force: bool,
-             as_json: bool, quiet: bool) -> tuple[Study, Study, Path, Console]:
+             as_json: bool, quiet: bool, limits: Mapping[str, Any] | None = None) -> tuple[Study, Study, Path, Console]:
     """The study before and after a change, its place and a console; with `as_json` it is printed, and that is all."""
+    from ..verdict.planned_test import with_plan
+
     if output is not None:
         check_study_place(output, force=force)
     before = open_study(study)
     loop = open_data(before, study, file)
     with Progress(quiet or as_json) as progress:
-        after = change(loop, before, progress=progress)
+        after = with_plan(change(loop, before, progress=progress), loop, **(limits or {}))
     place = output or study
     write_study(after, place, force, quiet)
     if as_json:

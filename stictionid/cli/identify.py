@@ -29,6 +29,7 @@ from .common.output import (
     safe,
     say,
 )
+from .common.planned import OpLimits, PvLimits, limits_of, print_plan
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
 from .common.study_files import check_study_place
@@ -61,9 +62,12 @@ def identify(
     dead_time: Annotated[float | None, typer.Option(help="Known dead time in seconds.")] = None,
     step_test: Annotated[str | None, typer.Option("--step-test", metavar="FILE", help="Open-loop step record: its "
                                                   "process becomes the fixed plant.")] = None,
+    test: Annotated[str | None, typer.Option("--test", metavar="steps", help="FILE is a manual test: OP was stepped by "
+                                             "hand in open loop.")] = None,
     order: Annotated[int | None, typer.Option(help="Order of the difference equation (arx, jelali, one-parameter, "
                                               "polynomial).")] = None,
     delay: Annotated[int | None, typer.Option(help="Its delay in samples; scanned when left out.")] = None,
+    op_limits: OpLimits = None, pv_limits: PvLimits = None,
     policy: PolicyOption = None, budget: BudgetOption = None,
     seed: SeedOption = 0,
     jobs: Annotated[int, typer.Option(min=1, max=MOST_JOBS, help="Processes for work that can be split.")] = 1,
@@ -91,16 +95,18 @@ def identify(
     fixed = {name: value for name, value in (("gain", gain), ("time_constant_s", time_constant),
                                              ("dead_time_s", dead_time)) if value is not None}
     options = Options(method, law, tuple(with_effect or ()), base_only, between, fixed, seed, order, delay,
-                      "stictionid " + shlex.join(sys.argv[1:]), scan_s=scan)
+                      "stictionid " + shlex.join(sys.argv[1:]), scan_s=scan, test=test)
+    limits = limits_of(op_limits, pv_limits)
     steered = policy_of(policy, budget)
     check_options(options, steered)
     if step_test is not None:
         options = _with_step_test(options, step_test, reading, quiet)
-    loop = read_file(file, reading, quiet=quiet).loop
+    loop = read_file(file, _by_hand(reading) if test is not None else reading, quiet=quiet).loop
     from ..verbs.identify import identify as run
+    from ..verdict.planned_test import with_plan
 
     with Progress(quiet or as_json) as progress:
-        study = run(loop, options=options, policy=steered, progress=progress)
+        study = with_plan(run(loop, options=options, policy=steered, progress=progress), loop, **limits)
     if output is not None:
         write_whole(output, to_json(study), force=force, kind=b"{")
     if as_json:
@@ -119,6 +125,13 @@ def identify(
         raise typer.Exit(4)
 
 
+def _by_hand(reading: ReadOptions) -> ReadOptions:
+    """The reading of a test made by hand: its samples in manual count."""
+    from dataclasses import replace
+
+    return replace(reading, keep_manual=True, keep_startup=True)
+
+
 def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) -> Any:
     """The options with the process of a step record as their fixed plant, and a finding that says so."""
     from dataclasses import replace
@@ -130,8 +143,8 @@ def _with_step_test(options: Any, file: str, reading: ReadOptions, quiet: bool) 
     if options.fixed:
         given = ", ".join("--" + name.removesuffix("_s").replace("_", "-") for name in options.fixed)
         raise UsageError(f"--step-test and {given} both fix the process", "give one of them")
-    # A step test is made by hand, so manual samples count; it has times of its own.
-    whole = replace(reading, keep_manual=True, keep_startup=True, start=None, end=None)
+    # It has times of its own.
+    whole = replace(_by_hand(reading), start=None, end=None)
     test = read_file(file, whole, quiet=quiet).loop
     try:
         found = fit_step(test)
@@ -173,6 +186,7 @@ def show(study: Any, quiet: bool, *, tree: bool = False) -> None:
     for sentence in position_sentences(study):
         console.print(safe(sentence))
     print_equivalents(study, console)
+    print_plan(study, console)
     for finding in study.steps[-1].findings:
         say(f"{finding.severity}: {finding.statement}", quiet=quiet)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,7 @@ import typer
 from .app import app
 from .common.outcomes import outcome
 from .common.output import ForceOption, JsonOption, Progress, QuietOption, out_console, print_json_text, say
+from .common.planned import OpLimits, PvLimits, TestCsv, limits_of, write_steps
 from .common.study_files import open_study
 from .common.user_files import EffectsOption, LawsOption
 
@@ -27,6 +29,7 @@ def report(
     out: Annotated[Path | None, typer.Option("--output", "-o", help="Report to write; .md, .html or .json.")] = None,
     figures: Annotated[str, typer.Option("--figures", help="Pictures beside markdown: svg or png.")] = "svg",
     data: Annotated[Path | None, typer.Option("--data", help="The data file (one study only).")] = None,
+    op_limits: OpLimits = None, pv_limits: PvLimits = None, test_csv: TestCsv = None,
     effects: EffectsOption = None, laws: LawsOption = None,
     as_json: JsonOption = False,
     force: ForceOption = False,
@@ -34,25 +37,37 @@ def report(
 ) -> None:
     """Read the studies, find their data, re-run their models once, and write or print."""
     from ..errors import UsageError
+    from ..record.planned_test import CSV_HEAD
     from ..reports.pages.write import check_target, write_report
     from ..reports.pictures.curves import gather
-    from ..system.files import keep_apart
+    from ..system.files import ensure_writable, keep_apart
     from ..system.plurals import counted
+    from ..verdict.planned_test import with_plan
 
     studies, data = _apart(studies, data)
     if data is not None and len(studies) > 1:
         raise UsageError(f"one data file was given, but there are {len(studies)} studies", "report them one by one")
+    limits = limits_of(op_limits, pv_limits)
+    if len(studies) > 1 and (test_csv is not None or any(limits.values())):
+        raise UsageError(f"limits and steps of a test belong to one loop, but there are {len(studies)} studies",
+                         "report them one by one")
     if out is not None:
         keep_apart(out, *studies, what="the study")
         if data is not None:
             keep_apart(out, data)
         check_target(out, figures=figures, force=force)
+    if test_csv is not None:
+        keep_apart(test_csv, *studies, *([data] if data is not None else []), what="an input")
+        ensure_writable(test_csv, force=force, kind=CSV_HEAD.encode())
     written: list[Path] = []
     with Progress(quiet or as_json) as progress:
         cases = []
         for i, path in enumerate(studies):
             progress(f"reading the data of {path.name}", 0.6 * i / len(studies))
-            cases.append(gather(open_study(path), data=data, near=(path.resolve().parent,)))
+            case = gather(open_study(path), data=data, near=(path.resolve().parent,))
+            cases.append(replace(case, study=with_plan(case.study, case.loop, **limits)))
+        if test_csv is not None:
+            write_steps(cases[0].study, test_csv, force=force, quiet=quiet)
         if out is not None:
             written = write_report(cases, out, figures=figures, force=force,
                                    progress=lambda text, share: progress(text, 0.6 + 0.4 * share))

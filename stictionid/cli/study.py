@@ -28,6 +28,7 @@ from .common.output import (
     safe,
     say,
 )
+from .common.planned import print_plan
 from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
 from .common.study_tables import ladder_table, print_answer, print_equivalents, write_study
@@ -72,6 +73,7 @@ def study(
     from ..reports.pictures.curves import Case, curves
     from ..system.files import ensure_writable, keep_apart
     from ..verbs.whole_study import whole_study
+    from ..verdict.planned_test import with_plan
 
     page, place = _places(output, file)
     keep_apart(page, file)
@@ -92,6 +94,7 @@ def study(
         found = whole_study(loop, options=options, policy=steered, jobs=jobs or cores(),
                             progress=lambda text, share: progress(text, _READ + (_STUDIED - _READ) * share),
                             tell=lambda stage, so_far: _tell(stage, so_far, quiet))
+        found = with_plan(found, loop)
         write_study(found, place, force, quiet)
         written = write_report([Case(found, loop, tuple(curves(found, loop)))], page, figures=figures, force=force,
                                progress=lambda text, share: progress(f"report: {text}",
@@ -147,3 +150,4 @@ def _show(found: Any) -> None:
         print_answer(found, console, applied=True)
         console.print(ladder_table(found))
         print_equivalents(found, console)
+        print_plan(found, console)

@@ -14,6 +14,8 @@ BETWEEN = ("auto", "hold", "corner", "decimated")
 USUAL_SCAN_S = 1.0
 # Order of the polynomials of a difference equation, where none is given.
 USUAL_ORDER = 2
+# Manual tests that a record may be.
+TESTS = ("steps",)
 # The word that asks for every law that can be searched.
 ALL_LAWS = "all"
 
@@ -24,7 +26,7 @@ class Options:
 
     `fixed` may hold gain, time_constant_s and dead_time_s. `law` and `order` None mean the method's own. `scan_s` is
     the scan of the controller, for an export slower than that. `notes` are findings made before the search (a step
-    test, say) that the study keeps.
+    test, say) that the study keeps. `test` is one of TESTS for a record of a manual test.
     """
 
     method: str = "auto"
@@ -39,6 +41,7 @@ class Options:
     command: str = ""
     notes: tuple[Finding, ...] = ()
     scan_s: float = USUAL_SCAN_S
+    test: str | None = None
 
     def check_record(self, loop: Loop) -> None:
         """Refuse effects that need tags the record lacks, and a dead time of more than half the record.

@@ -108,6 +108,9 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
         fresh = np.concatenate([coarse.cube(valves.T), with_process(coarse, coarse.cube(valves.T))])
     if effect.scan is not None:
         fresh = np.concatenate([scanned_starts(coarse, name, coarse.vector(others), polish), fresh])
+    elif effect.dynamics is not None:
+        # Beside the process of one lag each valve of the pool has a wrong one: with two it needs others of both.
+        fresh = with_process(coarse, warm)
     elif on_valve(effect) and guesses.size:
         valve = guessed_valves(coarse, name, guesses, coarse.vector(others))
         fresh = np.concatenate([fresh, valve, with_process(coarse, valve)])

@@ -20,6 +20,7 @@ from ..fit.adequacy import CONDITIONAL, adequate, with_one_noise
 from ..fit.context import Run, parameters
 from ..fit.fit import Fitted, reaching
 from ..fit.intervals.assemble import outline, region
+from ..fit.intervals.few_steps import over_break_away
 from ..fit.moves import longest_first
 from ..fit.noise.prewhitening import without_noise
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
@@ -77,7 +78,8 @@ def _run(run: Run, policy: Policy) -> Outcome:
     if _nothing(run, fit) and samples_a_turn(run.used_y()) < SAMPLES_PER_PERIOD:
         raise _explains_nothing(run)  # nor could a valve that rests be seen
     run.tell("asking for the process and the command", 0.5)
-    small = frozenset() if o.base_only else frozenset(e.name for e in catalogue().values() if e.by_itself)
+    small = frozenset() if o.base_only else frozenset(
+        e.name for e in catalogue().values() if e.by_itself and (o.test is None or e.name == LAG))
     search, found = _searched(run, (fit, *slow), policy, small)
     spent += search.budget.spent
     if not o.base_only and _nothing_explained(run, found, policy):
@@ -114,6 +116,8 @@ def _run(run: Run, policy: Policy) -> Outcome:
         # Another step of S does better than the search did.
         steps[-1] = run.step_again(steps[-1], fits[-1])
     fits[-1] = with_levels(run, fits[-1], run.rng)
+    if o.test is not None:
+        fits[-1] = over_break_away(fits[-1])
     steps[-1] = replace(steps[-1], parameters=parameters(fits[-1]))
     return Outcome(tuple(steps), tuple(fits), tree=tree_of(search, found, order),
                    evaluations=spent, unasked=tuple(search.budget.unasked), equivalents=found.equivalents,
@@ -271,5 +275,6 @@ METHOD = Method(
     source="docs/method.md, section 6; Shang et al., Eq. 7 to 21",
     checked="this project's own",
     cannot="anything missing from the model (see diagnose); J where the slide is short",
-    run=_run, options=frozenset({"law", "effects", "base_only", "between", "scan", "fixed", "policy"}), restarts=True,
+    run=_run, options=frozenset({"law", "effects", "base_only", "between", "scan", "fixed", "policy", "test"}),
+    restarts=True,
 )

@@ -21,7 +21,7 @@ SPELLING = {
     "law": "--law", "effects": "--with", "base_only": "--base-only", "between": "--between",
     "scan": "--scan",
     "fixed": "a fixed plant (--gain, --time-constant, --dead-time, --step-test)", "order": "--order",
-    "delay": "--delay", "policy": "--policy or --budget",
+    "delay": "--delay", "policy": "--policy or --budget", "test": "--test",
 }
 
 

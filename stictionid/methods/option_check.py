@@ -7,7 +7,7 @@ import numpy as np
 from .. import laws as law_room
 from ..effects import parse
 from ..errors import UsageError
-from ..fit.options import ALL_LAWS, BETWEEN, USUAL_SCAN_S, Options, searchable
+from ..fit.options import ALL_LAWS, BETWEEN, TESTS, USUAL_SCAN_S, Options, searchable
 from ..selection.policy import Policy
 from . import get
 from .contract import SPELLING, Method
@@ -20,6 +20,8 @@ def check_options(options: Options, policy: Policy | None = None) -> None:
     method = get(options.method)
     if options.between not in BETWEEN:
         raise UsageError(f"unknown way between samples '{options.between}'", "choose one of " + ", ".join(BETWEEN))
+    if options.test is not None and options.test not in TESTS:
+        raise UsageError(f"there is no test '{options.test}'", "give --test " + " or ".join(TESTS))
     if not (np.isfinite(options.scan_s) and options.scan_s > 0):
         raise UsageError(f"--scan {options.scan_s:g} s is not positive", "give the controller's scan, say 1")
     if options.order is not None and not 1 <= options.order <= _HIGHEST_ORDER:
@@ -45,7 +47,7 @@ def _check_use(options: Options, method: Method, policy: Policy | None) -> None:
         "base_only": options.base_only, "between": options.between != "auto",
         "scan": options.scan_s != USUAL_SCAN_S, "fixed": bool(options.fixed),
         "order": options.order is not None, "delay": options.delay is not None,
-        "policy": policy is not None,
+        "policy": policy is not None, "test": options.test is not None,
     }
     for name in sorted(n for n, there in given.items() if there and n not in method.options):
         said = f"{SPELLING[name]} {options.law}" if name == "law" else SPELLING[name]

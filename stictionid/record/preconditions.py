@@ -33,8 +33,11 @@ _STEPPED = 0.5
 _PARTS = 60
 
 
-def check(loop: Loop, found: Range) -> None:
-    """Raise CannotTell where the record can't hold S and J; the message is the reason in one sentence."""
+def check(loop: Loop, found: Range, *, by_hand: bool = False) -> None:
+    """Raise CannotTell where the record can't hold S and J; the message is the reason in one sentence.
+
+    A test `by_hand`, whose OP is stepped in manual, neither oscillates nor saturates.
+    """
     u, y = loop.output[loop.driven], loop.process_value[loop.used]
     _check_process_value(loop, found)
     if y.size < FEWEST_SAMPLES:
@@ -56,7 +59,7 @@ def check(loop: Loop, found: Range) -> None:
             code="output-not-a-valve")
     tight = 1e-9 * max(swing, 1e-30)
     limited = float(np.mean((u >= u.max() - tight) | (u <= u.min() + tight)))
-    if limited > max(_SATURATED_SHARE, 10.0 / u.size):
+    if not by_hand and limited > max(_SATURATED_SHARE, 10.0 / u.size):
         raise CannotTell(f"the controller output sits at its limit in {100 * limited:.0f} % of the samples "
                          f"({100 * _SATURATED_SHARE:.0f} % is the most)",
                          "choose a stretch without saturation with --start and --end", code="saturated-output")
@@ -66,6 +69,8 @@ def check(loop: Loop, found: Range) -> None:
         raise CannotTell("the process value is the controller output, times a number plus a number, to the last digit: "
                          "one signal was given twice", "give the process value with --pv, the output with --op",
                          code="identical-signals")
+    if by_hand:
+        return
     counted = found.cycles[1:] if len(found.cycles) > FEWEST_CYCLES else found.cycles
     enough = len(counted) >= FEWEST_CYCLES
     if not enough and _driven_reversals(loop) < FEWEST_REVERSALS:

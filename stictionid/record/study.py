@@ -16,6 +16,7 @@ from ..errors import DataError
 from .built import built
 from .controller import Controller, Steps
 from .loop import Finding
+from .planned_test import PlannedTest
 from .rhythm import Rhythm
 from .swing import Severity, Swing
 from .tree import Equivalent, TreeNode
@@ -288,7 +289,8 @@ class Study:
     the search's cost evaluations. `unasked` lists what the budget left untried. `equivalents` explain the record alike.
     `missing_reason` says in words what is missing, and `unexplained` holds the shape of it. `carried_by` is the noise
     that alone keeps the model from being adequate: "coloured noise", "a random walk", "a narrow band" or "a drift";
-    else it is empty. `rhythm` is set by a batch, which compares the loops of a plant.
+    else it is empty. `rhythm` is set by a batch, which compares the loops of a plant. `planned_test` is the manual test
+    that would settle an open answer.
     """
 
     created_by: CreatedBy
@@ -315,6 +317,7 @@ class Study:
     rhythm: Rhythm | None = field(default=None, kw_only=True)
     swing: Swing | None = field(default=None, kw_only=True)
     controller: Controller | None = field(default=None, kw_only=True)
+    planned_test: PlannedTest | None = field(default=None, kw_only=True)
     schema: str = SCHEMA
 
     @property

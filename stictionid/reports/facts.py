@@ -11,7 +11,7 @@ from itertools import pairwise
 
 from ..record.study import Estimate, Study
 from ..system.plurals import counted
-from . import effect_words, evidence, ranking, sections, story, wording
+from . import effect_words, evidence, ranking, sections, story, test_plan, wording
 from .document import Facts, KeyNumber, PageTable, Section
 
 # J is called weakly known when its interval is wider than this share of its value: half the value either way.
@@ -26,8 +26,8 @@ _HEADINGS = {"stiction": "The valve sticks", "no stiction": "No stiction found",
 def facts(study: Study, *, no_pictures: str = "") -> Facts:
     """All facts of one study in reading order; `no_pictures` says why there are none (data not found)."""
     order = (story.section, _size, sections.equivalents, _ladder, _pictures_note(no_pictures), _trends, _valve, _map,
-             _fit, ranking.section, sections.laws, sections.next_steps, sections.oscillation,
-             sections.data, sections.parameters, sections.method, sections.tree)
+             _fit, ranking.section, sections.laws, sections.next_steps, test_plan.section,
+             sections.oscillation, sections.data, sections.parameters, sections.method, sections.tree)
     made = [s for make in order if (s := make(study)) is not None]
     # The evidence stands behind the ladder that added the effects, or behind the size.
     at = next((i + 1 for i, s in enumerate(made) if s.key == "ladder"), 0)

@@ -103,7 +103,8 @@ def next_steps(study: Study) -> Section:
                             f"{wording.name(e.unit)}" + (f", and the first move should be about {wording.number(e.J)} "
                                                          f"{wording.name(e.unit)} large." if e.J_known else ".")]
     elif study.verdict.stiction == "undecided":
-        bullets += [manual, f"{bump}: a valve that follows each step does not stick.",
+        settles = study.planned_test is not None and study.planned_test.moves
+        bullets += [manual, *([] if settles else [f"{bump}: a valve that follows each step does not stick."]),
                     f"Record {WANTED_CYCLES} whole cycles or more, with two or three setpoint moves: they separate S "
                     "from the process gain."]
     else:

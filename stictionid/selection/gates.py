@@ -196,12 +196,10 @@ def chance_limit(policy: Policy) -> float:
 def _free_run(edge: Edge) -> str:
     """Reject an effect that makes the free run worse, unless the noise of the child alone implies that error.
 
-    A walk implies any error. It excuses none where the parent needs no walk, or where the error grows by much.
+    A walk implies any error. It excuses none where the parent needs no walk.
     """
     child, before = edge.child, min(edge.parent.rmse, (edge.sound or edge.parent).rmse)
-    excused = child.white
-    if child.done.increments:
-        excused = edge.parent.done.increments and child.rmse <= edge.policy.nearly * before
+    excused = edge.parent.done.increments if child.done.increments else child.white
     if child.rmse <= edge.policy.free_run * before or excused:
         return ""
     return f"its free run is worse than without it ({child.rmse:.4g} for {before:.4g})"

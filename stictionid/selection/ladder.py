@@ -37,16 +37,18 @@ def ordered(search: Search, winner: Entry, base: Sequence[str] = (),
     Effects of the `base` are in every rung. Those with a `given` order keep it, and come before the others. A rung is
     the node as the search met it, or the winner without the later effects, polished. A first order has levels in every
     rung: only the step that names a walk is fitted in differences. An integrator has differences, because the errors of
-    wrong slips add up. Its last rung has levels where the winner leaves next to nothing but noise in them.
+    wrong slips add up, and so has a lag of many periods. Its last rung has levels where the winner leaves next to
+    nothing but noise in them.
     """
     left = [name for name in physical(winner.spec) if name not in base]
     order: list[str] = []
     first = [name for name in given if name in left]
-    spec = node(without(winner.spec, left))
+    spec = node(without(winner.spec, left),
+                soft=winner.scored.done.increments and winner.scored.endless(search.policy))
     rungs = [_rung(search, winner, spec)[:2]]
     while left:
         asked = first[len(order):len(order) + 1] or left
-        tried = {name: _rung(search, winner, node(with_effect(spec, name))) for name in asked}
+        tried = {name: _rung(search, winner, node(with_effect(spec, name), soft=spec.increments)) for name in asked}
         name = min(tried, key=lambda n: tried[n][2])
         left.remove(name)
         order.append(name)

@@ -44,6 +44,7 @@ from ..numerics.population import together
 from ..record.loop import Loop
 from ..typing import FloatArray
 from .node import (
+    LAG,
     additions,
     key,
     kind_of,
@@ -58,6 +59,8 @@ from .node import (
 from .policy import Policy
 from .score import WALKING, Scored, completed, glanced
 
+# Named value of the further lag.
+_SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
 # Searches of an effect under the noise model of its parent: a study should not depend on a single search.
 _AGAIN = 2
 # Points of a look on a part of the record that are polished on all of it.
@@ -333,6 +336,10 @@ def _other_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scou
     known = ground.fit.model.named(ground.fit.values)
     values = np.stack([coarse.vector({**known, **dict(zip(BASE, base, strict=True))}) for base in ground.pool], axis=1)
     starts = with_process(coarse, coarse.cube(values))
+    if task.spec.process == INTEGRATOR and _SECOND_LAG in known:
+        # Of two lags the long one is the integrator; the other stays.
+        values[3] = known[_SECOND_LAG]
+        starts = np.concatenate([coarse.cube(values), starts])
     if task.stage != NEAR:
         starts = np.concatenate([starts, grown(coarse, rng)])
     found = descended(coarse, with_start(coarse, starts), turns=QUICK_TURNS, settle=QUICK_SETTLE)

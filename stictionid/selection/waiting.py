@@ -40,8 +40,8 @@ def waiting(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
     bases = [e for e in unasked if e.scored.full
              and ((not only_some and e is whole[0]) or better_base(memo, e, policy))]
     least = min((e.scored.rmse for e in bases), default=0.0)
-    # Bases whose free runs are about as good come by BIC.
-    bases.sort(key=lambda e: (e.scored.rmse > 2 * least, _bic(e)))
+    # Bases whose free runs are about as good come by BIC; the free run of a walk tells nothing.
+    bases.sort(key=lambda e: (e.scored.rmse > 2 * least and not e.scored.done.increments, _bic(e)))
     found = [*bases, *(e for e in rest if depth(e.spec) > 0)]
     return found or ([] if only_some or ranked(memo, policy)[0].scored.white else sorted(unasked, key=_bic))
 

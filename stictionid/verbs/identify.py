@@ -53,6 +53,7 @@ from ..verdict.severity import with_controller
 from ..verdict.swing import meaning_of
 from .by_hand import with_carrier
 from .long_records import excerpt, judged
+from .manual_test import open_loop, stepped
 from .valve_command import command_of, rounding_left
 
 _MAP_S, _MAP_J = 41, 31
@@ -75,16 +76,20 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     tell = progress or (lambda text, share: None)
     tell("looking for the oscillation", 0.02)
     method = method_room.get(options.method)
+    if options.test is not None:
+        loop = open_loop(loop)
     piece, notes = chosen(loop, restarts=method.restarts)
     options.check_record(piece)
     found = find_range(piece)
     notes += options.notes
     laws: tuple[LawResult, ...] = ()
     try:
-        check(piece, found)
+        check(piece, found, by_hand=options.test is not None)
+        if options.test is not None:
+            found = stepped(piece, found)
         view, controller = excerpt(piece, found, options), None
-        if "policy" in method.options:
-            # The methods of the literature take the output as it stands.
+        if "policy" in method.options and options.test is None:
+            # The methods of the literature take the output as it stands, and in manual it is exact.
             piece, controller, said = command_of(
                 piece, slice(0, piece.samples) if view is None else view.searched,
                 lambda part: _run_of(part, found, replace(options, law=None) if options.law == ALL_LAWS else options,

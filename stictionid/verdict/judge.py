@@ -98,7 +98,8 @@ def _from_process_value(run: Run, fit: Fitted) -> Verdict:
     verdict = compared(run, sticking, float(fit.values[0]), fit.intervals.get("S", (0.0, 0.0))[1], fit.best.rmse)
     clear = (verdict.evidence["likelihood_ratio"] >= _CLEAR
              and verdict.evidence["share_of_pv_variance"] >= _EXPLAINED)
-    if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _scattered(fit):
+    if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _scattered(fit) \
+            and run.options.test is None:
         return replace(verdict, stiction="undecided", confidence=0.3, reason=f"the restarts disagree; {verdict.reason}")
     return verdict
 
@@ -138,7 +139,7 @@ def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float =
                 f"friction and {free.rmse:.4g} without")
     said += f"; {_predicts(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
     walks = sticking.model.spec.increments and sticking.model.spec.process != INTEGRATOR
-    answer, confidence = _answer(ratio, won, explained, drop, one_step, walks)
+    answer, confidence = _answer(ratio, won, explained, drop, one_step, walks, by_hand=run.options.test is not None)
     if answer == "stiction" and ((gain is not None and not gain.share > 0.0) or (leaves and ratio < _CLEAR)):
         answer, confidence = "undecided", 0.4
     most = drop >= _MOST_OF_THE_ERROR and not walks and not leaves
@@ -173,7 +174,9 @@ def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float =
     if instead:
         said += f"; {instead}"
         evidence["looks_like"] = instead
-    few, by_turns = run.found.reversals < _FEWEST_FOR_TRUST, run.found.reference == BY_TURNS
+    # Steps made by hand need no cycles to be trusted.
+    few = run.found.reversals < _FEWEST_FOR_TRUST and run.options.test is None
+    by_turns = run.found.reference == BY_TURNS
     if by_turns and answer != "undecided":
         said += "; cycles are told by the turning points of the output alone, so this is not sure"
     elif few and answer != "undecided":
@@ -296,16 +299,18 @@ def capped(verdict: Verdict, loop: Loop) -> Verdict:
 
 
 def _answer(ratio: float, won: int, explained: float, drop: float, one_step: float,
-            walks: bool = False) -> tuple[str, float]:
+            walks: bool = False, *, by_hand: bool = False) -> tuple[str, float]:
     """The answer "stiction" or "undecided", and its confidence, from the evidence.
 
-    Where y `walks` the free run is the walk's, and the prediction alone speaks for friction.
+    Where y `walks` the free run is the walk's, and the prediction alone speaks for friction. In a test `by_hand` the
+    steps of the test make the variance of y, so that friction needs no share of it.
     """
     explained = 0.0 if walks else explained
     # A model whose free run drifts away (slips of an integrator add up) may still predict a step well, and so may one
     # that takes a slip for the edge of a disturbance: that proves no valve.
     enough = (explained >= _EXPLAINED or drop >= _MOST_OF_THE_ERROR
-              or ((walks or ratio >= _CLEAR) and one_step >= _CLEAR_DROP and drop >= _NOTHING_DROP))
+              or ((walks or ratio >= _CLEAR) and one_step >= _CLEAR_DROP and drop >= _NOTHING_DROP)
+              or (by_hand and drop >= _NOTHING_DROP))
     if ratio >= _STICKS and won >= _WON and enough:
         sure = 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
         # Where the prediction alone speaks for friction, a sine or a neighbour's cycle may be taken for slips.

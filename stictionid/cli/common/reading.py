@@ -160,9 +160,9 @@ def collect(said: dict[str, Any]) -> ReadOptions:
         extra=tuple(said["extra"] or ()),
         loop=said["loop"],
         step_s=step,
-        span_pv=_span(said["span_pv"], "--span-pv"),
-        span_op=_span(said["span_op"], "--span-op"),
-        split=_span(said["split"], "--split"),
+        span_pv=span(said["span_pv"], "--span-pv"),
+        span_op=span(said["span_op"], "--span-op"),
+        split=span(said["split"], "--split"),
         reverse_op=said["reverse_op"],
         start=said["start"],
         end=said["end"],
@@ -184,7 +184,8 @@ def collect(said: dict[str, Any]) -> ReadOptions:
     )
 
 
-def _span(text: str | None, flag: str) -> tuple[float, float] | None:
+def span(text: str | None, flag: str) -> tuple[float, float] | None:
+    """The two numbers LO,HI of an option; UsageError where they are none, or no range."""
     if text is None:
         return None
     try:

@@ -14,6 +14,8 @@ from ..jit import kernel
 
 # From here on the upper tail is taken from its asymptotic series; erfc still has digits.
 _FAR = 25.0
+# Width below which the ends of an interval nearly meet.
+_NARROW = 1e-6
 # Least logarithm that is told apart from none at all.
 _NONE = -1e5
 _ROOT = math.sqrt(2.0 * math.pi)
@@ -65,8 +67,15 @@ def log_between(low: FloatArray, high: FloatArray) -> FloatArray:
 def between(low: FloatArray, high: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
     """Mean and mean square of N(0, width^2) between low and high, which is above."""
     a, b = low / width, np.maximum(high, low + 1e-9 * width) / width
-    share = log_between(a, b)
-    at_a, at_b = np.exp(-0.5 * a**2 - share) / _ROOT, np.exp(-0.5 * b**2 - share) / _ROOT
-    mean = np.clip(at_a - at_b, a, b)
-    second = 1.0 + np.where(np.isfinite(a), a, 0.0) * at_a - np.where(np.isfinite(b), b, 0.0) * at_b
-    return width * mean, width**2 * np.maximum(second, mean**2)
+    # Far into a tail, and between ends that nearly meet, the density falls exponentially from the end next to 0.
+    near = np.where(a > 0.0, a, np.minimum(b, 0.0))
+    steep = (np.abs(near) > _FAR) | (b - a < _NARROW)
+    with np.errstate(divide="ignore"):
+        inward = np.minimum(1.0 / np.abs(near), 0.5 * (b - a))
+    tail = near + np.where(a > 0.0, inward, -inward)
+    low_a, high_b = np.where(steep, -1.0, a), np.where(steep, 1.0, b)
+    share = log_between(low_a, high_b)
+    at_a, at_b = np.exp(-0.5 * low_a**2 - share) / _ROOT, np.exp(-0.5 * high_b**2 - share) / _ROOT
+    mean = np.where(steep, tail, np.clip(at_a - at_b, a, b))
+    second = 1.0 + np.where(np.isfinite(low_a), low_a, 0.0) * at_a - np.where(np.isfinite(high_b), high_b, 0.0) * at_b
+    return width * mean, width**2 * np.maximum(np.where(steep, 0.0, second), mean**2)

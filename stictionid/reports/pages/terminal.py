@@ -20,7 +20,7 @@ from ..pictures import measures, study_pictures
 from ..pictures.curves import Case
 
 # Sections shown on a terminal; the rest is in the written reports.
-_SECTIONS = ("equivalents", "no-pictures", "ladder", "candidates", "laws", "next")
+_SECTIONS = ("equivalents", "no-pictures", "ladder", "candidates", "laws", "next", "test")
 # Columns kept of wide tables on a console narrower than _ROOMY columns.
 _NARROW = {"ladder": (0, 1, 2, 3, 4, 6), "candidates": (0, 1, 2, 3, 4)}
 _ROOMY = 110
