@@ -1,11 +1,10 @@
 """Neighbours: is the tag named that drives a loop, and none of twenty that do not?
 
-Run: python benchmarks/neighbours.py [--loops 100] [--first 60000] [--kind tag|none|cycle|own] [--out rows.jsonl]
+Run: python benchmarks/neighbours.py [--loops 100] [--first 60000] [--kind tag|none] [--out rows.jsonl]
      python benchmarks/neighbours.py --calibrate
 
-Every loop sticks (benchmarks/loops.py). Without --whole only tags, waves, a sine and a lag are asked for. Kinds:
-`tag`, one of 20 tags drives PV by a lag and a dead time, by 0.1 to 0.4 of its swing; `none`, none of the 20 does;
-`cycle`, the limit cycle of a neighbour that no tag shows adds to PV; `own`, no tag and no neighbour. Unrelated tags are
+Every loop sticks (benchmarks/loops.py). Without --whole only tags, a sine and a lag are asked for. Kinds: `tag`, one of
+20 tags drives PV by a lag and a dead time, by 0.1 to 0.4 of its swing; `none`, none of the 20 does. Unrelated tags are
 random walks, PV and OP of other loops that stick, and noise.
 Targets: a false source on at most 2 of 100 loops, and the right one named on most. Thresholds were set on seeds below
 50000.
@@ -43,8 +42,8 @@ from stictionid.verbs.identify import Options, identify
 SAMPLES, TAGS, EARLY = 800, 20, 400
 # Loops that stand for neighbours, and the seed of the first.
 POOL, OTHERS = 40, 500_000
-TAG, NONE, CYCLE, OWN = KINDS = "tag", "none", "cycle", "own"
-MEASURED, PERIODIC, SINE = "measured-disturbance", "periodic-disturbance", "sinusoidal-disturbance"
+TAG, NONE = KINDS = "tag", "none"
+MEASURED, SINE = "measured-disturbance", "sinusoidal-disturbance"
 
 
 def neighbour(rng: np.random.Generator, samples: int) -> tuple[FloatArray, FloatArray]:
@@ -88,16 +87,12 @@ def through(signal: FloatArray, lag: float, dead: int) -> FloatArray:
 def made(seed: int, kind: str) -> tuple[Known, str, float]:
     """A loop with its tags, the name of the tag that drives it, and the time in s by which it is ahead."""
     rng, known = np.random.default_rng([seed, 41]), sticky(seed, samples=SAMPLES)
-    tags = tags_of(rng, SAMPLES + EARLY) if kind in (TAG, NONE) else {}
+    tags = tags_of(rng, SAMPLES + EARLY)
     source, ahead = "", 0.0
-    if kind in (TAG, CYCLE):
-        if kind == TAG:
-            source = list(tags)[int(rng.integers(len(tags)))]
-            signal = tags[source]
-        else:
-            signal, source = neighbour(rng, SAMPLES + EARLY)[0], PERIODIC
+    if kind == TAG:
+        source = list(tags)[int(rng.integers(len(tags)))]
         lag, dead = float(np.exp(rng.uniform(np.log(1.0), np.log(20.0)))), int(rng.integers(0, 60))
-        moved, ahead = through(signal, lag, dead)[EARLY:], lag + dead
+        moved, ahead = through(tags[source], lag, dead)[EARLY:], lag + dead
         swing = float(np.ptp(known.loop.process_value[SAMPLES // 10:]))
         moved = moved * (swing * float(rng.uniform(0.1, 0.4)) / np.ptp(moved))
         loop = simulate(known.setting, seed=seed, disturbance=moved - moved.mean()).loop
@@ -107,9 +102,9 @@ def made(seed: int, kind: str) -> tuple[Known, str, float]:
 
 
 def quick(known: Known) -> store.Row:
-    """Effects that a search names which asks for tags, waves, a sine and a lag only: no rival stops a false name."""
+    """Effects that a search names which asks for tags, a sine and a lag only: no rival stops a false name."""
     on = resumed(known.loop, identify(known.loop, options=Options(base_only=True)), seed=0)
-    on.search.only = frozenset({MEASURED, PERIODIC, SINE, "extra-lag"})
+    on.search.only = frozenset({MEASURED, SINE, "extra-lag"})
     winner = decided(on.search, on.search.run()).winner
     done = winner.scored.done
     values = done.model.named(done.values)
@@ -153,10 +148,9 @@ def table(found: list[store.Row]) -> None:
             continue
         tag = sum(r["tag"] == r["source"] for r in rows if kind == TAG)
         false = [r for r in rows if r["tag"] and r["tag"] != r["source"]]
-        periodic = sum(PERIODIC in r["named"] for r in rows)
         errors = [abs(r["told_s"] - r["ahead_s"]) for r in rows if kind == TAG and r["tag"] == r["source"]]
         print(f"{kind:6s} {len(rows):4d} loops: " + (f"right tag {tag}, " if kind == TAG else "")
-              + f"false tag {len(false)}, periodic {periodic}, median CPU {np.median([r['cpu_s'] for r in rows]):.1f} s"
+              + f"false tag {len(false)}, median CPU {np.median([r['cpu_s'] for r in rows]):.1f} s"
               + f", mean {np.mean([r['cpu_s'] for r in rows]):.1f} s"
               + (f", median error of the time ahead {np.median(errors):.1f} s" if errors else ""))
         print("       named: " + ", ".join(f"{n} {name}" for name, n in Counter(

@@ -52,8 +52,7 @@ _PARTS = 20
 _STRIDE = 5
 # Effects beyond the linear chain of first design; their loops are in benchmarks/plants/beyond.py, too.
 BEYOND = ("backlash", "direction-dependent-lag", "gain-drift", "inverse-response", "leak", "load-noise",
-          "measurement-filter", "measurement-limit", "underdamped-process", "dead-time-drift", "positioner",
-          "periodic-disturbance")
+          "measurement-filter", "measurement-limit", "underdamped-process", "dead-time-drift", "positioner")
 # What a Karnopp valve itself may be named for: it rests between scans, or jumps past its place.
 PHYSICAL = {"re-sticking", "slip-overshoot"}
 # An effect that leaves less than this share of the noise after a refit without it makes the error 8 % larger than the
@@ -235,8 +234,6 @@ def sized(name: str, rng, s: Setting, T: float, clean, sd: float) -> dict:
         "extra-lag": lambda: {"second_time_constant_s": T * u(0.3, 0.8)},
         "sinusoidal-disturbance": lambda: {"period_s": T * u(3.0, 11.0), "amplitude": swing * u(0.05, 0.12),
                                            "phase": u(-3.0, 3.0)},
-        "periodic-disturbance": lambda: {"period_s": T * u(3.0, 11.0), "amplitude": swing * u(0.08, 0.15),
-                                         "phase": u(-3.0, 3.0), "distortion": u(0.5, 0.8)},
         "step-disturbance": lambda: {"time_s": length * u(0.25, 0.75), "size": sign * moved * u(0.1, 0.3), "at": at},
         "ramp-disturbance": lambda: {"start_s": length * u(0.1, 0.5), "rate": sign * moved * u(0.3, 0.6) / length,
                                      "at": at},
@@ -307,7 +304,6 @@ SMALL: dict[str, tuple[int, tuple, dict[str, float | str]]] = {
     "gain-nonlinearity": (1, MOVES, {"curvature": 0.08}),
     "extra-lag": (1, MOVES, {"second_time_constant_s": 4.0}),
     "sinusoidal-disturbance": (1, MOVES, {"period_s": 37.0, "amplitude": 0.5}),
-    "periodic-disturbance": (1, MOVES, {"period_s": 62.0, "amplitude": 0.6, "distortion": 0.7}),
     "step-disturbance": (1, MOVES, {"time_s": 500.0, "size": 1.2, "at": "output"}),
     "ramp-disturbance": (1, MOVES, {"start_s": 300.0, "rate": 0.004, "at": "output"}),
     "narrow-band-disturbance": (1, MOVES, {"period_s": 25.0, "coherence_cycles": 4.0, "amplitude": 0.4}),

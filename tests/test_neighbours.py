@@ -1,4 +1,4 @@
-"""Other tags of an export as sources of a disturbance, and the cycle of another loop as a distorted wave."""
+"""Other tags of an export as sources of a disturbance."""
 
 from __future__ import annotations
 
@@ -19,24 +19,18 @@ from stictionid.model.spec import Spec
 from stictionid.selection.gates import by_choice, margin_of
 from stictionid.selection.policy import Policy
 
-MEASURED, PERIODIC = "measured-disturbance", "periodic-disturbance"
+MEASURED = "measured-disturbance"
 ROWS = 1200
 WALK = np.cumsum(np.random.default_rng(3).standard_normal(ROWS + 40))
 
 
-def seen(residual: np.ndarray, tag: np.ndarray | None = None, cycle_s: float = 0.0) -> Context:
-    """The context of a look at a residual, with a tag or a loop whose own cycle is known."""
-    return Context(np.zeros(ROWS), np.zeros(ROWS), None, 1.0, 1, 60.0, residual=residual,
-                   extras={} if tag is None else {"T": tag}, cycle_s=cycle_s)
+def seen(residual: np.ndarray, tag: np.ndarray) -> Context:
+    """The context of a look at a residual with a tag."""
+    return Context(np.zeros(ROWS), np.zeros(ROWS), None, 1.0, 1, 60.0, residual=residual, extras={"T": tag})
 
 
 def noise(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).standard_normal(ROWS)
-
-
-def wave(period: float, harmonics: int = 5) -> np.ndarray:
-    t = np.arange(ROWS)
-    return sum(np.sin(2 * np.pi * h * t / period + h) / h for h in range(1, harmonics + 1))
 
 
 def test_every_other_tag_is_read_but_not_those_of_the_loop_itself(tmp_path: Path) -> None:
@@ -73,21 +67,6 @@ def test_the_margin_grows_with_the_number_of_tags_and_only_for_tags() -> None:
         margins.append(margin_of(f"{MEASURED}:T0", Policy(), model))
         assert by_choice("step-disturbance@load", model) == 0.0
     assert margins[1] - margins[0] == pytest.approx(2 * np.log(20)) and margins[0] > Policy().margin
-
-
-def test_a_wave_with_harmonics_is_asked_for_but_no_sine_and_no_cycle_of_the_loop_itself() -> None:
-    effect = get(PERIODIC)
-    assert effect.shown and effect.guess and effect.columns
-    heard = seen(noise(1) + 2.0 * wave(71.0), cycle_s=44.0)
-    assert effect.shown(heard) > 0.0
-    assert effect.guess(heard)[0, 0] == pytest.approx(71.0, rel=0.01)
-    for quiet in (seen(noise(2)), seen(noise(2) + 2.0 * wave(71.0, 1)), seen(noise(2) + 2.0 * wave(44.0), cycle_s=44.0),
-                  seen(noise(2) + 2.0 * wave(22.0), cycle_s=44.0)):
-        assert effect.shown(quiet) <= 0.0
-    columns = np.stack(effect.columns(np.array([[44.0, 71.0, 88.0]]), heard))
-    there = np.abs(columns).max(axis=1) > 0.0
-    assert not there[:, 0].any() and there[:2, 1].all()
-    assert there[:, 2].tolist() == [True, True, False, False] * 2 + [True, True]
 
 
 def test_a_group_says_whose_tags_drive_its_loops() -> None:

@@ -23,8 +23,8 @@ the same for the process of a simulation.
 `counted(y)` are the samples (n,) of a record that count beside an effect of the measurement, and `measured(y, values)`
 is what a simulation records for y. An effect that leaves every sample counted is not asked for.
 
-`shown(context)` is twice the log-likelihood that the best guess of the effect gains on the residual of a model without
-it, less its price. A search asks for the effect only where that is above 0; of many tags the best few enter.
+`shown(context)` is twice the log-likelihood that the best guess of an effect with a tag gains on the residual of a
+model without it. Of many tags the best few enter a search.
 `picked_from(context)` is the number of alternatives, such as tags times lags, out of which a fit picks the best one.
 The gain that names the effect grows with twice its logarithm.
 
@@ -61,15 +61,11 @@ class Place(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Place of a segment in its whole record: start and length in seconds, gaps included, and the centre of y.
-
-    `cycle_s` is that of its Context, for the whole record.
-    """
+    """Place of a segment in its whole record: start and length in seconds, gaps included, and the centre of y."""
 
     start_s: float
     length_s: float
     centre: float
-    cycle_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +74,7 @@ class Context:
 
     `guide` (n,) is the process value of the model. An effect that depends on y must not see the measured one, or it
     would predict y from itself. `record` is set where this is one segment of a record with gaps. `held` is true where
-    the command is constant from one of its values to the next. `period_s` is the time scale of the swings, `cycle_s`
-    the period of the strongest line in the command, 0 where it is not known.
+    the command is constant from one of its values to the next.
     """
 
     command: FloatArray
@@ -94,7 +89,6 @@ class Context:
     guide: FloatArray | None = None
     record: Record | None = None
     held: bool = True
-    cycle_s: float = 0.0
 
     @property
     def command_step_s(self) -> float:

@@ -24,7 +24,6 @@ from ..numerics import tally
 from ..numerics.autoregression import first_rows, linked
 from ..numerics.fixed_point import fixed_point
 from ..numerics.jit import FULL, LANES, output
-from ..numerics.spectrum import strongest_period
 from ..numerics.varpro import REJECTED, Shared
 from ..numerics.varpro_segments import Blockwise
 from ..process.intersample import rebuild
@@ -68,8 +67,7 @@ class Model(Response):
             command = self._commanded()
         self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
                                dict(loop.extras), residual, None if residual is None else y - residual, record,
-                               spec.held, strongest_period(bridged(loop.output), loop.step_s) if record is None else
-                               record.cycle_s)
+                               spec.held)
         self.law = law_along(self.law, spec.paths, command.size)
         self.profile = self._drift_profile()
         self._range()

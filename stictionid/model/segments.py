@@ -22,10 +22,9 @@ from numpy.typing import NDArray
 
 from ..effects.contract import Context, Record
 from ..numerics.jit import output
-from ..numerics.spectrum import strongest_period
 from ..numerics.varpro import Shared
 from ..numerics.varpro_segments import Blockwise, block_columns
-from ..record.loop import Loop, bridged
+from ..record.loop import Loop
 from ..typing import FloatArray
 from .model import Model
 from .replay import Paths
@@ -57,21 +56,19 @@ class Restarted(Model):
         clock = loop.clock_s
         centre = float(np.mean(loop.setpoint if loop.setpoint is not None
                                else loop.process_value[np.isfinite(loop.process_value)]))
-        cycle_s = strongest_period(bridged(loop.output[loop.longest]), loop.step_s)
-        record = Record(0.0, float(clock[-1]) + loop.step_s, centre, cycle_s)
         m = 1 if command is None else command.size // loop.samples
         self._pieces = tuple(
             Model(loop.cut(p.start, p.stop), _of_segment(spec, i), s_max=s_max, period_s=period_s,
                   residual=None if residual is None else residual[p],
                   command=None if command is None else command[p.start * m:p.stop * m],
-                  record=replace(record, start_s=float(clock[p.start])))
+                  record=Record(float(clock[p.start]), float(clock[-1]) + loop.step_s, centre))
             for i, p in enumerate(loop.segments))
         parts = [piece.context for piece in self._pieces]
         self.context = Context(np.concatenate([c.command for c in parts]),
                                np.concatenate([c.process_value for c in parts]), loop.setpoint, loop.step_s,
                                self.parts, period_s, s_max, dict(loop.extras), residual,
                                None if residual is None else np.concatenate([c.guide for c in parts]),
-                               record, spec.held, cycle_s)
+                               Record(0.0, float(clock[-1]) + loop.step_s, centre), spec.held)
         self._range()
         self.skip = min(piece.skip for piece in self._pieces)
         self.weight = np.concatenate([piece.weight for piece in self._pieces])

@@ -11,8 +11,6 @@ from .autoregression import autoregression, filtered
 
 # Bands of equal ratio, and the fewest samples of a spectrum.
 BANDS, FEWEST = 8, 64
-# Points of a padded spectrum between two lines.
-_FINE = 4
 Band = tuple[float, float, float, float]
 
 
@@ -37,45 +35,6 @@ def bands_of(f: FloatArray, power: FloatArray) -> tuple[Band, ...]:
     edges, total = np.geomspace(f[0], f[-1] * (1 + 1e-9), BANDS + 1), float(power.sum())
     inside = [(a, b, (f >= a) & (f < b)) for a, b in itertools.pairwise(edges.tolist())]
     return tuple((1.0 / b, 1.0 / a, float(power[m].sum()) / total, float(m.mean())) for a, b, m in inside)
-
-
-def strongest_period(signal: FloatArray, step_s: float) -> float:
-    """Period in s of the strongest line in a signal (n,), by frequency times power; 0 where it has none.
-
-    The weight keeps slow moves of the mean from standing for a cycle. A line has at least three periods.
-    """
-    n = signal.size
-    if n < FEWEST:
-        return 0.0
-    power = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(n), _FINE * n)) ** 2
-    frequency = np.fft.rfftfreq(_FINE * n, step_s)
-    power[:_FINE * 3] = 0.0
-    best = int(np.argmax(frequency * power))
-    return 1.0 / float(frequency[best]) if power[best] > 0.0 else 0.0
-
-
-def _noise(power: FloatArray) -> FloatArray:
-    """Power of the noise (k,) under a spectrum (k,): the median between 0.6 and 1.6 times each frequency.
-
-    An autoregression would take the lines of a wave for noise.
-    """
-    at = np.arange(power.size)
-    low, high = np.minimum((0.6 * at).astype(int), at - 8).clip(1), np.maximum((1.6 * at).astype(int), at + 8) + 1
-    found = np.array([np.median(power[a:b]) for a, b in zip(low, high, strict=True)]) / np.log(2.0)
-    return np.asarray(np.maximum(found, np.finfo(float).tiny), np.float64)
-
-
-def lines_over_noise(signal: FloatArray, fine: int) -> FloatArray:
-    """Power of a signal (n,) over that of the noise around it, chi-square with two degrees where only noise is.
-
-    It is given at `fine` frequencies from one line to the next.
-    """
-    n = signal.size
-    x = (signal - signal.mean()) * np.hanning(n)
-    noise = _noise(np.abs(np.fft.rfft(x)) ** 2)
-    padded = np.abs(np.fft.rfft(x, fine * n)) ** 2
-    beside = np.interp(np.arange(padded.size) / fine, np.arange(noise.size), noise)
-    return np.asarray(2.0 * padded / beside, np.float64)
 
 
 def whitened(residual: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:

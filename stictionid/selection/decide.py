@@ -90,7 +90,7 @@ def _unasked(search: Search, winner: Entry) -> list[str]:
     """Effects of the catalogue that a search has asked for beside no model, though the record may hold them."""
     asked = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and not e.failed}
     open_ = [name for last in (False, True) for name in additions(winner.spec, search.loop, search.only, last=last)]
-    return sorted({parse(name)[0].name for name in open_} - asked - search.unseen)
+    return sorted({parse(name)[0].name for name in open_} - asked)
 
 
 def simplest(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:

@@ -52,7 +52,6 @@ from .node import (
     node,
     other_process,
     physical,
-    plain,
     valve_effects,
     with_effect,
 )
@@ -158,10 +157,10 @@ def adding(spec: Spec, name: str) -> Task:
     return Task(node(with_effect(spec, name), soft=soft), name)
 
 
-def shown(ground: Ground, tasks: Sequence[Task]) -> tuple[list[Task], set[str]]:
-    """The tasks whose effects a first look at the residual does not rule out, and the plain names of the others.
+def shown(ground: Ground, tasks: Sequence[Task]) -> list[Task]:
+    """The tasks, of those that ask for a tag only the few whose tag the residual follows best, however little.
 
-    Of many tags the few enter that the residual follows best, however little: a wrong base may hide its source.
+    A wrong base may hide its source, so that no threshold keeps a tag out.
     """
     model, residual = ground.fit.model, ground.fit.best.left
     seen = {}
@@ -169,10 +168,8 @@ def shown(ground: Ground, tasks: Sequence[Task]) -> tuple[list[Task], set[str]]:
         effect, option = parse(task.added) if task.added else (None, "")
         if effect is not None and effect.shown is not None:
             seen[task.added] = effect.shown(replace(model.context_of(option), residual=residual))
-    best = sorted(seen, key=lambda name: -seen[name])
-    tags = [name for name in best if parse(name)[1]][_TAGS:]
-    out = {name for name in best if seen[name] <= 0.0 and not parse(name)[1]} | set(tags)
-    return [t for t in tasks if t.added not in out], {plain(name) for name in out}
+    out = sorted(seen, key=lambda name: -seen[name])[_TAGS:]
+    return [t for t in tasks if t.added not in out]
 
 
 def edges(spec: Spec, loop: Loop, only: Iterable[str] | None, commands: Iterable[Spec]) -> list[Task]:

@@ -64,8 +64,6 @@ class Search:
     drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
     # Answers that slide and were asked once more for a valve that rests.
     rested: set[str] = field(default_factory=set)
-    # Effects that a first look at a residual ruled out.
-    unseen: set[str] = field(default_factory=set)
     budget: Budget = field(init=False)
     # True where the record is slower than the controller's scan.
     slow: bool = False
@@ -320,8 +318,7 @@ class Search:
         Effects off the valve come first, then those on it by twos, then changes of structure. As long as no look comes
         near the noise, the latter two are also searched from new valves, with no process assumed.
         """
-        tasks, unseen = shown(ground, tasks)
-        self.unseen |= unseen
+        tasks = shown(ground, tasks)
         answers: list[Packed] = []
         valves = [t for t in tasks if t.on_valve]
         for some in filter(None, ([t for t in tasks if t.added and not t.on_valve],
