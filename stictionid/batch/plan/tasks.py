@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -11,6 +13,7 @@ from pathlib import Path
 
 from ...errors import DataError, UsageError
 from ...historian.bytes.options import ReadOptions
+from ...historian.bytes.source import PARQUET
 from ...historian.dataset import groups_of, open_dataset
 from ...historian.series.assign import key_of
 from ...historian.settled import settled
@@ -18,13 +21,15 @@ from ...historian.words.roles import listing
 from ...system.plurals import counted
 from ..command import command_for
 from ..task import Skipped, Task, Work
-from .file_names import key_for
 from .loop_lists import TAGS, read_list
 from .peeking import Peeked, from_dataset, peek
-from .sources import DATA, FOREIGN, PARQUET, FoundFiles, look
+from .sources import DATA, FOREIGN, FoundFiles, look
 
 _NAME = "name the columns with --sp --pv --op, or give a loop list with --loops"
 _EXPORT = "export it as CSV, Parquet, a workbook or a MATLAB file, or leave it out"
+# Longest name of a loop in the name of its file, and names that some systems keep for devices.
+_LONGEST = 80
+_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?\Z", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +167,18 @@ def _task(loop: str, kind: str, path: str, work: Work, reading: ReadOptions, *, 
     return Task(loop, kind, path, reading, key_for(loop), command_for(path, work, reading), select, files, problem)
 
 
+def key_for(loop: str) -> str:
+    """A file name without ending for a loop: its own name where that is harmless, else a harmless form with a mark.
+
+    The mark is a fingerprint of the whole name: two names never share a file, and the same name always gets the same
+    one. Lower-case letters are marked too, since some file systems take them for capitals.
+    """
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "_", loop)[:_LONGEST].strip("._- ") or "loop"
+    if plain == loop and loop.upper() == loop and not _DEVICES.match(loop):
+        return plain
+    return f"{plain}-{hashlib.sha256(loop.encode('utf-8', 'surrogatepass')).hexdigest()[:8]}"
+
+
 def _with_endings(tasks: list[Task]) -> list[Task]:
     """The tasks, damaged files with the ending in their name where another loop is called so, too."""
     called = Counter(task.loop for task in tasks)
@@ -176,5 +193,3 @@ def _refuse_twins(tasks: list[Task]) -> None:
         if other is not task:
             raise UsageError(f"two loops are called {task.loop!r}: one in {other.path}, one in {task.path}",
                              "give one of the two, or run them with an -o folder each")
-
-

@@ -84,6 +84,8 @@ KINDS = {f.name: str(f.type) for f in dataclasses.fields(ReadOptions)}
 """Type of each option, as written."""
 FLAGS = {f.name: f.metadata.get("flag") or "--" + f.name.replace("_", "-") for f in dataclasses.fields(ReadOptions)}
 """Name of each option on the command line."""
+ROLES = {"setpoint": "sp", "process_value": "pv", "output": "op", "position": "position", "mode": "mode"}
+"""Option that names the column of each role."""
 
 
 def span_of(text: str) -> tuple[float, float]:
