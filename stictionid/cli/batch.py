@@ -13,25 +13,20 @@ import typer
 
 from ..historian.bytes.options import ReadOptions
 from ..system.plurals import counted
-from .app import app
+from .app import app, outcome
 from .common.batch_progress import Watch
 from .common.completion import effect_names, law_names
-from .common.outcomes import outcome
-from .common.output import (
-    FIRST_RUN,
+from .common.options import (
     MOST_JOBS,
+    BaseOnlyOption,
+    BudgetOption,
     JsonOption,
+    PolicyOption,
     QuietOption,
     SeedOption,
-    cores,
-    number,
-    out_console,
-    plain_table,
-    print_json,
-    safe,
-    say,
+    policy_of,
 )
-from .common.policy import BudgetOption, PolicyOption, policy_of
+from .common.output import FIRST_RUN, cores, number, out_console, plain_table, print_json, safe, say
 from .common.reading import reads_file
 from .common.user_files import EffectsOption, LawsOption
 
@@ -65,7 +60,7 @@ def batch(
     with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", autocompletion=effect_names,
                                                           help="Put an effect into every "
                                                           "model; repeatable.")] = None,
-    base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
+    base_only: BaseOnlyOption = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold or corner.")] = "auto",
     policy: PolicyOption = None, budget: BudgetOption = None,
     seed: SeedOption = 0,

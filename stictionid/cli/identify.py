@@ -11,26 +11,24 @@ from typing import Annotated, Any
 import typer
 
 from ..historian.bytes.options import ReadOptions
-from .app import app
-from .common.completion import effect_names, law_names
+from .app import app, outcome
+from .common.completion import law_names
 from .common.next_step import next_step
-from .common.outcomes import outcome
-from .common.output import (
+from .common.options import (
     MOST_JOBS,
+    BaseOnlyOption,
+    BudgetOption,
     ForceOption,
     JsonOption,
-    Progress,
+    PolicyOption,
     QuietOption,
     SeedOption,
-    number,
-    out_console,
-    plain_table,
-    print_json,
-    safe,
-    say,
+    StrictOption,
+    WithOption,
+    policy_of,
 )
+from .common.output import Progress, number, out_console, plain_table, print_json, safe, say
 from .common.planned import OpLimits, PvLimits, limits_of, print_plan
-from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
 from .common.study_files import check_study_place
 from .common.study_tables import print_equivalents, print_tree
@@ -49,10 +47,7 @@ def identify(
     = "auto",
     law: Annotated[str | None, typer.Option(autocompletion=law_names, show_default="chen", help="Stiction law, see "
                                             "stictionid laws; all fits and ranks every one.")] = None,
-    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", autocompletion=effect_names,
-                                                          help="Put an effect into the "
-                                                          "model from the start; repeatable.")] = None,
-    base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
+    with_effect: WithOption = None, base_only: BaseOnlyOption = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold, corner, or "
                                          "decimated (an export slower than the controller's scan).")] = "auto",
     scan: Annotated[float, typer.Option(metavar="SECONDS", help="Scan of the controller, for an export slower than "
@@ -72,8 +67,7 @@ def identify(
     seed: SeedOption = 0,
     jobs: Annotated[int, typer.Option(min=1, max=MOST_JOBS, help="Processes for work that can be split.")] = 1,
     tree: Annotated[bool, typer.Option("--tree", help="Show the models that were tried.")] = False,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
-    = False,
+    strict: StrictOption = False,
     effects: EffectsOption = None, laws: LawsOption = None,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
