@@ -2,22 +2,41 @@
 
 Between samples of a command that moves, both look alike. A slip jump beyond the stickband needs a friction below zero:
 the valve rests, or one that slides jumps past its place. So it may where nothing is named and the free run is far from
-its innovations. Which measurement would settle what looks alike is said in words of the effects' own files.
+its innovations. PV of a steady cycle shows when the valve slips and hardly more: the other valve may slip at the same
+samples, with a stickband and a dead time of its own that no search beside the first one comes near. Which measurement
+would settle what looks alike is said in words of the effects' own files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, MutableMapping
+from dataclasses import replace
+
+import numpy as np
 
 from ..effects import parse
+from ..errors import ModelError
+from ..fit.cross_validation import held_out
+from ..fit.moves import descended, movable
 from ..fit.noise.completion import Refit
-from ..fit.starts.beside_effect import RESTING
+from ..fit.plateau import settled_on_plateau
+from ..fit.starts.beside_effect import RESTING, on_valve
+from ..fit.starts.same_slips import with_same_slips
+from ..model.segments import bound
+from ..model.spec import BASE, Spec
+from ..record.loop import Loop
 from ..record.tree import Gate
-from .entry import Entry
+from .entry import ADD, DROP, ROOT, Entry
 from .gates import margin_of
-from .node import depth, physical, plain
+from .looks import rng_of
+from .node import additions, depth, key, node, physical, plain, with_effect, without
 from .policy import Policy
-from .score import Scored
+from .score import Scored, completed, glanced
+
+# Samples by which all slips may come earlier, slip jumps tried as shares of that of the answer, and valves polished.
+_SHIFTS, _JUMPS, _POLISHED = range(-8, 13), np.geomspace(0.25, 4.0, 17), 6
+# BIC that a full fit may still gain.
+_FURTHER = 10.0
 
 
 def odd(entry: Entry, policy: Policy, *, lasting: bool) -> bool:
@@ -63,6 +82,74 @@ def rests_instead(done: Refit, name: str) -> dict[str, float]:
     swing, slip = natural.numbers(values[0], values[1], values[model.rows_of(name)], model.context)
     rests = {f"{RESTING}:{p.name}": p.high for p in parse(RESTING)[0].parameters}
     return {**model.named(done.values), "S": float(swing[0]), "J": float(slip[0]), **rests}
+
+
+def beside(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,
+           policy: Policy, *, better: bool) -> Entry | None:
+    """The node of the other kind of valve, put in the memo where it comes near an entry and no better fit is known.
+
+    With `better` it must gain as much as a change of structure does, and leave white innovations.
+    """
+    spec = other_valve(entry, loop, only)
+    done = fitted_alike(entry, spec, seed, policy) if spec is not None else None
+    if spec is None or done is None:
+        return None
+    if better and (done.gain_over(entry.scored.done) < policy.structure_margin or not done.white):
+        return None
+    known = memo.get(key(spec))
+    if known is not None and not known.failed and known.scored.full and known.scored.done.gain_over(done) >= 0.0:
+        return None
+    scored, op = Scored(done, True, held_out(done)), ADD if RESTING in spec.effects else DROP
+    if known is not None and known.op == ROOT:
+        known.scored = scored
+        return known
+    found = memo[key(spec)] = Entry(spec, scored, key(entry.spec), op, RESTING)
+    if op == DROP:
+        found.gates = judged_drop(RESTING, found, entry.scored, policy)
+    return found
+
+
+def other_valve(entry: Entry, loop: Loop, only: frozenset[str] | None) -> Spec | None:
+    """The node of an entry with the other kind of valve; None where the record or the node has no second kind."""
+    spec, model = entry.spec, entry.scored.done.model
+    others = [e for n, e in zip(model.names, model.effects, strict=True) if on_valve(e) and n != RESTING]
+    if not spec.held or spec.friction_free or others or model.law.one_parameter or not movable(model)[:2].all():
+        return None
+    if RESTING in spec.effects:
+        return node(without(spec, (RESTING,)), soft=entry.scored.done.increments)
+    return node(with_effect(spec, RESTING), soft=entry.scored.done.increments) \
+        if RESTING in additions(spec, loop, only) else None
+
+
+def fitted_alike(entry: Entry, spec: Spec, seed: int, policy: Policy) -> Refit | None:
+    """A node fitted from the valves that slip as that of an entry does; None where none comes near it in BIC."""
+    before = entry.scored.done
+    loop, rests = before.model.loop, RESTING in spec.effects
+    model = bound(loop, spec, s_max=before.model.s_max, period_s=before.model.period_s,
+                  residual=before.evaluated.left)
+    white = bound(loop, replace(spec, taps=before.spec.taps, increments=before.spec.increments),
+                  s_max=before.model.s_max, period_s=before.model.period_s, residual=before.evaluated.left)
+    known = before.model.named(before.values)
+    values = white.vector(known)
+    if rests:
+        rows = white.rows_of(RESTING)
+        values[rows] = [p.high for p in white.space.parameters[rows]]
+    path = before.model.positions(before.values[:, None])[:, 0]
+    try:
+        trial = with_same_slips(white, values, path, rests=rests, shifts=_SHIFTS, jumps=values[1] * _JUMPS)
+        if not trial.shape[1]:
+            return None
+        order = np.argsort(white.costs_of(trial), kind="stable")[:_POLISHED]
+        found = descended(white, white.cube(trial[:, order]), held=(0, *white.forces))
+        if not np.isfinite(found.costs[0]):
+            return None
+        best = white.values(settled_on_plateau(white, found.points[0])[None])[:, 0]
+        there = model.vector(white.named(best))
+        if glanced(model, there).gain_over(before) < -policy.alike - _FURTHER:
+            return None
+        return completed(model, there, before.values[None, :len(BASE)], rng_of(seed, key(spec), 2), policy)
+    except (ModelError, np.linalg.LinAlgError):
+        return None
 
 
 def settling(name: str, rivals: tuple[str, ...]) -> str:
