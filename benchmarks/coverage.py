@@ -39,8 +39,9 @@ LEAST, MOST = 0.85, 0.95
 SAMPLES, ROWS, ROOT = 1200, 3, 0.8
 # Steps of a rounded OP in %, and of its PV in standard deviations of the noise.
 OUTPUT_STEP, PV_STEP = 0.1, 1.0
-# Scatter of the break-away force as a share of it, speed of a valve that always rests in % / s, cycles of a steady one.
-SCATTER, RESTS, CYCLES = 0.03, 1e3, 5
+# Scatter of the break-away force as a share of it, speed of a valve that always rests in % / s, least cycles of a
+# steady loop, and the largest factor by which its controller is slower than its tuning rule.
+SCATTER, RESTS, CYCLES, SLOWER = 0.03, 1e3, 5, 6.0
 
 
 def scanned(seed: int, scatter: float = 0.0, samples: int = SAMPLES) -> tuple[Loop, Setting]:
@@ -61,7 +62,7 @@ def steady(seed: int) -> tuple[Loop, Setting]:
     rng = np.random.default_rng([seed, 41])
     while True:
         plant, _, _ = process(rng)
-        controller = tuned(replace(plant, gain=plant.gain * rng.uniform(1.0, 2.5)), rng, 1.0)
+        controller = tuned(replace(plant, gain=plant.gain * float(np.exp(rng.uniform(0.0, np.log(SLOWER))))), rng, 1.0)
         S = float(rng.uniform(1.5, 6.0))
         effects = (("re-sticking", {"restick_speed": RESTS}),) if seed % 2 else ()
         setting = Setting(plant, controller, S, S * float(rng.uniform(0.2, 0.9)), duration_s=1400.0,

@@ -35,16 +35,17 @@ _SHOWN = 5
 @one_thread
 def identify(loop: Loop | pd.DataFrame | str | os.PathLike[str], *, law: str | None = None,
              effects: Sequence[str] = (), method: str = "auto", base_only: bool = False, between: str = "auto",
-             scan_s: float | None = None, plant: Mapping[str, float] | None = None, seed: int = 0,
-             budget: int | None = None, progress: Progress | None = None) -> Study:
+             scan_s: float | None = None, plant: Mapping[str, float] | None = None, intervals: bool = True,
+             seed: int = 0, budget: int | None = None, progress: Progress | None = None) -> Study:
     """S, J, process, errors and verdict of a loop: a Loop, a DataFrame, or the path of a file.
 
     S and J are in % of travel, the gain of the process in the unit of PV per %, lags and dead time in s, errors in the
     unit of PV. `law` names a stiction law or "all", `effects` are put into the model from the start, `base_only` stops
     at the base model. `plant` holds what is known of the process: gain (unit of PV per %, of an integrator per s,
     too), time_constant_s and dead_time_s (s). `between` says what the output did between samples, `scan_s` is the scan
-    of the controller in s. `budget` is the largest number of cost evaluations. The same seed gives the same study. A
-    record that can't tell gives a study with the verdict "undecided" and its reason.
+    of the controller in s. Without `intervals` the study has none and takes less time. `budget` is the largest number
+    of cost evaluations. The same seed gives the same study. A record that can't tell gives a study with the verdict
+    "undecided" and its reason.
     """
     from ..fit.options import USUAL_SCAN_S, Options
     from ..verbs.identify import identify as run
@@ -55,7 +56,8 @@ def identify(loop: Loop | pd.DataFrame | str | os.PathLike[str], *, law: str | N
         raise UsageError(f"the plant has no {unknown[0]!r}", "give " + ", ".join(_PLANT))
     named = (effects,) if isinstance(effects, str) else tuple(effects)
     options = Options(method, law, named, base_only, between, {k: float(v) for k, v in (plant or {}).items()}, seed,
-                      command="stictionid.identify", scan_s=USUAL_SCAN_S if scan_s is None else scan_s)
+                      command="stictionid.identify", scan_s=USUAL_SCAN_S if scan_s is None else scan_s,
+                      intervals=intervals)
     return Study(run(found.record, options=options, policy=_policy(budget), progress=teller(progress)), found)
 
 

@@ -66,6 +66,8 @@ def batch(
                                                           help="Put an effect into every "
                                                           "model; repeatable.")] = None,
     base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
+    no_intervals: Annotated[bool, typer.Option("--no-intervals", help="Leave intervals out: S, J and the process "
+                                               "alone, in less time.")] = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold or corner.")] = "auto",
     policy: PolicyOption = None, budget: BudgetOption = None,
     seed: SeedOption = 0,
@@ -94,7 +96,7 @@ def batch(
 
     if level not in LEVELS:
         raise UsageError(f"unknown level '{level}'", "choose one of " + ", ".join(LEVELS))
-    options = Options(method, law, tuple(with_effect or ()), base_only, between, seed=seed)
+    options = Options(method, law, tuple(with_effect or ()), base_only, between, seed=seed, intervals=not no_intervals)
     steered = policy_of(policy, budget)
     check_options(options, steered)
     work = Work(level, options, pages or level == "study", steered, str(policy.absolute()) if policy else "")
@@ -124,7 +126,8 @@ def _refuse_ignored(work: Any) -> None:
 
     o = work.options
     for flag, given in (("--method", o.method != "auto"), ("--with", bool(o.effects)), ("--base-only", o.base_only),
-                        ("--between", o.between != "auto"), ("--law all", o.law == "all"),
+                        ("--between", o.between != "auto"), ("--no-intervals", not o.intervals),
+                        ("--law all", o.law == "all"),
                         ("--policy or --budget", work.policy is not None)):
         if work.level == "screen" and given:
             raise UsageError(f"{flag} has no meaning with --level screen", "leave it out, or use --level identify")

@@ -128,8 +128,8 @@ class Estimate:
     """The last step's main numbers; S and J in `unit`, intervals at `interval_level`, null where unknown.
 
     The longest time constant comes first; `time_constants_intervals` has one interval, or null, for each. `J_known` is
-    false where a rounded output leaves more than half of J open: its interval then is the answer. `scatter` is null
-    where the law alone places every slip.
+    false where the record leaves more than half of J open: its interval then is the answer. `S_pieces` and `J_pieces`
+    are null where the interval has no gap. `scatter` is null where the law alone places every slip.
     """
 
     S: float
@@ -149,6 +149,8 @@ class Estimate:
     time_constants_intervals: tuple[tuple[float, float] | None, ...] = ()
     dead_time_interval: tuple[float, float] | None = None
     J_known: bool = field(default=True, kw_only=True)
+    S_pieces: tuple[tuple[float, float], ...] | None = field(default=None, kw_only=True)
+    J_pieces: tuple[tuple[float, float], ...] | None = field(default=None, kw_only=True)
     scatter: Scatter | None = field(default=None, kw_only=True)
 
 
@@ -288,7 +290,8 @@ class Study:
     the search's cost evaluations. `unasked` lists what the budget left untried. `equivalents` explain the record alike.
     `missing_reason` says in words what is missing, and `unexplained` holds the shape of it. `carried_by` is the noise
     that alone keeps the model from being adequate: "coloured noise", "a random walk", "a narrow band" or "a drift";
-    else it is empty. `rhythm` is set by a batch, which compares the loops of a plant.
+    else it is empty. `rhythm` is set by a batch, which compares the loops of a plant. `with_intervals` is false for one
+    that was asked for without them.
     """
 
     created_by: CreatedBy
@@ -315,6 +318,7 @@ class Study:
     rhythm: Rhythm | None = field(default=None, kw_only=True)
     swing: Swing | None = field(default=None, kw_only=True)
     controller: Controller | None = field(default=None, kw_only=True)
+    with_intervals: bool = field(default=True, kw_only=True)
     schema: str = SCHEMA
 
     @property
