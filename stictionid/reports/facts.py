@@ -16,6 +16,9 @@ from ..system.plurals import counted
 from . import effect_words, evidence, ranking, sections, story, wording
 from .document import Facts, KeyNumber, PageTable, Section
 
+# A study of an older version may call a J known whose interval is wider than this share of its value.
+WEAK_J_SHARE = 0.5
+
 # S from the position differs where it is this share outside the interval of S.
 DIFFERS = 0.1
 
@@ -116,13 +119,15 @@ def _key(label: str, found: tuple[float, Span | None, wording.Pieces], unit: str
 def _jump_key(e: Estimate, level: str) -> KeyNumber:
     """J as a headline number; its range alone where rounding leaves it open."""
     if e.J_known:
-        return _key("J, slip jump", (e.J, e.J_interval, e.J_pieces), e.unit, level, f"J/S {_share(e)}")
+        return _key("J, slip jump", (e.J, e.J_interval, e.J_pieces), e.unit, level, _jump_note(e))
     return KeyNumber("J, slip jump", wording.jump(e.J, e.J_interval, e.unit, known=False),
                      f"{level}; the record leaves more than half of J open")
 
 
-def _share(e: Estimate) -> str:
-    return wording.number(e.J / e.S, 2) if e.S else wording.NOTHING
+def _jump_note(e: Estimate) -> str:
+    if e.J_interval is not None and e.J_interval[1] - e.J_interval[0] > WEAK_J_SHARE * max(e.J, 1e-12):
+        return "weakly known: only J times the process gain is fixed"
+    return f"J/S {wording.number(e.J / e.S, 2) if e.S else wording.NOTHING}"
 
 
 def jump_state(study: Study) -> str:

@@ -29,14 +29,14 @@ from ..record.tree import Gate
 from .entry import ADD, DROP, ROOT, Entry
 from .gates import margin_of
 from .looks import rng_of
-from .node import additions, depth, key, node, physical, plain, with_effect, without
+from .node import LAG, additions, depth, key, node, physical, plain, with_effect, without
 from .policy import Policy
 from .score import Scored, completed, glanced
 
 # Samples by which all slips may come earlier, slip jumps tried as shares of that of the answer, and valves polished.
 _SHIFTS, _JUMPS, _POLISHED = range(-8, 13), np.geomspace(0.25, 4.0, 17), 6
-# BIC that a full fit may still gain.
-_FURTHER = 10.0
+# BIC that a full fit may still gain, and the first length of a further lag as a share of the lag.
+_FURTHER, _LAG = 10.0, 0.25
 
 
 def odd(entry: Entry, policy: Policy, *, lasting: bool) -> bool:
@@ -85,58 +85,70 @@ def rests_instead(done: Refit, name: str) -> dict[str, float]:
 
 
 def beside(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,
-           policy: Policy, *, better: bool) -> Entry | None:
-    """The node of the other kind of valve, put in the memo where it comes near an entry and no better fit is known.
+           policy: Policy, *, better: bool) -> bool:
+    """True where nodes with the slips of an entry were put in the memo: those that come near and are better than known.
 
-    With `better` it must gain as much as a change of structure does, and leave white innovations.
+    With `better` they must gain as much as a change of structure does, and leave white innovations.
     """
-    spec = other_valve(entry, loop, only)
-    done = fitted_alike(entry, spec, seed, policy) if spec is not None else None
-    if spec is None or done is None:
-        return None
-    if better and (done.gain_over(entry.scored.done) < policy.structure_margin or not done.white):
-        return None
-    known = memo.get(key(spec))
-    if known is not None and not known.failed and known.scored.full and known.scored.done.gain_over(done) >= 0.0:
-        return None
-    scored, op = Scored(done, True, held_out(done)), ADD if RESTING in spec.effects else DROP
-    if known is not None and known.op == ROOT:
-        known.scored = scored
-        return known
-    found = memo[key(spec)] = Entry(spec, scored, key(entry.spec), op, RESTING)
-    if op == DROP:
-        found.gates = judged_drop(RESTING, found, entry.scored, policy)
+    least, found = policy.structure_margin if better else -policy.alike, False
+    for spec in alike(entry, loop, only):
+        own = key(spec) == key(entry.spec)
+        done = fitted_alike(entry, spec, seed, policy, policy.better_fit if own else least)
+        if done is None or (better and not (own or done.white)):
+            continue
+        known = memo.get(key(spec))
+        if known is not None and not known.failed and known.scored.full and known.scored.done.gain_over(done) >= 0.0:
+            continue
+        scored, found = Scored(done, True, held_out(done)), True
+        if known is not None and (own or known.op == ROOT):
+            known.scored = scored
+            if own:
+                # (from a better point the way may go on)
+                beside(memo, entry, loop, only, seed, policy, better=better)
+                break
+            continue
+        new = [n for n in physical(spec) if n not in entry.spec.effects]
+        what = LAG if new == [LAG] else RESTING
+        child = memo[key(spec)] = Entry(spec, scored, key(entry.spec), ADD if new else DROP, what)
+        child.gates = () if new else judged_drop(RESTING, child, entry.scored, policy)
     return found
 
 
-def other_valve(entry: Entry, loop: Loop, only: frozenset[str] | None) -> Spec | None:
-    """The node of an entry with the other kind of valve; None where the record or the node has no second kind."""
-    spec, model = entry.spec, entry.scored.done.model
+def alike(entry: Entry, loop: Loop, only: frozenset[str] | None) -> list[Spec]:
+    """The nodes that slips of an entry may belong to: itself, the other kind of valve, and both with a further lag.
+
+    The lag is left out where the entry is white. Empty where the record or the node has no second kind of valve.
+    """
+    spec, model, soft = entry.spec, entry.scored.done.model, entry.scored.done.increments
     others = [e for n, e in zip(model.names, model.effects, strict=True) if on_valve(e) and n != RESTING]
     if not spec.held or spec.friction_free or others or model.law.one_parameter or not movable(model)[:2].all():
-        return None
+        return []
+    found, more = [spec], additions(spec, loop, only)
     if RESTING in spec.effects:
-        return node(without(spec, (RESTING,)), soft=entry.scored.done.increments)
-    return node(with_effect(spec, RESTING), soft=entry.scored.done.increments) \
-        if RESTING in additions(spec, loop, only) else None
+        found.append(without(spec, (RESTING,)))
+    elif RESTING in more:
+        found.append(with_effect(spec, RESTING))
+    if LAG in more and not entry.scored.white:
+        found += [with_effect(s, LAG) for s in found if RESTING in s.effects or s is spec]
+    return [node(s, soft=soft) for s in found]
 
 
-def fitted_alike(entry: Entry, spec: Spec, seed: int, policy: Policy) -> Refit | None:
-    """A node fitted from the valves that slip as that of an entry does; None where none comes near it in BIC."""
+def fitted_alike(entry: Entry, spec: Spec, seed: int, policy: Policy, least: float) -> Refit | None:
+    """A node fitted from the valves that slip as that of an entry does; None where it gains less than the least BIC."""
     before = entry.scored.done
-    loop, rests = before.model.loop, RESTING in spec.effects
-    model = bound(loop, spec, s_max=before.model.s_max, period_s=before.model.period_s,
-                  residual=before.evaluated.left)
-    white = bound(loop, replace(spec, taps=before.spec.taps, increments=before.spec.increments),
-                  s_max=before.model.s_max, period_s=before.model.period_s, residual=before.evaluated.left)
-    known = before.model.named(before.values)
-    values = white.vector(known)
-    if rests:
-        rows = white.rows_of(RESTING)
-        values[rows] = [p.high for p in white.space.parameters[rows]]
+    loop = before.model.loop
+    model, white = (bound(loop, s, s_max=before.model.s_max, period_s=before.model.period_s,
+                          residual=before.evaluated.left)
+                    for s in (spec, replace(spec, taps=before.spec.taps, increments=before.spec.increments)))
+    values = white.vector(before.model.named(before.values))
+    ends = {RESTING: np.inf, LAG: _LAG * values[3]}
+    for name in (n for n in ends if n in spec.effects and n not in entry.spec.effects):
+        rows = white.rows_of(name)
+        values[rows] = [min(ends[name], p.high) for p in white.space.parameters[rows]]
     path = before.model.positions(before.values[:, None])[:, 0]
     try:
-        trial = with_same_slips(white, values, path, rests=rests, shifts=_SHIFTS, jumps=values[1] * _JUMPS)
+        trial = with_same_slips(white, values, path, rests=RESTING in spec.effects, shifts=_SHIFTS,
+                                jumps=values[1] * _JUMPS)
         if not trial.shape[1]:
             return None
         order = np.argsort(white.costs_of(trial), kind="stable")[:_POLISHED]
@@ -145,9 +157,10 @@ def fitted_alike(entry: Entry, spec: Spec, seed: int, policy: Policy) -> Refit |
             return None
         best = white.values(settled_on_plateau(white, found.points[0])[None])[:, 0]
         there = model.vector(white.named(best))
-        if glanced(model, there).gain_over(before) < -policy.alike - _FURTHER:
+        if glanced(model, there).gain_over(before) < least - _FURTHER:
             return None
-        return completed(model, there, before.values[None, :len(BASE)], rng_of(seed, key(spec), 2), policy)
+        done = completed(model, there, before.values[None, :len(BASE)], rng_of(seed, key(spec), 2), policy)
+        return done if done.gain_over(before) >= least else None
     except (ModelError, np.linalg.LinAlgError):
         return None
 

@@ -94,12 +94,12 @@ class Search:
 
         With `everything` the best node is expanded first, even where it leaves only noise.
         """
-        self._other_valve(self.best(), better=True)
+        self._same_slips(self.best(), better=True)
         if everything and not self.best().asked:
             self.expand(self.best())
         while key((best := self._walked()).spec) not in self.rested:
             self.rested.add(key(best.spec))
-            self._other_valve(best)
+            self._same_slips(best)
             if doubted := self._doubted(best):
                 self.ask(*doubted)
         base = next(iter(self.memo.values()))
@@ -190,9 +190,10 @@ class Search:
             self._finish(ground, entry, [a for a in looks if beyond is None
                                          or self._seen(a).done.gain_over(beyond.scored.done) > 0.0], sure)
 
-    def _other_valve(self, entry: Entry, *, better: bool = False) -> None:
-        """Put the other kind of valve in the memo, fitted from the slips of an entry; `better` as `beside` has it."""
-        if beside(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better) is not None:
+    def _same_slips(self, entry: Entry, *, better: bool = False) -> None:
+        """Put nodes with the slips of an entry in the memo, the other kind of valve too; `better` as `beside` has it.
+        """
+        if beside(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
             self._judge(entry)
 
     def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
