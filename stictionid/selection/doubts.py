@@ -33,8 +33,8 @@ from .node import LAG, additions, depth, key, node, physical, plain, with_effect
 from .policy import Policy
 from .score import Scored, completed, glanced
 
-# Samples by which all slips may come earlier, slip jumps tried as shares of that of the answer, and valves polished.
-_SHIFTS, _JUMPS, _POLISHED = range(-8, 13), np.geomspace(0.25, 4.0, 17), 6
+# Samples by which all slips may come earlier, and slip jumps tried as shares of that of the answer.
+_SHIFTS, _JUMPS = range(-8, 13), np.geomspace(0.25, 4.0, 17)
 # BIC that a full fit may still gain, and the first length of a further lag as a share of the lag.
 _FURTHER, _LAG = 10.0, 0.25
 
@@ -151,8 +151,10 @@ def fitted_alike(entry: Entry, spec: Spec, seed: int, policy: Policy, least: flo
                                 jumps=values[1] * _JUMPS)
         if not trial.shape[1]:
             return None
-        order = np.argsort(white.costs_of(trial), kind="stable")[:_POLISHED]
-        found = descended(white, white.cube(trial[:, order]), held=(0, *white.forces))
+        # The best of every dead time: with a lag that is not settled the right one does no better at first.
+        order = np.lexsort((white.costs_of(trial), trial[4]))
+        best_of = order[np.unique(trial[4, order], return_index=True)[1]]
+        found = descended(white, white.cube(trial[:, best_of]), held=(0, *white.forces))
         if not np.isfinite(found.costs[0]):
             return None
         best = white.values(settled_on_plateau(white, found.points[0])[None])[:, 0]
