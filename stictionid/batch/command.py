@@ -46,7 +46,7 @@ def _work(work: Work) -> list[str]:
         said += ["--policy", work.policy_file]
     if work.policy is not None and work.policy.budget != Policy().budget:
         said += ["--budget", str(work.policy.budget)]
-    return said + ["--base-only"] * o.base_only + ["--seed", str(o.seed)]
+    return said + ["--base-only"] * o.base_only + ["--no-intervals"] * (not o.intervals) + ["--seed", str(o.seed)]
 
 
 def _reading(reading: ReadOptions) -> list[str]:

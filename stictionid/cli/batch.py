@@ -21,6 +21,7 @@ from .common.options import (
     BaseOnlyOption,
     BudgetOption,
     JsonOption,
+    NoIntervalsOption,
     PolicyOption,
     QuietOption,
     SeedOption,
@@ -61,6 +62,7 @@ def batch(
                                                           help="Put an effect into every "
                                                           "model; repeatable.")] = None,
     base_only: BaseOnlyOption = False,
+    no_intervals: NoIntervalsOption = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold or corner.")] = "auto",
     policy: PolicyOption = None, budget: BudgetOption = None,
     seed: SeedOption = 0,
@@ -89,7 +91,7 @@ def batch(
 
     if level not in LEVELS:
         raise UsageError(f"unknown level '{level}'", "choose one of " + ", ".join(LEVELS))
-    options = Options(method, law, tuple(with_effect or ()), base_only, between, seed=seed)
+    options = Options(method, law, tuple(with_effect or ()), base_only, between, seed=seed, intervals=not no_intervals)
     steered = policy_of(policy, budget)
     check_options(options, steered)
     work = Work(level, options, pages or level == "study", steered, str(policy.absolute()) if policy else "")
@@ -119,7 +121,8 @@ def _refuse_ignored(work: Any) -> None:
 
     o = work.options
     for flag, given in (("--method", o.method != "auto"), ("--with", bool(o.effects)), ("--base-only", o.base_only),
-                        ("--between", o.between != "auto"), ("--law all", o.law == "all"),
+                        ("--between", o.between != "auto"), ("--no-intervals", not o.intervals),
+                        ("--law all", o.law == "all"),
                         ("--policy or --budget", work.policy is not None)):
         if work.level == "screen" and given:
             raise UsageError(f"{flag} has no meaning with --level screen", "leave it out, or use --level identify")

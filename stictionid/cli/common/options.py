@@ -41,6 +41,8 @@ WithOption = Annotated[list[str] | None, typer.Option(
     "--with", metavar="EFFECT", autocompletion=effect_names,
     help="Put an effect into the model from the start; repeatable.")]
 BaseOnlyOption = Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")]
+NoIntervalsOption = Annotated[bool, typer.Option(
+    "--no-intervals", help="Leave intervals out: S, J and the process alone, in less time.")]
 BetweenOption = Annotated[str, typer.Option("--between", help="What the output did between samples: as identify.")]
 ScanOption = Annotated[float, typer.Option("--scan", metavar="SECONDS", help="Scan of the controller: as identify.")]
 StrictOption = Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
