@@ -19,8 +19,7 @@ from commands import HANGS_S
 
 from stictionid.batch.plan.tasks import plan
 from stictionid.batch.summary.page import page_of
-from stictionid.batch.summary.rank import RULE, rank_key
-from stictionid.batch.summary.rows import COLUMNS, rows_of
+from stictionid.batch.summary.rows import COLUMNS, RULE, rank_key, rows_of
 from stictionid.batch.summary.write import write_summary
 from stictionid.batch.task import ABSTAINED, FAILED, OK, Task, TaskOutcome, Work
 from stictionid.batch.work import store as store_room

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from batch_files import long_table, records, write_csv, write_dataset, write_wide
 
-from stictionid.batch.plan.file_names import key_for
 from stictionid.batch.plan.loop_lists import read_list
-from stictionid.batch.plan.tasks import plan
+from stictionid.batch.plan.tasks import key_for, plan
 from stictionid.batch.task import FAILED, OK, Task, Work
 from stictionid.batch.work.worker import attempt
 from stictionid.errors import DataError, UsageError

@@ -171,8 +171,8 @@ def test_options_are_checked_before_a_file_is_looked_for(option: tuple[str, str]
     from stictionid.historian import read
 
     defaults = {name: default for name, _, default in OPTIONS}
-    name = option[0].lstrip("-").replace("-", "_")
-    value = {"limit": [option[1]], "mode_map": [option[1]], "header": -1, "step": 0.0}.get(name, option[1])
+    name = {"--step": "step_s"}.get(option[0], option[0].lstrip("-").replace("-", "_"))
+    value = {"limit": [option[1]], "mode_map": [option[1]], "header": -1, "step_s": 0.0}.get(name, option[1])
     with pytest.raises(UsageError) as told:
         read("there/is/no/such.csv", options=collect(defaults | {name: value}))
     assert "does not exist" not in told.value.message

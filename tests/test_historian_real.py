@@ -72,20 +72,3 @@ def test_loops_with_a_hidden_effect(number):
     assert loop.used.all() and loop.step_s == 1.0 and loop.units["output"] == "%"
     assert reading.assumptions == ()
     assert not [f for f in reading.findings if f.severity != "info"]
-
-
-def test_every_finding_is_in_the_table_of_the_package():
-    import re
-
-    import stictionid.historian as room
-
-    folder = Path(room.__file__).parent
-    used = {
-        code
-        for p in folder.rglob("*.py")
-        for code in re.findall(r'Finding\(\s*"([a-z-]+)"', p.read_text(encoding="utf-8"))
-    }
-    notes = (folder / "checks" / "notes.py").read_text(encoding="utf-8")
-    used |= set(re.findall(r'": "([a-z]+(?:-[a-z]+)+)"', notes)) | {"frozen", "masked"}
-    listed = set(re.findall(r"^([a-z-]+) +(?:info|warning|serious)", room.__doc__, re.MULTILINE))
-    assert used == listed

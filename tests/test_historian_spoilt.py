@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 from historian_files import R_STAMP, Record, iso, record, wide
 
+from stictionid import historian
 from stictionid.historian import ReadOptions, read, read_loop
+from stictionid.historian.findings import FINDINGS
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 
 R = record(rows=400)
@@ -194,3 +197,11 @@ def test_stamps_that_cannot_be_read_are_counted_and_the_first_is_shown(tmp_path,
     assert cells[first] in found.statement and found.evidence["cell"] == cells[first]
     assert reading.rows["in"] == sum(n for reason, n in reading.rows.items() if reason != "in")
     assert _find(_read(tmp_path, wide(R)), "unreadable-stamps") is None
+
+
+def test_every_finding_of_the_reader_is_declared_and_made() -> None:
+    """A code of the declaration stands once more in the reader, and no other code is made there."""
+    files = {path: path.read_text(encoding="utf-8") for path in Path(historian.__file__).parent.rglob("*.py")}
+    made = " ".join(text for path, text in files.items() if path.name != "findings.py")
+    assert [code for code in FINDINGS if f'"{code}"' not in made] == []
+    assert set(re.findall(r'finding\(\s*"([a-z-]+)"', made)) <= set(FINDINGS)

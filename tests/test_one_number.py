@@ -13,8 +13,8 @@ from commands import run
 from printed_numbers import numbers_in, qualifiers, wrong_numbers
 from rich.console import Console
 
+from stictionid.cli.common.terminal import print_case
 from stictionid.record.study import Study, study_from_json
-from stictionid.reports.pages.terminal import print_case
 from stictionid.reports.pictures.curves import gather
 
 _WIDE = {"COLUMNS": "400"}

@@ -216,6 +216,21 @@ def test_a_path_with_its_landing_is_stored_and_read():
         paths_from({**paths.described(), "landing": {"ratio": -1.0, "values": {}}})
 
 
+def test_a_path_that_a_valve_cannot_take_tells_nothing_of_where_it_landed():
+    model, start = scattering(seed=6)
+    found = settled(model, start, error=0.05)
+    assert found.along.landing is not None
+    # A stem that slides goes on with its command, and cannot slip once more.
+    slips, moves = found.paths.slips[0], np.diff(model.loop.output)
+    k = next(int(k) for k in slips.at if moves[k - 1] * moves[k] > 0.0)
+    again = replace(slips, at=np.sort(np.append(slips.at, k + 1)), kind=np.insert(
+        slips.kind, int(np.searchsorted(slips.at, k)) + 1, int(np.sign(moves[k]))))
+    never = replace(found.paths, slips=(again,))
+    other = model.along(never)
+    assert other.landing is None
+    assert np.isfinite(other.evaluate(found.values).residual).all()
+
+
 def test_no_answer_is_less_likely_than_the_path_by_the_law():
     for scatter in (0.0, 0.05):
         model, start = scattering(scatter=scatter)

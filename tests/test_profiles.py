@@ -85,7 +85,7 @@ def test_the_interval_of_s_leaves_out_a_tenth_of_the_likelihood_but_never_the_an
     share = np.cumsum(0.5 * (likelihood[1:] + likelihood[:-1]) * np.diff(steps.S))
     ends = np.interp([low, high], steps.S[1:], share / share[-1])
     assert ends.tolist() == pytest.approx([0.05, 0.95], abs=0.03)
-    cube, cost, S = widened(model, cube, cost)
+    cube, cost, S, _ = widened(model, cube, cost)
     e = model.evaluate(model.values(cube[[cost.argmin()]])[:, 0])
     for answer in (e, replace(e, values={**e.values, "S": 0.9 * low})):
         given = intervals_of(model, cube, cost, float(cost.min()), answer, S)["S"]
@@ -146,7 +146,7 @@ def test_a_moved_valve_slips_first_at_the_same_sample(fitted) -> None:
 
 def test_the_outline_is_a_few_possible_points_over_the_ranges(fitted) -> None:
     model, cube, cost = fitted
-    cube, cost, _ = widened(model, cube, cost)
+    cube, cost, *_ = widened(model, cube, cost)
     few, all_ = model.values(outline(model, cube, cost)), spans(model, cube, cost)
     assert 3 <= few.shape[1] <= 16
     for i, name in enumerate("SJ"):

@@ -386,7 +386,7 @@ def on_terminal(one: Case, *, encoding: str = "utf-8", width: int = 80) -> str:
     """What print_case writes to a file of that encoding."""
     from rich.console import Console
 
-    from stictionid.reports.pages.terminal import print_case
+    from stictionid.cli.common.terminal import print_case
 
     raw = io.BytesIO()
     stream = io.TextIOWrapper(raw, encoding=encoding, newline="\n")
@@ -415,7 +415,7 @@ def test_the_terminal_is_plain_and_80_columns_wide(encoding: str) -> None:
 def test_the_trend_of_a_flat_or_empty_signal_is_drawn() -> None:
     import numpy as np
 
-    from stictionid.reports.pages.terminal import raster
+    from stictionid.cli.common.terminal import raster
 
     assert raster(np.full(50, 3.0), 20, 8, 3.0, 3.0).sum() == 20
     ramp = raster(np.arange(500.0), 20, 8, 0.0, 499.0)

@@ -253,7 +253,10 @@ def test_the_page_has_the_picture_the_text_and_the_reasons(tmp_path: Path) -> No
 
 
 def test_the_intervals_reach_to_the_equivalents() -> None:
-    estimate = Estimate(4.0, 2.0, "%", (3.9, 4.1), None, 0.9, "chen", 1.0, (10.0,), 2.0, False, 0.0)
-    wide = reaching_to(estimate, {"S": (4.3, 4.6), "J": (2.3, 2.4)})
-    assert wide.S_interval == (3.9, 4.6) and wide.J_interval is None
-    assert reaching_to(estimate, {}) == estimate
+    estimate = Estimate(4.0, 2.0, "%", (3.9, 4.1), (1.9, 2.1), 0.9, "chen", 1.0, (10.0,), 2.0, False, 0.0)
+    reach = {"S": ((4.3, 4.6),), "J": ((2.05, 2.4),)}
+    wide = reaching_to(estimate, reach)
+    assert wide.S_interval == (3.9, 4.6) and wide.J_interval == (1.9, 2.4)
+    assert wide.S_pieces == ((3.9, 4.1), (4.3, 4.6)) and wide.J_pieces is None
+    without = replace(estimate, S_interval=None, J_interval=None)
+    assert reaching_to(without, reach) == without and reaching_to(estimate, {}) == estimate

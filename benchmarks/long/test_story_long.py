@@ -11,10 +11,9 @@ from stictionid.model.closed_loop import Setting, preset, simulate, with_stictio
 from stictionid.record.loop import Loop
 from stictionid.reports.facts import facts
 from stictionid.verbs.add import add
-from stictionid.verbs.diagnose import diagnose
+from stictionid.verbs.diagnose import diagnose, whole_study
 from stictionid.verbs.identify import Options, identify
 from stictionid.verbs.remove import remove
-from stictionid.verbs.whole_study import whole_study
 
 DRIFT = ("stiction-drift", {"stickband_growth": 0.8, "jump_growth": 0.133})
 SINE = ("sinusoidal-disturbance", {"period_s": 80.0, "amplitude": 2.0})

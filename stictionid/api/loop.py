@@ -185,17 +185,14 @@ def read_loop(path: Any, *, setpoint: str | None = None, process_value: str | No
     return Loop(reading.loop, rows)
 
 
-_ROLES = {"setpoint": "sp", "process_value": "pv", "output": "op", "position": "position"}
-
-
 def _options(roles: Mapping[str, Any], time: Any, extra: Sequence[str], step_s: float | None,
              more: Mapping[str, Any] | None) -> ReadOptions:
     """Options of the reader from the keywords, which come before those of the mapping `more`."""
-    from ..historian.bytes.options import options_from
+    from ..historian.bytes.options import ROLES, options_from
 
     if isinstance(extra, str):
         extra = (extra,)
-    said = {**(more or {}), **{_ROLES[role]: str(column) for role, column in roles.items() if column is not None}}
+    said = {**(more or {}), **{ROLES[role]: str(column) for role, column in roles.items() if column is not None}}
     for key, value in (("time", None if time is None else str(time)), ("extra", tuple(map(str, extra)) or None),
                        ("step_s", step_s)):
         if value is not None:

@@ -9,15 +9,16 @@ from html import escape
 from typing import ParamSpec, TypeVar
 
 from ..errors import StictionidError
+from ..historian.bytes.options import FLAGS, ROLES
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 # Keywords of Python whose options have another name on the command line; the others only differ in their dashes.
 _KEYWORDS = {
-    "sp": "setpoint", "pv": "process_value", "op": "output", "step": "step_s", "with": "effects", "scan": "scan_s",
-    "all": "everything", "sentinel": "sentinels", "time-constant": "time_constant_s", "dead-time": "dead_time_s",
-    "monthfirst": "dayfirst=False", "test": "test",
+    **{FLAGS[option].removeprefix("--"): role for role, option in ROLES.items()}, "step": "step_s", "with": "effects",
+    "scan": "scan_s", "all": "everything", "sentinel": "sentinels", "time-constant": "time_constant_s",
+    "dead-time": "dead_time_s", "monthfirst": "dayfirst=False",
 }
 # Commands as functions of `st`; those that have none keep their name.
 _FUNCTIONS = {"read": "st.read_loop", "identify": "st.identify", "diagnose": "st.diagnose", "add": "st.add",

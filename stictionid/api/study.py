@@ -188,8 +188,8 @@ class Study:
             return [*lines, wording.clean(f"because: {in_python(r.verdict.reason)}", _LINE)]
         error = r.steps[-1].error
         lags = ", ".join(wording.number(t) for t in e.time_constants_s)
-        lines += [f"S {wording.estimate(e.S, e.S_interval, e.unit)}, "
-                  f"J {wording.jump(e.J, e.J_interval, e.unit, known=e.J_known)}; "
+        lines += [f"S {wording.estimate(e.S, e.S_interval, e.unit, e.S_pieces)}, "
+                  f"J {wording.jump(e.J, e.J_interval, e.unit, e.J_pieces, known=e.J_known)}; "
                   f"{100 * e.interval_level:g} % intervals",
                   f"process: gain {wording.number(e.gain)}, lag {lags} s, dead time {wording.number(e.dead_time_s)} s"
                   + (", integrating" if e.integrating else ""),

@@ -36,8 +36,8 @@ _SHOWN = 5
 @one_thread
 def identify(loop: Loop | pd.DataFrame | str | os.PathLike[str], *, law: str | None = None,
              effects: Sequence[str] = (), method: str = "auto", base_only: bool = False, between: str = "auto",
-             scan_s: float | None = None, plant: Mapping[str, float] | None = None, seed: int = 0,
-             budget: int | None = None, progress: Progress | None = None, test: str | None = None,
+             scan_s: float | None = None, plant: Mapping[str, float] | None = None, intervals: bool = True,
+             seed: int = 0, budget: int | None = None, progress: Progress | None = None, test: str | None = None,
              op_limits: tuple[float, float] | None = None, pv_limits: tuple[float, float] | None = None) -> Study:
     """S, J, process, errors and verdict of a loop: a Loop, a DataFrame, or the path of a file.
 
@@ -45,9 +45,10 @@ def identify(loop: Loop | pd.DataFrame | str | os.PathLike[str], *, law: str | N
     unit of PV. `law` names a stiction law or "all", `effects` are put into the model from the start, `base_only` stops
     at the base model. `plant` holds what is known of the process: gain (unit of PV per %, of an integrator per s,
     too), time_constant_s and dead_time_s (s). `between` says what the output did between samples, `scan_s` is the scan
-    of the controller in s. `budget` is the largest number of cost evaluations. `test` "steps" reads a manual test.
-    `op_limits` (% of travel) and `pv_limits` (unit of PV) bound the test that is planned. The same seed gives the same
-    study. A record that can't tell gives a study with the verdict "undecided" and its reason.
+    of the controller in s. Without `intervals` the study has none and takes less time. `budget` is the largest number
+    of cost evaluations. `test` "steps" reads a manual test. `op_limits` (% of travel) and `pv_limits` (unit of PV)
+    bound the test that is planned. The same seed gives the same study. A record that can't tell gives a study with the
+    verdict "undecided" and its reason.
     """
     from ..fit.options import USUAL_SCAN_S, Options
     from ..verbs.identify import identify as run
@@ -58,7 +59,8 @@ def identify(loop: Loop | pd.DataFrame | str | os.PathLike[str], *, law: str | N
         raise UsageError(f"the plant has no {unknown[0]!r}", "give " + ", ".join(_PLANT))
     named = (effects,) if isinstance(effects, str) else tuple(effects)
     options = Options(method, law, named, base_only, between, {k: float(v) for k, v in (plant or {}).items()}, seed,
-                      command="stictionid.identify", scan_s=USUAL_SCAN_S if scan_s is None else scan_s, test=test)
+                      command="stictionid.identify", scan_s=USUAL_SCAN_S if scan_s is None else scan_s, test=test,
+                      intervals=intervals)
     return _study(run(found.record, options=options, policy=_policy(budget), progress=teller(progress)), found,
                   op_limits=op_limits, pv_limits=pv_limits)
 

@@ -6,13 +6,10 @@ import hashlib
 import shlex
 
 from .. import effects, laws
-from ..historian.bytes.options import ReadOptions
+from ..historian.bytes.options import FLAGS, KINDS, ReadOptions
 from ..selection.policy import Policy
 from .task import Work
 
-_FLAGS = {"span_pv": "--span-pv", "span_op": "--span-op", "time_format": "--time-format", "step_s": "--step",
-          "reverse_op": "--reverse-op", "mode_map": "--mode-map", "keep_manual": "--keep-manual",
-          "sentinels": "--sentinel", "no_guess": "--no-guess", "quality_kind": "--quality-kind"}
 # Hexadecimal digits of a fingerprint.
 _DIGITS = 12
 
@@ -49,21 +46,19 @@ def _work(work: Work) -> list[str]:
         said += ["--policy", work.policy_file]
     if work.policy is not None and work.policy.budget != Policy().budget:
         said += ["--budget", str(work.policy.budget)]
-    return said + ["--base-only"] * o.base_only + ["--seed", str(o.seed)]
+    return said + ["--base-only"] * o.base_only + ["--no-intervals"] * (not o.intervals) + ["--seed", str(o.seed)]
 
 
 def _reading(reading: ReadOptions) -> list[str]:
     said: list[str] = []
     for name, value in reading.said().items():
-        flag = _FLAGS.get(name, "--" + name)
-        if name == "dayfirst":
-            said.append("--dayfirst" if value else "--monthfirst")
-        elif value is True:
-            said.append(flag)
+        flag, _, otherwise = FLAGS[name].partition("/")
+        if isinstance(value, bool):
+            said.append(flag if value else otherwise)
         elif isinstance(value, dict):
             for key, meaning in value.items():
                 said += [flag, f"{key}={meaning}"]
-        elif name in ("span_pv", "span_op", "split"):
+        elif KINDS[name].startswith("tuple[float, float]"):
             said += [flag, ",".join(repr(v) for v in value)]
         elif isinstance(value, list):
             for item in value:

@@ -10,20 +10,18 @@ from typing import Annotated, Any
 import typer
 
 from ..historian.bytes.options import ReadOptions
-from .app import app
-from .common.completion import law_names
-from .common.outcomes import outcome
-from .common.output import (
+from .app import app, outcome
+from .common.options import (
+    BaseOnlyOption,
+    BetweenOption,
     ForceOption,
     JsonOption,
-    Progress,
+    LawOption,
     QuietOption,
+    ScanOption,
     SeedOption,
-    out_console,
-    print_json,
-    safe,
-    say,
 )
+from .common.output import Progress, out_console, print_json, safe, say
 from .common.reading import read_file, reads_file
 from .common.study_tables import print_table
 from .common.user_files import EffectsOption, LawsOption
@@ -41,11 +39,7 @@ def agree(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Report to write: .md with its picture beside "
                                                 "it, or .json.")] = None,
     figures: Annotated[str, typer.Option("--figures", help="Picture beside markdown: svg or png.")] = "svg",
-    law: Annotated[str | None, typer.Option(autocompletion=law_names, show_default="chen",
-                                            help="Stiction law, see stictionid laws.")] = None,
-    base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
-    between: Annotated[str, typer.Option(help="What the output did between samples: as identify.")] = "auto",
-    scan: Annotated[float, typer.Option(metavar="SECONDS", help="Scan of the controller: as identify.")] = 1.0,
+    law: LawOption = None, base_only: BaseOnlyOption = False, between: BetweenOption = "auto", scan: ScanOption = 1.0,
     effects: EffectsOption = None, laws: LawsOption = None, seed: SeedOption = 0,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when the records do not agree.")] = False,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,

@@ -13,25 +13,21 @@ import typer
 
 from ..historian.bytes.options import ReadOptions
 from ..system.plurals import counted
-from .app import app
+from .app import app, outcome
 from .common.batch_progress import Watch
 from .common.completion import effect_names, law_names
-from .common.outcomes import outcome
-from .common.output import (
-    FIRST_RUN,
+from .common.options import (
     MOST_JOBS,
+    BaseOnlyOption,
+    BudgetOption,
     JsonOption,
+    NoIntervalsOption,
+    PolicyOption,
     QuietOption,
     SeedOption,
-    cores,
-    number,
-    out_console,
-    plain_table,
-    print_json,
-    safe,
-    say,
+    policy_of,
 )
-from .common.policy import BudgetOption, PolicyOption, policy_of
+from .common.output import FIRST_RUN, cores, number, out_console, plain_table, print_json, safe, say
 from .common.reading import reads_file
 from .common.user_files import EffectsOption, LawsOption
 
@@ -65,7 +61,8 @@ def batch(
     with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", autocompletion=effect_names,
                                                           help="Put an effect into every "
                                                           "model; repeatable.")] = None,
-    base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
+    base_only: BaseOnlyOption = False,
+    no_intervals: NoIntervalsOption = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold or corner.")] = "auto",
     policy: PolicyOption = None, budget: BudgetOption = None,
     seed: SeedOption = 0,
@@ -94,7 +91,7 @@ def batch(
 
     if level not in LEVELS:
         raise UsageError(f"unknown level '{level}'", "choose one of " + ", ".join(LEVELS))
-    options = Options(method, law, tuple(with_effect or ()), base_only, between, seed=seed)
+    options = Options(method, law, tuple(with_effect or ()), base_only, between, seed=seed, intervals=not no_intervals)
     steered = policy_of(policy, budget)
     check_options(options, steered)
     work = Work(level, options, pages or level == "study", steered, str(policy.absolute()) if policy else "")
@@ -124,7 +121,8 @@ def _refuse_ignored(work: Any) -> None:
 
     o = work.options
     for flag, given in (("--method", o.method != "auto"), ("--with", bool(o.effects)), ("--base-only", o.base_only),
-                        ("--between", o.between != "auto"), ("--law all", o.law == "all"),
+                        ("--between", o.between != "auto"), ("--no-intervals", not o.intervals),
+                        ("--law all", o.law == "all"),
                         ("--policy or --budget", work.policy is not None)):
         if work.level == "screen" and given:
             raise UsageError(f"{flag} has no meaning with --level screen", "leave it out, or use --level identify")

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from .app import app
+from .app import app, outcome
 from .common.next_step import next_step
-from .common.outcomes import outcome
-from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, safe, say
+from .common.options import ForceOption, JsonOption, QuietOption
+from .common.output import out_console, plain_table, print_json, safe, say
 from .common.study_files import StudyArgument, open_data, open_other, open_study
 from .common.study_tables import print_table
 from .common.user_files import EffectsOption, LawsOption

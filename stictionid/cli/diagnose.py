@@ -9,25 +9,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import app
+from .app import app, outcome
 from .common.completion import effect_names
 from .common.next_step import next_step, remove_step
-from .common.outcomes import outcome
-from .common.output import (
+from .common.options import (
+    BudgetOption,
+    ChangedOption,
     ForceOption,
     JobsOption,
     JsonOption,
-    Progress,
+    PolicyOption,
     QuietOption,
     SeedOption,
-    cores,
-    out_console,
-    print_json,
-    safe,
-    say,
+    policy_of,
 )
+from .common.output import Progress, cores, out_console, print_json, safe, say
 from .common.planned import OpLimits, PvLimits, limits_of, print_plan
-from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.study_files import DataArgument, StudyArgument, check_study_place, open_data, open_study
 from .common.study_tables import (
     print_answer,
@@ -48,7 +45,7 @@ if TYPE_CHECKING:
 @app.command(epilog=outcome("the study, in place or to -o", json="schema stictionid.study/1"))
 def diagnose(
     study: StudyArgument, file: DataArgument = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write here instead of in place.")] = None,
+    output: ChangedOption = None,
     apply: Annotated[bool, typer.Option("--apply", help="Add what is accepted and repeat until nothing is.")] = False,
     everything: Annotated[bool, typer.Option("--all", help="Refit the catalogue even when the model is adequate.")]
     = False,
@@ -92,7 +89,7 @@ def add(
     effect: Annotated[str, typer.Argument(metavar="EFFECT", autocompletion=effect_names,
                                            help="Name of an effect; see stictionid effects.")],
     study: StudyArgument, file: DataArgument = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write here instead of in place.")] = None,
+    output: ChangedOption = None,
     prune: Annotated[bool, typer.Option("--prune", help="Leave out earlier effects that it makes superfluous.")]
     = False, effects: EffectsOption = None, laws: LawsOption = None,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
@@ -130,7 +127,7 @@ def remove(
     effect: Annotated[str, typer.Argument(metavar="EFFECT", autocompletion=effect_names,
                                            help="Name of an effect that the study has.")],
     study: StudyArgument, file: DataArgument = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write here instead of in place.")] = None,
+    output: ChangedOption = None,
     effects: EffectsOption = None, laws: LawsOption = None,
     seed: SeedOption = 0, force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:

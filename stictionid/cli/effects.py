@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from .app import app
+from .app import app, outcome
 from .common.completion import effect_names
-from .common.outcomes import outcome
-from .common.output import ForceOption, JsonOption, QuietOption, out_console, plain_table, print_json, say
+from .common.options import ForceOption, JsonOption, QuietOption
+from .common.output import out_console, plain_table, print_json, say
 from .common.user_files import EffectsOption, check_files, write_template
 
 

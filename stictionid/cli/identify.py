@@ -11,26 +11,25 @@ from typing import Annotated, Any
 import typer
 
 from ..historian.bytes.options import ReadOptions
-from .app import app
-from .common.completion import effect_names, law_names
+from .app import app, outcome
+from .common.completion import law_names
 from .common.next_step import next_step
-from .common.outcomes import outcome
-from .common.output import (
+from .common.options import (
     MOST_JOBS,
+    BaseOnlyOption,
+    BudgetOption,
     ForceOption,
     JsonOption,
-    Progress,
+    NoIntervalsOption,
+    PolicyOption,
     QuietOption,
     SeedOption,
-    number,
-    out_console,
-    plain_table,
-    print_json,
-    safe,
-    say,
+    StrictOption,
+    WithOption,
+    policy_of,
 )
+from .common.output import Progress, number, out_console, plain_table, print_json, safe, say
 from .common.planned import OpLimits, PvLimits, limits_of, print_plan
-from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
 from .common.study_files import check_study_place
 from .common.study_tables import print_equivalents, print_tree
@@ -49,10 +48,8 @@ def identify(
     = "auto",
     law: Annotated[str | None, typer.Option(autocompletion=law_names, show_default="chen", help="Stiction law, see "
                                             "stictionid laws; all fits and ranks every one.")] = None,
-    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", autocompletion=effect_names,
-                                                          help="Put an effect into the "
-                                                          "model from the start; repeatable.")] = None,
-    base_only: Annotated[bool, typer.Option("--base-only", help="Stop at the base model.")] = False,
+    with_effect: WithOption = None, base_only: BaseOnlyOption = False,
+    no_intervals: NoIntervalsOption = False,
     between: Annotated[str, typer.Option(help="What the output did between samples: auto, hold, corner, or "
                                          "decimated (an export slower than the controller's scan).")] = "auto",
     scan: Annotated[float, typer.Option(metavar="SECONDS", help="Scan of the controller, for an export slower than "
@@ -72,8 +69,7 @@ def identify(
     seed: SeedOption = 0,
     jobs: Annotated[int, typer.Option(min=1, max=MOST_JOBS, help="Processes for work that can be split.")] = 1,
     tree: Annotated[bool, typer.Option("--tree", help="Show the models that were tried.")] = False,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
-    = False,
+    strict: StrictOption = False,
     effects: EffectsOption = None, laws: LawsOption = None,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
@@ -95,7 +91,7 @@ def identify(
     fixed = {name: value for name, value in (("gain", gain), ("time_constant_s", time_constant),
                                              ("dead_time_s", dead_time)) if value is not None}
     options = Options(method, law, tuple(with_effect or ()), base_only, between, fixed, seed, order, delay,
-                      "stictionid " + shlex.join(sys.argv[1:]), scan_s=scan, test=test)
+                      "stictionid " + shlex.join(sys.argv[1:]), scan_s=scan, test=test, intervals=not no_intervals)
     limits = limits_of(op_limits, pv_limits)
     steered = policy_of(policy, budget)
     check_options(options, steered)
@@ -199,13 +195,14 @@ def _estimate_table(study: Any) -> Any:
     unit_y = study.data.units.get("process_value") or "unit of y"
     table = plain_table("estimate", "value", "90 % interval", "from position", title="estimate")
 
-    def row(label: str, value: float, unit: str, span: tuple[float, float] | None, seen: float | None = None) -> None:
-        shown, ends = wording.apart(value, span)
+    def row(label: str, value: float, unit: str, span: tuple[float, float] | None, seen: float | None = None,
+            pieces: Any = None) -> None:
+        shown, ends = wording.apart(value, span, pieces)
         table.add_row(label, f"{shown} {safe(unit)}", ends, number(seen, e.unit))
 
     seen = e.from_position
-    row("S stickband plus deadband", e.S, e.unit, e.S_interval, seen.S if seen else None)
-    value, ends = wording.jump_apart(e.J, e.J_interval, known=e.J_known)
+    row("S stickband plus deadband", e.S, e.unit, e.S_interval, seen.S if seen else None, e.S_pieces)
+    value, ends = wording.jump_apart(e.J, e.J_interval, e.J_pieces, known=e.J_known)
     table.add_row("J slip jump", f"{value} {safe(e.unit)}" if e.J_known else value, ends,
                   number(seen.J if seen else None, e.unit))
     if e.scatter is not None and e.scatter.interval is not None:

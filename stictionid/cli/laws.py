@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import app
+from .app import app, outcome
 from .common.completion import law_names
 from .common.law_option import forces, from_forces, parse_law
-from .common.outcomes import outcome
-from .common.output import ForceOption, JsonOption, QuietOption, out_console, print_json, say
+from .common.options import ForceOption, JsonOption, QuietOption
+from .common.output import out_console, print_json, say
 from .common.user_files import LawsOption, check_files, write_template
 
 if TYPE_CHECKING:

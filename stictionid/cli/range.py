@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from ..historian.bytes.options import ReadOptions
-from .app import app
-from .common.outcomes import outcome
-from .common.output import JsonOption, QuietOption, number, out_console, plain_table, print_json, say
+from .app import app, outcome
+from .common.options import JsonOption, QuietOption
+from .common.output import number, out_console, plain_table, print_json, say
 from .common.reading import FileArgument, read_file, reads_file
 
 _SHOWN = 12

@@ -6,9 +6,9 @@ import typer
 
 from ..historian.bytes.options import ReadOptions
 from ..system.plurals import counted
-from .app import app
-from .common.outcomes import outcome
-from .common.output import ForceOption, JsonOption, QuietOption, out_console, print_json, safe, say
+from .app import app, outcome
+from .common.options import ForceOption, JsonOption, QuietOption
+from .common.output import out_console, plain_table, print_json, safe, say
 from .common.reading import FileArgument, read_file, reads_file
 
 _BARS = "▁▂▃▄▅▆▇█"
@@ -89,25 +89,13 @@ def _as_json(result: Any) -> dict[str, Any]:
 
 
 def _show(result: Any) -> None:
-    from rich import box
-    from rich.table import Table
-
     console = out_console()
-    table = Table(
-        box=box.SIMPLE if console.is_terminal else box.ASCII,
-        show_header=False,
-        title=f"{safe(result.file)}",
-        title_justify="left",
-    )
-    table.add_column("what", no_wrap=True)
-    table.add_column("understood", overflow="fold")
+    table = plain_table("what", "understood", title=safe(result.file), pad_edge=True)
+    table.show_header, table.columns[0].no_wrap = False, True
     for what, text in _lines(result):
         table.add_row(what, safe(text))
     console.print(table)
-    rows = Table(box=box.SIMPLE if console.is_terminal else box.ASCII, title="rows", title_justify="left")
-    rows.add_column("reason")
-    rows.add_column("rows", justify="right")
-    rows.add_column("share", justify="right")
+    rows = plain_table("reason", "rows", "share", title="rows", pad_edge=True)
     always = dict.fromkeys(("in", "used", "bad", "filled", "manual", "saturated", "frozen", "duplicate"), 0)
     for reason, count in {**always, **result.rows}.items():
         rows.add_row(reason, f"{count:,}", f"{100 * count / max(result.rows['in'], 1):.1f} %")

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app
-from .common.outcomes import outcome
-from .common.output import ForceOption, JsonOption, Progress, QuietOption, out_console, print_json_text, say
+from .app import app, outcome
+from .common.options import FiguresOption, ForceOption, JsonOption, QuietOption
+from .common.output import Progress, out_console, print_json_text, say
 from .common.planned import OpLimits, PvLimits, TestCsv, limits_of, write_steps
 from .common.study_files import open_study
 from .common.user_files import EffectsOption, LawsOption
@@ -27,7 +27,7 @@ def report(
     studies: Annotated[list[Path], typer.Argument(metavar="STUDY... [FILE]", help="Studies written by identify -o; "
                                                   "after one study its data file, when it has moved.")],
     out: Annotated[Path | None, typer.Option("--output", "-o", help="Report to write; .md, .html or .json.")] = None,
-    figures: Annotated[str, typer.Option("--figures", help="Pictures beside markdown: svg or png.")] = "svg",
+    figures: FiguresOption = "svg",
     data: Annotated[Path | None, typer.Option("--data", help="The data file (one study only).")] = None,
     op_limits: OpLimits = None, pv_limits: PvLimits = None, test_csv: TestCsv = None,
     effects: EffectsOption = None, laws: LawsOption = None,
@@ -80,7 +80,7 @@ def report(
         beside = f" and {counted(len(written) - 1, 'picture')} beside it" if len(written) > 1 else ""
         say(f"wrote {out}{beside}", quiet=quiet)
     elif not as_json:
-        from ..reports.pages.terminal import print_case
+        from .common.terminal import print_case
 
         console = out_console()
         for case in cases:

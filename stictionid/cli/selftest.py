@@ -6,20 +6,9 @@ from typing import Annotated
 
 import typer
 
-from .app import app
-from .common.outcomes import outcome
-from .common.output import (
-    JobsOption,
-    JsonOption,
-    Progress,
-    QuietOption,
-    SeedOption,
-    cores,
-    out_console,
-    plain_table,
-    print_json,
-    safe,
-)
+from .app import app, outcome
+from .common.options import JobsOption, JsonOption, QuietOption, SeedOption
+from .common.output import Progress, cores, out_console, plain_table, print_json, safe
 
 
 @app.command(epilog=outcome("nothing", json="rates, loops, passed", fails=True))

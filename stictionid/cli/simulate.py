@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from .app import app
+from .app import app, outcome
 from .common.completion import effect_names, law_names
 from .common.law_option import from_forces, parse_law
-from .common.outcomes import outcome
-from .common.output import ForceOption, JsonOption, QuietOption, SeedOption, print_json, say
+from .common.options import ForceOption, JsonOption, QuietOption, SeedOption
+from .common.output import print_json, say
 from .common.user_files import EffectsOption, LawsOption
 
 
@@ -72,9 +72,8 @@ def simulate(
     from ..system.files import ensure_writable, write_whole
     from ..system.plurals import counted
 
-    suffix = check_kind(output)
     truth_file = output.with_suffix(".truth.json")
-    ensure_writable(output, force=force, kind=b"PAR1" if suffix in (".parquet", ".pq") else b"time_s")
+    ensure_writable(output, force=force, kind=check_kind(output))
     if truth:
         ensure_writable(truth_file, force=force, kind=b"{")
     base = find_preset(preset)

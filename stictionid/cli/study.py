@@ -11,25 +11,25 @@ import typer
 
 from ..historian.bytes.options import ReadOptions
 from ..system.plurals import counted
-from .app import app
-from .common.completion import effect_names, law_names
-from .common.outcomes import outcome
-from .common.output import (
+from .app import app, outcome
+from .common.options import (
+    BetweenOption,
+    BudgetOption,
+    FiguresOption,
     ForceOption,
     JobsOption,
     JsonOption,
-    Progress,
+    LawOption,
+    PolicyOption,
     QuietOption,
+    ScanOption,
     SeedOption,
-    cores,
-    number,
-    out_console,
-    print_json,
-    safe,
-    say,
+    StrictOption,
+    WithOption,
+    policy_of,
 )
+from .common.output import Progress, cores, number, out_console, print_json, safe, say
 from .common.planned import print_plan
-from .common.policy import BudgetOption, PolicyOption, policy_of
 from .common.reading import FileArgument, read_file, reads_file
 from .common.study_tables import ladder_table, print_answer, print_equivalents, write_study
 from .common.user_files import EffectsOption, LawsOption
@@ -48,18 +48,11 @@ def study(
     reading: ReadOptions,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT", show_default=False,
                                          help="The page (.html or .md), the study (.json), or a folder for both.")],
-    law: Annotated[str | None, typer.Option(autocompletion=law_names, show_default="chen",
-                                            help="Stiction law, see stictionid laws.")] = None,
-    with_effect: Annotated[list[str] | None, typer.Option("--with", metavar="EFFECT", autocompletion=effect_names,
-                                                          help="Put an effect into the "
-                                                          "model from the start; repeatable.")] = None,
-    between: Annotated[str, typer.Option(help="What the output did between samples: as identify.")] = "auto",
-    scan: Annotated[float, typer.Option(metavar="SECONDS", help="Scan of the controller: as identify.")] = 1.0,
-    figures: Annotated[str, typer.Option("--figures", help="Pictures beside markdown: svg or png.")] = "svg",
+    law: LawOption = None, with_effect: WithOption = None, between: BetweenOption = "auto", scan: ScanOption = 1.0,
+    figures: FiguresOption = "svg",
     effects: EffectsOption = None, laws: LawsOption = None,
     policy: PolicyOption = None, budget: BudgetOption = None, seed: SeedOption = 0, jobs: JobsOption = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when undecided or the model is not adequate.")]
-    = False,
+    strict: StrictOption = False,
     force: ForceOption = False, as_json: JsonOption = False, quiet: QuietOption = False,
 ) -> None:
     """Read, identify, diagnose --apply and report in one command: one page, and the study beside it.
@@ -72,7 +65,7 @@ def study(
     from ..reports.pages.write import check_target, write_report
     from ..reports.pictures.curves import Case, curves
     from ..system.files import ensure_writable, keep_apart
-    from ..verbs.whole_study import whole_study
+    from ..verbs.diagnose import whole_study
     from ..verdict.planned_test import with_plan
 
     page, place = _places(output, file)

@@ -24,7 +24,7 @@ from ..record.unexplained import Unexplained
 from .cells import Cell
 from .matches import matches
 from .model_run import Ground, impulse_of, prepare
-from .questions import ask_all
+from .questions import QUESTIONS
 from .residual_tests import POINT_99, Spectra, follows_valve, frequencies, own_innovation, whiteness
 from .suspects import Suspect, suspects_of
 from .validate import rebuilt, transferred
@@ -93,7 +93,7 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
         second = as_followed(chosen(other)[0], description)
         model, evaluated, notes = transferred(second, description, piece)
         ground = prepare(second, model, find_range(second), evaluated)
-    answers = ask_all(ground)
+    answers = [ask(ground) for ask in QUESTIONS]
     rho, coloured = whiteness(ground)
     cross, follows = follows_valve(ground)
     bands, line = frequencies(ground)

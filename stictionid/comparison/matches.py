@@ -21,6 +21,7 @@ from ..model.model import Model
 from ..model.segments import bound
 from ..model.spec import INTEGRATOR
 from ..numerics.autoregression import filtered
+from ..numerics.varpro import bic
 from ..selection.node import additions
 from ..typing import FloatArray
 from ..verdict.detectable import directions_of, outputs
@@ -57,7 +58,7 @@ def matches(ground: Ground) -> tuple[Match, ...]:
                        default=1.0)
         except (ModelError, np.linalg.LinAlgError):
             continue
-        gain = -rows * float(np.log(max(left, 1e-12))) - len(effect.parameters) * float(np.log(rows))
+        gain = bic(1.0, rows, 0) - bic(max(left, 1e-12), rows, len(effect.parameters))
         if gain > max(best[effect.name].gain if effect.name in best else 0.0, 0.0):
             best[effect.name] = Match(effect.name, gain, 1.0 - left)
     return tuple(sorted(best.values(), key=lambda m: (-m.gain, m.effect)))

@@ -7,27 +7,26 @@ section 10). Only a refit can tell which of these effects it is.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..effects import leaving
 from ..record.loop import Finding
+from ..typing import BoolArray, FloatArray
 from .cells import FEWEST, Cell, quantile_masks, split, worst
 from .model_run import Ground
-from .valve_phases import delayed, directions, valve_phases
 
 BLOCKS, DECILES, CYCLE_PARTS = 10, 10, 12
 # Factor on the error elsewhere above which an error is serious, and share of an error below which a mean is not stated.
 _SERIOUS, _MEAN = 2.0, 0.02
+# A slip shows in y for one time constant after the dead time, at most this share of a period.
+_LONGEST_SLIP = 0.1
+# The position has moved when it changed by more than this share of S.
+_REST = 1e-6
 _SOURCE = "cell against the rest, 1 % over all cells, autocorrelation allowed for; docs/method.md, section 10.2"
 
 Answer = tuple[str, tuple[Cell, ...], Finding | None]
-
-
-def ask_all(ground: Ground) -> tuple[Answer, ...]:
-    """Every question's name, its table, and its finding where the model fails."""
-    return tuple(ask(ground) for ask in QUESTIONS)
 
 
 def _answer(ground: Ground, name: str, cells: tuple[Cell, ...], where: Callable[[Cell], str],
@@ -80,14 +79,14 @@ def by_time(ground: Ground) -> Answer:
 
 def by_phase(ground: Ground) -> Answer:
     """Stick, slip (just after break-away) and slide, delayed to where y shows them."""
-    cells = split(ground, {name: delayed(ground, mask) for name, mask in valve_phases(ground).items()})
+    cells = split(ground, {name: _delayed(ground, mask) for name, mask in _phases(ground).items()})
     words = {"stick": "while the valve sticks", "slip": "just after the valve slipped", "slide": "while it slides"}
     return _answer(ground, "phase", cells, lambda c: words[c.label], lambda c: leaving(c.label))
 
 
 def by_direction(ground: Ground) -> Answer:
     """Samples after opening moves against those after closing ones."""
-    cells = split(ground, {name: delayed(ground, mask) for name, mask in directions(ground).items()})
+    cells = split(ground, {name: _delayed(ground, mask) for name, mask in _directions(ground).items()})
     return _answer(ground, "direction", cells, lambda c: f"after the {c.label} strokes",
                    leaving("direction"))
 
@@ -134,3 +133,45 @@ def around_setpoint(ground: Ground) -> Answer:
 
 QUESTIONS: tuple[Callable[[Ground], Answer], ...] = (by_time, by_phase, by_direction, by_output, by_value, by_cycle,
                                                      around_setpoint)
+
+
+def _delayed(ground: Ground, mask: BoolArray) -> BoolArray:
+    """A mask of the valve (n,) as y shows it, one dead time later."""
+    return _later(mask, round(ground.evaluated.values["dead_time_s"] / ground.step_s) + 1, ground.loop.segments)
+
+
+def _later(mask: BoolArray, samples: int, segments: Sequence[slice]) -> BoolArray:
+    out = np.zeros_like(mask)
+    for part in segments:
+        if samples < part.stop - part.start:
+            out[part.start + samples:part.stop] = mask[part.start:part.stop - samples]
+    return out
+
+
+def _phases(ground: Ground) -> dict[str, BoolArray]:
+    """Masks (n,) "stick", "slip" and "slide", at the valve."""
+    change = _changes(ground)
+    moves = change != 0.0
+    before = np.concatenate([[False], moves[:-1]])
+    start = moves & ~before
+    lag = ground.evaluated.values["time_constant_s"]
+    length = max(1, round(min(lag, _LONGEST_SLIP * ground.period_s) / ground.step_s))
+    slip = np.convolve(start.astype(float), np.ones(length))[:moves.size] > 0.5
+    return {"stick": ~moves & ~slip, "slip": slip, "slide": moves & ~slip}
+
+
+def _directions(ground: Ground) -> dict[str, BoolArray]:
+    """Masks (n,) "opening" and "closing": the direction of the valve's last move."""
+    sign = np.sign(_changes(ground))
+    at = np.where(sign != 0, np.arange(sign.size), 0)
+    np.maximum.accumulate(at, out=at)
+    last = sign[at]
+    return {"opening": last > 0, "closing": last < 0}
+
+
+def _changes(ground: Ground) -> FloatArray:
+    position = ground.evaluated.stem
+    change = np.diff(position, prepend=position[0])
+    change[list(ground.loop.starts)] = 0.0
+    rest = _REST * max(ground.evaluated.values["S"], 1e-12)
+    return np.where(np.abs(change) > rest, change, 0.0)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..record.loop import Finding
 from ..record.study import Candidate
+from ..selection.node import plain
 from .matches import Match
 
 # Largest weight of one finding: beyond it a test of many samples says no more. Unit: standard deviations.
@@ -46,7 +47,7 @@ def suspects_of(findings: Iterable[Finding], present: Sequence[str], candidates:
     Those `present` in the model are left out.
     """
     votes: dict[str, list[tuple[float, str]]] = {}
-    have = {_plain(name) for name in present}
+    have = {plain(name) for name in present}
     gains = {c.effect: c.gain_beyond_noise for c in candidates
              if c.gain_beyond_noise is not None and c.gain_beyond_noise > 0.0 and c.effect not in have}
     match = {m.effect: m for m in matched if m.effect not in have}
@@ -67,11 +68,6 @@ def suspects_of(findings: Iterable[Finding], present: Sequence[str], candidates:
                              expected.gain if expected else None))
     return tuple(sorted(found, key=lambda s: (-(s.gain_beyond_noise or 0.0), -(s.gain_expected or 0.0), -s.score,
                                               s.effect)))
-
-
-def _plain(name: str) -> str:
-    """An effect's name without variant and tag."""
-    return name.partition("@")[0].partition(":")[0]
 
 
 def _weight(f: Finding) -> float:

@@ -19,13 +19,14 @@ from ..model.model import Model
 from ..model.restore import rebuild_model
 from ..model.segments import bound
 from ..model.spec import Evaluated, Spec
+from ..numerics.varpro import bic
 from ..record.loop import Finding, Loop
 from ..typing import FloatArray
 
 # Start forces and times tried, and number of refinements of each ladder.
 _FORCES, _TIMES, _TURNS = 41, 161, 3
 # Parameters' worth of BIC by which an event of the first record must lower the cost to count as in the second, too.
-_SHOWN = 3.0
+_SHOWN = 3
 # Share by which a size of the plant may differ from record to record.
 _OTHER = 0.2
 
@@ -72,7 +73,7 @@ def transferred(loop: Loop, description: dict[str, Any],
         _force(tried, trial)
         before, after = (float(m.costs_of(v[:, None])[0]) for m, v in ((model, values), (tried, trial)))
         rows = float(model.good().sum())
-        if rows * np.log(max(before, 1e-300) / max(after, 1e-300)) > _SHOWN * np.log(max(rows, 2.0)):
+        if bic(before, rows, 0) > bic(after, rows, _SHOWN):
             model, values = tried, trial
             refitted += [f"{parameter} of {name}" for parameter in parse(name)[0].of_record]
         else:

@@ -28,16 +28,16 @@ def added(fit: Fitted, name: str, rng: np.random.Generator) -> Fitted:
     return polished(carrier(done, name, fit.model), done.values, rng)
 
 
-def polished(model: Model, values: FloatArray, rng: np.random.Generator) -> Fitted:
+def polished(model: Model, values: FloatArray, rng: np.random.Generator, *, spans: bool = True) -> Fitted:
     """Last polish of `values`, with errors, hold-out and intervals; repeated where an effect follows the model's own y.
     """
     point = model.cube(values[:, None])
-    after = finish(model, point, model.costs(point), rng)
+    after = finish(model, point, model.costs(point), rng, spans=spans)
     for _ in range(_FOLLOWED if model.follows_y else 0):
         model = bound(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
                       residual=after.best.left)
         point = model.cube(after.values[:, None])
-        again = finish(model, point, model.costs(point), rng)
+        again = finish(model, point, model.costs(point), rng, spans=spans)
         # Compare models that follow their own y. One that follows the y of the fit before may predict y from y.
         if not again.best.sse < after.best.sse:
             break

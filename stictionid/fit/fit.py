@@ -6,8 +6,8 @@ part of the answer. Source: docs/method.md, sections 6, 8 and 11.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,8 +18,9 @@ from ..model.segments import bound
 from ..model.spec import Evaluated
 from ..numerics.fold_solver import mean_of_fold
 from ..numerics.population import Found, refine
+from ..record.intervals import Span, united
 from ..typing import BoolArray, FloatArray
-from .intervals.assemble import CLOUD, cloud, intervals_of, widened
+from .intervals.assemble import CLOUD, NOTHING_TRIED, cloud, intervals_of, pieces_of, widened
 from .moves import (
     descended,
     first_distinct,
@@ -75,6 +76,12 @@ class Fitted:
     searched: FloatArray
     # Points (k, d) around the best ones and their costs (k,): starts for `reaching` and for a wider model's intervals.
     around: tuple[FloatArray, FloatArray] | None = None
+    # Pieces of the intervals that have gaps.
+    pieces: dict[str, tuple[Span, ...]] = field(default_factory=dict)
+
+    def spans(self, name: str) -> tuple[Span, ...]:
+        """The interval of a number in its pieces; none where it has no interval."""
+        return self.pieces.get(name) or ((self.intervals[name],) if name in self.intervals else ())
 
 
 def as_it_stands(model: Model, values: FloatArray) -> Fitted:
@@ -223,10 +230,11 @@ def polish_smooth(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
 
 
 def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.Generator, *,
-           rounds: int = 200, holdout: bool = True, reach: bool = True) -> Fitted:
+           rounds: int = 200, holdout: bool = True, reach: bool = True, spans: bool = True) -> Fitted:
     """The last polish of the best points, with errors, hold-out and intervals.
 
-    Without `reach` the intervals span only the points met so far; `reaching` completes them.
+    Without `reach` the intervals span only the points met so far; `reaching` completes them. Without `spans` there are
+    none.
     """
     values = model.values(points)
     near = with_start(model, _distinct(points)[:3])
@@ -242,11 +250,11 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     for turn in range(1 + _STEPS_BETTER):
         best_cost = float(model.costs(top[None])[0])
         cube, cost = cloud(model, top, rng)
-        S = None
-        if reach:
-            cube, cost, S = widened(model, cube, cost)
+        S, tried = None, NOTHING_TRIED
+        if reach and spans:
+            cube, cost, S, tried = widened(model, cube, cost)
         # Points beside an optimum tell nothing of the interval of a better one.
-        if not reach or turn == _STEPS_BETTER or _gain(model, best_cost, float(cost.min())) <= _BETTER:
+        if not (reach and spans) or turn == _STEPS_BETTER or _gain(model, best_cost, float(cost.min())) <= _BETTER:
             break
         top = settled_on_plateau(model, cube[cost.argmin()])
     if not (reach and model.spec.held) and cost.min() < best_cost:
@@ -258,8 +266,9 @@ def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.G
     best_values = model.values(longest_first(model, top[None]))[:, 0]
     best = model.evaluate(best_values)
     held = held_out_cost(model, best, cube[np.argsort(cost, kind="stable")[:CLOUD // 2]]) if holdout else None
-    return Fitted(model, best_values, best_cost, len(points), agree, best, held,
-                  intervals_of(model, cube, cost, best_cost, best, S, rough=not reach), values[:2].T, (cube, cost))
+    intervals = intervals_of(model, cube, cost, best_cost, best, S, rough=not reach) if spans else {}
+    return Fitted(model, best_values, best_cost, len(points), agree, best, held, intervals, values[:2].T, (cube, cost),
+                  pieces_of(model, cube, cost, best, tried, intervals))
 
 
 def _gain(model: Model, cost: float, other: float) -> float:
@@ -276,7 +285,7 @@ def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False)
     if fit.around is None:
         return fit
     for _ in range(_STEPS_BETTER):
-        cube, cost, S = widened(fit.model, *fit.around, steps_only=steps_only)
+        cube, cost, S, tried = widened(fit.model, *fit.around, steps_only=steps_only)
         best = min(fit.sse, float(cost.min()))
         if S is None or _gain(fit.model, fit.sse, best) <= _BETTER:
             break
@@ -285,8 +294,20 @@ def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False)
         fit = replace(moved, runs=fit.runs, agree=fit.agree if same else 1, searched=fit.searched)
     if S is None and steps_only:
         return fit  # no steps of S: `finish` has looked at everything
-    return replace(fit, intervals=intervals_of(fit.model, cube, cost, min(fit.sse, best), fit.best, S),
-                   around=(cube, cost))
+    found = intervals_of(fit.model, cube, cost, min(fit.sse, best), fit.best, S)
+    return replace(fit, intervals=found, around=(cube, cost),
+                   pieces=pieces_of(fit.model, cube, cost, fit.best, tried, found))
+
+
+def reaching_also(fit: Fitted, intervals: Mapping[str, Span], pieces: Mapping[str, tuple[Span, ...]]) -> Fitted:
+    """A fit whose intervals reach to those of a wider model, too, in pieces where both leave a gap."""
+    both, parts = dict(fit.intervals), dict[str, tuple[Span, ...]]()
+    for name in fit.intervals:
+        if name in intervals:
+            found = united([*fit.spans(name), *(pieces.get(name) or (intervals[name],))])
+            both[name] = found[0][0], found[-1][1]
+            parts |= {name: found} if len(found) > 1 else {}
+    return replace(fit, intervals=both, pieces=parts)
 
 
 def _beside(model: Model, found: Found) -> Found:

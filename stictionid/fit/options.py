@@ -26,7 +26,8 @@ class Options:
 
     `fixed` may hold gain, time_constant_s and dead_time_s. `law` and `order` None mean the method's own. `scan_s` is
     the scan of the controller, for an export slower than that. `notes` are findings made before the search (a step
-    test, say) that the study keeps. `test` is one of TESTS for a record of a manual test.
+    test, say) that the study keeps. `test` is one of TESTS for a record of a manual test. Without `intervals` the study
+    has none, and the work for them is left out.
     """
 
     method: str = "auto"
@@ -42,6 +43,7 @@ class Options:
     notes: tuple[Finding, ...] = ()
     scan_s: float = USUAL_SCAN_S
     test: str | None = None
+    intervals: bool = True
 
     def check_record(self, loop: Loop) -> None:
         """Refuse effects that need tags the record lacks, and a dead time of more than half the record.

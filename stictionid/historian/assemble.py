@@ -208,7 +208,7 @@ def _written_on_change(frame: Frame) -> set[str]:
 def _mask(frame: Frame, filled: BoolArray, shaped: Shaped, options: ReadOptions) -> dict[str, int]:
     """Set, in place, the reasons of samples that don't count; returns the number of samples of each unclear mode."""
     off, unclear = manual(frame, shaped.modes)
-    clamp, _ = saturated(frame.values["output"], percent=shaped.units["output"] == "%")
+    clamp = saturated(frame.values["output"], percent=shaped.units["output"] == "%")
     for mask, reason in (
         (filled, "filled"),
         (frame.values.get("mask", np.ones(filled.size)) == 0, "masked"),

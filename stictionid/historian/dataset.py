@@ -15,15 +15,14 @@ from typing import Any
 
 from ..errors import DataError
 from .bytes.options import ALL_TAGS, ReadOptions
-from .bytes.source import Source
+from .bytes.source import PARQUET, Source
 from .series.assign import key_of
-from .table.arrow import floats, indices, integers
+from .table.arrow import coded, floats, integers
 from .table.table import Table, table_from_arrow
 from .words.roles import take_all, take_apart
 
 RESULTS_MARK = "batch.json"
 """A folder that holds this file was written by `batch` and contains no data."""
-_SUFFIXES = (".parquet", ".pq")
 SIGNALS = ("setpoint", "process_value", "output", "position", "mode")
 # One row group at a time and no read-ahead: a loop has few rows, and many workers share the memory.
 _SCAN = {"use_threads": False, "batch_readahead": 1, "fragment_readahead": 1}
@@ -56,7 +55,7 @@ def parquet_in(folder: Path) -> list[Path]:
             continue
         if entry.is_dir():
             found += parquet_in(entry)
-        elif entry.suffix.lower() in _SUFFIXES:
+        elif entry.suffix.lower() in PARQUET:
             found.append(entry)
     return found
 
@@ -185,10 +184,9 @@ def digest(table: Any) -> str:
             found.update(np.ascontiguousarray(values).data)
             found.update(np.ascontiguousarray(there).data)
         else:
-            codes = column.cast(pa.string()).combine_chunks().dictionary_encode()
-            codes = codes.combine_chunks() if isinstance(codes, pa.ChunkedArray) else codes
-            found.update("\0".join(str(w) for w in codes.dictionary.to_pylist()).encode("utf-8", "replace"))
-            found.update(np.ascontiguousarray(indices(codes, -1)).data)
+            words, codes = coded(column.cast(pa.string()), missing=-1)
+            found.update("\0".join(map(str, words)).encode("utf-8", "replace"))
+            found.update(np.ascontiguousarray(codes).data)
     return found.hexdigest()
 
 

@@ -11,15 +11,14 @@ from typing import Any
 from ..errors import DataError, UsageError
 from .bytes.limits import limits_from
 from .bytes.options import ALL_TAGS, ReadOptions
-from .bytes.source import Source, in_short, open_source
-from .dataset import groups_of, open_dataset, parquet_in, rows_of, selection
+from .bytes.source import TEXT, Source, in_short, open_source
+from .dataset import SIGNALS, groups_of, open_dataset, parquet_in, rows_of, selection
 from .series.assign import key_of
-from .table.arrow import texts
+from .table.arrow import texts, whole
 from .table.formats import read_table
 from .table.table import Table, table_from_arrow
 from .words.roles import take_apart
 
-_TEXT = (".csv", ".tsv", ".txt", ".gz", ".zip")
 MAX_FILES = 20_000
 """Files of one folder that are read as one export."""
 
@@ -30,7 +29,7 @@ def read_folder(folder: Path, options: ReadOptions) -> tuple[Source, Table]:
     parquet = parquet_in(folder)
     if parquet:
         return _dataset(folder, parquet, options)
-    files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in _TEXT)
+    files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in TEXT)
     if not files or len(files) > MAX_FILES:
         raise UsageError(
             f"the folder {folder} has {len(files)} exports", "give a file, or a folder with one file per tag"
@@ -97,14 +96,7 @@ def table_per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tupl
         table = read_table(open_source(path, limits), replace(options, time=None))
         if len(table.names) < 2:
             raise DataError(f"{path} has one column", "each file of the folder needs time and value")
-        tag = next(
-            (
-                n
-                for n in table.names[1:]
-                if take_apart(n).role in ("setpoint", "process_value", "output", "position", "mode")
-            ),
-            path.stem,
-        )
+        tag = next((n for n in table.names[1:] if take_apart(n).role in SIGNALS), path.stem)
         if take_apart(tag).loop == "" and take_apart(path.stem).role is not None:
             tag = path.stem
         rows = table.rows
@@ -116,8 +108,8 @@ def table_per_tag(folder: Path, files: list[Path], options: ReadOptions) -> tupl
         assumptions += [a for a in table.assumptions if a not in assumptions]
     joined = [
         pa.chunked_array(tags),
-        pa.concat_arrays([_flat(t) for t in times]),
-        pa.concat_arrays([_flat(v) for v in values]),
+        pa.concat_arrays([whole(t) for t in times]),
+        pa.concat_arrays([whole(v) for v in values]),
     ]
     source = Source(folder.name, "text", b"", _digest(files), folder)
     return source, Table(
@@ -140,7 +132,3 @@ def _pointed(column: Any, decimal: str) -> Any:
     if decimal == "," and pa.types.is_string(column.type):
         text = pc.replace_substring_regex(text, r"^([+\-−]?[\d.]*),(\d.*)$", r"\1.\2")
     return text
-
-
-def _flat(column: Any) -> Any:
-    return column.combine_chunks() if hasattr(column, "combine_chunks") and not isinstance(column, list) else column

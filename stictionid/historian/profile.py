@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +9,13 @@ from typing import Any
 
 from ..errors import DataError, UsageError
 from ..system.files import text_of, write_whole
-from .bytes.options import ReadOptions, typed
+from .bytes.options import KINDS, ReadOptions, typed
 from .words.roles import take_apart
 
 _HEAD = "# stictionid site profile: how exports of this site are read; options on the command line come first\n"
 _FORMATS = (("Excel", "excel"), ("excel1904", "excel1904"), ("FILETIME", "filetime"), ("epoch", "epoch"))
 _NOT_KEPT = ("profile", "no_guess", "start", "end", "loop", "limit")
+_FIELDS = set(KINDS) - set(_NOT_KEPT)
 
 
 def with_profile(options: ReadOptions) -> ReadOptions:
@@ -40,9 +40,6 @@ def with_profile(options: ReadOptions) -> ReadOptions:
                 raise DataError(f"profile {path}: {error.message}", error.hint) from None
     # The profile is written out in full, so that a study can be read again without it.
     return replace(options, profile=None, **changes)
-
-
-_FIELDS = {f.name for f in dataclasses.fields(ReadOptions) if f.name not in _NOT_KEPT}
 
 
 def save_profile(result: Any, options: ReadOptions, path: str, *, force: bool = False) -> None:

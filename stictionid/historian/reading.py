@@ -17,6 +17,7 @@ from .bytes.limits import limits_from
 from .bytes.options import ReadOptions
 from .bytes.source import Source, open_source
 from .checks.notes import bad_findings
+from .findings import finding
 from .grid.align import Aligned, align
 from .series.shaped import Shaped
 from .series.shapes import shape_table
@@ -244,16 +245,9 @@ def _unreadable_stamps(table: Table, shaped: Shaped, book: RowBook, counts: dict
     count, share = counts["no time"], counts["no time"] / counts["in"]
     at = f"row {row + 1:,}" if column is None else table.where(row, column)
     what = f"holds {shown(cell)}" if cell.strip() else "is empty or says that there is none"
-    return [
-        Finding(
-            "unreadable-stamps",
-            "warning",
-            f"{count:,} row{'s have' if count > 1 else ' has'} no time stamp that can be read "
-            f"({100 * share:.2g} %) and {'are' if count > 1 else 'is'} left out; the first, {at}, {what} "
-            "(--time-format says how stamps are written)",
-            {"rows": count, "share": share, "row": row + 1, "cell": cell},
-        )
-    ]
+    return [finding("unreadable-stamps", {"rows": count, "share": share, "row": row + 1, "cell": cell}, rows=count,
+                    have="rows have" if count > 1 else "row has", be="are" if count > 1 else "is", share=100 * share,
+                    at=at, what=what)]
 
 
 def _row_findings(table: Table, counts: dict[str, int]) -> list[Finding]:
@@ -261,24 +255,10 @@ def _row_findings(table: Table, counts: dict[str, int]) -> list[Finding]:
     found = []
     if counts.get("damaged"):
         line, _, text = next(d for d in table.dropped if d[1] == "damaged")
-        found.append(
-            Finding(
-                "damaged-rows",
-                "warning",
-                f"{counted(counts['damaged'], 'row')} {'has' if counts['damaged'] == 1 else 'have'} a wrong number of "
-                f"cells, the first in line {line:,}: {shown(text)}",
-                {"rows": counts["damaged"], "line": line},
-            )
-        )
+        found.append(finding("damaged-rows", {"rows": counts["damaged"], "line": line}, line=line, text=shown(text),
+                             rows=counted(counts["damaged"], "row"), have="has" if counts["damaged"] == 1 else "have"))
     if counts["in"] + table.header_lines in EXCEL_ROWS:
-        found.append(
-            Finding(
-                "excel-cut",
-                "warning",
-                f"the file ends exactly where a spreadsheet does ({counts['in']:,} rows): more was probably cut off",
-                {"rows": counts["in"]},
-            )
-        )
+        found.append(finding("excel-cut", {"rows": counts["in"]}, rows=counts["in"]))
     return found
 
 

@@ -18,7 +18,7 @@ from ..errors import CannotTell
 from ..fit.add_effect import added, polished
 from ..fit.adequacy import CONDITIONAL, adequate, with_one_noise
 from ..fit.context import Run, parameters
-from ..fit.fit import Fitted, reaching
+from ..fit.fit import Fitted, reaching, reaching_also
 from ..fit.intervals.assemble import outline, region
 from ..fit.intervals.few_steps import over_break_away
 from ..fit.moves import longest_first
@@ -108,9 +108,10 @@ def _run(run: Run, policy: Policy) -> Outcome:
     wide = near and not o.base_only and not o.fixed and LAG not in last.model.spec.effects
     if last is fit:
         # The base alone ends like every other last step: where `remove` comes back to it, it is the same.
-        last = replace(polished(fit.model, fit.values, run.rng), runs=fit.runs, agree=fit.agree, searched=fit.searched)
+        last = replace(polished(fit.model, fit.values, run.rng, spans=o.intervals), runs=fit.runs, agree=fit.agree,
+                       searched=fit.searched)
         fits[-1], steps[-1] = last, run.step_again(steps[-1], last)
-    if last.model.spec.paths is None:
+    if last.model.spec.paths is None and o.intervals:
         fits[-1] = _whatever_the_order(run, last) if wide else reaching(last, run.rng)
     if fits[-1].sse < last.sse:
         # Another step of S does better than the search did.
@@ -200,7 +201,7 @@ def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
         # noise hides slips in differences, where an integrator's levels show them.
         soft = not base.increments
         search.root(run.fit(replace(base, increments=soft, taps=SOFT if soft else ())))
-    return search, decided(search, search.run(), keep=physical(bases[0].model.spec))
+    return search, decided(search, search.run(), keep=physical(bases[0].model.spec), spans=run.options.intervals)
 
 
 def _nothing_explained(run: Run, found: Decision, policy: Policy) -> bool:
@@ -262,10 +263,7 @@ def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
         values = model.values(top).repeat(possible.shape[1], axis=1)
         values[:len(possible)] = possible
         known = model.cube(values)
-    wide = region(model, top[0], run.rng, known)
-    names = {name: (min(low, wide[name][0]), max(high, wide[name][1]))
-             for name, (low, high) in fit.intervals.items() if name in wide}
-    return replace(fit, intervals={**fit.intervals, **names})
+    return reaching_also(fit, *region(model, top[0], run.rng, known))
 
 
 METHOD = Method(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from ..fit.fit import Fitted
 from ..fit.options import USUAL_ORDER
+from ..record.intervals import Span
 from ..record.study import Step, Verdict
 from ..record.tree import Equivalent, TreeNode
 from ..record.unexplained import Unexplained
@@ -40,7 +41,7 @@ class Outcome:
     """Result of a method: steps and fits of equal length, of which the last ones count.
 
     A method without S and J returns no steps and a `verdict` with the reason. `gives_jump` is False for a method that
-    says nothing about J; the estimate then holds J = 0 and the interval 0 to S. `reach` holds the values of S and J
+    says nothing about J; the estimate then holds J = 0 and the interval 0 to S. `reach` holds the pieces of S and J
     that the equivalents do not exclude.
     """
 
@@ -53,7 +54,7 @@ class Outcome:
     evaluations: int | None = None
     unasked: tuple[str, ...] = ()
     equivalents: tuple[Equivalent, ...] = ()
-    reach: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    reach: Mapping[str, tuple[Span, ...]] = field(default_factory=dict)
     missing_reason: str = ""
     unexplained: Unexplained | None = None
 

@@ -33,7 +33,7 @@ def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, Alon
     """The filter of a model along slips whose stem lands with an error, and its law with the expected part of that.
 
     Samples that are not `counted` (n,) tell nothing of the stem. None where it lands exactly, and for softened
-    differences, which hide it.
+    differences, which hide it, and for a path that these values do not take.
     """
     paths, law = model.spec.paths, model.law
     if paths is None or paths.landing is None or not isinstance(law, AlongPath) or model.spec.increments:
@@ -50,6 +50,8 @@ def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, Alon
     ways = slips.kind[np.abs(slips.kind) == 1]
     at = slips.at[np.abs(slips.kind) == 1]
     m = found.margins[:-1, :, 0]
+    if np.isnan(m[:, AT]).any():
+        return None  # (this valve does not take the path, so that nothing is known of where it landed)
     mean, square = between(m[:, BEFORE], m[:, AT], paths.scatter)
     own = paths.own_variance + square - mean**2
     share = np.where(stopped[at], 0.0, error / (error + own))

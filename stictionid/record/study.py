@@ -129,8 +129,8 @@ class Estimate:
     """The last step's main numbers; S and J in `unit`, intervals at `interval_level`, null where unknown.
 
     The longest time constant comes first; `time_constants_intervals` has one interval, or null, for each. `J_known` is
-    false where a rounded output leaves more than half of J open: its interval then is the answer. `scatter` is null
-    where the law alone places every slip.
+    false where the record leaves more than half of J open: its interval then is the answer. `S_pieces` and `J_pieces`
+    are null where the interval has no gap. `scatter` is null where the law alone places every slip.
     """
 
     S: float
@@ -150,6 +150,8 @@ class Estimate:
     time_constants_intervals: tuple[tuple[float, float] | None, ...] = ()
     dead_time_interval: tuple[float, float] | None = None
     J_known: bool = field(default=True, kw_only=True)
+    S_pieces: tuple[tuple[float, float], ...] | None = field(default=None, kw_only=True)
+    J_pieces: tuple[tuple[float, float], ...] | None = field(default=None, kw_only=True)
     scatter: Scatter | None = field(default=None, kw_only=True)
 
 
@@ -290,7 +292,7 @@ class Study:
     `missing_reason` says in words what is missing, and `unexplained` holds the shape of it. `carried_by` is the noise
     that alone keeps the model from being adequate: "coloured noise", "a random walk", "a narrow band" or "a drift";
     else it is empty. `rhythm` is set by a batch, which compares the loops of a plant. `planned_test` is the manual test
-    that would settle an open answer.
+    that would settle an open answer. `with_intervals` is false for a study that was asked for without them.
     """
 
     created_by: CreatedBy
@@ -318,6 +320,7 @@ class Study:
     swing: Swing | None = field(default=None, kw_only=True)
     controller: Controller | None = field(default=None, kw_only=True)
     planned_test: PlannedTest | None = field(default=None, kw_only=True)
+    with_intervals: bool = field(default=True, kw_only=True)
     schema: str = SCHEMA
 
     @property

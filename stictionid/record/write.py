@@ -14,20 +14,19 @@ from .loop import Loop
 _KINDS = {".csv": b"time_s", ".tsv": b"time_s", ".txt": b"time_s", ".parquet": b"PAR1", ".pq": b"PAR1"}
 
 
-def check_kind(path: str | Path) -> str:
-    """The extension of a data file that can be written; UsageError naming those that can."""
+def check_kind(path: str | Path) -> bytes:
+    """First bytes of a data file of this name; UsageError where none can be written, naming those that can."""
     suffix = Path(path).suffix.lower()
     if suffix not in _KINDS:
         raise UsageError(f"{path}: can't write '{suffix or 'no extension'}'",
                          "end -o in .csv, .tsv, .txt or .parquet")
-    return suffix
+    return _KINDS[suffix]
 
 
 def write_loop(loop: Loop, path: str | Path, *, force: bool = False) -> None:
     """Write every signal of `loop`; an existing file is replaced only by the same kind of file or with `force`."""
-    suffix = check_kind(path)
-    columns = _columns(loop)
-    if suffix in (".parquet", ".pq"):
+    kind, columns = check_kind(path), _columns(loop)
+    if kind == b"PAR1":
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -35,12 +34,12 @@ def write_loop(loop: Loop, path: str | Path, *, force: bool = False) -> None:
         pq.write_table(pa.table(columns), sink, compression="zstd")
         content = sink.getvalue()
     else:
-        separator = "," if suffix == ".csv" else "\t"
+        separator = "," if Path(path).suffix.lower() == ".csv" else "\t"
         lines = [separator.join(cell(name, separator) for name in columns)]
         rows = zip(*(c.tolist() for c in columns.values()), strict=True)
         lines += [separator.join(map(_number, row)) for row in rows]
         content = ("\n".join(lines) + "\n").encode()
-    write_whole(path, content, force=force, kind=_KINDS[suffix])
+    write_whole(path, content, force=force, kind=kind)
 
 
 def _columns(loop: Loop) -> dict[str, FloatArray]:

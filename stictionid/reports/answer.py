@@ -100,8 +100,9 @@ def change(before: Study, after: Study) -> PageTable:
     rows = [["free-run error"], ["x noise"], ["S"], ["J"], ["verdict"]]
     for study in (before, after):
         error, e = study.steps[-1].error.best, study.estimate
-        sizes = (wording.NOTHING,) * 2 if e is None else (wording.estimate(e.S, e.S_interval, e.unit),
-                                                          wording.jump(e.J, e.J_interval, e.unit, known=e.J_known))
+        sizes = (wording.NOTHING,) * 2 if e is None else (
+            wording.estimate(e.S, e.S_interval, e.unit, e.S_pieces),
+            wording.jump(e.J, e.J_interval, e.unit, e.J_pieces, known=e.J_known))
         cells = (wording.with_unit(error, unit), wording.times(error, noise), *sizes,
                  f"{wording.name(study.verdict.stiction)} ({study.verdict.confidence:.2f})")
         for row, cell in zip(rows, cells, strict=True):

@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import pairwise
 
+from ..fit.starts.beside_effect import RESTING
+from ..record.intervals import Span
 from ..record.study import Estimate, Study
 from ..system.plurals import counted
 from . import effect_words, evidence, ranking, sections, story, test_plan, wording
 from .document import Facts, KeyNumber, PageTable, Section
 
-# J is called weakly known when its interval is wider than this share of its value: half the value either way.
+# A study of an older version may call a J known whose interval is wider than this share of its value.
 WEAK_J_SHARE = 0.5
 
 # S from the position differs where it is this share outside the interval of S.
@@ -57,7 +59,7 @@ def adds(facts: Facts) -> bool:
 
 def said(study: Study) -> tuple[str, tuple[str, ...]]:
     """The headline and what follows it: what makes the loop swing, the state of the valve, what to do."""
-    first, *then = filter(None, (story.cause(study), valve_state(study), story.action(study)))
+    first, *then = filter(None, (story.cause(study), valve_state(study), jump_state(study), story.action(study)))
     return first, tuple(then)
 
 
@@ -69,7 +71,7 @@ def valve_state(study: Study) -> str:
         if study.verdict.stiction == "undecided":
             return f"Can't tell from this record: {_tail(study.verdict.reason)}"
         return f"{word}: {_tail(study.verdict.reason)}"
-    size = wording.estimate(e.S, e.S_interval, e.unit)
+    size = wording.estimate(e.S, e.S_interval, e.unit, e.S_pieces)
     if study.verdict.stiction == "stiction":
         span = " of OP span" if e.unit == "%" else ""
         rough = " What the model misses may move S out of this range." if study.interval_caution else ""
@@ -97,7 +99,7 @@ def _numbers(study: Study) -> tuple[KeyNumber, ...]:
     e, found = study.estimate, []
     if e is not None:
         level = f"{wording.number(100 * e.interval_level, 2)} % interval"
-        found = [_key("S, stickband plus deadband", e.S, e.S_interval, e.unit, level, _band(e)),
+        found = [_key("S, stickband plus deadband", (e.S, e.S_interval, e.S_pieces), e.unit, level, _band(e)),
                  _jump_key(e, level)]
     if study.range.period_median_s is not None:
         found.append(KeyNumber("Oscillation period", wording.duration(study.range.period_median_s),
@@ -106,10 +108,10 @@ def _numbers(study: Study) -> tuple[KeyNumber, ...]:
     return tuple(found)
 
 
-def _key(label: str, value: float, interval: tuple[float, float] | None, unit: str, level: str,
+def _key(label: str, found: tuple[float, Span | None, wording.Pieces], unit: str, level: str,
          meaning: str) -> KeyNumber:
-    """A headline number with its interval and its meaning."""
-    shown, ends = wording.apart(value, interval)
+    """A headline number, found with its interval and the pieces of it, and its meaning."""
+    shown, ends = wording.apart(*found)
     about = "no interval" if ends == wording.NOTHING else f"{ends}, {level}"
     return KeyNumber(label, f"{shown} {wording.name(unit)}".rstrip(), f"{about}; {meaning}")
 
@@ -117,9 +119,9 @@ def _key(label: str, value: float, interval: tuple[float, float] | None, unit: s
 def _jump_key(e: Estimate, level: str) -> KeyNumber:
     """J as a headline number; its range alone where rounding leaves it open."""
     if e.J_known:
-        return _key("J, slip jump", e.J, e.J_interval, e.unit, level, _jump_note(e))
+        return _key("J, slip jump", (e.J, e.J_interval, e.J_pieces), e.unit, level, _jump_note(e))
     return KeyNumber("J, slip jump", wording.jump(e.J, e.J_interval, e.unit, known=False),
-                     f"{level}; the rounded output leaves more than half of J open")
+                     f"{level}; the record leaves more than half of J open")
 
 
 def _jump_note(e: Estimate) -> str:
@@ -128,12 +130,29 @@ def _jump_note(e: Estimate) -> str:
     return f"J/S {wording.number(e.J / e.S, 2) if e.S else wording.NOTHING}"
 
 
+def jump_state(study: Study) -> str:
+    """The range of a J that is not known, the reason, and what would tell; empty where J is known."""
+    e = study.estimate
+    if e is None or study.verdict.stiction == "no stiction" or (e.J_known and not e.J_pieces):
+        return ""
+    span = wording.jump(e.J, e.J_interval, e.unit, e.J_pieces, known=False)
+    mine = set(study.steps[-1].effects) if study.steps else set()
+    other = next((q for q in study.equivalents if set(q.effects) ^ mine == {RESTING}), None)
+    if e.J_interval is None:
+        return ""
+    if other is not None:
+        return f"J is {span}, by whether the valve rests: {wording.clean(other.what_would_tell)} would tell."
+    return f"J is {span}: only J times the process gain is fixed. A setpoint move as large as PV's swing would tell."
+
+
 def _size(study: Study) -> Section | None:
     e = study.estimate
     if e is None:
         return None
-    rows = [("S, stickband plus deadband", *wording.apart(e.S, e.S_interval), wording.name(e.unit), _band(e)),
-            ("J, slip jump", *wording.jump_apart(e.J, e.J_interval, known=e.J_known), wording.name(e.unit), "")]
+    S, J = (wording.apart(e.S, e.S_interval, e.S_pieces),
+            wording.jump_apart(e.J, e.J_interval, e.J_pieces, known=e.J_known))
+    rows = [("S, stickband plus deadband", *S, wording.name(e.unit), _band(e)),
+            ("J, slip jump", *J, wording.name(e.unit), "")]
     percent = e.unit == "%"
     text = [f"Intervals hold {wording.number(100 * e.interval_level, 2)} % of the probability"
             + ("; the severity band is judged by the interval of S." if percent else ".")]
@@ -188,8 +207,8 @@ def _why_it_differs(study: Study) -> str:
 def size(e: Estimate) -> str:
     """S and J with their intervals in one line."""
     level = wording.number(100 * e.interval_level, 2)
-    J = wording.jump(e.J, e.J_interval, e.unit, known=e.J_known)
-    said = f"S {wording.estimate(e.S, e.S_interval, e.unit)}, J {J}"
+    J = wording.jump(e.J, e.J_interval, e.unit, e.J_pieces, known=e.J_known)
+    said = f"S {wording.estimate(e.S, e.S_interval, e.unit, e.S_pieces)}, J {J}"
     return said + (f", {level} % intervals" if e.S_interval else ", no intervals")
 
 
@@ -309,9 +328,9 @@ def comparison(studies: list[Study]) -> PageTable:
         ratio = wording.times(last.best, last.noise_sd) if last else wording.NOTHING
         rows.append((
             wording.name(study.data.name), wording.name(study.verdict.stiction),
-            wording.estimate(e.S, e.S_interval, e.unit) if e else wording.NOTHING,
+            wording.estimate(e.S, e.S_interval, e.unit, e.S_pieces) if e else wording.NOTHING,
             wording.severity(e.S) if e and e.unit == "%" else wording.NOTHING,
-            wording.jump(e.J, e.J_interval, e.unit, known=e.J_known) if e else wording.NOTHING,
+            wording.jump(e.J, e.J_interval, e.unit, e.J_pieces, known=e.J_known) if e else wording.NOTHING,
             f"{wording.number(study.range.period_median_s)} s" if study.range.period_median_s else wording.NOTHING,
             ratio, {None: wording.NOTHING, True: "yes", False: "no"}[study.adequate]))
     return PageTable("Loops compared", ("loop", "verdict", "S", "severity", "J", "period", "x noise", "adequate"),

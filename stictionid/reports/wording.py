@@ -6,7 +6,9 @@ Only this file and `facts` decide digits and words, so that terminal, markdown, 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+Pieces = Sequence[tuple[float, float]] | None
 NOTHING = "-"
 
 # Severity bands of S in % of OP span: upper limit of each band and its word. No standard fixes them. Anchors are
@@ -85,8 +87,14 @@ def decimals_for(interval: tuple[float, float] | None, value: float) -> int:
     return min(max(0, 1 - math.floor(math.log10(width))), most)
 
 
-def apart(value: float, interval: tuple[float, float] | None) -> tuple[str, str]:
-    """`1.80` and `1.52 to 2.21` (or a dash), digits chosen by the interval so that its ends differ where they can."""
+def apart(value: float, interval: tuple[float, float] | None, pieces: Pieces = None) -> tuple[str, str]:
+    """`1.80` and `1.52 to 2.21` (or a dash), digits chosen by the interval so that its ends differ where they can.
+
+    An interval with gaps is said in its pieces: `1.52 to 1.61, or 2.10 to 2.21`. The narrowest then chooses the digits.
+    """
+    if pieces and interval is not None:
+        least = min(pieces, key=lambda piece: piece[1] - piece[0])
+        return apart(value, least)[0], ", or ".join(apart(value, piece)[1] for piece in pieces)
     if interval is None or not math.isfinite(interval[1] - interval[0]):
         return number(value, 4), NOTHING
     largest = max(abs(value), abs(interval[0]), abs(interval[1]))
@@ -96,22 +104,25 @@ def apart(value: float, interval: tuple[float, float] | None) -> tuple[str, str]
     return f"{value:.{places}f}", f"{interval[0]:.{places}f} to {interval[1]:.{places}f}"
 
 
-def estimate(value: float, interval: tuple[float, float] | None, unit: str) -> str:
+def estimate(value: float, interval: tuple[float, float] | None, unit: str, pieces: Pieces = None) -> str:
     """`1.80 % (1.52 to 2.21)`: a value with its interval, digits chosen by the interval."""
-    shown, ends = apart(value, interval)
+    shown, ends = apart(value, interval, pieces)
     shown += f" {name(unit)}" if unit else ""
     return shown if ends == NOTHING else f"{shown} ({ends})"
 
 
-def jump(value: float, interval: tuple[float, float] | None, unit: str, *, known: bool) -> str:
+def jump(value: float, interval: tuple[float, float] | None, unit: str, pieces: Pieces = None, *, known: bool) -> str:
     """J as `estimate` words it; its range alone where it is not `known`."""
-    shown, ends = jump_apart(value, interval, known=known)
-    return estimate(value, interval, unit) if known else f"{ends} {name(unit)}".rstrip() if ends != NOTHING else shown
+    shown, ends = jump_apart(value, interval, pieces, known=known)
+    if known:
+        return estimate(value, interval, unit, pieces)
+    return f"{ends} {name(unit)}".rstrip() if ends != NOTHING else shown
 
 
-def jump_apart(value: float, interval: tuple[float, float] | None, *, known: bool) -> tuple[str, str]:
+def jump_apart(value: float, interval: tuple[float, float] | None, pieces: Pieces = None, *,
+               known: bool) -> tuple[str, str]:
     """J as `apart` words it; "unknown" in place of a value that is not `known`."""
-    shown, ends = apart(value, interval)
+    shown, ends = apart(value, interval, pieces)
     return shown if known else "unknown", ends
 
 

@@ -15,11 +15,13 @@ import numpy as np
 from ..effects import parse
 from ..errors import ModelError
 from ..fit.cross_validation import Held, blocks_won, held_out
+from ..fit.fit import AGREE_J, AGREE_S
 from ..fit.intervals.assemble import region
 from ..fit.noise.unexplained import said_missing, unexplained
 from ..fit.public_values import noise_values, rows_for, rows_in
 from ..fit.starts.beside_effect import RESTING
 from ..process.scan import DECIMATED
+from ..record.intervals import Span, united
 from ..record.study import Candidate, ErrorSummary, ParameterValue, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
@@ -38,7 +40,7 @@ class Decision:
 
     `shape` is that of what is missing, where the winner's innovations answer valve, signals or time.
     `unseen` is True where the course of the output between samples is unknown and the winner leaves more than noise.
-    `reach` holds the values of S and J that the equivalents do not exclude.
+    `reach` holds the pieces of S and J that the equivalents do not exclude.
     """
 
     winner: Entry
@@ -47,13 +49,13 @@ class Decision:
     missing_reason: str
     unseen: bool = False
     shape: Unexplained | None = None
-    reach: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    reach: Mapping[str, tuple[Span, ...]] = field(default_factory=dict)
 
 
-def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
+def decided(search: Search, best: Entry, keep: Sequence[str] = (), *, spans: bool = True) -> Decision:
     """The best node pruned, with the noise to name, its equivalents, and what the effects asked do not explain.
 
-    Effects to `keep` are never pruned.
+    Effects to `keep` are never pruned. Without `spans` no intervals of equivalents are sought.
     """
     winner = _winner(search, best, keep)
     while winner.op == ADD and not winner.passed and winner.what not in keep and winner.parent in search.memo:
@@ -77,7 +79,7 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = ()) -> Decision:
     return Decision(winner, noise, tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in alike),
                     missing_reason(winner, white, unseen, shape, slow=search.slow and not noise,
                                    unasked=_unasked(search, winner)), unseen, shape,
-                    reach_of(search, alike))
+                    reach_of(search, alike) if spans else {})
 
 
 def _winner(search: Search, best: Entry, keep: Sequence[str]) -> Entry:
@@ -191,40 +193,50 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
     """Nodes that do as well as the winner, are no wider, don't contain it, and pass the same gates; best first.
 
     A sliding valve whose slip jump exceeds its stickband needs a friction below zero. One that rests then counts as
-    equivalent up to the full margin.
+    equivalent up to the full margin. The other kind of valve counts, whatever its gates, where its S or J is another.
     """
     done, found = winner.scored.done, []
     mine = set(physical(winner.spec))
     odd = jumps_past(winner)
     for e in search.memo.values():
-        if e is winner or e.failed or not e.scored.full or e.op == DROP or not e.passed:
-            continue
         theirs = set(physical(e.spec))
+        other = theirs ^ mine == {RESTING} and winner.spec.held and not _same_valve(winner, e)
+        if e is winner or e.failed or not e.scored.full or not (other or (e.op != DROP and e.passed)):
+            continue
         near = search.policy.margin if odd and RESTING in theirs else search.policy.alike
         # (Where the winner's disturbance is left out, noise of long memory may hide it: that explains nothing.)
         hides = theirs < mine and e.scored.rmse >= 2 * winner.scored.rmse
-        if e.scored.done.parameters <= done.parameters + 1 and not mine < theirs and not hides \
+        if e.scored.done.parameters <= done.parameters + 1 and (other or not mine < theirs) and not hides \
                 and done.gain_over(e.scored.done) < near:
             found.append(e)
     return tuple(sorted(found, key=lambda e: done.gain_over(e.scored.done)))
 
 
-def reach_of(search: Search, alike: Sequence[Entry]) -> dict[str, tuple[float, float]]:
-    """Least and largest S and J that equivalents, the best first, do not exclude; empty without equivalents.
+def _same_valve(winner: Entry, other: Entry) -> bool:
+    """True for two kinds of valve with one S and J: one that hardly rests slides."""
+    a, b = (e.scored.done.evaluated.values for e in (winner, other))
+    return abs(a["S"] - b["S"]) <= AGREE_S * a["S"] and abs(a["J"] - b["J"]) <= AGREE_J * a["S"]
+
+
+def reach_of(search: Search, alike: Sequence[Entry]) -> dict[str, tuple[Span, ...]]:
+    """Pieces of S and J that equivalents, the best first, do not exclude; empty without equivalents.
 
     Those beyond the number of finalists, and those whose model breaks down beside its optimum, give their points.
     """
-    spans: dict[str, list[float]] = {"S": [], "J": []}
+    spans: dict[str, list[Span]] = {"S": [], "J": []}
     for i, entry in enumerate(alike):
         done = entry.scored.done
-        known: Mapping[str, tuple[float, float]] = {}
+        known: Mapping[str, Span] = {}
+        parts: Mapping[str, tuple[Span, ...]] = {}
         if i < search.policy.finalists:
             model = done.white_model()
             with suppress(ModelError, np.linalg.LinAlgError):
-                known = region(model, model.cube(done.values[:, None])[0], rng_of(search.seed, key(entry.spec), 2))
+                known, parts = region(model, model.cube(done.values[:, None])[0],
+                                      rng_of(search.seed, key(entry.spec), 2))
         for name, found in spans.items():
-            found += [done.evaluated.values[name], *known.get(name, ())]
-    return {name: (min(found), max(found)) for name, found in spans.items() if found}
+            value = done.evaluated.values[name]
+            found += [(value, value), *(parts.get(name) or [known[name]] * (name in known))]
+    return {name: united(found) for name, found in spans.items() if found}
 
 
 def as_equivalent(entry: Entry, number: int, winner: Entry) -> Equivalent:
@@ -233,6 +245,9 @@ def as_equivalent(entry: Entry, number: int, winner: Entry) -> Equivalent:
     others = tuple(n for n in physical(winner.spec) if n not in entry.spec.effects)
     own = next((n for n in physical(entry.spec) if n not in winner.spec.effects), "")
     tell = settling(own, others) if own else "the measured valve position"
+    if {*physical(entry.spec)} ^ {*physical(winner.spec)} == {RESTING}:
+        y = entry.scored.done.model.loop.process_value
+        tell = f"a setpoint move of {np.nanmax(y) - np.nanmin(y):.2g}, or {parse(RESTING)[0].settled_by}"
     return Equivalent(number, tuple(entry.spec.effects), values["S"], values["J"],
                       entry.scored.done.bic(entry.scored.done.good), tell)
 

@@ -2,22 +2,41 @@
 
 Between samples of a command that moves, both look alike. A slip jump beyond the stickband needs a friction below zero:
 the valve rests, or one that slides jumps past its place. So it may where nothing is named and the free run is far from
-its innovations. Which measurement would settle what looks alike is said in words of the effects' own files.
+its innovations. PV of a steady cycle shows when the valve slips and hardly more: the other valve may slip at the same
+samples, with a stickband and a dead time of its own that no search beside the first one comes near. Which measurement
+would settle what looks alike is said in words of the effects' own files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, MutableMapping
+from dataclasses import replace
+
+import numpy as np
 
 from ..effects import parse
+from ..errors import ModelError
+from ..fit.cross_validation import held_out
+from ..fit.moves import descended, movable
 from ..fit.noise.completion import Refit
-from ..fit.starts.beside_effect import RESTING
+from ..fit.plateau import settled_on_plateau
+from ..fit.starts.beside_effect import RESTING, on_valve
+from ..fit.starts.same_slips import with_same_slips
+from ..model.segments import bound
+from ..model.spec import BASE, Spec
+from ..record.loop import Loop
 from ..record.tree import Gate
-from .entry import Entry
+from .entry import ADD, DROP, ROOT, Entry
 from .gates import margin_of
-from .node import depth, physical, plain
+from .looks import rng_of
+from .node import LAG, additions, depth, key, node, physical, plain, with_effect, without
 from .policy import Policy
-from .score import Scored
+from .score import Scored, completed, glanced
+
+# Samples by which all slips may come earlier, and slip jumps tried as shares of that of the answer.
+_SHIFTS, _JUMPS = range(-8, 13), np.geomspace(0.25, 4.0, 17)
+# BIC that a full fit may still gain, and the first length of a further lag as a share of the lag.
+_FURTHER, _LAG = 10.0, 0.25
 
 
 def odd(entry: Entry, policy: Policy, *, lasting: bool) -> bool:
@@ -63,6 +82,89 @@ def rests_instead(done: Refit, name: str) -> dict[str, float]:
     swing, slip = natural.numbers(values[0], values[1], values[model.rows_of(name)], model.context)
     rests = {f"{RESTING}:{p.name}": p.high for p in parse(RESTING)[0].parameters}
     return {**model.named(done.values), "S": float(swing[0]), "J": float(slip[0]), **rests}
+
+
+def beside(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,
+           policy: Policy, *, better: bool) -> bool:
+    """True where nodes with the slips of an entry were put in the memo: those that come near and are better than known.
+
+    With `better` they must gain as much as a change of structure does, and leave white innovations.
+    """
+    least, found = policy.structure_margin if better else -policy.alike, False
+    for spec in alike(entry, loop, only):
+        own = key(spec) == key(entry.spec)
+        done = fitted_alike(entry, spec, seed, policy, policy.better_fit if own else least)
+        if done is None or (better and not (own or done.white)):
+            continue
+        known = memo.get(key(spec))
+        if known is not None and not known.failed and known.scored.full and known.scored.done.gain_over(done) >= 0.0:
+            continue
+        scored, found = Scored(done, True, held_out(done)), True
+        if known is not None and (own or known.op == ROOT):
+            known.scored = scored
+            if own:
+                # (from a better point the way may go on)
+                beside(memo, entry, loop, only, seed, policy, better=better)
+                break
+            continue
+        new = [n for n in physical(spec) if n not in entry.spec.effects]
+        what = LAG if new == [LAG] else RESTING
+        child = memo[key(spec)] = Entry(spec, scored, key(entry.spec), ADD if new else DROP, what)
+        child.gates = () if new else judged_drop(RESTING, child, entry.scored, policy)
+    return found
+
+
+def alike(entry: Entry, loop: Loop, only: frozenset[str] | None) -> list[Spec]:
+    """The nodes that slips of an entry may belong to: itself, the other kind of valve, and both with a further lag.
+
+    The lag is left out where the entry is white. Empty where the record or the node has no second kind of valve.
+    """
+    spec, model, soft = entry.spec, entry.scored.done.model, entry.scored.done.increments
+    others = [e for n, e in zip(model.names, model.effects, strict=True) if on_valve(e) and n != RESTING]
+    if not spec.held or spec.friction_free or others or model.law.one_parameter or not movable(model)[:2].all():
+        return []
+    found, more = [spec], additions(spec, loop, only)
+    if RESTING in spec.effects:
+        found.append(without(spec, (RESTING,)))
+    elif RESTING in more:
+        found.append(with_effect(spec, RESTING))
+    if LAG in more and not entry.scored.white:
+        found += [with_effect(s, LAG) for s in found if RESTING in s.effects or s is spec]
+    return [node(s, soft=soft) for s in found]
+
+
+def fitted_alike(entry: Entry, spec: Spec, seed: int, policy: Policy, least: float) -> Refit | None:
+    """A node fitted from the valves that slip as that of an entry does; None where it gains less than the least BIC."""
+    before = entry.scored.done
+    loop = before.model.loop
+    model, white = (bound(loop, s, s_max=before.model.s_max, period_s=before.model.period_s,
+                          residual=before.evaluated.left)
+                    for s in (spec, replace(spec, taps=before.spec.taps, increments=before.spec.increments)))
+    values = white.vector(before.model.named(before.values))
+    ends = {RESTING: np.inf, LAG: _LAG * values[3]}
+    for name in (n for n in ends if n in spec.effects and n not in entry.spec.effects):
+        rows = white.rows_of(name)
+        values[rows] = [min(ends[name], p.high) for p in white.space.parameters[rows]]
+    path = before.model.positions(before.values[:, None])[:, 0]
+    try:
+        trial = with_same_slips(white, values, path, rests=RESTING in spec.effects, shifts=_SHIFTS,
+                                jumps=values[1] * _JUMPS)
+        if not trial.shape[1]:
+            return None
+        # The best of every dead time: with a lag that is not settled the right one does no better at first.
+        order = np.lexsort((white.costs_of(trial), trial[4]))
+        best_of = order[np.unique(trial[4, order], return_index=True)[1]]
+        found = descended(white, white.cube(trial[:, best_of]), held=(0, *white.forces))
+        if not np.isfinite(found.costs[0]):
+            return None
+        best = white.values(settled_on_plateau(white, found.points[0])[None])[:, 0]
+        there = model.vector(white.named(best))
+        if glanced(model, there).gain_over(before) < least - _FURTHER:
+            return None
+        done = completed(model, there, before.values[None, :len(BASE)], rng_of(seed, key(spec), 2), policy)
+        return done if done.gain_over(before) >= least else None
+    except (ModelError, np.linalg.LinAlgError):
+        return None
 
 
 def settling(name: str, rivals: tuple[str, ...]) -> str:

@@ -94,6 +94,12 @@ class Edge:
         return self.sound if self.tentative and self.sound is not None else self.parent
 
     @property
+    def another_valve(self) -> bool:
+        """True for a valve that rests instead of sliding, under a command that is known: a few slips may tell the two.
+        """
+        return plain(self.name) == RESTING and not self.blurred and self.child.done.model.spec.held
+
+    @property
     def by_forces(self) -> bool:
         """True where the break-away forces of the parent's path alone tell the effect, by its margin.
 
@@ -134,7 +140,8 @@ def _blocks(edge: Edge) -> str:
 
     Beside a model far from the noise a limit that the stem meets in two blocks may cost a little in another one.
     """
-    if edge.local or edge.freed or edge.by_forces or (edge.halved and not edge.child.done.increments):
+    if edge.local or edge.freed or edge.by_forces or edge.another_valve \
+            or (edge.halved and not edge.child.done.increments):
         return ""
     gains = block_gains(edge.parent.done, edge.child.done, edge.parent.done.good & edge.child.done.good)
     better = int((gains > 0).sum())
@@ -155,7 +162,8 @@ def _held_out(edge: Edge) -> str:
     after, before = edge.child.held, edge.parent.held
     far = not edge.child.done.increments and after is not None and before is not None \
         and 2 * after.rmse <= before.rmse
-    return "" if edge.freed or edge.by_forces or holds(after, before, edge.policy, either=edge.local or far) else \
+    excused = edge.freed or edge.by_forces or edge.another_valve
+    return "" if excused or holds(after, before, edge.policy, either=edge.local or far) else \
         "it predicts held-out blocks no better"
 
 

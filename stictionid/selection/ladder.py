@@ -11,7 +11,7 @@ from ..effects import noises_in
 from ..fit.add_effect import polished
 from ..fit.adequacy import CONDITIONAL
 from ..fit.context import Run
-from ..fit.fit import Fitted, finish
+from ..fit.fit import Fitted, finish, reaching_also
 from ..fit.intervals.along_path import finished_along
 from ..fit.moves import descended
 from ..fit.noise.completion import Refit, likelier, quick
@@ -83,12 +83,12 @@ def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, 
     return spec, values, done.bic(done.good)
 
 
-def fitted(model: Model, values: FloatArray, rng: np.random.Generator, *, last: bool) -> Fitted:
-    """A rung with its last polish and errors; the `last` one with intervals, too."""
+def fitted(model: Model, values: FloatArray, rng: np.random.Generator, *, last: bool, spans: bool = True) -> Fitted:
+    """A rung with its last polish and errors; the `last` one with intervals, too, unless it shall have no `spans`."""
     if model.spec.paths is not None:
-        return finished_along(model, values, last=last)
+        return finished_along(model, values, last=last and spans)
     if last:
-        return polished(model, values, rng)
+        return polished(model, values, rng, spans=spans)
     point = model.cube(values[:, None])
     return finish(model, point, model.costs(point), rng, reach=False)
 
@@ -123,12 +123,10 @@ def with_levels(run: Run, fit: Fitted, rng: np.random.Generator) -> Fitted:
     Innovations of a wrong model are far smaller than its error, so that intervals from them alone would be too narrow.
     """
     spec = fit.model.spec
-    if not spec.taps or spec.increments or spec.paths is not None or noises_in(spec.effects):
+    if not spec.taps or spec.increments or spec.paths is not None or noises_in(spec.effects) or not fit.intervals:
         return fit
-    levels = fitted(run.model(replace(spec, taps=())), fit.values, rng, last=True).intervals
-    both = {name: (min(low, levels[name][0]), max(high, levels[name][1]))
-            for name, (low, high) in fit.intervals.items() if name in levels}
-    return replace(fit, intervals={**fit.intervals, **both})
+    levels = fitted(run.model(replace(spec, taps=())), fit.values, rng, last=True)
+    return reaching_also(fit, levels.intervals, levels.pieces)
 
 
 def with_noise(done: Refit, name: str, spec: Spec) -> Model:

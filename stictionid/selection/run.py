@@ -68,7 +68,7 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     tell = progress or (lambda text, share: None)
     on = resumed(loop, study, seed=seed, jobs=jobs, policy=policy, progress=tell)
     run, fit, search, here = on.run, on.fit, on.search, on.here
-    found = decided(search, search.run(everything=everything))
+    found = decided(search, search.run(everything=everything), spans=run.options.intervals)
     before = physical(here.spec)
     order, rungs = ordered(search, found.winner, base_of(study))
     new = tuple(name for name in order if name not in before)
@@ -239,7 +239,8 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
             fits.append(first)
             steps.append(run.step(first, name))
             continue
-        fit = fitted(run.model(full), values, rng_of(search.seed, key(spec), 2), last=final)
+        fit = fitted(run.model(full), values, rng_of(search.seed, key(spec), 2), last=final,
+                     spans=run.options.intervals)
         if final and study is not None:
             fit = with_levels(run, fit, rng_of(search.seed, key(spec), 1))
         if full.taps != spec.taps:
@@ -256,7 +257,8 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
             # A user chose it.
             done = complete(done.model, done.values, None, rng, noise=parse(found.noise)[0].noise or AUTOREGRESSIVE)
         model = with_noise(done, found.noise, found.winner.spec)
-        fits.append(fitted(model, model.vector(done.model.named(done.values)), rng, last=True))
+        fits.append(fitted(model, model.vector(done.model.named(done.values)), rng, last=True,
+                           spans=run.options.intervals))
         steps.append(step_of(run, fits[-1], found.noise, (*said, said_noise(fits[-1]))))
     return steps, fits
 

@@ -21,7 +21,7 @@ from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget, Crew
-from .doubts import judged_drop, lasting, least_cost, odd, rests_instead
+from .doubts import beside, judged_drop, lasting, least_cost, odd, rests_instead
 from .entry import ADD, DROP, ROOT, SWAP, Entry, broken, remember, sound
 from .gates import Edge, judged, judged_change
 from .looks import CLOSER, FAR, NEAR, Ground, Packed, Task, adding, edges, pool_of, rng_of, shown
@@ -62,7 +62,7 @@ class Search:
     valves: dict[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
     # Nodes without one effect, by node, effect and innovations: the decision asks for the same ones several times.
     drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
-    # Answers that slide and were asked once more for a valve that rests.
+    # Answers beside which the other kind of valve was asked for.
     rested: set[str] = field(default_factory=set)
     budget: Budget = field(init=False)
     # True where the record is slower than the controller's scan.
@@ -95,14 +95,17 @@ class Search:
 
         With `everything` the best node is expanded first, even where it leaves only noise.
         """
+        self._same_slips(self.best(), better=True)
         if everything and not self.best().asked:
             self.expand(self.best())
         if (tags := by_tag(self.best().spec, self.loop, self.only)) and not self.at_end(self.best()):
             # A tag that explains the record is measured: nothing else need be asked.
             self.ask(self.best(), tags)
-        while doubted := self._doubted(best := self._walked()):
+        while key((best := self._walked()).spec) not in self.rested:
             self.rested.add(key(best.spec))
-            self.ask(*doubted)
+            self._same_slips(best)
+            if doubted := self._doubted(best):
+                self.ask(*doubted)
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True)
         if late and self.only is None and not self.slow and self.budget.share < 2 and not self._carried(best):
@@ -191,10 +194,16 @@ class Search:
             self._finish(ground, entry, [a for a in looks if beyond is None
                                          or self._seen(a).done.gain_over(beyond.scored.done) > 0.0], sure)
 
+    def _same_slips(self, entry: Entry, *, better: bool = False) -> None:
+        """Put nodes with the slips of an entry in the memo, the other kind of valve too; `better` as `beside` has it.
+        """
+        if beside(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
+            self._judge(entry)
+
     def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to ask for beside it, once: an answer may be another valve, or lack a drift; or None."""
         spec = entry.spec
-        if key(spec) in self.rested or self.budget.share >= 2:
+        if self.budget.share >= 2:
             return None
         if drifts := [n for n in lasting(self.memo, entry) if n in additions(spec, self.loop, self.only)]:
             return entry, tuple(drifts)

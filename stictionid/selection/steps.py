@@ -15,13 +15,13 @@ from ..fit.intervals.along_path import scatter_of
 from ..fit.options import Options
 from ..model.restore import described, rebuild_model
 from ..process.rounded import is_coarse
-from ..record.intervals import intervals_withheld, with_ranges, without_intervals
+from ..record.intervals import Span, hull, intervals_withheld, united, with_ranges, without_intervals
 from ..record.loop import Loop
 from ..record.oscillation import find_range
 from ..record.study import Estimate, Step, Study
 from .score import Scored
 
-# Width of the interval of J, as a share of it, from which a rounded output leaves J unknown. Unit: 1.
+# Width of the interval of J, as a share of it, from which J is unknown. Unit: 1.
 _OPEN = 0.5
 
 
@@ -31,7 +31,7 @@ def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
         raise DataError("the study abstained, so there is no model to work on", study.verdict.reason)
     piece, _ = described(loop, study.steps[-1].model)
     model, values = rebuild_model(piece, study.steps[-1].model)
-    options = Options(law=model.spec.law, seed=seed)
+    options = Options(law=model.spec.law, seed=seed, intervals=study.with_intervals)
     run = Run(piece, find_range(piece), options, law=model.spec.law, rng=np.random.default_rng(seed),
               tell=lambda text, share: None)
     return run, as_it_stands(model, values)
@@ -39,7 +39,7 @@ def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
 
 def with_steps(study: Study, steps: tuple[Step, ...], after: Fitted) -> Study:
     """The study with new steps and one noise for all; main values and adequacy are those of the last step's fit."""
-    if intervals_withheld(study.steps):
+    if intervals_withheld(study.steps) or not study.with_intervals:
         steps = without_intervals(steps)
     steps = with_one_noise(steps)
     holds, why = adequate(steps[-1], after.model.loop)
@@ -64,29 +64,28 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
     if study.estimate is None:
         return None
     v = fit.best.values
-    if intervals_withheld(study.steps):
-        fit = replace(fit, intervals={})
+    if intervals_withheld(study.steps) or not study.with_intervals:
+        fit = replace(fit, intervals={}, pieces={})
     spans = fit.intervals
     found = replace(study.estimate, S=v["S"], J=v["J"], S_interval=spans.get("S"), J_interval=spans.get("J"),
+                    S_pieces=fit.pieces.get("S"), J_pieces=fit.pieces.get("J"),
                     initial_residual_force=v["initial_residual_force"],
                     scatter=scatter_of(fit.model, fit.values, study.estimate.unit), **process_numbers(fit))
     return with_known_jump(with_ranges(found, study.steps), fit.model.loop)
 
 
 def with_known_jump(found: Estimate, loop: Loop) -> Estimate:
-    """The estimate with J marked as unknown where a rounded output leaves more than half of it open."""
+    """The estimate with J marked as unknown where more than half of it is open, or rounding withholds its interval."""
     span = found.J_interval
-    open_ = span is None or span[1] - span[0] > _OPEN * found.J
-    return replace(found, J_known=not (open_ and is_coarse(loop, found.S)))
+    open_ = is_coarse(loop, found.S) if span is None else span[1] - span[0] > _OPEN * found.J
+    return replace(found, J_known=not open_)
 
 
-def reaching_to(found: Estimate, reach: Mapping[str, tuple[float, float]]) -> Estimate:
+def reaching_to(found: Estimate, reach: Mapping[str, tuple[Span, ...]]) -> Estimate:
     """The estimate with intervals of S and J that reach to those of the models that explain the record alike."""
-    if not reach:
+    if not reach or found.S_interval is None or found.J_interval is None:
         return found
-    return replace(found, S_interval=_union(found.S_interval, reach["S"]),
-                   J_interval=_union(found.J_interval, reach["J"]))
-
-
-def _union(span: tuple[float, float] | None, other: tuple[float, float]) -> tuple[float, float] | None:
-    return None if span is None else (min(span[0], other[0]), max(span[1], other[1]))
+    S = united([*(found.S_pieces or (found.S_interval,)), *reach["S"]])
+    J = united([*(found.J_pieces or (found.J_interval,)), *reach["J"]])
+    return replace(found, S_interval=hull(S), J_interval=hull(J), S_pieces=S if len(S) > 1 else None,
+                   J_pieces=J if len(J) > 1 else None)

@@ -110,8 +110,9 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     if view is not None:
         outcome, note = judged(view, _run_of(piece, found, run.options, method, tell), outcome)
         last, notes = outcome.fits[-1], (*notes, note)
-    if intervals_withheld(outcome.steps):
-        outcome, last = replace(outcome, steps=without_intervals(outcome.steps)), replace(last, intervals={})
+    if intervals_withheld(outcome.steps) or not options.intervals:
+        outcome = replace(outcome, steps=without_intervals(outcome.steps))
+        last = replace(last, intervals={}, pieces={})
     outcome = replace(outcome, steps=with_one_noise(outcome.steps))
     holds, why = judged_by(outcome.unexplained, *adequate(outcome.steps[-1], piece))
     unit = loop.unit("output", "%")
@@ -122,7 +123,8 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
         return abstained(loop, found, options, CannotTell(verdict.reason, ASK, code=UNANSWERED))
     if unclear := _unclear(found, outcome.steps[-1]):
         return abstained(loop, found, options, CannotTell(unclear, _CLEARER, code="no-cycles"))
-    estimate = with_ranges(_estimate(last, unit, outcome, position), outcome.steps)
+    estimate = _estimate(last, unit, outcome, position, options.intervals)
+    estimate = with_ranges(estimate, outcome.steps) if options.intervals else estimate
     estimate = with_known_jump(reaching_to(estimate, outcome.reach), piece)
     notes += rounding_left(piece, estimate)
     severity, swing = meaning_of(piece, estimate, last, verdict)
@@ -133,7 +135,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
         adequate=holds, adequate_reason=why, cost_map=_cost_map(near_fit, len(outcome.steps) - 1),
         command=options.command, severity=severity, swing=swing, tree=outcome.tree, evaluations=outcome.evaluations,
         unasked=outcome.unasked, equivalents=outcome.equivalents, missing_reason=outcome.missing_reason,
-        unexplained=outcome.unexplained, controller=controller))
+        unexplained=outcome.unexplained, controller=controller, with_intervals=options.intervals))
 
 
 def _run_of(piece: Loop, found: Range, options: Options, method: Method, tell: Progress) -> Run:
@@ -179,7 +181,7 @@ def _every_law(piece: Loop, found: Range, options: Options, method: Method, poli
     return run, replace(outcome, steps=(*outcome.steps[:-1], last)), ranking.laws
 
 
-def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstimate | None) -> Estimate:
+def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstimate | None, spans: bool) -> Estimate:
     v = fit.best.values
     process = process_numbers(fit)
     if outcome.process is not None:
@@ -187,10 +189,11 @@ def _estimate(fit: Fitted, unit: str, outcome: Outcome, position: PositionEstima
         process = {"gain": p.gain, "time_constants_s": p.time_constants_s, "dead_time_s": p.dead_time_s,
                    "integrating": p.integrating}
     # A value that is not estimated is anywhere in its range: its interval can say so, the value cannot.
-    J_interval = fit.intervals.get("J") if outcome.gives_jump else (0.0, v["S"])
+    J_interval = fit.intervals.get("J") if outcome.gives_jump or not spans else (0.0, v["S"])
     return Estimate(v["S"], v["J"], unit, fit.intervals.get("S"), J_interval, INTERVAL_LEVEL, fit.model.spec.law,
                     initial_residual_force=v["initial_residual_force"], from_position=position,
-                    scatter=scatter_of(fit.model, fit.values, unit), **process)
+                    scatter=scatter_of(fit.model, fit.values, unit), S_pieces=fit.pieces.get("S"),
+                    J_pieces=fit.pieces.get("J"), **process)
 
 
 def _cost_map(fit: Fitted, step: int) -> CostMap:

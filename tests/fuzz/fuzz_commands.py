@@ -63,8 +63,8 @@ def make_list(rng: random.Random) -> bytes:
 
 def run_list(data: bytes) -> None:
     """Reads a loop list; every loop has its tags, ranges that are ranges, and a file of its own inside the folder."""
-    from stictionid.batch.plan.file_names import key_for
     from stictionid.batch.plan.loop_lists import read_list
+    from stictionid.batch.plan.tasks import key_for
 
     with tempfile.NamedTemporaryFile(suffix=".csv", dir=memory()) as file:
         file.write(data)

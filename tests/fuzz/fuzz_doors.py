@@ -127,12 +127,12 @@ _TEXT_OPTIONS = (
 def _make_options(rng: random.Random) -> bytes:
     names = rng.sample(_TEXT_OPTIONS, rng.choice((1, 1, 2, 4)))
     options: dict[str, object] = {name: rng.choice(_TEXTS) for name in names}
-    for name, values in (("step", (1.0, 2.0, 0.1, 1e-12, 1e12, 1e300, -1.0, float("nan"), 5e-324)),
+    for name, values in (("step_s", (1.0, 2.0, 0.1, 1e-12, 1e12, 1e300, -1.0, float("nan"), 5e-324)),
                          ("header", (0, 1, 2, 50, 10**9)), ("dayfirst", (True, False)), ("reverse_op", (True,)),
                          ("keep_manual", (True,)), ("no_guess", (True,)), ("extra", (["SP"], ["TI7", "3"], [""])),
                          ("mode_map", (["1=AUTO"], ["MAN=AUTO"], ["=x"], ["a"], ["AUTO=off"])),
                          ("limit", (["rows=5"], ["line=9"], ["rows"], ["file=1e99"], ["columns=2"], ["unpacked=0"])),
-                         ("keep_startup", (True,)), ("sentinel", ([50.0], [float("nan")], [1e308], [0.0, -1.0]))):
+                         ("keep_startup", (True,)), ("sentinels", ([50.0], [float("nan")], [1e308], [0.0, -1.0]))):
         if rng.random() < 0.12:
             options[name] = rng.choice(values)
     return json.dumps({"seed": rng.randrange(len(make.seeds())), "options": options}).encode()

@@ -1,40 +1,27 @@
-"""A loop list: CSV with one row per loop and its tags and spans."""
+"""A loop list: CSV with one row per loop, and as columns those reading options that differ from loop to loop."""
 
 from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ...errors import DataError, UsageError
+from ...historian.bytes.options import ReadOptions, span_of
 from ...historian.words.cells import shown
 from ...system.files import text_of
 
-COLUMNS = ("loop", "sp", "pv", "op", "position", "span_op", "span_pv")
+TAGS, _SPANS = ("sp", "pv", "op", "position"), ("span_op", "span_pv")
+COLUMNS = ("loop", *TAGS, *_SPANS)
 _NEEDED = ("loop", "pv", "op")
 
 
-@dataclass(frozen=True, slots=True)
-class Listed:
-    """One loop of the list: tags ("" where not given) and spans in the unit of their tag."""
+def read_list(path: Path) -> tuple[ReadOptions, ...]:
+    """The loops of a list, each as the options to read it.
 
-    loop: str
-    pv: str
-    op: str
-    sp: str = ""
-    position: str = ""
-    span_op: tuple[float, float] | None = None
-    span_pv: tuple[float, float] | None = None
-
-    @property
-    def tags(self) -> tuple[str, ...]:
-        """The tags of the loop."""
-        return tuple(t for t in (self.sp, self.pv, self.op, self.position) if t)
-
-
-def read_list(path: Path) -> tuple[Listed, ...]:
-    """The loops of a list. UsageError where the file is absent, DataError where a row cannot be used."""
+    UsageError where the file is absent, DataError where a row cannot be used.
+    """
     text = text_of(path, "the loop list", hint="give --loops LIST.csv, saved as CSV UTF-8", encoding="utf-8-sig")
     separator = ";" if text.partition("\n")[0].count(";") > text.partition("\n")[0].count(",") else ","
     try:
@@ -63,8 +50,9 @@ def read_list(path: Path) -> tuple[Listed, ...]:
             raise UsageError(f"the loop list {path} has two loops {shown(loop)}, in lines {found[loop]} and {number}",
                              "give each loop a name of its own")
         found[loop] = number
-        spans = {n: _span(cells.get(n, ""), f"{path}, line {number}, {n}") for n in ("span_op", "span_pv")}
-        listed.append(Listed(loop, cells["pv"], cells["op"], cells.get("sp", ""), cells.get("position", ""), **spans))
+        own: dict[str, Any] = {n: cells.get(n) or None for n in TAGS}
+        own |= {n: _span(cells.get(n, ""), f"{path}, line {number}, {n}") for n in _SPANS}
+        listed.append(ReadOptions(loop=loop, **own))
     if not listed:
         raise DataError(f"the loop list {path} has no loops", "its first line is " + ",".join(COLUMNS))
     return tuple(listed)
@@ -73,9 +61,8 @@ def read_list(path: Path) -> tuple[Listed, ...]:
 def _span(text: str, where: str) -> tuple[float, float] | None:
     if not text:
         return None
-    parts = text.replace(";", ",").replace(":", ",").split(",")
     try:
-        low, high = (float(part) for part in parts)
+        low, high = span_of(text.replace(":", ","))
     except ValueError:
         low, high = 1.0, 0.0
     if not low < high < float("inf"):

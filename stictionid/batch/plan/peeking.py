@@ -7,15 +7,15 @@ from pathlib import Path
 
 from ...errors import DataError, StictionidError, UsageError
 from ...historian.bytes.options import ReadOptions
-from ...historian.bytes.source import NoRecord, Source, open_source
+from ...historian.bytes.source import PARQUET, NoRecord, Source, open_source
 from ...historian.dataset import SIGNALS, Opened, groups_of, open_dataset, words_in
 from ...historian.folder import tag_of
-from ...historian.listing import names_of
+from ...historian.series.columns import names_of
 from ...historian.table.formats import IN_PARTS, loops_of, read_table
 from ...historian.table.layout import NoTable
 from ...historian.table.table import Table
 from ...historian.words.roles import take_all, take_apart
-from .sources import NOTES, PARQUET, PARTS
+from .sources import NOTES, PARTS
 
 _HEAD_BYTES = 64 << 10
 # Columns of a file with one tag: date, clock, value, quality.

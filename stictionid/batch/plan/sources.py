@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import UsageError
+from ...historian.bytes.source import PARQUET, TEXT
 from ...historian.dataset import RESULTS_MARK
 
-TEXT = (".csv", ".tsv", ".txt", ".gz", ".zip")
-PARQUET = (".parquet", ".pq")
 PARTS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".mat")
 DATA = (*TEXT, *PARQUET, *PARTS)
 """Endings of files that may hold a loop."""

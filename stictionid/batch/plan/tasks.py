@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -11,6 +13,7 @@ from pathlib import Path
 
 from ...errors import DataError, UsageError
 from ...historian.bytes.options import ReadOptions
+from ...historian.bytes.source import PARQUET
 from ...historian.dataset import groups_of, open_dataset
 from ...historian.series.assign import key_of
 from ...historian.settled import settled
@@ -18,13 +21,15 @@ from ...historian.words.roles import listing
 from ...system.plurals import counted
 from ..command import command_for
 from ..task import Skipped, Task, Work
-from .file_names import key_for
-from .loop_lists import Listed, read_list
+from .loop_lists import TAGS, read_list
 from .peeking import Peeked, from_dataset, peek
-from .sources import DATA, FOREIGN, PARQUET, FoundFiles, look
+from .sources import DATA, FOREIGN, FoundFiles, look
 
 _NAME = "name the columns with --sp --pv --op, or give a loop list with --loops"
 _EXPORT = "export it as CSV, Parquet, a workbook or a MATLAB file, or leave it out"
+# Longest name of a loop in the name of its file, and names that some systems keep for devices.
+_LONGEST = 80
+_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?\Z", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,32 +129,34 @@ def _found(peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[T
                         files=tuple(sorted(tags[t] for t in mine)))
 
 
-def _listed(listed: tuple[Listed, ...], peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[Task]:
+def _listed(listed: tuple[ReadOptions, ...], peeked: list[Peeked], work: Work, reading: ReadOptions) -> Iterator[Task]:
     """Tasks of the loops of a list; one whose tags are absent is a task that fails with the reason."""
     places: dict[str, list[Peeked]] = {}
     for p in peeked:
-        for name in (*p.names, *([p.tag] if p.tag else [])):
-            places.setdefault(name, []).append(p)
+        for tag in (*p.names, *([p.tag] if p.tag else [])):
+            places.setdefault(tag, []).append(p)
     some = False
     for entry in listed:
-        own = replace(reading, sp=entry.sp or None, pv=entry.pv, op=entry.op, position=entry.position or None,
-                      span_pv=entry.span_pv or reading.span_pv, span_op=entry.span_op or reading.span_op, loop=None)
-        absent = [t for t in entry.tags if t not in places]
+        named = {role: getattr(entry, role) for role in TAGS}
+        own = replace(reading, **named, span_pv=entry.span_pv or reading.span_pv,
+                      span_op=entry.span_op or reading.span_op, loop=None)
+        name, tags = str(entry.loop), tuple(filter(None, named.values()))
+        absent = [t for t in tags if t not in places]
         if absent:
             near = difflib.get_close_matches(absent[0], places, 1)
             problem = (f"the loop list names the tag {absent[0]!r}, which is in none of the {len(peeked)} sources"
                        + (f"; nearest: {near[0]!r}" if near else ""))
-            yield _task(entry.loop, "file", "", work, own, problem=problem)
+            yield _task(name, "file", "", work, own, problem=problem)
             continue
         some = True
-        homes = [p for p in places[entry.pv] if set(entry.tags) <= set(p.names)]
+        homes = [p for p in places[str(entry.pv)] if set(tags) <= set(p.names)]
         if homes:
             kind = homes[0].kind if homes[0].kind == "dataset" else "wide"
-            yield _task(entry.loop, kind, _absolute(homes[0].path), work, own, select=entry.tags)
+            yield _task(name, kind, _absolute(homes[0].path), work, own, select=tags)
         else:
-            files = tuple(sorted({_absolute(places[t][0].path) for t in entry.tags}))
-            yield _task(entry.loop, "tags", os.path.commonpath([os.path.dirname(f) for f in files]), work, own,
-                        select=entry.tags, files=files)
+            files = tuple(sorted({_absolute(places[t][0].path) for t in tags}))
+            yield _task(name, "tags", os.path.commonpath([os.path.dirname(f) for f in files]), work, own,
+                        select=tags, files=files)
     if not some:
         raise UsageError(f"none of the {len(listed)} loops of the list is in the data, the first: {listed[0].pv!r}",
                          "check the tags of the list against stictionid read")
@@ -158,6 +165,18 @@ def _listed(listed: tuple[Listed, ...], peeked: list[Peeked], work: Work, readin
 def _task(loop: str, kind: str, path: str, work: Work, reading: ReadOptions, *, select: tuple[str, ...] = (),
           files: tuple[str, ...] = (), problem: str = "") -> Task:
     return Task(loop, kind, path, reading, key_for(loop), command_for(path, work, reading), select, files, problem)
+
+
+def key_for(loop: str) -> str:
+    """A file name without ending for a loop: its own name where that is harmless, else a harmless form with a mark.
+
+    The mark is a fingerprint of the whole name: two names never share a file, and the same name always gets the same
+    one. Lower-case letters are marked too, since some file systems take them for capitals.
+    """
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "_", loop)[:_LONGEST].strip("._- ") or "loop"
+    if plain == loop and loop.upper() == loop and not _DEVICES.match(loop):
+        return plain
+    return f"{plain}-{hashlib.sha256(loop.encode('utf-8', 'surrogatepass')).hexdigest()[:8]}"
 
 
 def _with_endings(tasks: list[Task]) -> list[Task]:
@@ -174,5 +193,3 @@ def _refuse_twins(tasks: list[Task]) -> None:
         if other is not task:
             raise UsageError(f"two loops are called {task.loop!r}: one in {other.path}, one in {task.path}",
                              "give one of the two, or run them with an -o folder each")
-
-

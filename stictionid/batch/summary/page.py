@@ -17,8 +17,7 @@ from ...reports.pages import html as report
 from ...system.plurals import counted
 from ..task import OK, SKIPPED
 from .groups import groups_said
-from .rank import RULE
-from .rows import Row, counts_said, shown
+from .rows import RULE, Row, counts_said, shown
 
 # Columns of the page, and those that stand there only where a loop has a value.
 _COLUMNS: dict[str, Callable[[Row], str]] = {

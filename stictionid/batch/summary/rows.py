@@ -1,4 +1,4 @@
-"""Rows of the summary, one per loop, made only from the studies and failure records on disk."""
+"""Rows of the summary, one per loop and the worst first, made only from the studies and failure records on disk."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from ...system.plurals import counted
 from ..task import ABSTAINED, FAILED, OK, SKIPPED, Skipped
 from ..work.store import Store, status_of
 from .groups import grouped, groups_said
-from .rank import RULE, rank_key
 
 # Columns in order; True for numbers. Whole ones, and those that the markdown shows, below.
 COLUMNS = {
@@ -34,6 +33,24 @@ _LONGEST_MESSAGE = 160
 _MEASURED = built_in(lambda effect: "extra" in effect.needs)
 
 Row = dict[str, Any]
+
+_VERDICTS = {"stiction": 0, "undecided": 1, "no stiction": 2}
+_NO_VERDICT = 3
+_LAST = {ABSTAINED: 1, FAILED: 2, SKIPPED: 3}
+_BANDS = ", ".join(f"{word} from {low:g} %" for (low, _), (_, word)
+                   in zip(wording.SEVERITY_BANDS[-2::-1], wording.SEVERITY_BANDS[:0:-1], strict=True))
+# The rule in words; `rank_key` is the rule.
+RULE = (f"Worst first: valves that stick, then undecided ones, then the others. Among them the band of S decides "
+        f"({_BANDS}), within a band the share of PV's swing about its setpoint that a perfect valve would take away, "
+        "then S. Loops without an answer and failed ones come last.")
+
+
+def rank_key(row: Row) -> tuple[Any, ...]:
+    """Sort key of summary rows, as `RULE` says; skipped files stand last."""
+    S = row["S"] or 0.0
+    return (_LAST.get(row["status"], 0), _VERDICTS.get(row["verdict"] or "", _NO_VERDICT),
+            -sum(limit <= S for limit, _ in wording.SEVERITY_BANDS),
+            *(-(row[name] or 0.0) for name in ("friction_share", "S", "J")), row["loop"])
 
 
 def rows_of(store: Store) -> list[Row]:

@@ -156,6 +156,7 @@ def fingerprint_of(task: Task) -> str | None:
 def read_task(task: Task, sha256: str | None) -> Any:
     """The Reading of the task's loop; None where its rows are those of the existing study."""
     from ...historian import read
+    from ...historian.bytes.source import PARQUET
     from ...historian.reading import reading_of
 
     path = Path(task.path)
@@ -164,7 +165,7 @@ def read_task(task: Task, sha256: str | None) -> Any:
 
         source, table = table_per_tag(path, [Path(f) for f in task.files], task.reading)
         return None if source.sha256 == task.have else reading_of(source, table, task.reading)
-    if task.kind == "dataset" or (task.kind == "wide" and path.suffix.lower() in (".parquet", ".pq")):
+    if task.kind == "dataset" or (task.kind == "wide" and path.suffix.lower() in PARQUET):
         return _of_dataset(task, path, sha256)
     if task.kind == "part" or (task.kind == "file" and task.reading.loop is None):
         return read(path, options=task.reading)

@@ -1,4 +1,4 @@
-"""Output shared by all commands: consoles, tables, JSON, progress, and the common option types.
+"""Output shared by all commands: consoles, tables, JSON and progress.
 
 Only data go to stdout; progress, findings, hints and errors go to stderr.
 """
@@ -8,39 +8,13 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any
 
 from ...system.plurals import counted
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, nothing else there.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, findings or hints on stderr.")]
-ForceOption = Annotated[bool, typer.Option("--force", help="Replace an existing file of another kind.")]
-
-
-MOST_JOBS = 512
-"""Processes that can be asked for: each takes 200 MB, and all may be started at once."""
-
-
-def _seed(value: int) -> int:
-    from ...errors import UsageError
-
-    if value < 0:
-        raise UsageError(f"--seed {value} is negative", "give a whole number, 0 or more")
-    return value
-
-
-SeedOption = Annotated[int, typer.Option("--seed", callback=_seed,
-                                         help="Seed of everything random; same seed, same bytes.")]
-
-
-JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=MOST_JOBS,
-                                                help="Processes; as many as there are cores.")]
-
 
 # Narrowest and widest table, and the width of a table that no terminal shows. Unit: columns.
 _NARROWEST, _WIDEST, _PIPED = 60, 200, 80
@@ -108,15 +82,23 @@ def print_json_text(text: str) -> None:
     sys.stdout.write(text)
 
 
-def plain_table(*columns: str, title: str = "") -> Any:
-    """An empty table: light lines on a terminal, plain ASCII elsewhere; columns after the first right-aligned."""
+def plain_table(*columns: str, title: str = "", right: Collection[int] | None = None, lines: bool | None = None,
+                pad_edge: bool = False) -> Any:
+    """An empty table: light lines on a terminal, plain ASCII elsewhere.
+
+    Columns `right` are right-aligned, by default all after the first of three or more. `lines` says that the output can
+    draw light lines, by default where it is a terminal.
+    """
     from rich import box
     from rich.table import Table
 
-    table = Table(title=title or None, title_justify="left", title_style="bold",
-                  box=box.SIMPLE_HEAD if sys.stdout.isatty() else box.ASCII, pad_edge=False)
+    if right is None:
+        right = range(1, len(columns)) if len(columns) != 2 else ()
+    light = sys.stdout.isatty() if lines is None else lines
+    table = Table(title=title or None, title_justify="left", title_style="bold", pad_edge=pad_edge,
+                  box=box.SIMPLE_HEAD if light else box.ASCII)
     for i, column in enumerate(columns):
-        table.add_column(column, justify="left" if i == 0 or len(columns) == 2 else "right", overflow="fold")
+        table.add_column(column, justify="right" if i in right else "left", overflow="fold")
     return table
 
 

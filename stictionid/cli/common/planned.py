@@ -21,7 +21,8 @@ TestCsv = Annotated[Path | None, typer.Option("--test-csv", metavar="FILE", rich
 
 def limits_of(op_limits: str | None, pv_limits: str | None) -> dict[str, tuple[float, float] | None]:
     """Both limits as arguments of `with_plan`; UsageError for a text that is no range."""
-    return {"op_limits": span(op_limits, "--op-limits"), "pv_limits": span(pv_limits, "--pv-limits")}
+    said = {"op_limits": (op_limits, "--op-limits"), "pv_limits": (pv_limits, "--pv-limits")}
+    return {name: None if text is None else span(text, flag) for name, (text, flag) in said.items()}
 
 
 def print_plan(study: Any, console: Any) -> None:

@@ -1,9 +1,10 @@
-"""The options of every command that reads a FILE, and their conversion to ReadOptions.
+"""The options of every command that reads a FILE, made from their declaration, and their conversion to ReadOptions.
 
 `@reads_file` gives a command all of them: the command takes one argument `reading: ReadOptions` and typer shows the
-options. Each option is written once, and a new one reaches all commands.
+options.
 """
 
+import dataclasses
 import functools
 import inspect
 from collections.abc import Callable
@@ -12,118 +13,30 @@ from typing import Annotated, Any
 import typer
 
 from ...errors import UsageError
-from ...historian.bytes.options import ReadOptions
+from ...historian.bytes.options import FLAGS, KINDS, ReadOptions, span_of
 from .output import say
-
-_PANEL = "Reading"
 
 FileArgument = Annotated[
     str, typer.Argument(metavar="FILE", show_default=False,
                         help="Text, Parquet, workbook or MATLAB file; - for standard input.")
 ]
-
-
-def _option(help_text: str, *names: str, metavar: str | None = None) -> Any:
-    return typer.Option(*names, help=help_text, metavar=metavar, rich_help_panel=_PANEL, show_default=False)
-
-
-Sp = Annotated[str | None, _option("Column of the setpoint.", "--sp", metavar="TAG")]
-Pv = Annotated[str | None, _option("Column of the process value.", "--pv", metavar="TAG")]
-Op = Annotated[str | None, _option("Column of the controller output.", "--op", metavar="TAG")]
-Position = Annotated[str | None, _option("Column of a measured valve position.", "--position", metavar="TAG")]
-Time = Annotated[str | None, _option("Column of the time (DATE+CLOCK for two).", "--time", metavar="TAG")]
-Mode = Annotated[str | None, _option("Column of the controller mode.", "--mode", metavar="TAG")]
-Quality = Annotated[str | None, _option("Column of the quality of all values.", "--quality", metavar="TAG")]
-Extra = Annotated[
-    list[str] | None,
-    _option("Further column kept as a measured disturbance; repeatable; '*' for every other tag.", "--extra",
-            metavar="TAG"),
-]
-LoopName = Annotated[
-    str | None, _option("Which loop, sheet or struct of a file that holds several.", "--loop", metavar="NAME")
-]
-Step = Annotated[float | None, _option("Sampling time where there is no time column.", "--step", metavar="SECONDS")]
-SpanPv = Annotated[str | None, _option("Range of PV and SP, to scale them to % of span.", "--span-pv", metavar="LO,HI")]
-SpanOp = Annotated[str | None, _option("Range of OP (4,20 or 0,1), to scale it to %.", "--span-op", metavar="LO,HI")]
-Split = Annotated[str | None, _option("Part of OP that drives this valve (split range).", "--split", metavar="LO,HI")]
-ReverseOp = Annotated[bool, _option("OP of 100 closes the valve: use 100 - OP.", "--reverse-op")]
-Start = Annotated[
-    str | None,
-    _option("First time used: a stamp, a clock time, or seconds since the first row.", "--start", metavar="TIME"),
-]
-End = Annotated[str | None, _option("Last time used.", "--end", metavar="TIME")]
-Decimal = Annotated[str | None, _option("Decimal mark, . or ,", "--decimal", metavar="MARK")]
-DayFirst = Annotated[
-    bool | None, _option("Dates like 03/04/2024 are day first, or month first.", "--dayfirst/--monthfirst")
-]
-Zone = Annotated[str | None, _option("Time zone of local stamps, for example Europe/Berlin.", "--zone", metavar="NAME")]
-TimeFormat = Annotated[
-    str | None,
-    _option("iso, dmy, mdy, ymd, epoch, excel, excel1904, filetime or seconds.", "--time-format", metavar="WORD"),
-]
-Encoding = Annotated[
-    str | None, _option("Character encoding, for example cp1252 or gbk.", "--encoding", metavar="NAME")
-]
-Separator = Annotated[str | None, _option("Cell separator: , ; | tab or space.", "--separator", metavar="MARK")]
-Header = Annotated[
-    int | None,
-    typer.Option(
-        "--header", min=0, metavar="LINES", help="Lines before the data.", rich_help_panel=_PANEL, show_default=False
-    ),
-]
-Shape = Annotated[str | None, _option("wide, long or paired.", "--shape", metavar="WORD")]
-ModeMap = Annotated[
-    list[str] | None,
-    _option("Meaning of a mode: AUTO, CAS, MAN or OFF; repeatable.", "--mode-map", metavar="MODE=MEANING"),
-]
-Sentinel = Annotated[
-    list[float] | None, _option("Number that means no value; repeatable.", "--sentinel", metavar="VALUE")
-]
-KeepManual = Annotated[bool, _option("Use samples in manual as well.", "--keep-manual")]
-KeepStartup = Annotated[bool, _option("Use samples of a start-up or shut-down as well.", "--keep-startup")]
-NoGuess = Annotated[bool, _option("Every assumption is an error.", "--no-guess")]
-Profile = Annotated[
-    str | None, _option("Site profile written by read --save-profile.", "--profile", metavar="SITE.toml")
-]
-Limit = Annotated[
-    list[str] | None,
-    _option("Raise a limit: rows, columns, line, file or unpacked; repeatable.", "--limit", metavar="WHAT=SIZE"),
-]
-
-OPTIONS: tuple[tuple[str, Any, Any], ...] = (
-    ("sp", Sp, None),
-    ("pv", Pv, None),
-    ("op", Op, None),
-    ("position", Position, None),
-    ("time", Time, None),
-    ("mode", Mode, None),
-    ("quality", Quality, None),
-    ("extra", Extra, None),
-    ("loop", LoopName, None),
-    ("step", Step, None),
-    ("span_pv", SpanPv, None),
-    ("span_op", SpanOp, None),
-    ("split", Split, None),
-    ("reverse_op", ReverseOp, False),
-    ("start", Start, None),
-    ("end", End, None),
-    ("decimal", Decimal, None),
-    ("dayfirst", DayFirst, None),
-    ("zone", Zone, None),
-    ("time_format", TimeFormat, None),
-    ("encoding", Encoding, None),
-    ("separator", Separator, None),
-    ("header", Header, None),
-    ("shape", Shape, None),
-    ("mode_map", ModeMap, None),
-    ("sentinel", Sentinel, None),
-    ("keep_manual", KeepManual, False),
-    ("keep_startup", KeepStartup, False),
-    ("no_guess", NoGuess, False),
-    ("profile", Profile, None),
-    ("limit", Limit, None),
-)
+# Type of an option on the command line by the type of its field; others are text.
+_TYPED: dict[str, Any] = {
+    "float | None": float | None, "int | None": int | None, "bool": bool, "bool | None": bool | None,
+    "tuple[str, ...]": list[str] | None, "tuple[float, ...]": list[float] | None, "dict[str, str]": list[str] | None,
+}
 _SEPARATORS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";", "pipe": "|"}
+
+
+def _shown(field: dataclasses.Field[Any]) -> tuple[str, Any, Any]:
+    """Name, annotation and default of an option."""
+    option = typer.Option(FLAGS[field.name], help=field.metadata["help"], metavar=field.metadata["metavar"],
+                          min=0 if field.name == "header" else None, rich_help_panel="Reading", show_default=False)
+    kind = KINDS[field.name]
+    return field.name, Annotated[_TYPED.get(kind, str | None), option], False if kind == "bool" else None
+
+
+OPTIONS = tuple(_shown(field) for field in dataclasses.fields(ReadOptions) if "help" in field.metadata)
 
 
 def reads_file(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -146,50 +59,25 @@ def reads_file(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def collect(said: dict[str, Any]) -> ReadOptions:
     """The values of the options as ReadOptions; UsageError for one that cannot be read."""
-    decimal = said["decimal"]
-    step = said["step"]
-    separator = _SEPARATORS.get(said["separator"] or "", said["separator"])
-    return ReadOptions(
-        sp=said["sp"],
-        pv=said["pv"],
-        op=said["op"],
-        position=said["position"],
-        time=said["time"],
-        mode=said["mode"],
-        quality=said["quality"],
-        extra=tuple(said["extra"] or ()),
-        loop=said["loop"],
-        step_s=step,
-        span_pv=span(said["span_pv"], "--span-pv"),
-        span_op=span(said["span_op"], "--span-op"),
-        split=span(said["split"], "--split"),
-        reverse_op=said["reverse_op"],
-        start=said["start"],
-        end=said["end"],
-        no_guess=said["no_guess"],
-        decimal=decimal,
-        dayfirst=said["dayfirst"],
-        zone=said["zone"],
-        time_format=said["time_format"],
-        encoding=said["encoding"],
-        separator=separator,
-        header=said["header"],
-        shape=said["shape"],
-        mode_map=_map(said["mode_map"] or []),
-        sentinels=tuple(said["sentinel"] or ()),
-        keep_manual=said["keep_manual"],
-        keep_startup=said["keep_startup"],
-        profile=said["profile"],
-        limit=tuple(said["limit"] or ()),
-    )
+    return ReadOptions(**{name: _read(name, value) for name, value in said.items()})
 
 
-def span(text: str | None, flag: str) -> tuple[float, float] | None:
+def _read(name: str, value: Any) -> Any:
+    """The value of one option in the type of its field."""
+    kind = KINDS[name]
+    if kind.startswith("dict"):
+        return _map(value or [])
+    if kind.endswith("...]"):
+        return tuple(value or ())
+    if name == "separator":
+        return _SEPARATORS.get(value or "", value)
+    return span(value, FLAGS[name]) if kind.startswith("tuple") and value is not None else value
+
+
+def span(text: str, flag: str) -> tuple[float, float]:
     """The two numbers LO,HI of an option; UsageError where they are none, or no range."""
-    if text is None:
-        return None
     try:
-        low, high = (float(part) for part in text.replace(";", ",").split(","))
+        low, high = span_of(text)
     except ValueError:
         raise UsageError(
             f"{flag} {text!r} is no range", f"give two numbers with a comma, for example {flag} 0,100"

@@ -42,27 +42,22 @@ def check_study_place(output: Path, *, force: bool) -> None:
 
 def data_place(study: Any, study_path: Path, given: Path | None) -> Path | None:
     """The place of a study's data: the file given, else the one that it names, else one beside it; None without any."""
-    name = study.data.file
-    places = [given] if given else [Path(name), study_path.parent / Path(name).name] if name else []
-    return next((p for p in places if p is not None and (p.is_file() or p.is_dir())), None)
+    from ...reports.pictures.curves import find_data
+
+    if given is not None:
+        return given if given.is_file() or given.is_dir() else None
+    return find_data(study, near=(study_path.parent,))
 
 
 def open_data(study: Any, study_path: Path, given: Path | None) -> Any:
     """The loop behind a study; DataError when its sha256 has changed, UsageError when the file is nowhere."""
-    from ...historian import options_from, read_loop
-    from ...system.files import sha256_of
+    from ...reports.pictures.curves import load
 
     found = data_place(study, study_path, given)
     if found is None:
         raise UsageError(f"the data of the study ({study.data.file or 'unnamed'}) are not there",
                          "give the file after the study")
-    # A file is known by its bytes before it is read, a folder by the rows read from it.
-    sha256, loop = (None, read_loop(found, options=options_from(study.data.options))) if found.is_dir() else (
-        sha256_of(found), None)
-    if study.data.sha256 and (loop.origin.sha256 if loop is not None else sha256) != study.data.sha256:
-        raise DataError(f"{found} has changed since the study was made (its sha256 differs)",
-                        "run stictionid identify again, or give the file as it was")
-    return loop if loop is not None else read_loop(found, options=options_from(study.data.options))
+    return load(study, found)
 
 
 def open_other(study: Any, study_path: Path, file: Path) -> tuple[Any, Any]:

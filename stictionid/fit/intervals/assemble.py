@@ -5,6 +5,8 @@ Source: docs/method.md, sections 8 and 11; the threshold is calibrated by simula
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,9 +17,11 @@ from ...numerics.autoregression import autocovariance
 from ...numerics.gauss_newton import normals_at, principal
 from ...process.controller_law import POINT_90
 from ...process.rounded import command_sd
+from ...record.intervals import GAP, Span, united
 from ...typing import FloatArray, IntArray
 from ..moves import descended, longest_first, movable, spreads
 from ..plateau import extremes
+from .jumps import over_jumps
 from .profile import reached, spread_over
 from .smooth import GAIN, smooth_intervals
 from .thresholds import plateaus, ridges
@@ -40,19 +44,22 @@ INTERVAL_THRESHOLD = 3.0
 # and 91 %. S and J in 37 and 39 of 40 loops with AR(1) noise, seeds 1000 to 1039. With 3.0 in 32 and 37.
 PROCESS_THRESHOLD = 3.8
 INTERVAL_LEVEL = 0.90
+# The slip jumps of a profile that was not taken.
+NOTHING_TRIED = np.empty(0)
 
 
 def region(model: Model, top: FloatArray, rng: np.random.Generator,
-           known: FloatArray | None = None) -> dict[str, tuple[float, float]]:
-    """Intervals of all parameters of a model around a polished point (d,).
+           known: FloatArray | None = None) -> tuple[dict[str, Span], dict[str, tuple[Span, ...]]]:
+    """Intervals of all parameters of a model around a polished point (d,), and the pieces of those with gaps.
 
     `known` (k, d) are points that a narrower model does not exclude.
     """
     if known is not None:
         known = descended(model, known, held=(0, 1, *model.forces), turns=4, settle=1e-3).points
-    cube, cost, S = widened(model, *cloud(model, top, rng, known))
+    cube, cost, S, tried = widened(model, *cloud(model, top, rng, known))
     best = model.evaluate(model.values(cube[[cost.argmin()]])[:, 0])
-    return intervals_of(model, cube, cost, float(cost.min()), best, S)
+    found = intervals_of(model, cube, cost, float(cost.min()), best, S)
+    return found, pieces_of(model, cube, cost, best, tried, found)
 
 
 def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
@@ -78,15 +85,16 @@ def _of_break_away(model: Model) -> NDArray[np.bool_]:
 
 
 def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
-            steps_only: bool = False) -> tuple[FloatArray, FloatArray, tuple[float, float] | None]:
+            steps_only: bool = False) -> tuple[FloatArray, FloatArray, Span | None, FloatArray]:
     """A cloud (k, d) and its costs (k,) with points added as far as S and J reach; and the interval of S in steps.
 
-    With `steps_only` only these steps are looked for. A held command makes the cost a step function of S. The interval
+    Last come the slip jumps (m,) at which everything else was searched anew (jumps.py). With `steps_only` only these
+    steps are looked for. A held command makes the cost a step function of S. The interval
     of S then comes from the likelihood of all steps (thresholds.py). It is None where S is as smooth as other
     parameters (profile.py).
     """
     if not cost.min() > 0.0:
-        return cube, cost, None
+        return cube, cost, None, NOTHING_TRIED
     steps = plateaus(model, cube[cost.argmin()])
     if steps is not None:
         cube, cost = np.concatenate([cube, steps.points]), np.concatenate([cost, steps.costs])
@@ -98,10 +106,15 @@ def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
     far = extremes(model, cube[cost.argmin()], ratio * float(cost.min()))
     if len(far):
         cube, cost = np.concatenate([cube, far]), np.append(cost, model.costs(far))
+    tried = NOTHING_TRIED
     if not steps_only:
+        whole = over_jumps(model, cube[cost.argmin()], ratio)
+        if whole is not None:
+            tried, cube, cost = whole.J, np.concatenate([cube, whole.points]), np.concatenate([cost, whole.costs])
+            ratio = _possible(model, cube, cost)
         cube, cost = reached(model, cube, cost, ratio, (0, 1) if steps is None else (1,))
     if steps is None:
-        return cube, cost, None
+        return cube, cost, None, tried
     rows = INTERVAL_THRESHOLD / np.log(ratio)
     low, high = steps.interval(rows, INTERVAL_LEVEL)
     if model.spec.taps:
@@ -114,7 +127,7 @@ def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
     if len(along):
         possible = model.values(cube[cost <= ratio * cost.min()])[0]
         low, high = min(low, float(possible.min())), max(high, float(possible.max()))
-    return cube, cost, (low, high)
+    return cube, cost, (low, high), tried
 
 
 def outline(model: Model, cube: FloatArray, cost: FloatArray) -> FloatArray:
@@ -219,6 +232,20 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
     found = including(found, best)
     margin = margin_of(model, best)
     return found | {name: (max(found[name][0] - margin, 0.0), found[name][1] + margin) for name in ("S", "J")}
+
+
+def pieces_of(model: Model, cube: FloatArray, cost: FloatArray, best: Evaluated, tried: FloatArray,
+              found: Mapping[str, Span]) -> dict[str, tuple[Span, ...]]:
+    """The pieces of the interval of J where it has gaps: slip jumps (m,) that were `tried` there are all excluded."""
+    if not tried.size or "J" not in found:
+        return {}
+    limit = float(cost.min()) * float(np.exp(_threshold(model) / innovation_rows(model, best)))
+    possible, margin = np.sort(model.values(cube[cost <= limit])[1]), margin_of(model, best)
+    apart = np.flatnonzero((possible[1:] - possible[:-1] > GAP * possible[1:] + 2.0 * margin)
+                           & (np.searchsorted(tried, possible[1:]) > np.searchsorted(tried, possible[:-1], "right")))
+    low, high = found["J"]
+    pieces = united(zip([low, *(possible[apart + 1] - margin)], [*(possible[apart] + margin), high], strict=True))
+    return {"J": tuple((float(a), float(b)) for a, b in pieces)} if len(pieces) > 1 else {}
 
 
 def including(intervals: dict[str, tuple[float, float]], best: Evaluated) -> dict[str, tuple[float, float]]:

@@ -55,6 +55,8 @@ _KINDS = (
 
 READ = ("text", "parquet", "workbook", "matlab")
 """Kinds that are read."""
+TEXT, PARQUET = (".csv", ".tsv", ".txt", ".gz", ".zip"), (".parquet", ".pq")
+"""Endings of files of text, packed or not, and of Parquet."""
 
 
 class NoRecord(DataError):

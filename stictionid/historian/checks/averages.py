@@ -14,6 +14,7 @@ import numpy as np
 from ...record.loop import Finding
 from ...record.oscillation import noise_of
 from ...typing import FloatArray
+from ..findings import finding
 from ..words.cells import shown
 from .texture import Signals, resolution_of
 
@@ -80,16 +81,7 @@ def averaged(loop: Signals, name_hints: list[str], fractions: float = 0.0) -> Fi
             )
     if not why:
         return None
-    caps = loop.step_s >= 60.0
-    return Finding(
-        "averaged",
-        "warning",
-        f"values look like averages over {loop.step_s:g} s, not snapshots ({why}): slips are smeared, "
-        "J comes out too small, and whether a stamp means the begin or the end of its interval is not known: a dead "
-        f"time is uncertain by {loop.step_s:g} s",
-        {**evidence, "caps_verdict": caps},
-        source="docs/traps.md, export trap 14",
-    )
+    return finding("averaged", {**evidence, "caps_verdict": loop.step_s >= 60.0}, step=loop.step_s, why=why)
 
 
 def _long_digits(values: FloatArray) -> float:

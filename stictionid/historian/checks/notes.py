@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ...record.loop import Finding
 from ...system.plurals import counted
 from ..bytes.options import ReadOptions
+from ..findings import INFO, WARNING, finding
 from ..grid.align import Aligned
 from ..grid.grid import Frame, GridStep
 from ..series.shaped import Shaped
@@ -33,55 +36,23 @@ def order_findings(shaped: Shaped) -> list[Finding]:
     orders = shaped.orders
     duplicates = sum(int(o.duplicates.size) for o in orders)
     if any(o.newest_first for o in orders):
-        found.append(Finding("newest-first", "info", "rows stood newest first and were turned round", {}))
+        found.append(finding("newest-first"))
     moved = sum(o.out_of_order for o in orders)
     if moved:
-        found.append(
-            Finding(
-                "out-of-order",
-                "warning",
-                f"the time steps back {_times(moved)}; rows were sorted",
-                {"steps_back": moved},
-            )
-        )
+        found.append(finding("out-of-order", {"steps_back": moved},
+                             times="once" if moved == 1 else f"{moved:,} times"))
     if duplicates:
-        found.append(
-            Finding(
-                "duplicate-stamps",
-                "warning" if duplicates > 10 else "info",
-                f"{duplicates:,} row{'s repeat' if duplicates > 1 else ' repeats'} a time stamp; "
-                "the good one written last was kept",
-                {"rows": duplicates},
-            )
-        )
+        found.append(finding("duplicate-stamps", {"rows": duplicates}, WARNING if duplicates > 10 else INFO,
+                             rows=duplicates, repeat="rows repeat" if duplicates > 1 else "row repeats"))
     spread = max((o.spread for o in orders), default=0)
     if spread:
-        found.append(
-            Finding(
-                "seconds-dropped",
-                "warning",
-                f"time stamps lost their seconds ({spread} rows a minute); rows were spread evenly over each minute",
-                {"rows_per_minute": spread},
-            )
-        )
+        found.append(finding("seconds-dropped", {"rows_per_minute": spread}, rows=spread))
         shaped.guesses.append("rows of one minute spread evenly over it (export with seconds)")
     folded = max((o.folded for o in orders), default=0)
     if folded:
-        found.append(
-            Finding(
-                "clock-fold",
-                "warning",
-                f"the clock goes back one hour once; the {folded:,} rows after it were moved on by an "
-                "hour (end of daylight saving time)",
-                {"rows": folded},
-            )
-        )
+        found.append(finding("clock-fold", {"rows": folded}, rows=folded))
         shaped.guesses.append("a step back of one hour taken for the end of daylight saving time (--zone NAME)")
     return found
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count:,} times"
 
 
 def tag_findings(shaped: Shaped, aligned: Aligned) -> list[Finding]:
@@ -90,37 +61,14 @@ def tag_findings(shaped: Shaped, aligned: Aligned) -> list[Finding]:
     offsets = {k: v for k, v in aligned.offsets_s.items() if abs(v) > MAX_OFFSET_S}
     if offsets:
         listed = ", ".join(f"{k.replace('_', ' ')} {v:+g} s" for k, v in offsets.items())
-        found.append(
-            Finding(
-                "tag-offset",
-                "warning",
-                f"tags are stamped apart (against PV: {listed}); they were paired by the nearest stamp, "
-                "so a dead time read from them is off by as much",
-                {f"{k}_s": v for k, v in offsets.items()},
-                source="docs/traps.md, export trap 15",
-            )
-        )
+        found.append(finding("tag-offset", {f"{k}_s": v for k, v in offsets.items()}, listed=listed))
     if aligned.thinned > 1:
-        found.append(
-            Finding(
-                "resampled",
-                "info",
-                f"PV is recorded {aligned.thinned} times as often as OP; the step of OP was taken",
-                {"every": aligned.thinned},
-            )
-        )
+        found.append(finding("resampled", {"every": aligned.thinned}, every=aligned.thinned))
     if aligned.on_change:
         listed = ", ".join(sorted(r.replace("_", " ") for r in aligned.on_change))
-        found.append(Finding("held-values", "info", f"recorded on change only and held in between: {listed}", {}))
+        found.append(finding("held-values", listed=listed))
     if shaped.uncertain:
-        found.append(
-            Finding(
-                "uncertain-quality",
-                "info",
-                f"{shaped.uncertain:,} PV values are marked uncertain and were kept",
-                {"rows": shaped.uncertain},
-            )
-        )
+        found.append(finding("uncertain-quality", {"rows": shaped.uncertain}, rows=shaped.uncertain))
     return found
 
 
@@ -131,39 +79,22 @@ def setpoint_findings(shaped: Shaped) -> list[Finding]:
         return []
     masters = [n for n in shaped.assignment.unused if take_apart(n).role == "output"]
     listed = f", perhaps {shown(masters[0])} (--sp {masters[0]})" if masters else " (--sp TAG)"
-    return [
-        Finding(
-            "setpoint-absent",
-            "info",
-            f"no setpoint, and the loop runs in cascade: its setpoint is the output of its master{listed}",
-            {"candidates": masters[:5]},
-            source="docs/traps.md, export trap 18",
-        )
-    ]
+    return [finding("setpoint-absent", {"candidates": masters[:5]}, listed=listed)]
 
 
 def irregular(step: GridStep, honest: float, frame: Frame) -> Finding:
     """Finding on steps that fit no even grid."""
     low, high = (float(f(np.diff(frame.ns))) / 1e9 for f in (np.min, np.max))
-    return Finding(
-        "irregular-steps",
-        "serious",
-        f"time steps run from {low:g} to {high:g} s and only {100 * step.fitting:.0f} % fit multiples of "
-        f"{step.ns / 1e9:g} s: resampled to {honest / 1e9:g} s; shorter slips are lost, S and J come out too small",
-        {"share_fitting": step.fitting, "step_s": honest / 1e9},
-        source="docs/traps.md, export trap 11",
-    )
+    return finding("irregular-steps", {"share_fitting": step.fitting, "step_s": honest / 1e9}, low=low, high=high,
+                   fitting=100 * step.fitting, step=step.ns / 1e9, honest=honest / 1e9)
 
 
 def jitter(step: GridStep) -> Finding:
     """Finding on steps that are even except for a small deviation."""
-    what = "rounded to a coarse clock" if step.kind == "rounded" else "jittering"
-    return Finding(
-        "jitter",
-        "info" if step.worst <= MAX_INNOCENT_JITTER else "warning",
-        f"time stamps are {what}: up to {100 * step.worst:.2g} % of the step of {step.ns / 1e9:.6g} s; taken as even",
-        {"worst_share_of_step": step.worst, "step_s": step.ns / 1e9, "share_fitting": step.fitting},
-    )
+    return finding("jitter", {"worst_share_of_step": step.worst, "step_s": step.ns / 1e9,
+                              "share_fitting": step.fitting},
+                   INFO if step.worst <= MAX_INNOCENT_JITTER else WARNING, worst=100 * step.worst, step=step.ns / 1e9,
+                   what="rounded to a coarse clock" if step.kind == "rounded" else "jittering")
 
 
 def gaps(frame: Frame, step: GridStep, naive: bool) -> Finding:
@@ -172,26 +103,14 @@ def gaps(frame: Frame, step: GridStep, naive: bool) -> Finding:
     at = frame.starts[1:]
     lengths = [(int(frame.ns[i]) - int(frame.ns[i - 1])) / 1e9 for i in at]
     hour = naive and any(abs(length - 3600.0 - step.ns / 1e9) < 0.5 * step.ns / 1e9 for length in lengths)
-    return Finding(
-        "gaps",
-        "warning",
-        f"{counted(count, 'gap')} of more than two samples, longest {max(lengths):g} s: the record was split, "
-        "never joined"
-        + ("; one of them is an hour: perhaps the clock was put forward (--zone NAME tells)" if hour else ""),
-        {"gaps": count, "longest_s": max(lengths), "step_s": step.ns / 1e9},
-    )
+    more = "; one of them is an hour: perhaps the clock was put forward (--zone NAME tells)" if hour else ""
+    return finding("gaps", {"gaps": count, "longest_s": max(lengths), "step_s": step.ns / 1e9},
+                   gaps=counted(count, "gap"), longest=max(lengths), more=more)
 
 
 def oversampled(every: int, step: GridStep) -> Finding:
     """Finding on a record in which every value is repeated k times."""
-    return Finding(
-        "oversampled",
-        "warning",
-        f"all signals repeat {every} times: recorded every {step.ns / 1e9:g} s but updated every "
-        f"{every * step.ns / 1e9:g} s; one of {every} rows was kept",
-        {"repeats": every},
-        source="docs/traps.md, export trap 13",
-    )
+    return finding("oversampled", {"repeats": every}, every=every, step=step.ns / 1e9, slow=every * step.ns / 1e9)
 
 
 def held_process_value(every: int, step: GridStep, share: float, empty: float) -> Finding:
@@ -201,29 +120,15 @@ def held_process_value(every: int, step: GridStep, share: float, empty: float) -
     """
     repeats = f"a PV that repeats ({100 * share:.3g} % of the samples) is no measurement and does not count"
     between = f"the PV cells in between are empty ({100 * empty:.3g} % of the samples)"
-    return Finding(
-        "process-value-held",
-        "info",
-        f"PV changes only every {every * step.ns / 1e9:g} s, OP every {step.ns / 1e9:g} s: "
-        f"{'; '.join([repeats] * (share > 0.0) + [between] * (empty > 0.0))}; "
-        "the valve runs on by OP",
-        {"every": every, "step_s": every * step.ns / 1e9, "share": share, "empty": empty},
-        source="docs/traps.md, export trap 15",
-    )
+    slow = every * step.ns / 1e9
+    return finding("process-value-held", {"every": every, "step_s": slow, "share": share, "empty": empty}, slow=slow,
+                   step=step.ns / 1e9, said="; ".join([repeats] * (share > 0.0) + [between] * (empty > 0.0)))
 
 
 def short_segments(count: int) -> list[Finding]:
     """Finding on stretches too short to use."""
-    if not count:
-        return []
-    return [
-        Finding(
-            "short-segments",
-            "info",
-            f"{count} stretch{'es' * (count > 1)} between gaps too short to use",
-            {"segments": count},
-        )
-    ]
+    return [finding("short-segments", {"segments": count},
+                    stretches=f"{count} stretch{'es' * (count > 1)}")] if count else []
 
 
 def mode_findings(unclear: dict[str, int], shaped: Shaped, guesses: list[str]) -> list[Finding]:
@@ -238,16 +143,8 @@ def mode_findings(unclear: dict[str, int], shaped: Shaped, guesses: list[str]) -
         f"taken as controlling where OP moves (--mode-map {word}=AUTO)"
     )
     constant = shaped.modes is not None and len(shaped.modes.words) == 1
-    return [
-        Finding(
-            "mode-unknown",
-            "info" if constant else "warning",
-            f"{shown(column)} has modes of unknown meaning, {listed}: samples count where OP moves; "
-            f"say what they mean with --mode-map {word}=AUTO",
-            {"modes": unclear},
-            source="docs/method.md, section 13",
-        )
-    ]
+    return [finding("mode-unknown", {"modes": unclear}, INFO if constant else WARNING, column=shown(column),
+                    listed=listed, word=word)]
 
 
 def time_text(shaped: Shaped, options: ReadOptions) -> str:
@@ -266,42 +163,21 @@ def time_text(shaped: Shaped, options: ReadOptions) -> str:
 
 def mask_findings(samples: dict[str, int]) -> list[Finding]:
     """Findings on samples that stay in the loop but do not count."""
-    words = {
-        "manual": "the controller is in manual",
-        "start-up": "PV is far from where the record is run, and on its way there or away (--keep-startup)",
-        "saturated": "OP stands at its limit: what the valve does there says nothing about S and J",
-        "frozen": "every signal stands still (frozen record)",
-        "filled": "a missing value was filled in",
-        "other valve": "OP drives the other valve",
-        "bad": "PV is missing there; the valve runs on by OP",
-        "masked": "the file marks them as unused",
-    }
-    codes = {
-        "manual": "manual-stretch",
-        "start-up": "start-up",
-        "saturated": "output-saturated",
-        "frozen": "frozen",
-        "filled": "filled-samples",
-        "other valve": "other-valve",
-        "bad": "process-value-missing",
-        "masked": "masked",
-    }
     found = []
     for reason, count in samples.items():
-        if reason in words:
+        if reason in _MASKS:
             share = count / samples["total"]
-            found.append(
-                Finding(
-                    codes[reason],
-                    "warning" if share > MAX_INNOCENT_MASK else "info",
-                    f"{counted(count, 'sample')} ({100 * share:.1f} %) {'does' if count == 1 else 'do'} not count: "
-                    f"{words[reason]}",
-                    {"samples": count, "share": share, "caps_verdict": share > MAX_MASK and reason in _CAPPING},
-                )
-            )
+            found.append(finding(
+                _MASKS[reason],
+                {"samples": count, "share": share, "caps_verdict": share > MAX_MASK and reason in _CAPPING},
+                WARNING if share > MAX_INNOCENT_MASK else INFO, samples=counted(count, "sample"), share=100 * share,
+                do="does" if count == 1 else "do"))
     return found
 
 
+_MASKS = {"manual": "manual-stretch", "start-up": "start-up", "saturated": "output-saturated", "frozen": "frozen",
+          "filled": "filled-samples", "other valve": "other-valve", "bad": "process-value-missing", "masked": "masked"}
+"""Code of the finding on each reason for which samples do not count."""
 _CAPPING = ("frozen", "filled", "saturated")
 
 
@@ -311,15 +187,8 @@ def bad_findings(rows: dict[str, int]) -> list[Finding]:
     if not bad:
         return []
     share = bad / rows["in"]
-    return [
-        Finding(
-            "bad-values",
-            "warning" if share > MAX_INNOCENT_MASK else "info",
-            f"{counted(bad, 'row')} ({100 * share:.1f} %) {'has' if bad == 1 else 'have'} no usable PV or OP; longer "
-            "runs without OP split the record",
-            {"rows": bad, "share": share},
-        )
-    ]
+    return [finding("bad-values", {"rows": bad, "share": share}, WARNING if share > MAX_INNOCENT_MASK else INFO,
+                    rows=counted(bad, "row"), share=100 * share, have="has" if bad == 1 else "have")]
 
 
 def slower_output(every: int, step: GridStep, errors: tuple[float, float]) -> Finding:
@@ -328,14 +197,12 @@ def slower_output(every: int, step: GridStep, errors: tuple[float, float]) -> Fi
     `errors` are those of two PI laws: of a controller that sees only the samples at which OP changes, and of one that
     sees all. The first says that nothing is missing, the second that OP was exported less often than it moved.
     """
-    slow, evidence = f"{every * step.ns / 1e9:g} s", {"every": every, "step_s": every * step.ns / 1e9}
-    said = f"OP changes only every {slow}, PV every {step.ns / 1e9:g} s: "
-    tail = f"; one of {every} rows was kept"
+    slow = every * step.ns / 1e9
+    words: dict[str, Any] = {"slow": slow, "step": step.ns / 1e9, "every": every}
+    evidence = {"every": every, "step_s": slow}
     by_changes, by_samples = errors
     if by_changes < _OBEYS and by_changes < _CLEARLY * by_samples:
-        return Finding("output-slower", "info", f"{said}its controller scans every {slow}, so that no move of OP is "
-                       f"missing{tail}", evidence)
+        return finding("output-slower", evidence, **words)
     faster = by_samples < _OBEYS and by_samples < _CLEARLY * by_changes
-    why = "its controller scans faster, so that" if faster else f"unless the controller scans every {slow},"
-    return Finding("output-sparse", "warning", f"{said}{why} OP was exported too seldom and the valve's moves in "
-                   f"between are missing; export OP as often as PV{tail}", evidence)
+    return finding("output-sparse", evidence, **words, why="its controller scans faster, so that" if faster else
+                   f"unless the controller scans every {slow:g} s,")

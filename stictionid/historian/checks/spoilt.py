@@ -6,6 +6,7 @@ import numpy as np
 
 from ...record.loop import Finding
 from ...typing import FloatArray
+from ..findings import finding
 from ..grid.grid import Frame
 from .averages import averaged
 from .texture import Signals, clipped, compressed, identical, quantised, re_ranged, swapped
@@ -51,17 +52,9 @@ def spoilt_findings(
     if found or loop.output.size < MIN_JUDGED:
         return found
     part = loop.head(MAX_JUDGED)
-    for finding in (
-        identical(part, names) or swapped(part, names),
-        compressed(part),
-        averaged(part, name_hints, fractions),
-        re_ranged(loop),
-        *quantised(part),
-        clipped(part),
-    ):
-        if finding is not None:
-            found.append(finding)
-    return found
+    tests = (identical(part, names) or swapped(part, names), compressed(part), averaged(part, name_hints, fractions),
+             re_ranged(loop), *quantised(part), clipped(part))
+    return [told for told in tests if told is not None]
 
 
 def _dead(loop: Signals) -> list[Finding]:
@@ -69,15 +62,8 @@ def _dead(loop: Signals) -> list[Finding]:
     for role, values in (("process value", loop.process_value), ("output", loop.output)):
         known = values if not np.isnan(values).any() else values[~np.isnan(values)]
         if is_dead(known):
-            found.append(
-                Finding(
-                    "dead-signal",
-                    "serious",
-                    f"{role} does not vary (from {known.min():.6g} to {known.max():.6g}): nothing "
-                    "about the valve can be learnt from it",
-                    {"low": float(known.min()), "high": float(known.max())},
-                )
-            )
+            low, high = float(known.min()), float(known.max())
+            found.append(finding("dead-signal", {"low": low, "high": high}, role=role, low=low, high=high))
     return found
 
 

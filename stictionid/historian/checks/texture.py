@@ -11,6 +11,7 @@ import numpy as np
 
 from ...record.loop import Finding
 from ...typing import FloatArray
+from ..findings import SERIOUS, WARNING, finding
 from ..grid.grid import runs_of
 from ..words.cells import shown
 
@@ -78,14 +79,8 @@ def compressed(loop: Signals) -> Finding | None:
     if max(op_straight, op_flat) < MAX_STRAIGHT_SHARE and not _rough(loop.output):
         return None
     caps = straight >= CAPPING_STRAIGHT_SHARE
-    return Finding(
-        "compressed",
-        "serious" if caps else "warning",
-        f"{100 * straight:.0f} % of the PV samples lie on straight lines: compressed or interpolated; small slips "
-        "and reversals are gone, S and J come out wrong",
-        {"share": straight, "caps_verdict": caps},
-        source="docs/traps.md, export trap 11",
-    )
+    return finding("compressed", {"share": straight, "caps_verdict": caps}, SERIOUS if caps else WARNING,
+                   share=100 * straight)
 
 
 def _straight(values: FloatArray, starts: tuple[int, ...]) -> tuple[float, float]:
@@ -131,10 +126,10 @@ def swapped(loop: Signals, names: dict[str, str]) -> Finding | None:
     if sp is not None:
         rests, moves = (float(np.mean(np.diff(v) != 0)) for v in (pv, sp))
         if rests < MAX_SETPOINT_MOVES and moves > MIN_PV_MOVES and np.unique(pv).size > 1:
-            return _swapped("process_value", "setpoint", "--pv --sp", names, {"pv_moves": rests, "sp_moves": moves})
+            return _swapped("setpoint", "--pv --sp", names, {"pv_moves": rests, "sp_moves": moves})
     right, crossed = _obeys(op, pv, sp), _obeys(pv, op, sp)
     if crossed > MIN_CROSSED_FIT and right < MAX_RIGHT_FIT:
-        return _swapped("process_value", "output", "--pv --op", names, {"fit": right, "fit_crossed": crossed})
+        return _swapped("output", "--pv --op", names, {"fit": right, "fit_crossed": crossed})
     return None
 
 
@@ -149,28 +144,17 @@ def identical(loop: Signals, names: dict[str, str]) -> Finding | None:
             continue
         y, x = (y - y.mean()) / np.ptp(y), (x - x.mean()) / np.ptp(x)
         if float(np.abs(y - x * float(x @ y) / float(x @ x)).max()) < SAME:
-            return Finding(
-                "identical-signals",
-                "serious",
-                f"process value {shown(names.get('process_value', 'PV'))} is {role} {shown(names.get(role, role))} in "
-                "another unit, to the last digit: one tag was exported twice, and S and J would mean nothing",
-                {"role": role, "caps_verdict": True},
-            )
+            return finding("identical-signals", {"role": role, "caps_verdict": True}, role=role,
+                           one=shown(names.get("process_value", "PV")), other=shown(names.get(role, role)))
     return None
 
 
-def _swapped(one: str, other: str, flags: str, names: dict[str, str], evidence: dict[str, float]) -> Finding:
-    a, b = names.get(one, one), names.get(other, other)
+def _swapped(other: str, flags: str, names: dict[str, str], evidence: dict[str, float]) -> Finding:
     why = "the first rests like a setpoint while the second moves like a measurement" if other == "setpoint" else \
         "the first follows from the second as a controller's output follows from its process value"
-    return Finding(
-        "swapped-roles",
-        "serious",
-        f"{one.replace('_', ' ')} {shown(a)} and {other} {shown(b)} look swapped: {why}; S and J would be meaningless "
-        f"({flags} settle it)",
-        {**evidence, "caps_verdict": True},
-        source="docs/traps.md, export trap 18",
-    )
+    return finding("swapped-roles", {**evidence, "caps_verdict": True}, flags=flags, why=why,
+                   one=f"process value {shown(names.get('process_value', 'process_value'))}",
+                   other=f"{other} {shown(names.get(other, other))}")
 
 
 def _obeys(output: FloatArray, measured: FloatArray, setpoint: FloatArray | None) -> float:
@@ -200,21 +184,10 @@ def quantised(loop: Signals) -> list[Finding]:
         resolution = float(np.median(np.diff(levels)))
         low, high = np.nanquantile(values, [0.01, 0.99])
         if high > low and resolution > MAX_RESOLUTION_SHARE * float(high - low):
-            found.append(
-                Finding(
-                    "quantised",
-                    "warning",
-                    f"{words} moves in steps of {resolution:.4g} over a range of {high - low:.4g}: S and J "
-                    "are known no more finely than that, unless the law of the controller gives back its digits",
-                    {
-                        "role": role,
-                        "resolution": resolution,
-                        "levels": int(levels.size),
-                        "share": resolution / float(high - low),
-                        "caps_verdict": resolution > CAPPING_RESOLUTION_SHARE * float(high - low),
-                    },
-                )
-            )
+            share = resolution / float(high - low)
+            found.append(finding("quantised", {"role": role, "resolution": resolution, "levels": int(levels.size),
+                                               "share": share, "caps_verdict": share > CAPPING_RESOLUTION_SHARE},
+                                 signal=words, resolution=resolution, span=high - low))
     return found
 
 
@@ -228,13 +201,8 @@ def clipped(loop: Signals) -> Finding | None:
         first, end = runs_of(at)
         share = float((end - first)[end - first >= 3].sum()) / values.size
         if share > MAX_CLIPPED_SHARE and lively > 0.5 and np.count_nonzero(end - first >= 3) >= 2:
-            return Finding(
-                "clipped",
-                "warning",
-                f"PV sits at its {word} value {limit:g} in {100 * share:.1f} % of the samples: the range of "
-                "the transmitter ends there; the slips that show there are cut off, J comes out too small",
-                {"share": share, "value": limit, "caps_verdict": share > CAPPING_CLIPPED_SHARE},
-            )
+            return finding("clipped", {"share": share, "value": limit, "caps_verdict": share > CAPPING_CLIPPED_SHARE},
+                           word=word, limit=limit, share=100 * share)
     return None
 
 
@@ -260,10 +228,5 @@ def re_ranged(loop: Signals) -> Finding | None:
     level, noise = levels[1] / levels[0], noises[1] / noises[0]
     if max(level, 1 / level) < MIN_RANGE_RATIO or abs(np.log(level / noise)) > 0.3 * abs(np.log(level)):
         return None
-    return Finding(
-        "re-ranged",
-        "serious",
-        f"PV jumps by a factor of {level:.4g} at sample {at} and its noise with it: range or unit were "
-        "changed; gain, S and J mean nothing over both sides: use one only (--start or --end)",
-        {"sample": at, "factor": level, "share": at / values.size, "caps_verdict": True},
-    )
+    return finding("re-ranged", {"sample": at, "factor": level, "share": at / values.size, "caps_verdict": True},
+                   factor=level, sample=at)

@@ -52,21 +52,19 @@ def manual(frame: Frame, modes: Modes | None) -> tuple[BoolArray, dict[str, int]
     return off, unclear
 
 
-def saturated(op: FloatArray, *, percent: bool) -> tuple[BoolArray, tuple[float, float] | None]:
-    """True (n,) where OP stays at its limit, and the limits that were seen."""
+def saturated(op: FloatArray, *, percent: bool) -> BoolArray:
+    """True (n,) where OP stays at its limit."""
     if not percent or not op.size or np.isnan(op).all():
-        return np.zeros(op.size, np.bool_), None
+        return np.zeros(op.size, np.bool_)
     low, high = float(np.nanmin(op)), float(np.nanmax(op))
     clamp = np.zeros(op.size, np.bool_)
-    seen = None
     for below, above in LIMITS:
         at = ((op == low) & (abs(low - below) < 0.05)) | ((op == high) & (abs(high - above) < 0.05))
         first, end = runs_of(at)
         long = end - first >= MIN_SATURATED_RUN
         for a, b in zip(first[long], end[long], strict=True):
             clamp[a:b] = True
-            seen = (below, above)
-    return clamp, seen
+    return clamp
 
 
 def frozen(frame: Frame) -> BoolArray:

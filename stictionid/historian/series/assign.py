@@ -7,19 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ...errors import DataError, UsageError
-from ..bytes.options import ALL_TAGS, ReadOptions
+from ..bytes.options import ALL_TAGS, FLAGS, ROLES, ReadOptions
 from ..words.cells import brief, shown
 from ..words.roles import Tag, listing, pick, take_all, take_apart, tidy
 
-_OPTIONS = {"setpoint": "sp", "process_value": "pv", "output": "op", "position": "position", "mode": "mode"}
-_FLAG = {
-    "setpoint": "--sp",
-    "process_value": "--pv",
-    "output": "--op",
-    "position": "--position",
-    "mode": "--mode",
-    "time": "--time",
-}
+_FLAG = {role: FLAGS[option] for role, option in ROLES.items()}
 _PLAIN = ("", "ascii", "utf-8")
 """Encodings that spoil no name: none (Parquet, workbook), ASCII, and UTF-8, whose bytes prove it."""
 _SURE_WORDS = """
@@ -42,6 +34,11 @@ class Assignment:
     guesses: list[str] = field(default_factory=list)
     unused: list[str] = field(default_factory=list)
 
+    @property
+    def columns(self) -> list[tuple[str, int]]:
+        """Every role with its column, further columns as "extra:NAME"."""
+        return [*self.index.items(), *((f"extra:{name}", i) for name, i in self.extras.items())]
+
 
 def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set[int], numeric: set[int],
            encoding: str = "") -> Assignment:
@@ -52,7 +49,7 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
     DataError where PV or OP is in no column or in several; UsageError where the loop is unknown or several are found.
     """
     found = Assignment({}, {})
-    for role, option in _OPTIONS.items():
+    for role, option in ROLES.items():
         wanted = getattr(options, option)
         if wanted is not None:
             found.index[role] = pick(names, wanted, _FLAG[role], file)
@@ -63,7 +60,7 @@ def assign(names: tuple[str, ...], options: ReadOptions, file: str, *, skip: set
     _refuse_shared(found.index | {f"extra {n}": i for n, i in found.extras.items()}, skip, names, file)
     taken = set(found.index.values()) | set(found.extras.values()) | skip
     tags = {i: tag for i, tag in enumerate(take_all(names)) if i not in taken}
-    tags = {i: t for i, t in tags.items() if t.role in _OPTIONS and (i in numeric or t.role == "mode")}
+    tags = {i: t for i, t in tags.items() if t.role in ROLES and (i in numeric or t.role == "mode")}
     for i in _flags_like_mode(tags):
         del tags[i]
     group = _choose_loop(tags, found, names, options, file)
@@ -181,7 +178,7 @@ def _choose_loop(
 def _complete(found: Assignment, tags: dict[int, Tag], group: str, known: dict[str, str], file: str) -> None:
     """Assign the roles not given by options: from the chosen loop, else from columns of no loop or the only one."""
     digits = "".join(c for c in group if c.isdigit())
-    for role in _OPTIONS:
+    for role in ROLES:
         if role in found.index:
             continue
         columns = [(i, t) for i, t in tags.items() if t.role == role]

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import DataError
 from ...typing import FloatArray, IntArray
 from ..bytes.options import ReadOptions
-from ..table.arrow import indices, numbers
+from ..table.arrow import coded, numbers
 from ..table.rows import RowBook
 from ..table.table import Table
 from ..words.cells import check_thousands, shown, to_numbers
@@ -28,10 +28,8 @@ def shape_long(
 
     if not time_columns:
         raise DataError(f"{table.file} is a long table (tag, value) without a time column", "name it with --time")
-    tags = table.columns[tag_column].cast(pa.string()).dictionary_encode()
-    tags = tags.combine_chunks() if isinstance(tags, pa.ChunkedArray) else tags
-    words = tuple(str(w).strip() for w in tags.dictionary.to_pylist())
-    code = indices(tags, -1)
+    found, code = coded(table.columns[tag_column].cast(pa.string()), missing=-1)
+    words = tuple(str(w).strip() for w in found)
     headers = [i for i, w in enumerate(words) if tidy(w) == tidy(table.names[tag_column])]
     book.mark(np.isin(code, headers), "repeated header")
     assignment = assign(words, options, table.file, skip=set(), numeric=set(range(len(words))) - set(headers),
@@ -60,9 +58,8 @@ def shape_long(
     unit_column = next(
         (i for i, n in enumerate(table.names) if tidy(n) in ("unit", "units", "uom", "eu", "einheit", "eng unit")), None
     )
-    wanted = [*assignment.index.items(), *((f"extra:{n}", i) for n, i in assignment.extras.items())]
-    book.mark(~np.isin(code, [i for _, i in wanted]), "other tag")
-    for role, place in wanted:
+    book.mark(~np.isin(code, [i for _, i in assignment.columns]), "other tag")
+    for role, place in assignment.columns:
         mine = np.flatnonzero(code == place)
         shaped.columns[role] = words[place]
         shaped.units[role] = (
@@ -120,7 +117,7 @@ def shape_paired(table: Table, options: ReadOptions, book: RowBook, stamps: list
     )
     shaped = Shaped("paired", assignment, {}, {}, {}, None, guesses=list(assignment.guesses))
     shaped.columns["time"] = table.names[owner[assignment.index["process_value"]]] or "time"
-    for role, column in [*assignment.index.items(), *((f"extra:{n}", i) for n, i in assignment.extras.items())]:
+    for role, column in assignment.columns:
         if column not in owner:
             raise DataError(
                 f"{table.file}: column {shown(names[column])} has no time column before it", "leave --shape out"
@@ -136,8 +133,7 @@ def shape_paired(table: Table, options: ReadOptions, book: RowBook, stamps: list
         own_book = book if role == "process_value" else RowBook(table.rows, {})
         own_book.mark(~shaped.times.valid, "no time")
         mode = table.columns[column].take(numbers(rows)) if role == "mode" else None
-        order_book = own_book
-        _add(shaped, role, rows, found.values, mode, options, order_book, table)
+        _add(shaped, role, rows, found.values, mode, options, own_book, table)
     return shaped
 
 

@@ -81,13 +81,8 @@ def _fill_wide(
     ns: IntArray,
 ) -> None:
     """Values of every role on the shared stamps."""
-    whole = (
-        index.size == table.rows and bool((index == np.arange(table.rows)).all()) if index.size == table.rows else False
-    )
-    for role, column in [
-        *shaped.assignment.index.items(),
-        *((f"extra:{n}", i) for n, i in shaped.assignment.extras.items()),
-    ]:
+    whole = index.size == table.rows and bool((index == np.arange(table.rows)).all())
+    for role, column in shaped.assignment.columns:
         name = table.names[column] or str(column + 1)
         shaped.columns[role] = name
         shaped.units[role] = table.units[column]

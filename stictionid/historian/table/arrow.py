@@ -65,12 +65,18 @@ def timestamps(ns: NDArray[np.int64]) -> Any:
     return pa.Array.from_buffers(pa.timestamp("ns"), len(ns), [None, pa.py_buffer(np.ascontiguousarray(ns))])
 
 
-def indices(encoded: Any, missing: int) -> NDArray[np.int64]:
-    """The codes of a dictionary array, `missing` where it is null."""
+def coded(column: Any, missing: int | None = None) -> tuple[list[Any], NDArray[np.int64]]:
+    """Different values of a column, and for each row (n,) the place of its own among them.
+
+    A null has the place `missing`, by default the one behind the last value.
+    """
     import pyarrow as pa
 
+    encoded = column.dictionary_encode()
+    encoded = encoded.combine_chunks() if isinstance(encoded, pa.ChunkedArray) else encoded
+    values = encoded.dictionary.to_pylist()
     codes, valid = integers(encoded.indices.cast(pa.int64()))
-    return np.where(valid, codes, missing)
+    return values, np.where(valid, codes, len(values) if missing is None else missing)
 
 
 def numbers(values: NDArray[Any]) -> Any:

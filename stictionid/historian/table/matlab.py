@@ -20,7 +20,7 @@ from ...errors import DataError
 from ...typing import FloatArray
 from ..bytes.limits import Limits
 from ..bytes.source import Source, in_short
-from ..listing import names_of
+from ..series.columns import names_of
 from ..words.cells import brief, shown
 from ..words.roles import role_of, tidy
 from .arrow import numbers, timestamps
@@ -150,7 +150,7 @@ def _common(paths: tuple[str, ...]) -> str:
 def _part(node: _Node, name: str, source: Source, limits: Limits) -> Part:
     file = f"{source.name}, {name}" if name else source.name
     limits.check("columns", len(node.vectors), file)
-    vectors, step = _of_one_length(node, file), _step_of(node)
+    vectors, step = _of_one_length(node), _step_of(node)
     limits.check("rows", len(next(iter(vectors.values()))), file, "cut it into pieces")
 
     def whole() -> Table:
@@ -162,7 +162,7 @@ def _part(node: _Node, name: str, source: Source, limits: Limits) -> Part:
     return Part(name, head, names_of(head), whole)
 
 
-def _of_one_length(node: _Node, file: str) -> dict[str, NDArray[Any]]:
+def _of_one_length(node: _Node) -> dict[str, NDArray[Any]]:
     """The vectors of the most frequent length, that of PV first."""
     lengths = Counter(v.size for v in node.vectors.values())
     of_pv = [v.size for n, v in node.vectors.items() if role_of(n) == "process_value"]

@@ -13,7 +13,7 @@ from ..bytes.options import ReadOptions
 from ..bytes.source import Source, pieces
 from ..series.columns import kind_of
 from ..series.wanted import by_rows, wanted_columns, without_others
-from .layout import find_layout
+from .layout import Layout, find_layout
 from .table import Table, as_table, parse, refuse_damage, text_table
 
 HEAD_BYTES = 4 << 20
@@ -47,7 +47,7 @@ def read_streamed(source: Source, options: ReadOptions, limits: Limits, *, loops
     else:
         wanted, kinds = wanted_columns(part, options)
     columns = sorted(range(len(layout.names)) if wanted is None else wanted)
-    return _pieces(source, limits, columns, kinds, part, len(head) - len(text.data))
+    return _pieces(source, limits, columns, kinds, part, layout, len(head) - len(text.data))
 
 
 def _whole(source: Source, options: ReadOptions, limits: Limits) -> Table:
@@ -63,10 +63,9 @@ def _whole(source: Source, options: ReadOptions, limits: Limits) -> Table:
 
 
 def _pieces(
-    source: Source, limits: Limits, columns: list[int], kinds: list[str], head: Table, mark: int
+    source: Source, limits: Limits, columns: list[int], kinds: list[str], head: Table, layout: Layout, mark: int
 ) -> Table:
     """Table of all pieces, parsed alike and joined; `mark` is the length of a byte-order mark."""
-    layout = replace_layout(head)
     found: dict[int, list[Any]] = {i: [] for i in columns}
     types: dict[str, Any] | None = None
     dropped: list[tuple[int, str, str]] = []
@@ -90,16 +89,7 @@ def _pieces(
         types = {f.name: f.type for f in table.schema if str(f.type) != "null"}
     refuse_damage(rows, tuple(dropped), layout, source.name)
     joined = {i: _joined(parts, layout.decimal) for i, parts in found.items()}
-    table = without_others(replace(head, dropped=tuple(dropped), sha256=digest), joined, kinds, rows)
-    return table
-
-
-def replace_layout(head: Table) -> Any:
-    """Layout of a table, for parsing its pieces."""
-    from .layout import Layout
-
-    return Layout(head.separator, head.names, head.units, head.descriptions, 0, head.first_line, head.decimal,
-                  head.header_lines, head.assumptions, head.header_cells)
+    return without_others(replace(head, dropped=tuple(dropped), sha256=digest), joined, kinds, rows)
 
 
 def _check_text(piece: bytes, name: str, lines: int) -> None:

@@ -19,8 +19,8 @@ from ...errors import DataError
 from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
 from ..bytes.source import Source, in_short
-from ..listing import names_of
 from ..series.assign import key_of
+from ..series.columns import names_of
 from ..words.cells import decimal_evidence, shown
 from ..words.roles import role_of, take_apart
 from .parts import Part

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import DataError
 from ...typing import BoolArray, IntArray
-from ..table.arrow import booleans, indices, integers
+from ..table.arrow import booleans, coded, integers
 from ..words.cells import shown
 from .clock import SECOND
 
@@ -159,14 +159,9 @@ def _number(column: Any) -> IntArray:
 
 
 def _months(column: Any) -> IntArray:
-    encoded = column.dictionary_encode()
-    table = [
-        _MONTHS.get(str(w).lower().rstrip("."), _MONTHS.get(str(w).lower()[:3], 0))
-        for w in encoded.dictionary.to_pylist()
-    ]
-    numbers = np.array([*table, 0], np.int64)
-    index = indices(encoded, len(table))
-    return numbers[index]
+    words, index = coded(column)
+    table = [_MONTHS.get(str(w).lower().rstrip("."), _MONTHS.get(str(w).lower()[:3], 0)) for w in words]
+    return np.array([*table, 0], np.int64)[index]
 
 
 def _clock(fields: dict[str, Any]) -> tuple[IntArray, str]:
@@ -208,8 +203,8 @@ def _zones(column: Any) -> tuple[IntArray | int, str | None]:
     """UTC offsets in ns and the word for the zone; zone abbreviations are reported, never converted."""
     if column is None:
         return 0, None
-    encoded = column.dictionary_encode()
-    words = [str(w).replace("−", "-") for w in encoded.dictionary.to_pylist()]
+    found, index = coded(column)
+    words = [str(w).replace("−", "-") for w in found]
     if not any(words):
         return 0, None
     table = []
@@ -218,7 +213,6 @@ def _zones(column: Any) -> tuple[IntArray | int, str | None]:
         digits = word.strip("+-").replace(":", "")
         table.append(sign * (int(digits[:2]) * 60 + int(digits[2:])) * 60 * SECOND if digits.isdigit() else 0)
     offsets = np.array([*table, 0], np.int64)
-    index = indices(encoded, len(table))
     named = sorted({w for w in words if w and w[0] not in "+-"})
     return offsets[index], "UTC" if not named or named[0] in ("Z", "UTC", "GMT") else named[0]
 

@@ -6,6 +6,7 @@ counted.
 
 from __future__ import annotations
 
+import functools
 import re
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 from ...errors import DataError
 from ...record.loop import LARGEST
 from ...typing import BoolArray, FloatArray
-from ..table.arrow import floats, indices, texts
+from ..table.arrow import coded, floats, texts
 
 NULLS = ("", "NaN", "nan", "NAN", "null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a")
 """Cells that mean "no value"; other states are counted under their own word."""
@@ -96,29 +97,29 @@ def to_numbers(column: Any, decimal: str = ".") -> Numbers:
 
 FEW_CELLS = 2000
 """Different cells up to which each is looked at by itself; Arrow compiles its patterns anew for every column."""
-_BLANK = "[\u00a0\u202f\u2009 '’]"
-_STEPS = {
-    mark: tuple((re.compile(pattern), new, count) for pattern, new, count in steps)
-    for mark, steps in {
-        ".": ((r"([0-9]),([0-9]{3})", r"\1\2", 0), (r"([0-9]),([0-9]{3})", r"\1\2", 0)),
-        ",": ((r"([0-9])\.([0-9]{3})", r"\1\2", 0), (",", ".", 1)),
-    }.items()
+_GROUP = ("([0-9])[\u00a0\u202f\u2009 '’]([0-9])", r"\1\2")
+_MARKS = {
+    ".": ((r"([0-9]),([0-9]{3})", r"\1\2"),) * 2,
+    ",": ((r"([0-9])\.([0-9]{3})", r"\1\2"), ("^([^,]*),", r"\1.")),
 }
-_GROUPS = re.compile(rf"([0-9]){_BLANK}([0-9])")
+"""Thousands and decimal marks; groups are joined twice, because neighbouring ones share their border digit."""
+
+
+@functools.cache
+def _steps(decimal: str) -> tuple[tuple[re.Pattern[str], str], ...]:
+    """Patterns and replacements, for Python and for Arrow, that leave a number in the plain form "-1234.5e-3"."""
+    steps = (("^[−–]", "-"), ("[eE]−", "e-"), ('^="?([^"]*)"?$', r"\1"), _GROUP, _GROUP, *_MARKS[decimal],
+             ("[\u00a0\u202f]", " "), (_UNIT_TAIL, r"\1"))
+    return tuple((re.compile(pattern, re.ASCII), new) for pattern, new in steps)
+
+
 _NUMBER = re.compile(_CLEAN.replace("$", r"\Z"), re.ASCII)
-_TAIL = re.compile(_UNIT_TAIL.replace("$", r"\Z"), re.ASCII)
-_EXCEL = re.compile(r'="?([^"]*)"?\Z')
 
 
 def _few(text: Any, decimal: str) -> Numbers:
     """A column of few different cells as numbers; each different cell is converted once."""
-    import pyarrow as pa
-
-    encoded = text.dictionary_encode()
-    encoded = encoded.combine_chunks() if isinstance(encoded, pa.ChunkedArray) else encoded
-    cells = encoded.dictionary.to_pylist()
+    cells, code = coded(text)
     found = np.array([*(_number(str(c), decimal) for c in cells), np.nan])
-    code = indices(encoded, len(cells))
     counts = np.bincount(code, minlength=len(cells) + 1)
     words = {c: int(counts[i]) for i, c in enumerate(cells) if np.isnan(found[i]) and c not in NULLS}
     if not words:
@@ -128,39 +129,20 @@ def _few(text: Any, decimal: str) -> Numbers:
 
 
 def _number(cell: str, decimal: str) -> float:
-    """The number in one cell, NaN where it has none, by the same steps as `_normalised`."""
-    if not _NUMBER.match(cell):
-        cell = "-" + cell[1:] if cell[:1] in "−–" and cell else cell
-        cell = cell.replace("e−", "e-").replace("E−", "e-")
-        match = _EXCEL.match(cell)
-        cell = match.group(1) if match else cell
-        cell = _GROUPS.sub(r"\1\2", _GROUPS.sub(r"\1\2", cell))
-        for pattern, new, count in _STEPS[decimal]:
-            cell = pattern.sub(new, cell, count=count)
-        cell = _TAIL.sub(r"\1", cell.replace("\u00a0", " ").replace("\u202f", " "))
-    elif decimal == ",":
-        cell = _STEPS[","][0][0].sub(r"\1\2", cell)
+    """The number in one cell, NaN where it has none."""
+    if decimal == "," or not _NUMBER.match(cell):
+        for pattern, new in _steps(decimal):
+            cell = pattern.sub(new, cell)
     return float(cell) if _NUMBER.match(cell) else float("nan")
 
 
 def _normalised(text: Any, decimal: str) -> Any:
-    """Number texts in the plain form "-1234.5e-3"; other texts are unchanged."""
+    """Number texts in the plain form; other texts are unchanged."""
     import pyarrow.compute as pc
 
-    text = pc.replace_substring_regex(text, "^[−–]", "-")
-    text = pc.replace_substring_regex(text, r"[eE]−", "e-")
-    text = pc.replace_substring_regex(text, r'^="?([^"]*)"?$', r"\1")
-    text = pc.replace_substring_regex(text, r"(\d)[\x{00A0}\x{202F}\x{2009} '’](\d)", r"\1\2")
-    text = pc.replace_substring_regex(text, r"(\d)[\x{00A0}\x{202F}\x{2009} '’](\d)", r"\1\2")
-    if decimal == ",":
-        text = pc.replace_substring_regex(text, r"(\d)\.(\d{3})", r"\1\2")
-        text = pc.replace_substring(text, ",", ".", max_replacements=1)
-    else:
-        # Twice, because neighbouring groups of three share their border digit.
-        text = pc.replace_substring_regex(text, r"(\d),(\d{3})", r"\1\2")
-        text = pc.replace_substring_regex(text, r"(\d),(\d{3})", r"\1\2")
-    text = pc.replace_substring_regex(text, r"[\x{00A0}\x{202F}]", " ")
-    return pc.replace_substring_regex(text, _UNIT_TAIL, r"\1")
+    for pattern, new in _steps(decimal):
+        text = pc.replace_substring_regex(text, pattern.pattern, new)
+    return text
 
 
 def check_thousands(column: Any, decimal: str, place: Any) -> None:

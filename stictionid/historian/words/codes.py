@@ -6,6 +6,7 @@ import numpy as np
 
 from ...record.loop import Finding
 from ...typing import BoolArray
+from ..findings import finding
 from ..grid.grid import Frame, runs_of
 from .cells import shown
 from .states import NUMERIC_STATES, SENTINELS
@@ -40,16 +41,8 @@ def blank_codes(
         seen = {f"{v:g}": int(c) for v, c in zip(*np.unique(values[hits], return_counts=True), strict=True)}
         frame.values[role] = np.where(hits, np.nan, values)
         listed = ", ".join(f"{v} ({c})" for v, c in list(seen.items())[:5])
-        findings.append(
-            Finding(
-                "code-as-number",
-                "warning",
-                f"{role.replace('_', ' ')}: {int(hits.sum()):,} values are codes, not "
-                f"measurements, and were blanked: {listed}",
-                {"values": seen},
-                source="docs/traps.md, export traps 2 and 3",
-            )
-        )
+        findings.append(finding("code-as-number", {"values": seen}, role=role.replace("_", " "), count=int(hits.sum()),
+                                listed=listed))
         if guessed.any():
             guesses.append(f"{role.replace('_', ' ')}: {listed} taken for codes (--sentinel VALUE)")
     return findings
@@ -98,10 +91,5 @@ def _dropouts(values: np.ndarray, role: str) -> BoolArray:
 def _words_finding(role: str, words: dict[str, int]) -> Finding:
     listed = ", ".join(f"{shown(w)} ({c})" for w, c in list(words.items())[:5])
     total = sum(words.values())
-    return Finding(
-        "state-as-text",
-        "info",
-        f"{role.replace('_', ' ')}: {total:,} cells hold no number that can be used: {listed}",
-        {"texts": dict(list(words.items())[:20]), "cells": total},
-        source="docs/traps.md, export trap 1",
-    )
+    return finding("state-as-text", {"texts": dict(list(words.items())[:20]), "cells": total}, listed=listed,
+                   role=role.replace("_", " "), count=total)

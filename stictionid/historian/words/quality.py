@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...typing import BoolArray
-from ..table.arrow import booleans, indices
+from ..table.arrow import booleans, coded
 from .cells import to_numbers
 
 OPC_MASK, OPC_GOOD, OPC_UNCERTAIN = 0xC0, 0xC0, 0x40
@@ -89,12 +89,8 @@ def _by_words(column: Any) -> Quality:
     import pyarrow.compute as pc
 
     text = pc.utf8_lower(pc.utf8_trim_whitespace(column.cast(pa.string())))
-    encoded = text.dictionary_encode()
-    if isinstance(encoded, pa.ChunkedArray):
-        encoded = encoded.combine_chunks()
-    words = [str(w) for w in encoded.dictionary.to_pylist()]
-    index = indices(encoded, len(words))
-    grade = [0 if _is(w, _GOOD) else 1 if _is(w, _UNCERTAIN) else 2 for w in words] + [2]
+    words, index = coded(text)
+    grade = [0 if _is(w, _GOOD) else 1 if _is(w, _UNCERTAIN) else 2 for w in map(str, words)] + [2]
     grades = np.array(grade, np.int8)[index]
     return Quality(grades == 2, grades == 1, "words")
 

@@ -7,6 +7,7 @@ import numpy as np
 from ...errors import UsageError
 from ...record.loop import Finding
 from ...typing import FloatArray
+from ..findings import finding
 
 PERCENT_LOW, PERCENT_HIGH = -6.9, 106.9
 """Range of a controller output in per cent; many systems drive -5 to 105 or -6.9 to 106.9 (Honeywell)."""
@@ -82,14 +83,7 @@ def output_unit(values: FloatArray, unit: str) -> tuple[str, Finding | None]:
             low, high, "it leaves 0 to 100 %: the setpoint of a slave loop (cascade master), or another range", hint
         )
     if MILLIAMPERES[0] <= low and high <= MILLIAMPERES[1] and high - low > 0 and not unit.strip():
-        return "%", Finding(
-            "output-perhaps-ma",
-            "info",
-            f"OP stays within 4 to 20 (from {low:g} to {high:g}) and was taken as %: if these are mA, S and J are 6.25 "
-            "times larger (--span-op 4,20, or --span-op 0,100 if it is %)",
-            {"low": low, "high": high},
-            source="docs/method.md, section 13",
-        )
+        return "%", finding("output-perhaps-ma", {"low": low, "high": high}, low=low, high=high)
     if low >= 0 and high <= 1.0 and high > low:
         return OTHER, _finding(low, high, "it stays within 0 to 1", "--span-op 0,1 if 1 means fully open")
     if low < 0 and abs(float(known.mean())) < max(MIN_CENTRE_RATIO * float(known.std()), 1e-12):
@@ -105,11 +99,4 @@ def _not_percent_unit(unit: str) -> bool:
 
 
 def _finding(low: float, high: float, why: str, hint: str) -> Finding:
-    return Finding(
-        "output-not-percent",
-        "warning",
-        f"OP runs from {low:g} to {high:g} and is not taken as % of travel: {why}; S and J are in the unit of OP "
-        f"(to scale: {hint})",
-        {"low": low, "high": high},
-        source="docs/method.md, section 13",
-    )
+    return finding("output-not-percent", {"low": low, "high": high}, low=low, high=high, why=why, hint=hint)

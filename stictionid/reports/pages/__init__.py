@@ -1,1 +1,1 @@
-"""Pages of a study: markdown, HTML, JSON and terminal text, each from the same facts."""
+"""Pages of a study: markdown, HTML and JSON, each from the same facts."""

@@ -7,31 +7,27 @@ from pathlib import Path
 import numpy as np
 
 from ...record.study import to_json
-from ...system.files import ensure_writable, write_whole
+from ...system.files import ensure_writable
 from ...typing import FloatArray
 from ...verbs.agree import Agreement, Drift, RecordResult
 from .. import wording
 from ..document import PageTable
-from ..pictures import svg
-from ..pictures.figures import PNG_KIND, figure_bytes
 from ..pictures.picture import Line, Panel, Picture
 from ..pictures.study_pictures import time_unit
-from .markdown import escape, table_text
-from .place import refuse_other_kinds
+from . import place
+from .markdown import escape, picture_text, table_text
 
 MARK = "<!-- stictionid agreement -->"
 KINDS = {".md": MARK.encode(), ".json": b'{\n "schema": "stictionid.agreement/'}
-FIGURES = {"svg": svg.SVG_KIND, "png": PNG_KIND}
 # Margin before the first and after the last record, as a share of the span.
 _MARGIN = 0.06
 
 
 def check_place(out: Path, *, figures: str = "svg", force: bool = False) -> None:
     """Refuse an unknown extension or figure kind, or a place that cannot be written, before any work is done."""
-    refuse_other_kinds("agreement", out, KINDS, " or ".join(KINDS), figures)
-    ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
+    place.check_place("agreement", out, KINDS, " or ".join(KINDS), figures=figures, force=force)
     if out.suffix.lower() == ".md":
-        ensure_writable(_beside(out, figures), force=force, kind=FIGURES[figures])
+        ensure_writable(place.beside(out, "drift", figures), force=force, kind=place.FIGURES[figures])
 
 
 def write_agreement(found: Agreement, out: Path, *, figures: str = "svg", force: bool = False) -> list[Path]:
@@ -39,17 +35,10 @@ def write_agreement(found: Agreement, out: Path, *, figures: str = "svg", force:
     check_place(out, figures=figures, force=force)
     kind = KINDS[out.suffix.lower()]
     if out.suffix.lower() == ".json":
-        write_whole(out, to_json(found), force=force, kind=kind)
-        return [out]
-    picture, place = drift_picture(found), _beside(out, figures)
-    if picture is not None:
-        write_whole(place, figure_bytes(picture, figures), force=force, kind=FIGURES[figures])
-    write_whole(out, _markdown(found, picture, place.name), force=force, kind=kind)
-    return [*([place] if picture is not None else []), out]
-
-
-def _beside(out: Path, figures: str) -> Path:
-    return out.with_name(f"{out.stem}-drift.{figures}")
+        return place.write_page(out, to_json(found), {}, force=force, kind=kind)
+    picture, at = drift_picture(found), place.beside(out, "drift", figures)
+    return place.write_page(out, _markdown(found, picture, at.name), {} if picture is None else {at: picture},
+                            figures=figures, force=force, kind=kind)
 
 
 def record_table(found: Agreement) -> PageTable:
@@ -78,17 +67,11 @@ def _markdown(found: Agreement, picture: Picture | None, name: str) -> str:
     parts += [f"- {escape(wording.sentence(statement))}" for statement in statements]
     parts += ["", table_text(record_table(found)), ""]
     if picture is not None:
-        parts += [f"![{escape(picture.title)}. {escape(picture.alt)}]({_link(name)})", "",
-                  f"*{escape(picture.caption)}*", ""]
+        parts += [picture_text(picture, name), ""]
     missing = left_out(found)
     if missing:
         parts += ["## Records that do not count", "", *(f"- {escape(line)}" for line in missing), ""]
     return "\n".join(parts).rstrip("\n") + "\n"
-
-
-def _link(name: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_." else "".join(f"%{b:02X}" for b in c.encode("utf-8", "replace"))
-                   for c in name)
 
 
 def drift_picture(found: Agreement) -> Picture | None:

@@ -7,17 +7,16 @@ from pathlib import Path
 from ..._version import __version__
 from ...comparison import Comparison
 from ...comparison.side_by_side import SideBySide
-from ...system.files import ensure_writable, write_whole
+from ...system.files import write_whole
 from ...system.plurals import counted
 from .. import effect_words, wording
 from ..document import PageTable
 from ..pictures import svg
 from ..pictures.comparison_pictures import comparison_pictures, overview
 from ..pictures.curves import Case
-from ..pictures.figures import figure_bytes
 from ..pictures.picture import Picture
 from ..side_by_side import tables as side_tables
-from .place import refuse_other_kinds
+from . import place
 
 MARK = "<!-- stictionid comparison -->"
 KIND = f"<!doctype html>\n{MARK}"
@@ -32,8 +31,7 @@ MOST_SUSPECTS = 6
 
 def check_place(out: Path, *, force: bool = False) -> None:
     """Refuse an unknown extension or a place that cannot be written, before any work is done."""
-    refuse_other_kinds("comparison", out, KINDS, ".md or .html; --json prints JSON")
-    ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
+    place.check_place("comparison", out, KINDS, ".md or .html; --json prints JSON", force=force)
 
 
 def write_comparison(c: Comparison, title: str, out: Path, *, force: bool = False) -> list[Path]:
@@ -41,15 +39,10 @@ def write_comparison(c: Comparison, title: str, out: Path, *, force: bool = Fals
     check_place(out, force=force)
     drawn = comparison_pictures(c)
     if out.suffix.lower() == ".html":
-        write_whole(out, _html(c, title, drawn), force=force, kind=KINDS[".html"])
-        return [out]
-    files = {out.with_name(f"{out.stem}-{key.replace('_', '-')}.svg"): p for key, p in drawn.items()}
-    for path in files:
-        ensure_writable(path, force=force, kind=svg.SVG_KIND)
-    for path, picture in files.items():
-        write_whole(path, figure_bytes(picture, "svg"), force=force, kind=svg.SVG_KIND)
-    write_whole(out, _markdown(c, title, drawn, [p.name for p in files]), force=force, kind=KINDS[".md"])
-    return [*files, out]
+        return place.write_page(out, _html(c, title, drawn), {}, force=force, kind=KINDS[".html"])
+    files = {place.beside(out, key): p for key, p in drawn.items()}
+    return place.write_page(out, _markdown(c, title, drawn, [p.name for p in files]), files, force=force,
+                            kind=KINDS[".md"])
 
 
 def write_beside(cases: tuple[Case, Case], found: SideBySide, out: Path, *, force: bool = False) -> None:

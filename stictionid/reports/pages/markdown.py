@@ -22,7 +22,7 @@ def markdown(cases: Sequence[Case], pictures: Sequence[dict[str, Picture]], name
     if len(cases) > 1:
         parts += ["# Valve stiction: comparison", "", table_text(facts_of.comparison([c.study for c in cases])), ""]
         if compared is not None:
-            parts += [_picture(*compared), ""]
+            parts += [picture_text(*compared), ""]
     for facts, drawn, files in zip(all_facts, pictures, names, strict=True):
         parts += _study(facts, drawn, files, "#" if len(cases) == 1 else "##")
     return "\n".join(parts).rstrip("\n") + "\n"
@@ -53,7 +53,7 @@ def _section(section: Section, drawn: dict[str, Picture], files: dict[str, str],
         parts.append(f"- {escape(bullet)}")
     parts += [""] if section.bullets else []
     for key in shown:
-        parts += [_picture(drawn[key], files[key]), ""]
+        parts += [picture_text(drawn[key], files[key]), ""]
     for table in section.tables:
         parts += [table_text(table), ""]
     if section.lines:
@@ -70,7 +70,8 @@ def _block(lines: Sequence[str], kind: str) -> list[str]:
     return [f"{fence}{kind}", text, fence, ""]
 
 
-def _picture(picture: Picture, file: str) -> str:
+def picture_text(picture: Picture, file: str) -> str:
+    """A picture in markdown by the name of its file, its caption below it."""
     target = "".join(c if c.isalnum() or c in "-_./" else "".join(f"%{b:02X}" for b in c.encode("utf-8", "replace"))
                      for c in file)
     return f"![{escape(picture.title)}. {escape(picture.alt)}]({target})\n\n*{escape(picture.caption)}*"

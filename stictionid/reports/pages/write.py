@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...system.files import ensure_writable, write_whole
 from ...typing import Progress
 from .. import wording
 from ..pictures.curves import Case
 from ..pictures.picture import Picture
-from .place import refuse_other_kinds
+from .place import beside, check_place, write_page
 
-EXTENSIONS = (".md", ".html", ".json")
 # First bytes of each kind of report, by which an older report may be replaced without --force.
 KINDS = {".md": b"<!-- stictionid report -->", ".html": b"<!doctype html>\n<!-- stictionid report -->",
          ".json": b'{\n "schema": "stictionid.report/'}
@@ -20,8 +18,7 @@ KINDS = {".md": b"<!-- stictionid report -->", ".html": b"<!doctype html>\n<!-- 
 
 def check_target(out: Path, *, figures: str = "svg", force: bool = False) -> None:
     """Refuse an unknown extension or figure kind, or a place that cannot be written, before any work is done."""
-    refuse_other_kinds("report", out, EXTENSIONS, ", ".join(EXTENSIONS), figures)
-    ensure_writable(out, force=force, kind=KINDS[out.suffix.lower()])
+    check_place("report", out, KINDS, ", ".join(KINDS), figures=figures, force=force)
 
 
 def write_report(cases: Sequence[Case], out: str | Path, *, figures: str = "svg", force: bool = False,
@@ -45,47 +42,29 @@ def write_report(cases: Sequence[Case], out: str | Path, *, figures: str = "svg"
     if kind == ".html":
         from .html import html
 
-        write_whole(out, html(cases, drawn), force=force, kind=KINDS[kind])
-        return [out]
+        return write_page(out, html(cases, drawn), {}, force=force, kind=KINDS[kind])
     if kind == ".json":
         from .json import report_json
 
-        write_whole(out, report_json(cases, drawn), force=force, kind=KINDS[kind])
-        return [out]
+        return write_page(out, report_json(cases, drawn), {}, force=force, kind=KINDS[kind])
     return _write_markdown(cases, drawn, out, figures, force)
 
 
 def _write_markdown(cases: Sequence[Case], drawn: list[dict[str, Picture]], out: Path, figures: str,
                     force: bool) -> list[Path]:
-    from ..pictures.figures import PNG_KIND, figure_bytes
     from ..pictures.study_pictures import comparison
-    from ..pictures.svg import SVG_KIND
     from .markdown import markdown
 
-    files: dict[Path, bytes] = {}
+    files: dict[Path, Picture] = {}
 
     def place(key: str, picture: Picture) -> str:
-        path = out.with_name(f"{out.stem}-{key.replace('_', '-')}.{figures}")
-        files[path] = figure_bytes(picture, figures)
+        path = beside(out, key, figures)
+        files[path] = picture
         return path.name
 
-    compared = comparison([c.study for c in cases]) if len(cases) > 1 else None
     several = len(cases) > 1
+    compared = comparison([c.study for c in cases]) if several else None
     names = [{key: place(f"{i}-{key}" if several else key, p) for key, p in one.items()}
              for i, one in enumerate(drawn, 1)]
     text = markdown(cases, drawn, names, (compared, place("comparison", compared)) if compared else None)
-    figure_kind = PNG_KIND if figures == "png" else SVG_KIND
-    for path in files:
-        ensure_writable(path, force=force, kind=figure_kind)
-    written: list[Path] = []
-    try:
-        for path, content in files.items():
-            new = not path.exists()
-            write_whole(path, content, force=force, kind=figure_kind)
-            written += [path] if new else []
-        write_whole(out, text, force=force, kind=KINDS[".md"])
-    except BaseException:
-        for path in written:
-            path.unlink(missing_ok=True)
-        raise
-    return [*files, out]
+    return write_page(out, text, files, figures=figures, force=force, kind=KINDS[".md"])

@@ -164,8 +164,8 @@ def characteristic(study: Study, loop: Loop, last: Curves) -> Picture | None:
     if loop.position is not None:
         lines.append(Line("measured position", "position", u, _as_travel(study, loop.position[k])))
     lines.append(Line("inferred position", "model", u, v, "arrows"))
-    size = (f"S {wording.estimate(e.S, e.S_interval, e.unit)}, "
-            f"J {wording.jump(e.J, e.J_interval, e.unit, known=e.J_known)}")
+    size = (f"S {wording.estimate(e.S, e.S_interval, e.unit, e.S_pieces)}, "
+            f"J {wording.jump(e.J, e.J_interval, e.unit, e.J_pieces, known=e.J_known)}")
     beside = ""
     if e.from_position is not None:
         beside = (f" Read from the measured position: S {wording.number(e.from_position.S)}, "

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from ...record.loop import Loop
+from ...reports import facts as facts_of
+from ...reports import wording
+from ...reports.document import Facts, PageTable
+from ...reports.pictures import measures, study_pictures
+from ...reports.pictures.curves import Case
 from ...typing import FloatArray
-from .. import facts as facts_of
-from .. import wording
-from ..document import Facts, PageTable
-from ..pictures import measures, study_pictures
-from ..pictures.curves import Case
+from .output import plain_table
 
 # Sections shown on a terminal; the rest is in the written reports.
 _SECTIONS = ("equivalents", "no-pictures", "ladder", "candidates", "laws", "next", "test")
@@ -84,14 +85,8 @@ def _part(table: PageTable, kept: tuple[int, ...]) -> PageTable:
 
 def _table(table: PageTable, console: Any, encoding: str) -> Any:
     """A rich table: light lines on a terminal that has them, plain ASCII elsewhere."""
-    from rich import box
-    from rich.table import Table as RichTable
-
-    lines = box.SIMPLE_HEAD if console.is_terminal and _has(encoding, "─") else box.ASCII
-    made = RichTable(title=_text(table.caption, encoding) or None, title_justify="left", title_style="", box=lines,
-                     pad_edge=False, highlight=False)
-    for i, column in enumerate(table.columns):
-        made.add_column(_text(column, encoding), justify="right" if i in table.numeric else "left", overflow="fold")
+    made = plain_table(*(_text(column, encoding) for column in table.columns), title=_text(table.caption, encoding),
+                       right=table.numeric, lines=console.is_terminal and _has(encoding, "─"))
     for row in table.rows:
         made.add_row(*(_text(cell, encoding) for cell in row))
     return made
