@@ -17,6 +17,8 @@ NOTHING = "-"
 # 13.
 SEVERITY_BANDS = ((0.5, "negligible"), (1.0, "watch"), (2.0, "moderate"), (5.0, "significant"), (math.inf, "severe"))
 
+# Pieces of an interval that are said one by one.
+_MOST_PIECES = 2
 # Most decimals of a number of 1 or more, however narrow its interval; no positioner resolves 0.001 %. Unit: digits.
 _MOST_DECIMALS = 3
 # Longest foreign text (tag, unit, file name) shown in full. Unit: characters; a line of an 80 column terminal.
@@ -90,9 +92,10 @@ def decimals_for(interval: tuple[float, float] | None, value: float) -> int:
 def apart(value: float, interval: tuple[float, float] | None, pieces: Pieces = None) -> tuple[str, str]:
     """`1.80` and `1.52 to 2.21` (or a dash), digits chosen by the interval so that its ends differ where they can.
 
-    An interval with gaps is said in its pieces: `1.52 to 1.61, or 2.10 to 2.21`. The narrowest then chooses the digits.
+    An interval with a gap is said in pieces: `1.52 to 1.61, or 2.10 to 2.21`. The narrowest then chooses the digits.
+    One with more gaps is said as a whole.
     """
-    if pieces and interval is not None:
+    if pieces and len(pieces) <= _MOST_PIECES and interval is not None:
         least = min(pieces, key=lambda piece: piece[1] - piece[0])
         return apart(value, least)[0], ", or ".join(apart(value, piece)[1] for piece in pieces)
     if interval is None or not math.isfinite(interval[1] - interval[0]):

@@ -21,7 +21,7 @@ from ..fit.moves import descended, movable
 from ..fit.noise.completion import Refit
 from ..fit.plateau import settled_on_plateau
 from ..fit.starts.beside_effect import RESTING, on_valve
-from ..fit.starts.same_slips import with_same_slips
+from ..fit.starts.same_slips import FURTHER_LAG, JUMPS, SHIFTS, with_same_slips
 from ..model.segments import bound
 from ..model.spec import BASE, Spec
 from ..record.loop import Loop
@@ -32,11 +32,6 @@ from .looks import rng_of
 from .node import LAG, additions, depth, key, node, physical, plain, with_effect, without
 from .policy import Policy
 from .score import Scored, completed, glanced
-
-# Samples by which all slips may come earlier, and slip jumps tried as shares of that of the answer.
-_SHIFTS, _JUMPS = range(-8, 13), np.geomspace(0.25, 4.0, 17)
-# BIC that a full fit may still gain, and the first length of a further lag as a share of the lag.
-_FURTHER, _LAG = 10.0, 0.25
 
 
 def odd(entry: Entry, policy: Policy, *, lasting: bool) -> bool:
@@ -141,14 +136,14 @@ def fitted_alike(entry: Entry, spec: Spec, seed: int, policy: Policy, least: flo
                           residual=before.evaluated.left)
                     for s in (spec, replace(spec, taps=before.spec.taps, increments=before.spec.increments)))
     values = white.vector(before.model.named(before.values))
-    ends = {RESTING: np.inf, LAG: _LAG * values[3]}
+    ends = {RESTING: np.inf, LAG: FURTHER_LAG * values[3]}
     for name in (n for n in ends if n in spec.effects and n not in entry.spec.effects):
         rows = white.rows_of(name)
         values[rows] = [min(ends[name], p.high) for p in white.space.parameters[rows]]
     path = before.model.positions(before.values[:, None])[:, 0]
     try:
-        trial = with_same_slips(white, values, path, rests=RESTING in spec.effects, shifts=_SHIFTS,
-                                jumps=values[1] * _JUMPS)
+        trial = with_same_slips(white, values, path, rests=RESTING in spec.effects, shifts=SHIFTS,
+                                jumps=values[1] * JUMPS)
         if not trial.shape[1]:
             return None
         # The best of every dead time: with a lag that is not settled the right one does no better at first.
@@ -159,7 +154,7 @@ def fitted_alike(entry: Entry, spec: Spec, seed: int, policy: Policy, least: flo
             return None
         best = white.values(settled_on_plateau(white, found.points[0])[None])[:, 0]
         there = model.vector(white.named(best))
-        if glanced(model, there).gain_over(before) < least - _FURTHER:
+        if glanced(model, there).gain_over(before) < least - policy.alike:
             return None
         done = completed(model, there, before.values[None, :len(BASE)], rng_of(seed, key(spec), 2), policy)
         return done if done.gain_over(before) >= least else None

@@ -95,9 +95,12 @@ class Edge:
 
     @property
     def another_valve(self) -> bool:
-        """True for a valve that rests instead of sliding, under a command that is known: a few slips may tell the two.
+        """True for a valve that rests instead of sliding and leaves noise: a few slips may tell the two.
+
+        The command must be known. Beside something else that is missing a rest may imitate it.
         """
-        return plain(self.name) == RESTING and not self.blurred and self.child.done.model.spec.held
+        return plain(self.name) == RESTING and not self.blurred and self.child.done.model.spec.held \
+            and self.child.bare(self.policy)
 
     @property
     def by_forces(self) -> bool:

@@ -64,8 +64,6 @@ _SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
 _AGAIN = 2
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
-# Tags that enter a search, of those that its residual follows best.
-_TAGS = 4
 # Stages of a task: searches for valves and for those that rest sometimes; a look from what is known, and one from new
 # valves, too; then a look polished.
 VALVES, SPEEDS, NEAR, FAR, CLOSER = "valves", "speeds", "near", "far", "closer"
@@ -168,7 +166,7 @@ def shown(ground: Ground, tasks: Sequence[Task]) -> list[Task]:
         effect, option = parse(task.added) if task.added else (None, "")
         if effect is not None and effect.shown is not None:
             seen[task.added] = effect.shown(replace(model.context_of(option), residual=residual))
-    out = sorted(seen, key=lambda name: -seen[name])[_TAGS:]
+    out = sorted(seen, key=lambda name: -seen[name])[ground.policy.finalists + 1:]
     return [t for t in tasks if t.added not in out]
 
 

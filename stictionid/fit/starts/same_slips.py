@@ -16,6 +16,10 @@ from ...typing import FloatArray, IntArray
 
 # Share of the slip jump from which a step of the stem is a slip, and values of S kept for one dead time.
 _SLIP, _BANDS = 0.5, 2
+SHIFTS, JUMPS = range(-8, 13), np.geomspace(0.25, 4.0, 17)
+"""Samples by which all slips may come earlier, and slip jumps tried as shares of a known one."""
+FURTHER_LAG = 0.25
+"""First length of a further lag, as a share of the lag."""
 
 
 def with_same_slips(model: Model, values: FloatArray, path: FloatArray, *, rests: bool, shifts: range,
