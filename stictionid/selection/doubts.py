@@ -53,7 +53,7 @@ def least_cost(name: str, without: Entry, policy: Policy) -> float:
     """
     if plain(name) == RESTING and jumps_past(without):
         return -policy.margin
-    return margin_of(name, policy, without.scored.done.model)
+    return margin_of(name, policy, without.scored.done)
 
 
 def judged_drop(name: str, without: Entry, before: Scored, policy: Policy) -> tuple[Gate, ...]:

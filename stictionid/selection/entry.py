@@ -59,7 +59,7 @@ class Entry:
             before = memo[name]
             if entry.lasts:
                 gain = entry.scored.done.gain_over(before.scored.done)
-                credit += max(margin_of(entry.what, policy, entry.scored.done.model) - gain, 0.0)
+                credit += max(margin_of(entry.what, policy, entry.scored.done) - gain, 0.0)
             met.add(name)
             entry = before
         if slips := slips_like_rests(self.spec):

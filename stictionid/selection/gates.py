@@ -14,10 +14,9 @@ import numpy as np
 
 from ..effects import catalogue, parse
 from ..fit.cross_validation import Held
-from ..fit.noise.completion import block_gains, stroke_score
+from ..fit.noise.completion import Refit, block_gains, stroke_score
 from ..fit.public_values import values_of
 from ..fit.starts.beside_effect import RESTING, on_valve
-from ..model.model import Model
 from ..model.spec import INTEGRATOR
 from ..process.intersample import kicks
 from ..record.tree import Gate
@@ -26,21 +25,21 @@ from .policy import Policy
 from .score import Scored
 
 
-def margin_of(name: str, policy: Policy, model: Model) -> float:
-    """BIC that an effect must gain to be named, and cost to stay; `model` holds it or lacks it."""
+def margin_of(name: str, policy: Policy, done: Refit) -> float:
+    """BIC that an effect must gain to be named, and cost to stay; the completed model holds it or lacks it."""
     if plain(name) in BASE_EFFECTS:
         return policy.structure_margin
-    return policy.margin + by_choice(name, model)
+    return policy.margin + by_choice(name, done)
 
 
-def by_choice(name: str, model: Model) -> float:
+def by_choice(name: str, done: Refit) -> float:
     """2 log L that the best of so many alternatives, such as tags times lags, gains by chance; 0 without a choice.
 
     The largest of M values of chi-square exceeds 2 ln M + x with a chance of at most exp(-x/2) / sqrt(pi ln M).
     `benchmarks/neighbours.py --calibrate` prints it.
     """
     picked_from = parse(name)[0].picked_from
-    return 0.0 if picked_from is None else 2.0 * float(np.log(max(picked_from(model.context), 1.0)))
+    return 0.0 if picked_from is None else 2.0 * float(np.log(max(picked_from(done.model.context), 1.0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +69,7 @@ class Edge:
     @property
     def margin(self) -> float:
         """BIC that this effect must gain."""
-        return margin_of(self.name, self.policy, self.child.done.model)
+        return margin_of(self.name, self.policy, self.child.done)
 
     @property
     def local(self) -> bool:

@@ -160,12 +160,14 @@ def shown(ground: Ground, tasks: Sequence[Task]) -> list[Task]:
 
     A wrong base may hide its source, so that no threshold keeps a tag out.
     """
-    model, residual = ground.fit.model, ground.fit.best.left
     seen = {}
     for task in tasks:
         effect, option = parse(task.added) if task.added else (None, "")
         if effect is not None and effect.shown is not None:
-            seen[task.added] = effect.shown(replace(model.context_of(option), residual=residual))
+            seen[task.added] = effect.shown(replace(ground.fit.model.context_of(option),
+                                                    residual=ground.fit.best.left))
+    if not seen:
+        return list(tasks)
     out = sorted(seen, key=lambda name: -seen[name])[ground.policy.finalists + 1:]
     return [t for t in tasks if t.added not in out]
 

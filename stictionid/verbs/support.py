@@ -41,7 +41,7 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     child, parent = _with_held(winner.scored), _with_held(_before(search, winner, name).scored)
     without = best_without(search, winner, plain(name))
     worth = winner.scored.done.gain_over(without.scored.done)
-    margin = margin_of(name, search.policy, winner.scored.done.model)
+    margin = margin_of(name, search.policy, winner.scored.done)
     gates = judged(Edge(name, child, parent, search.policy))
     lasts = any(g.name == LASTS for g in gates)
     failed = [g for g in gates if not g.passed and g.name != GAIN]
