@@ -61,6 +61,11 @@ class Settled:
         return -2.0 * float(log_prior(self.strokes(), self.paths.scatter)[0])
 
     @property
+    def left(self) -> float:
+        """Error along the paths, in the unit of y."""
+        return float(np.sqrt(self.along.costs_of(self.values[:, None])[0] / self.model.shared.rows))
+
+    @property
     def along(self) -> Model:
         """The model along the paths."""
         return self.model.along(self.paths)
@@ -94,11 +99,12 @@ def bounds(model: Model, values: FloatArray, hidden: float = 0.0) -> tuple[float
 
 
 def settled(model: Model, values: FloatArray, *, error: float = 0.0, hidden: float = 0.0, rounds: int = ROUNDS,
-            begin: Paths | None = None) -> Settled:
+            begin: Paths | None = None, most: float = np.inf) -> Settled:
     """The model settled from values (d,); without `rounds` only the path is sought, and the values stay.
 
     `error` is that of the command, and `hidden` widens the bound of the scatter, both in %. A path to `begin` with may
-    belong to another S: f_s does not show along it. The result is never less likely than the start by the law.
+    belong to another S: f_s does not show along it. The result is never less likely than the start by the law. A path
+    that still leaves `most` after a round, in the unit of y, bends to what is missing: it gets no further one.
     """
     model = model.along(None)
     low, high = bounds(model, values, hidden)
@@ -116,25 +122,33 @@ def settled(model: Model, values: FloatArray, *, error: float = 0.0, hidden: flo
         moved = _at_force(_with_scatter(_descended(best), low, high))
         again = _with_scatter(_scored(model, moved.values, likeliest(model, moved.values, moved.paths)), low, high)
         now = min(moved, again, best, key=lambda s: s.deviance)
-        if not now.deviance < best.deviance - _WORTH:
+        if not now.deviance < best.deviance - _WORTH or now.left > most:
             return now
         best = now
     return best
 
 
-def annealed(model: Model, values: FloatArray, error: float = 0.0, hidden: float = 0.0) -> list[Settled]:
+def annealed(model: Model, values: FloatArray, error: float = 0.0, hidden: float = 0.0,
+             most: float = np.inf) -> list[Settled]:
     """The model settled from other valves than that of values (d,), with a scatter that shrinks from a large one.
 
-    With a large scatter no path is impossible, and the cost is smooth in S: a start may be half off.
+    With a large scatter no path is impossible, and the cost is smooth in S: a start may be half off. Where even such
+    paths leave more than `most`, in the unit of y, no valve explains the record.
     """
     model = model.along(None)
+    best, process = settled(model, values, error=error, hidden=hidden, most=most), values
     if model.law.one_parameter or not _free(model)[:2].all():
-        return [settled(model, values, error=error, hidden=hidden)]
-    best, process = settled(model, values, error=error, hidden=hidden), values
+        return [best]
+    first, *narrower = _SHRINKING
     for _ in range(_TRIES):
-        found = sorted((_shrunk(model, process, share * model.s_max, error) for share in _OTHER_VALVES),
-                       key=lambda s: s.deviance)
-        now = min((settled(model, one.values, error=error, hidden=hidden) for one in found[:_BEST]),
+        found = sorted((_within(_valve(model, process, share * model.s_max, error), first)
+                        for share in _OTHER_VALVES), key=lambda s: s.deviance)
+        if min(one.left for one in found) > most:
+            break
+        # With so large a scatter the starts meet, and the best ones are worth the way down.
+        for width in narrower:
+            found = [_within(one, width) for one in found[:_BEST]]
+        now = min((settled(model, one.values, error=error, hidden=hidden, most=most) for one in found),
                   key=lambda s: s.deviance)
         if not now.deviance < best.deviance - _WORTH:
             break
@@ -142,20 +156,24 @@ def annealed(model: Model, values: FloatArray, error: float = 0.0, hidden: float
     return [best]
 
 
-def _shrunk(model: Model, values: FloatArray, S: float, error: float) -> Settled:
-    """The model settled from a valve of another S, the process from values (d,), with a scatter that shrinks."""
+def _valve(model: Model, values: FloatArray, S: float, error: float) -> Settled:
+    """The path by law of a valve of another S, the process from values (d,)."""
     start = values.copy()
     start[:2] = S, _OTHER_JUMP * S
-    fs = 0.5 * float(start[0] + start[1])
-    now = _by_law(model, start, _SHRINKING[0] * fs, error)
-    for width in _SHRINKING:
-        now = _scored(model, now.values, replace(now.paths, scatter=width * fs))
-        for _ in range(_TURNS):
-            after = _at_force(_descended(_scored(model, now.values, likeliest(model, now.values, now.paths))))
-            better = after.deviance < now.deviance - _WORTH
-            now = min(now, after, key=lambda s: s.deviance)
-            if not better:
-                break
+    return _by_law(model, start, _SHRINKING[0] * 0.5 * float(start[0] + start[1]), error)
+
+
+def _within(now: Settled, width: float) -> Settled:
+    """Values and path settled with a scatter of this share of the break-away force."""
+    scatter = width * 0.5 * float(now.values[0] + now.values[1])
+    now = _scored(now.model, now.values, replace(now.paths, scatter=scatter))
+    for _ in range(_TURNS):
+        path = likeliest(now.model, now.values, now.paths)
+        after = _at_force(_descended(_scored(now.model, now.values, path)))
+        better = after.deviance < now.deviance - _WORTH
+        now = min(now, after, key=lambda s: s.deviance)
+        if not better:
+            break
     return now
 
 

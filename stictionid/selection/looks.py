@@ -16,7 +16,7 @@ from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended, longest_piece, search_model, with_start
-from ..fit.noise.completion import Refit, better, likelier, quick, restored
+from ..fit.noise.completion import Refit, likelier, restored
 from ..fit.starts.basins import grown, with_process
 from ..fit.starts.beside_effect import (
     RESTING,
@@ -60,8 +60,6 @@ from .score import WALKING, Scored, completed, glanced
 
 # Named value of the further lag.
 _SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
-# Searches of an effect under the noise model of its parent: a study should not depend on a single search.
-_AGAIN = 2
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
 # Stages of a task: searches for valves and for those that rest sometimes; a look from what is known, and one from new
@@ -390,27 +388,7 @@ def _full(ground: Ground, task: Task) -> Packed:
     if not np.isfinite(cost):
         return Packed(task.spec, task.added, failed="its refit did not converge")
     done = completed(model, values, ground.pool, rng, ground.policy)
-    if task.on_valve and task.spec.held and not done.white:
-        done = _under_noise(ground, task, done, rng)
     return replace(_packed(task, done, cost=cost), held=held_out(done), full=True)
-
-
-def _under_noise(ground: Ground, task: Task, done: Refit, rng: np.random.Generator) -> Refit:
-    """An effect on the valve searched once more, under the noise model of its parent.
-
-    Beside a missing effect errors of the free run are far from white. A search that takes them for white may end in
-    slips a few samples off, with as much too long a dead time.
-    """
-    white = quick(ground.fit.model, ground.fit.values).white_model()
-    fit = as_it_stands(white, white.vector(ground.fit.model.named(ground.fit.values)))
-    for _ in range(_AGAIN):
-        model, values, cost = settled(scout(fit, task.added, ground.pool, rng), rng)
-        if np.isfinite(cost):
-            there = done.model.vector(model.named(values))
-            done = better(done, completed(done.model, there, ground.pool, rng, ground.policy))
-        if done.white:
-            break
-    return done
 
 
 def _packed(task: Task, done: Refit, *, points: FloatArray | None = None, cost: float = np.inf,

@@ -172,7 +172,7 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
 
     Nodes that were looked at only, or failed, are returned instead: in the memo a search would not ask for them again.
     """
-    search.root(fit)
+    search.root(fit, anew=False)
     looked: list[Entry] = []
     specs = {n.id: spec_of(n.structure, n.effects, fit.model.spec) for n in study.tree}
     children: dict[int, set[str]] = {}
@@ -209,7 +209,7 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
         if key(spec) not in search.memo:
             there = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
                           residual=fit.best.left)
-            search.root(as_it_stands(there, there.vector(model.named(values))))
+            search.root(as_it_stands(there, there.vector(model.named(values))), anew=False)
     return tuple(looked)
 
 

@@ -131,14 +131,13 @@ def glanced(model: Model, values: FloatArray) -> Refit:
     return likelier(found if walk is None else better(found, quick(*walk)), rounds=0)
 
 
-def completed(model: Model, values: FloatArray, pool: FloatArray, rng: np.random.Generator, policy: Policy, *,
-              anew: bool = False) -> Refit:
+def completed(model: Model, values: FloatArray, pool: FloatArray, rng: np.random.Generator, policy: Policy) -> Refit:
     """The model refitted with the best noise of the family: an autoregression in levels, or in softened differences.
 
     The exact likelihood of the residual decides: criteria of levels and of differences differ by a row. `pool` (k, 5)
-    holds starts of the base for the differences. With `anew` slips that PV places are sought from other valves, too.
+    holds starts of the base for the differences.
     """
-    found = likelier(complete(model, values, None, rng, descent=True), values, anew=anew)
+    found = likelier(complete(model, values, None, rng, descent=True), values)
     walk = _as_walk(found.model, found)
     if walk is None or not remembers(found.taps):
         return found

@@ -14,7 +14,7 @@ import numpy as np
 from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.noise.completion import Refit
+from ..fit.noise.completion import Refit, likelier
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.segments import bound
 from ..model.spec import Spec
@@ -77,15 +77,20 @@ class Search:
         longer = max(self.loop.samples / self.policy.fit_samples, 1.0)
         self.budget = Budget(self.policy.budget * float(np.sqrt(longer)), self.policy.unit)
 
-    def root(self, fit: Fitted) -> Entry:
-        """A fit made elsewhere as a root of the search; the better one of two fits of one node."""
+    def root(self, fit: Fitted, *, anew: bool = True) -> Entry:
+        """A fit made elsewhere as a root of the search; the better one of two fits of one node.
+
+        With `anew` slips that PV places are sought from other valves, too, unless the node is known far better.
+        """
         spec, before = node(fit.model.spec), fit.model
         rng = rng_of(self.seed, key(before.spec), 2)
         model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
         values = model.vector(fit.best.values)
         pool = pool_of(as_it_stands(model, values), self.seed)
-        done = completed(model, values, pool, rng, self.policy, anew=True)
+        done = completed(model, values, pool, rng, self.policy)
         known = self.memo.get(key(spec))
+        if anew and (known is None or done.gain_over(known.scored.done) > -self.policy.alike):
+            done = likelier(done, anew=True)
         if known is None or done.gain_over(known.scored.done) > self.policy.better_fit:
             self.memo[key(spec)] = known = Entry(spec, Scored(done, True, held_out(done)))
         return known
@@ -196,8 +201,11 @@ class Search:
 
     def _same_slips(self, entry: Entry, *, better: bool = False) -> None:
         """Put nodes with the slips of an entry in the memo, the other kind of valve too; `better` as `beside` has it.
+
+        Far from the noise the slips are not known either.
         """
-        if beside(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
+        if entry.scored.nearly(self.policy) and beside(self.memo, entry, self.loop, self.only, self.seed, self.policy,
+                                                       better=better):
             self._judge(entry)
 
     def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
@@ -381,8 +389,8 @@ class Search:
             halves = name in freest and 2 * self._seen(answer).rmse <= entry.scored.rmse
             freer = self._seen(answer).rmse * self.policy.better_base < entry.scored.rmse
             late = count >= self.policy.finalists or gains[name] < max(0.0 if freer else best - self.policy.within, 0.0)
-            # Beside noise alone a look that gains nothing, and no free run either, is no lead.
-            least = 0.0 if entry.scored.noise_alone and not freer else -self.policy.within
+            # A look that gains nothing, and no free run either, is no lead.
+            least = -self.policy.within if freer else 0.0
             if ((late and count) or gains[name] < least) and not structural and not halves and (count or not sure):
                 continue
             # The best look is fitted even where the budget ended with the looks, so is the freest where it halves.

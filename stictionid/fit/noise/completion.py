@@ -41,6 +41,8 @@ _SETTLED, _GLANCED, _TURNS = 1e-4, 1e-3, 8
 _WHITE = 1.1
 # A free run that leaves at most this multiple of its innovations leaves little more than noise.
 NEARLY = 1.3
+# A path that leaves this multiple of that after a round comes no nearer in further ones.
+_HOPELESS = 2.0
 # Standard deviation of a command between two samples, as a share of its move.
 _HALF = 0.5
 
@@ -323,6 +325,7 @@ def likelier(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, anew: bool 
     own = tuple(done.own)
     hidden = between_samples(done.model, done.evaluated)
     error = float(np.hypot(command_sd(done.model.loop), _HALF * hidden))
+    most = _HOPELESS * NEARLY * done.noise_error
 
     def along(taps: tuple[float, ...], settles: Callable[[Model], list[Settled]]) -> Refit:
         spec = replace(done.model.spec, taps=taps, increments=done.increments, paths=None)
@@ -332,12 +335,12 @@ def likelier(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, anew: bool 
         now = _as_it_is(free, found.values)
         return replace(now, prior=found.prior, parameters=now.parameters + 1)
 
-    found = along(own, lambda model: [settled(model, values, error=error, hidden=hidden, rounds=rounds, begin=begin)
-                                      for values in (done.values, *starts)])
+    found = along(own, lambda model: [settled(model, values, error=error, hidden=hidden, rounds=rounds, begin=begin,
+                                              most=most) for values in (done.values, *starts)])
     # (a model along slips whose chance is not known yet has no likelihood)
     best = found if begin is not None and not done.prior else _placed(done, found)
     if anew and not (best.white and at_noise(best)):
-        best = _placed(best, along(own, lambda model: annealed(model, best.values, error, hidden)))
+        best = _placed(best, along(own, lambda model: annealed(model, best.values, error, hidden, most)))
     if rounds == ROUNDS and best is not done and best.taps.size:
         # Errors of slips in the wrong place look like noise of long memory: its numbers are those along the path.
         taps = tuple(_joined(own, best.taps)[1:].tolist())
