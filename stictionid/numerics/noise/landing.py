@@ -40,11 +40,12 @@ def expected(carried: FloatArray, force: FloatArray) -> FloatArray:
 
 @kernel
 def _gains(keep: FloatArray, take: FloatArray, row: FloatArray, through: float, late: int, parts: int,
-           carried: FloatArray, drawn: FloatArray, good: BoolArray, inverse: FloatArray, gain: FloatArray,
-           alone: FloatArray) -> None:
+           carried: FloatArray, still: BoolArray, rest: FloatArray, drawn: FloatArray, good: BoolArray,
+           inverse: FloatArray, gain: FloatArray, alone: FloatArray) -> None:
     """Fill 1/sqrt(F) (n,) and gains (n, m + 1) of the rows that are good, and the variance (n,) of PV `alone`.
 
-    The latter is that of the error itself, in which PV corrects nothing.
+    The latter is that of the error itself, in which PV corrects nothing. Before a row that is `still` (n,) the stem
+    rests, and one product with `rest` (m + 1, m + 1) leads from the row before.
     """
     n, m = inverse.size, row.size
     d = m + 1
@@ -54,15 +55,16 @@ def _gains(keep: FloatArray, take: FloatArray, row: FloatArray, through: float, 
     H, PH = np.empty(d), np.empty(d)
     H[:m], H[m] = row, through
     for k in range(n):
-        for part in range(parts if k > 0 else 0):
+        for part in range(1 if still[k] else parts if k > 0 else 0):
             i = (k - 1) * parts + part - late
-            if i < 0:
+            if i < 0 and not still[k]:
                 continue
-            for half in range(2):
-                for r in range(m):
-                    for c in range(m):
-                        A[r, c] = keep[half, r, c]
-                    A[r, m] = take[half, r]
+            for half in range(1 if still[k] else 2):
+                for r in range(d):
+                    for c in range(d):
+                        A[r, c] = rest[r, c] if still[k] else keep[half, r, c] if r < m and c < m else 0.0
+                    if r < m and not still[k]:
+                        A[r, m] = take[half, r]
                 A[m, m] = 1.0
                 for b in range(2):
                     for r in range(d):
@@ -77,7 +79,7 @@ def _gains(keep: FloatArray, take: FloatArray, row: FloatArray, through: float, 
                             for j in range(d):
                                 value += Q[b, r, j] * A[c, j]
                             P[b, r, c] = value
-                    if half == 0:
+                    if half == 0 and not still[k]:
                         for r in range(d):
                             P[b, r, m] *= carried[i]
                             P[b, m, r] *= carried[i]
@@ -102,14 +104,27 @@ def _gains(keep: FloatArray, take: FloatArray, row: FloatArray, through: float, 
 
 @kernel
 def _apply(base: FloatArray, samples: int, keep: FloatArray, take: FloatArray, row: FloatArray, through: float,
-           late: int, parts: int, carried: FloatArray, inverse: FloatArray, gain: FloatArray) -> None:
+           late: int, parts: int, carried: FloatArray, still: BoolArray, rest: FloatArray, inverse: FloatArray,
+           gain: FloatArray) -> None:
     """Scaled innovations of each stretch of `samples` rows in place; 0 where a row does not count."""
     m, lanes = row.size, base.shape[1]
     x, after = np.empty((m + 1, lanes)), np.empty((m, lanes))
     for first in range(0, base.shape[0], samples):
         x[:] = 0.0
         for k in range(samples):
-            for part in range(parts if k > 0 else 0):
+            if still[k]:
+                for r in range(m):
+                    b = rest[r, m]
+                    for p in range(lanes):
+                        after[r, p] = b * x[m, p]
+                    for c in range(m):
+                        a = rest[r, c]
+                        for p in range(lanes):
+                            after[r, p] += a * x[c, p]
+                for r in range(m):
+                    for p in range(lanes):
+                        x[r, p] = after[r, p]
+            for part in range(0 if still[k] or k == 0 else parts):
                 i = (k - 1) * parts + part - late
                 if i < 0:
                     continue
@@ -146,6 +161,18 @@ def _apply(base: FloatArray, samples: int, keep: FloatArray, take: FloatArray, r
                 sink[p] *= s
 
 
+def _resting(keep: FloatArray, take: FloatArray, late: int, parts: int, rests: BoolArray,
+             n: int) -> tuple[BoolArray, FloatArray]:
+    """Rows (n,) before which a stem that `rests` (commands,) moves nowhere, and the matrix of all parts before one."""
+    m = keep.shape[1]
+    halves = np.zeros((2, m + 1, m + 1))
+    halves[:, :m, :m], halves[:, :m, m], halves[:, m, m] = keep, take, 1.0
+    moved = np.concatenate([[0], np.cumsum(~rests)])
+    first = np.arange(-1, n - 1) * parts - late
+    still = (first >= 0) & (moved[np.clip(first + parts, 0, rests.size)] == moved[np.clip(first, 0, rests.size)])
+    return still, np.linalg.matrix_power(halves[1] @ halves[0], parts)
+
+
 class LandingFilter:
     """The filter of one segment for errors that are `carried` and `drawn` (commands,), on rows (n,) that are `good`.
 
@@ -155,7 +182,8 @@ class LandingFilter:
 
     def __init__(self, keep: FloatArray, take: FloatArray, row: FloatArray, through: float, late: int, *, parts: int,
                  carried: FloatArray, drawn: FloatArray, good: BoolArray) -> None:
-        self._chain = keep, take, row, through, late, parts, carried
+        still, rest = _resting(keep, take, late, parts, (carried == 1.0) & (drawn == 0.0), good.size)
+        self._chain = keep, take, row, through, late, parts, carried, still, rest
         self.inverse = np.zeros(good.size)
         self._gain, self.alone = np.zeros((good.size, row.size + 1)), np.empty(good.size)
         _gains(*self._chain, drawn, good, self.inverse, self._gain, self.alone)
