@@ -47,12 +47,14 @@ _DELAYS, _LONGEST = 6, 0.4
 # Points of the first scan for each searched parameter beyond two. For each search periods of the shortest part and the
 # factor from one part to the next: two under a held command, one under a command that moves. Then the points that the
 # first and the last part leave.
-_SCAN, _HELD, _MOVING, _LEFT = 12_000, ((3.0, 2.0), (8.0, 2.0)), ((5.0, 2.0),), (32, 5)
+_SCAN, _HELD, _MOVING, _LEFT = 12_000, ((3.0, 2.0), (8.0, 2.0)), ((5.0, 2.0),), (32, 8)
 # Shares of the record, with the points that each leaves, where friction changes along it. A short part determines the
 # rate of change so badly that the next part must not be much longer.
 _DRIFTING = ((0.06, 64), (0.1, 48), (0.14, 32), (0.2, 24), (0.28, 16), (0.4, 12), (0.55, 8), (0.75, 8), (1.0, 6))
 # Periods in the shortest part.
 _SHORTEST = 2.0
+# Ends of the bands of the stickband, as shares of its range, each of which keeps valves of its own.
+_BANDS_OF_S = (0.2, 0.35, 0.55, 0.75)
 # Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
 LEAST_S = 0.1
 # Distance between points that are kept: of the scan, and of what was polished. Share of the range.
@@ -249,7 +251,7 @@ def _polished(cost: Callable[[FloatArray], FloatArray], points: FloatArray, shar
     """The best distinct points (kept, columns) of one part of the record, from those of the part before."""
     found = refine(cost, points, rng, spread=_WIDE if share <= _SHORT else _FINE, rounds=rounds,
                    population=_POPULATION, settle=_SETTLED)
-    return found.points[distinct(found.points, kept, _NEAR)]
+    return found.points[_diverse(found.points, kept, _NEAR)]
 
 
 def _first(cost: Callable[[FloatArray], FloatArray], scanned: int, kept: int, rng: np.random.Generator) -> FloatArray:
@@ -257,7 +259,22 @@ def _first(cost: Callable[[FloatArray], FloatArray], scanned: int, kept: int, rn
     count = _SCAN * (scanned - 2)
     points = (rng.random(scanned) + np.outer(np.arange(count), even(scanned))) % 1.0
     points = points[np.argsort(cost(points), kind="stable")[:count // 4]]
-    return points[distinct(points, kept, _APART)]
+    return points[_diverse(points, kept, _APART)]
+
+
+def _diverse(points: FloatArray, count: int, apart: float) -> list[int]:
+    """Indices of points (k, columns), best first: half of the `count` are the best, the others the best of each band.
+
+    With the process open a small valve follows its command, and y follows that through any process. So a short part of
+    a record may show nothing of the right valve, whose stickband is larger.
+    """
+    best = distinct(points, count - count // 2, apart)
+    band = np.digitize(points[:, 0], _BANDS_OF_S)
+    others: list[tuple[int, int]] = []
+    for rows in (np.flatnonzero(band == b) for b in range(len(_BANDS_OF_S) + 1)):
+        found = rows[distinct(points[rows], count // 2, apart)]
+        others += enumerate(i for i in found.tolist() if all(np.abs(points[i] - points[j]).max() > apart for j in best))
+    return sorted([*best, *(i for _, i in sorted(others)[:count - len(best)])])
 
 
 def even(dimensions: int) -> FloatArray:
