@@ -26,7 +26,7 @@ from ..typing import BoolArray, FloatArray
 from .likelihood import deviance, law_paths, likeliest, log_prior, strokes
 
 # Scatter of a break-away force: bounds as shares of f_s, and those tried for the first path of a start.
-LEAST, MOST, FIRST = 0.003, 0.06, (0.005, 0.02, 0.06)
+LEAST, MOST, FIRST = 0.003, 0.06, (0.06, 0.02, 0.005)
 # Rounds of path and values, turns of a descent in each, and the fall of -2 log L that is worth another round.
 ROUNDS, _TURNS, _WORTH = 8, 4, 0.5
 # First difference of a number, as a share of its range.
@@ -118,6 +118,8 @@ def settled(model: Model, values: FloatArray, *, error: float = 0.0, hidden: flo
         found = _with_scatter(_scored(model, values, likeliest(model, values, replace(start.paths, scatter=width))),
                               low, high)
         best = min(best, found, key=lambda s: s.deviance)
+        if found.left > most:
+            break  # (a narrower scatter leaves more)
     for _ in range(rounds):
         moved = _at_force(_with_scatter(_descended(best), low, high))
         again = _with_scatter(_scored(model, moved.values, likeliest(model, moved.values, moved.paths)), low, high)

@@ -28,7 +28,7 @@ from .decide import Decision, candidates, decided
 from .entry import ADD, ROOT, Entry
 from .ladder import Rung, fitted, in_colour, ordered, said_noise, step_of, with_levels, with_noise
 from .looks import rng_of
-from .node import additions, key, node, physical, plain, spec_of, structure
+from .node import additions, depth, key, node, physical, plain, spec_of, structure
 from .policy import Policy
 from .score import Scored, glanced, is_noise, noise_name, noise_words
 from .search import Search
@@ -102,7 +102,8 @@ def resumed(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy: Polic
     run, fit = opened(loop, study, seed)
     policy = policy or Policy()
     search = Search(run.loop, policy, seed, jobs, progress or (lambda text, share: None), commands=commands_of(run),
-                    slow=blurred(run.loop, run.options.scan_s), blurred=unseen_scans(run), floor=floor_of(run))
+                    slow=blurred(run.loop, run.options.scan_s), blurred=unseen_scans(run), floor=floor_of(run),
+                    anew=not study.tree)
     looked = _replant(search, run, study, fit, policy)
     return Resumed(study, run, fit, search, search.memo[key(node(fit.model.spec))], looked)
 
@@ -170,9 +171,10 @@ def commands_of(run: Run) -> tuple[Spec, ...]:
 def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy) -> tuple[Entry, ...]:
     """Put the models of a study's steps and of its tree in the memo of a search.
 
-    Nodes that were looked at only, or failed, are returned instead: in the memo a search would not ask for them again.
+    Nodes with effects that were looked at only, and those that failed, are returned instead: in the memo a search would
+    not ask for them again. Bases are not asked for again.
     """
-    search.root(fit, anew=False)
+    search.root(fit)
     looked: list[Entry] = []
     specs = {n.id: spec_of(n.structure, n.effects, fit.model.spec) for n in study.tree}
     children: dict[int, set[str]] = {}
@@ -191,7 +193,7 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
             done = glanced(model, model.vector(n.parameters))
         entry = Entry(spec, Scored(done, full), None if n.parent not in specs else key(specs[n.parent]), n.edge.op,
                       n.edge.what, gates=n.gates, failed=n.gates[0].reason if n.status == "failed" and n.gates else "")
-        if not full:
+        if not full and (depth(spec) or entry.failed or not n.parameters):
             looked.append(entry)
             continue
         # Another search may have asked for fewer effects.
@@ -209,7 +211,7 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
         if key(spec) not in search.memo:
             there = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
                           residual=fit.best.left)
-            search.root(as_it_stands(there, there.vector(model.named(values))), anew=False)
+            search.root(as_it_stands(there, there.vector(model.named(values))))
     return tuple(looked)
 
 

@@ -64,6 +64,8 @@ class Search:
     drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
     # Answers beside which the other kind of valve was asked for.
     rested: set[str] = field(default_factory=set)
+    # False once slips that PV places were sought from other valves.
+    anew: bool = True
     budget: Budget = field(init=False)
     # True where the record is slower than the controller's scan.
     slow: bool = False
@@ -77,11 +79,8 @@ class Search:
         longer = max(self.loop.samples / self.policy.fit_samples, 1.0)
         self.budget = Budget(self.policy.budget * float(np.sqrt(longer)), self.policy.unit)
 
-    def root(self, fit: Fitted, *, anew: bool = True) -> Entry:
-        """A fit made elsewhere as a root of the search; the better one of two fits of one node.
-
-        With `anew` slips that PV places are sought from other valves, too, unless the node is known far better.
-        """
+    def root(self, fit: Fitted) -> Entry:
+        """A fit made elsewhere as a root of the search; the better one of two fits of one node."""
         spec, before = node(fit.model.spec), fit.model
         rng = rng_of(self.seed, key(before.spec), 2)
         model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
@@ -89,8 +88,6 @@ class Search:
         pool = pool_of(as_it_stands(model, values), self.seed)
         done = completed(model, values, pool, rng, self.policy)
         known = self.memo.get(key(spec))
-        if anew and (known is None or done.gain_over(known.scored.done) > -self.policy.alike):
-            done = likelier(done, anew=True)
         if known is None or done.gain_over(known.scored.done) > self.policy.better_fit:
             self.memo[key(spec)] = known = Entry(spec, Scored(done, True, held_out(done)))
         return known
@@ -109,6 +106,7 @@ class Search:
         while key((best := self._walked()).spec) not in self.rested:
             self.rested.add(key(best.spec))
             self._same_slips(best)
+            self._anneal(best)
             if doubted := self._doubted(best):
                 self.ask(*doubted)
         base = next(iter(self.memo.values()))
@@ -207,6 +205,15 @@ class Search:
         if entry.scored.nearly(self.policy) and beside(self.memo, entry, self.loop, self.only, self.seed, self.policy,
                                                        better=better):
             self._judge(entry)
+
+    def _anneal(self, entry: Entry) -> None:
+        """Seek slips that PV places from other valves, too, where a base leaves more than noise; once for a record."""
+        if not self.anew or depth(entry.spec) or self.at_end(entry):
+            return
+        self.anew = False
+        done = likelier(entry.scored.done, anew=True)
+        if done.gain_over(entry.scored.done) > self.policy.better_fit:
+            entry.scored, entry.asked = Scored(done, True, held_out(done)), False
 
     def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to ask for beside it, once: an answer may be another valve, or lack a drift; or None."""
@@ -327,13 +334,16 @@ class Search:
         return tasks
 
     def _unfitted(self, task: Task) -> bool:
-        return key(task.spec) not in self.memo or not self.memo[key(task.spec)].scored.full
+        """True for a node that is not fitted in full, nor known from an earlier search to be worth no fit."""
+        known = self.memo.get(key(task.spec))
+        return known is None or (not known.scored.full and (known.look is not None or bool(known.failed)))
 
     def _looked(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Looks at tasks, the most promising effects polished: the best by score and by free run.
 
         Effects off the valve come first, then those on it by twos, then changes of structure. As long as no look comes
-        near the noise, the latter two are also searched from new valves, with no process assumed.
+        near the noise, and the innovations are not white, the latter two are also searched from new valves, with no
+        process assumed.
         """
         tasks = shown(ground, tasks)
         answers: list[Packed] = []
@@ -341,7 +351,7 @@ class Search:
         for some in filter(None, ([t for t in tasks if t.added and not t.on_valve],
                                   *(valves[i:i + 2] for i in range(0, len(valves), 2)),
                                   [t for t in tasks if not t.added])):
-            near = any(a.added and self._seen(a).nearly(self.policy) for a in answers)
+            near = entry.scored.white or any(a.added and self._seen(a).nearly(self.policy) for a in answers)
             answers += self._performed(ground, entry, [
                 replace(t, stage=NEAR if near else FAR if t.on_valve else t.stage) for t in some])
         effects = [a for a in answers if a.added and self.memo[key(a.spec)].look is a]
