@@ -16,7 +16,7 @@ from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.moves import descended, longest_piece, search_model, with_start
-from ..fit.noise.completion import Refit, likelier, restored
+from ..fit.noise.completion import Refit, better, likelier, restored
 from ..fit.starts.basins import grown, with_process
 from ..fit.starts.beside_effect import (
     RESTING,
@@ -27,6 +27,7 @@ from ..fit.starts.beside_effect import (
     starting_pool,
     undisturbed,
 )
+from ..fit.starts.continuation import distinct
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
 from ..fit.with_effect import (
     Scouted,
@@ -62,6 +63,8 @@ from .score import WALKING, Scored, completed, glanced
 _SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
+# Points of a look that are polished under its noise, and their distance in S or J as a share of the range.
+_NOISY, _APART = 4, 0.01
 # Stages of a task: searches for valves and for those that rest sometimes; a look from what is known, and one from new
 # valves, too; then a look polished.
 VALVES, SPEEDS, NEAR, FAR, CLOSER = "valves", "speeds", "near", "far", "closer"
@@ -227,8 +230,32 @@ def look_at(ground: Ground, task: Task) -> Packed:
     if not np.isfinite(found.cost):
         return Packed(task.spec, task.added, failed="its refit found no model whose valve moves")
     # The search may run on a coarser model; the score is that of the model itself.
-    done = glanced(found.model, found.values)
-    return _packed(task, done, points=found.points[:8], cost=found.cost, gain=found.gain)
+    done, points = glanced(found.model, found.values), found.points[:8]
+    if task.on_valve and done.taps.size:
+        other = glanced(found.model, at := _under_noise(found, done))
+        if other.gain_over(done) > 0.0:
+            done = other
+            points = np.concatenate([found.coarse.cube(_on(found, at)[:, None]), points])
+    return _packed(task, done, points=points, cost=found.cost, gain=found.gain)
+
+
+def _under_noise(found: Scouted, done: Refit) -> FloatArray:
+    """Values (d,) of the likeliest point of a look, polished, under the noise that its best one leaves.
+
+    Beside a missing effect errors in levels are far from white, and tell least of a valve.
+    """
+    white = done.white_model()
+    named = (found.coarse.named(column) for column in found.coarse.values(found.points).T)
+    cube = white.cube(np.array([white.vector(n) for n in named]).T)
+    cube = cube[np.argsort(white.costs(cube), kind="stable")]
+    cube = cube[distinct(cube[:, :2], _NOISY, _APART)]
+    near = descended(white, with_start(white, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    return found.model.vector(white.named(white.values(near.points[:1])[:, 0]))
+
+
+def _on(found: Scouted, values: FloatArray) -> FloatArray:
+    """Values (d,) of the model of a look on the model that was searched."""
+    return found.coarse.vector(found.model.named(values))
 
 
 def _closer(ground: Ground, task: Task) -> Packed:
@@ -248,8 +275,11 @@ def _closer(ground: Ground, task: Task) -> Packed:
     found = closer(Scouted(coarse, model, points, cost, neutral, name), task.added, rng)
     if short is not ground.fit:
         found = _on_all(found, ground.fit, task.added)
-    return _packed(task, glanced(found.model, found.values), points=found.points[:8], cost=found.cost,
-                   gain=found.gain)
+    done, points, before = glanced(found.model, found.values), found.points[:8], glanced(model, look.values)
+    if before.gain_over(done) > 0.0:
+        # (less in levels, but more under the noise)
+        done, points = before, np.concatenate([found.coarse.cube(_on(found, look.values)[:, None]), points])
+    return _packed(task, done, points=points, cost=found.cost, gain=found.gain)
 
 
 def _open_rng(ground: Ground, task: Task) -> np.random.Generator:
@@ -388,6 +418,10 @@ def _full(ground: Ground, task: Task) -> Packed:
     if not np.isfinite(cost):
         return Packed(task.spec, task.added, failed="its refit did not converge")
     done = completed(model, values, ground.pool, rng, ground.policy)
+    first = glanced(model, model.vector(look.coarse.named(look.values)))
+    if first.gain_over(done) > 0.0:
+        # A fit that ends worse than its look went to another valve, which leaves less in levels.
+        done = better(done, completed(model, first.values, ground.pool, rng, ground.policy))
     return replace(_packed(task, done, cost=cost), held=held_out(done), full=True)
 
 
