@@ -137,7 +137,7 @@ def test_a_slip_jump_beyond_the_stickband_must_beat_a_valve_that_rests() -> None
 def test_a_look_is_kept_where_the_budget_ends_before_it_is_polished(monkeypatch: pytest.MonkeyPatch) -> None:
     loop: Any = SimpleNamespace(samples=1000)
     search = Search(loop, POLICY, 0, 1, lambda words, share: None)
-    root: Any = Entry(Spec(), SimpleNamespace(done=Done(bic=0.0), rmse=2.0))  # type: ignore[arg-type]
+    root: Any = Entry(Spec(), SimpleNamespace(done=Done(bic=0.0), rmse=2.0, white=False))  # type: ignore[arg-type]
     look = Packed(Spec(effects=("travel-limit",)), "travel-limit")
     found: Any = Entry(look.spec, SimpleNamespace(done=Done(bic=-90.0), rmse=1.0), look=look)  # type: ignore[arg-type]
     search.memo = {key(root.spec): root, key(look.spec): found}

@@ -23,6 +23,7 @@ from .own_scan import scanned_starts
 from .starts.basins import along_ridge, with_other_start, with_process
 from .starts.beside_effect import RESTING, across, guessed_valves, on_valve, open_valves, stickbands
 from .starts.continuation import distinct
+from .starts.intersample import QUICK_SETTLE, QUICK_TURNS
 from .starts.niches import ALONE, PATIENCE, beyond_rest, herded
 from .starts.reparametrised import followed, ridge_of
 
@@ -30,6 +31,8 @@ _SETTLED = 1e-4
 # Turns of descent from every start, fall of the cost at which one has settled, and starts that then get a population.
 # The last number is twice the log-likelihood that the descent must have gained for a population.
 _GLANCE, _GLANCED, _KEPT, _PROMISING = 3, 1e-2, 4, 10.0
+# Points of a look that are polished under its noise, and their distance in S or J as a share of the range.
+_LIKELY, _APART = 4, 0.01
 # Rounds of the first look at an effect.
 _LOOK = 25
 # Further polishes go on while each lowers the cost by this share, at most _TURNS times.
@@ -141,6 +144,20 @@ def closer(found: Scouted, name: str, rng: np.random.Generator) -> Scouted:
         both = together(polish, beside)
         points, cost = both.points, float(both.costs[0])
     return replace(found, points=points, cost=cost)
+
+
+def likeliest_point(found: Scouted, done: Refit) -> FloatArray:
+    """Values (d,) of the likeliest point of a look, polished, under the noise that its best one leaves, `done`.
+
+    Beside a missing effect errors in levels are far from white, and tell least of a valve.
+    """
+    white = done.white_model()
+    named = (found.coarse.named(column) for column in found.coarse.values(found.points).T)
+    cube = white.cube(np.array([white.vector(n) for n in named]).T)
+    cube = cube[np.argsort(white.costs(cube), kind="stable")]
+    cube = cube[distinct(cube[:, :2], _LIKELY, _APART)]
+    near = descended(white, with_start(white, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    return found.model.vector(white.named(white.values(near.points[:1])[:, 0]))
 
 
 def widened_by(fit: Fitted, name: str) -> tuple[Model, Model]:

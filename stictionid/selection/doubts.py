@@ -83,8 +83,11 @@ def beside(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: fro
            policy: Policy, *, better: bool) -> bool:
     """True where nodes with the slips of an entry were put in the memo: those that come near and are better than known.
 
-    With `better` they must gain as much as a change of structure does, and leave white innovations.
+    With `better` they must gain as much as a change of structure does, and leave white innovations. Far from the noise
+    the slips are not known either.
     """
+    if not entry.scored.nearly(policy):
+        return False
     least, found = policy.structure_margin if better else -policy.alike, False
     for spec in alike(entry, loop, only):
         own = key(spec) == key(entry.spec)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from ..fit.starts.beside_effect import RESTING
 from ..model.spec import Spec
 from ..record.tree import Gate
-from .gates import FREE_RUN, LASTS, SCANS, SLIP, margin_of
+from .gates import FREE_RUN, LASTS, SCANS, SLIP, Edge, judged, judged_change, margin_of
 from .looks import Packed, Task
 from .node import depth, key, slips_like_rests, what_of, with_effect, without
 from .policy import Policy
@@ -132,3 +132,18 @@ def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer
         elif not scored.full and gain <= 0.0 and not freer:
             return
     memo[name] = replace(reached(parent, task, scored, answer), asked=known is not None and known.asked)
+
+
+def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, base: Scored | None, blurred: bool) -> None:
+    """Give every full child of a node its gates; `base` is the best model without an effect beyond the base.
+
+    `blurred` is True where the output was computed between the samples, too.
+    """
+    children = [e for e in memo.values() if e.parent == key(entry.spec) and not e.failed]
+    rest = max((e.scored.done.gain_over(entry.scored.done) for e in children if e.op == ADD and e.what == RESTING),
+               default=0.0)
+    for e in children:
+        if e.scored.full:
+            edge = Edge(e.what, e.scored, entry.scored, policy, rest, blurred, entry.tentative,
+                        sound(memo, entry).scored, base)
+            e.gates = judged(edge) if e.op == ADD else judged_change(edge)

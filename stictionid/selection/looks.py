@@ -27,11 +27,11 @@ from ..fit.starts.beside_effect import (
     starting_pool,
     undisturbed,
 )
-from ..fit.starts.continuation import distinct
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
 from ..fit.with_effect import (
     Scouted,
     closer,
+    likeliest_point,
     looked_along,
     scout,
     settled,
@@ -63,8 +63,6 @@ from .score import WALKING, Scored, completed, glanced
 _SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
-# Points of a look that are polished under its noise, and their distance in S or J as a share of the range.
-_NOISY, _APART = 4, 0.01
 # Stages of a task: searches for valves and for those that rest sometimes; a look from what is known, and one from new
 # valves, too; then a look polished.
 VALVES, SPEEDS, NEAR, FAR, CLOSER = "valves", "speeds", "near", "far", "closer"
@@ -232,25 +230,11 @@ def look_at(ground: Ground, task: Task) -> Packed:
     # The search may run on a coarser model; the score is that of the model itself.
     done, points = glanced(found.model, found.values), found.points[:8]
     if task.on_valve and done.taps.size:
-        other = glanced(found.model, at := _under_noise(found, done))
+        other = glanced(found.model, at := likeliest_point(found, done))
         if other.gain_over(done) > 0.0:
             done = other
             points = np.concatenate([found.coarse.cube(_on(found, at)[:, None]), points])
     return _packed(task, done, points=points, cost=found.cost, gain=found.gain)
-
-
-def _under_noise(found: Scouted, done: Refit) -> FloatArray:
-    """Values (d,) of the likeliest point of a look, polished, under the noise that its best one leaves.
-
-    Beside a missing effect errors in levels are far from white, and tell least of a valve.
-    """
-    white = done.white_model()
-    named = (found.coarse.named(column) for column in found.coarse.values(found.points).T)
-    cube = white.cube(np.array([white.vector(n) for n in named]).T)
-    cube = cube[np.argsort(white.costs(cube), kind="stable")]
-    cube = cube[distinct(cube[:, :2], _NOISY, _APART)]
-    near = descended(white, with_start(white, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
-    return found.model.vector(white.named(white.values(near.points[:1])[:, 0]))
 
 
 def _on(found: Scouted, values: FloatArray) -> FloatArray:
@@ -261,7 +245,7 @@ def _on(found: Scouted, values: FloatArray) -> FloatArray:
 def _closer(ground: Ground, task: Task) -> Packed:
     """A look polished with a population, on the part of a long record that a search needs."""
     look = task.look
-    assert look is not None and look.points is not None
+    assert look is not None and look.points is not None and look.values is not None
     rng = rng_of(ground.seed, f"{CLOSER} {key(task.spec)}", 1)
     short = _searched(ground.fit, task.spec, ground.policy)
     model, coarse = widened_by(short, task.added)

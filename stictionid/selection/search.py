@@ -22,8 +22,7 @@ from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget, Crew
 from .doubts import beside, judged_drop, lasting, least_cost, odd, rests_instead
-from .entry import ADD, DROP, ROOT, SWAP, Entry, broken, remember, sound
-from .gates import Edge, judged, judged_change
+from .entry import ADD, DROP, ROOT, SWAP, Entry, broken, judge_children, remember
 from .looks import CLOSER, FAR, NEAR, Ground, Packed, Task, adding, edges, pool_of, rng_of, shown
 from .node import (
     BASE_EFFECTS,
@@ -76,17 +75,16 @@ class Search:
 
     def __post_init__(self) -> None:
         # A record longer than those that looks search on gets more.
-        longer = max(self.loop.samples / self.policy.fit_samples, 1.0)
-        self.budget = Budget(self.policy.budget * float(np.sqrt(longer)), self.policy.unit)
+        longer = float(np.sqrt(max(self.loop.samples / self.policy.fit_samples, 1.0)))
+        self.budget = Budget(self.policy.budget * longer, self.policy.unit)
 
     def root(self, fit: Fitted) -> Entry:
         """A fit made elsewhere as a root of the search; the better one of two fits of one node."""
         spec, before = node(fit.model.spec), fit.model
-        rng = rng_of(self.seed, key(before.spec), 2)
         model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
         values = model.vector(fit.best.values)
         pool = pool_of(as_it_stands(model, values), self.seed)
-        done = completed(model, values, pool, rng, self.policy)
+        done = completed(model, values, pool, rng_of(self.seed, key(before.spec), 2), self.policy)
         known = self.memo.get(key(spec))
         if known is None or done.gain_over(known.scored.done) > self.policy.better_fit:
             self.memo[key(spec)] = known = Entry(spec, Scored(done, True, held_out(done)))
@@ -110,8 +108,8 @@ class Search:
             if doubted := self._doubted(best):
                 self.ask(*doubted)
         base = next(iter(self.memo.values()))
-        late = additions(base.spec, self.loop, self.only, last=True)
-        if late and self.only is None and not self.slow and self.budget.share < 2 and not self._carried(best):
+        late = additions(base.spec, self.loop, self.only, last=True) if self.only is None else ()
+        if late and not self.slow and self.budget.share < 2 and not self._carried(best):
             self.ask(base, late, beside=best)
             best = self._walked()
         return best
@@ -198,22 +196,16 @@ class Search:
                                          or self._seen(a).done.gain_over(beyond.scored.done) > 0.0], sure)
 
     def _same_slips(self, entry: Entry, *, better: bool = False) -> None:
-        """Put nodes with the slips of an entry in the memo, the other kind of valve too; `better` as `beside` has it.
-
-        Far from the noise the slips are not known either.
-        """
-        if entry.scored.nearly(self.policy) and beside(self.memo, entry, self.loop, self.only, self.seed, self.policy,
-                                                       better=better):
+        """Put nodes with the slips of an entry in the memo, the other kind of valve too; `better`: see `beside`."""
+        if beside(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
             self._judge(entry)
 
     def _anneal(self, entry: Entry) -> None:
         """Seek slips that PV places from other valves, too, where a base leaves more than noise; once for a record."""
-        if not self.anew or depth(entry.spec) or self.at_end(entry):
-            return
-        self.anew = False
-        done = likelier(entry.scored.done, anew=True)
-        if done.gain_over(entry.scored.done) > self.policy.better_fit:
-            entry.scored, entry.asked = Scored(done, True, held_out(done)), False
+        if self.anew and not depth(entry.spec) and not self.at_end(entry):
+            self.anew, done = False, likelier(entry.scored.done, anew=True)
+            if done.gain_over(entry.scored.done) > self.policy.better_fit:
+                entry.scored, entry.asked = Scored(done, True, held_out(done)), False
 
     def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to ask for beside it, once: an answer may be another valve, or lack a drift; or None."""
@@ -371,8 +363,7 @@ class Search:
                 if answer.failed:
                     self.memo.setdefault(key(task.spec), broken(entry, task, answer))
                     continue
-                scored = answer.scored(ground.fit)
-                remember(self.memo, entry, task, answer, scored, self.policy)
+                remember(self.memo, entry, task, answer, answer.scored(ground.fit), self.policy)
                 answers.append(answer)
         return answers
 
@@ -431,16 +422,8 @@ class Search:
             entry.scored = from_children(ground, entry.spec, entry.scored, [e.scored for e in children])
 
     def _judge(self, entry: Entry) -> None:
-        rest = max((e.scored.done.gain_over(entry.scored.done) for e in self.memo.values()
-                    if e.parent == key(entry.spec) and e.op == ADD and e.what == RESTING and not e.failed),
-                   default=0.0)
         base = next((e.scored for e in ranked(self.memo, self.policy) if not depth(e.spec)), None)
-        for e in self.memo.values():
-            if e.parent != key(entry.spec) or e.failed or not e.scored.full:
-                continue
-            edge = Edge(e.what, e.scored, entry.scored, self.policy, rest, self.blurred, entry.tentative,
-                        sound(self.memo, entry).scored, base)
-            e.gates = judged(edge) if e.op == ADD else judged_change(edge)
+        judge_children(self.memo, entry, self.policy, base, self.blurred)
 
     def only_noise(self, entry: Entry) -> bool:
         """True where an entry leaves noise of short memory, or is explained."""
@@ -457,11 +440,10 @@ class Search:
 
     def explained(self, entry: Entry) -> bool:
         """True where white innovations are nearly all of the free run, or that is near the irreducible noise."""
-        scored = entry.scored
-        if scored.white:
-            return scored.explained(self.policy)
+        if entry.scored.white:
+            return entry.scored.explained(self.policy)
         # Tests for whiteness reject every model of a long record, and one whose command is rebuilt between samples.
-        return (not entry.spec.held or self.loop.samples > 2 * self.policy.unit) and self._at_floor(scored)
+        return (not entry.spec.held or self.loop.samples > 2 * self.policy.unit) and self._at_floor(entry.scored)
 
     def _at_floor(self, scored: Scored) -> bool:
         floor = self.floor(scored.done)
