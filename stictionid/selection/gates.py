@@ -186,10 +186,10 @@ def _strokes(edge: Edge) -> str:
     """Reject an effect on the valve whose gain comes from a few strokes, by chance among all effects asked.
 
     Rounding, an unseen scan or a stem with mass makes single slips early or late, and a few numbers more of a valve put
-    some of them right. That lowers the free run by little, unless an integrator adds it up. A rest has a name of its
-    own for single slips.
+    some of them right. That lowers the free run by little, unless an integrator adds it up, or scans are unseen. A rest
+    has a name of its own for single slips.
     """
-    freer = (edge.child.rmse * edge.policy.nearly <= edge.parent.rmse
+    freer = (edge.child.rmse * edge.policy.nearly <= edge.parent.rmse and not edge.blurred
              and edge.child.done.model.spec.process != INTEGRATOR)
     if not on_valve(parse(edge.name)[0]) or plain(edge.name) in BASE_EFFECTS or edge.freed or edge.by_forces or freer:
         return ""
@@ -303,10 +303,11 @@ def _beyond_scans(edge: Edge) -> str:
     """Reject an effect that helps little under an unknown course of the output, and leaves more than noise.
 
     Unknown scans make single slips early or late, which an autoregression whitens as well as noise. Numbers of the
-    valve put many of them right, so that an effect on the valve must leave noise: on clean loops of benchmarks/plants a
-    travel limit took two fifths of the free run. Any other effect that halves the free run explains more than slips,
-    and so does one without which the free run walks. Beside an effect that fails here both together must. A better base
-    than the parent sets the measure: scans that were taken wrong look like an effect beside a wrong base.
+    valve put many of them right. So the gain must come from most strokes, with the strokes as its draws and the numbers
+    paid for. On 16 clean building loops such draws reached 2.9 standard errors, and true effects 5.4 to 15. An effect
+    off the valve that halves the free run explains more than slips, too, and so does one without which the free run
+    walks. Beside an effect that fails here both together must. A better base than the parent sets the measure: scans
+    that were taken wrong look like an effect beside a wrong base.
     """
     child, parent, names = edge.child, edge.before, plain(edge.name) not in BASE_EFFECTS
     if edge.base is not None and names and edge.base.done.gain_over(parent.done) > 0.0:
@@ -315,7 +316,8 @@ def _beyond_scans(edge: Edge) -> str:
     beyond = child.rmse <= parent.rmse / 2 \
         or child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd
     if not edge.blurred or freed or child.bare(edge.policy) \
-            or (beyond and not (names and on_valve(parse(edge.name)[0]))):
+            or (beyond and not (names and on_valve(parse(edge.name)[0]))) \
+            or stroke_score(parent.done, child.done, paid=True) >= chance_limit(edge.policy):
         return ""
     return "the unknown course of the output between the samples may explain as much: export faster"
 
