@@ -306,8 +306,9 @@ def _beyond_scans(edge: Edge) -> str:
     valve put many of them right. So the gain must come from most strokes, with the strokes as its draws and the numbers
     paid for. On 16 clean building loops such draws reached 2.9 standard errors, and true effects 5.4 to 15. An effect
     off the valve that halves the free run explains more than slips, too, and so does one without which the free run
-    walks. Beside an effect that fails here both together must. A better base than the parent sets the measure: scans
-    that were taken wrong look like an effect beside a wrong base.
+    walks. A rest or a lag must do so: strokes of a valve that slides between the samples look like those of a rest.
+    Beside an effect that fails here both together must. A better base than the parent sets the measure: scans that were
+    taken wrong look like an effect beside a wrong base.
     """
     child, parent, names = edge.child, edge.before, plain(edge.name) not in BASE_EFFECTS
     if edge.base is not None and names and edge.base.done.gain_over(parent.done) > 0.0:
@@ -317,7 +318,7 @@ def _beyond_scans(edge: Edge) -> str:
         or child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd
     if not edge.blurred or freed or child.bare(edge.policy) \
             or (beyond and not (names and on_valve(parse(edge.name)[0]))) \
-            or stroke_score(parent.done, child.done, paid=True) >= chance_limit(edge.policy):
+            or (names and stroke_score(parent.done, child.done, paid=True) >= chance_limit(edge.policy)):
         return ""
     return "the unknown course of the output between the samples may explain as much: export faster"
 
