@@ -304,9 +304,10 @@ def _beyond_scans(edge: Edge) -> str:
 
     Unknown scans make single slips early or late, which an autoregression whitens as well as noise. Numbers of the
     valve put many of them right. So the gain must come from most strokes, with the strokes as its draws and the numbers
-    paid for. On 16 clean building loops such draws reached 2.9 standard errors, and true effects 5.4 to 15. An effect
-    off the valve that halves the free run explains more than slips, too, and so does one without which the free run
-    walks. A rest or a lag must do so: strokes of a valve that slides between the samples look like those of a rest.
+    paid for. Unpaid, what only this gate refused on 38 clean building loops had at most 2.1 standard errors, and true
+    effects on seven others had 5.4 to 15. An effect off the valve that halves the free run explains more than slips,
+    too, and so does one without which the free run walks. A rest or a lag must do so: strokes of a valve that slides
+    between the samples look like those of a rest.
     Beside an effect that fails here both together must. A better base than the parent sets the measure: scans that were
     taken wrong look like an effect beside a wrong base.
     """
