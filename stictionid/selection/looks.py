@@ -259,7 +259,7 @@ def _closer(ground: Ground, task: Task) -> Packed:
     found = closer(Scouted(coarse, model, points, cost, neutral, name), task.added, rng)
     if short is not ground.fit:
         found = _on_all(found, ground.fit, task.added)
-    done, points, before = glanced(found.model, found.values), found.points[:8], glanced(model, look.values)
+    done, points, before = glanced(found.model, found.values), found.points[:8], glanced(found.model, look.values)
     if before.gain_over(done) > 0.0:
         # (less in levels, but more under the noise)
         done, points = before, np.concatenate([found.coarse.cube(_on(found, look.values)[:, None]), points])
@@ -402,7 +402,7 @@ def _full(ground: Ground, task: Task) -> Packed:
     if not np.isfinite(cost):
         return Packed(task.spec, task.added, failed="its refit did not converge")
     done = completed(model, values, ground.pool, rng, ground.policy)
-    first = glanced(model, model.vector(look.coarse.named(look.values)))
+    first = glanced(model, look.values)
     if first.gain_over(done) > 0.0:
         # A fit that ends worse than its look went to another valve, which leaves less in levels.
         done = better(done, completed(model, first.values, ground.pool, rng, ground.policy))
