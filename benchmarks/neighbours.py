@@ -30,11 +30,11 @@ from loops import Known, sticky
 
 from stictionid.effects import parse
 from stictionid.model.closed_loop import simulate
-from stictionid.numerics.spectrum import lagged_gains, whitened
+from stictionid.numerics.spectrum import lagged_gains, whiten_signals
 from stictionid.record.study import Study
 from stictionid.reports.effect_words import of_model
-from stictionid.selection.decide import decided
-from stictionid.selection.run import resumed
+from stictionid.selection.decide import decide_answer
+from stictionid.selection.run import resume_search
 from stictionid.typing import FloatArray
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
@@ -103,9 +103,9 @@ def made(seed: int, kind: str) -> tuple[Known, str, float]:
 
 def quick(known: Known) -> store.Row:
     """Effects that a search names which asks for tags, a sine and a lag only: no rival stops a false name."""
-    on = resumed(known.loop, identify(known.loop, options=Options(base_only=True)), seed=0)
+    on = resume_search(known.loop, identify(known.loop, options=Options(base_only=True)), seed=0)
     on.search.only = frozenset({MEASURED, SINE, "extra-lag"})
-    winner = decided(on.search, on.search.run()).winner
+    winner = decide_answer(on.search, on.search.run()).winner
     done = winner.scored.done
     values = done.model.named(done.values)
     tag = next((name for name in winner.spec.effects if name.startswith(MEASURED)), "")
@@ -166,7 +166,7 @@ def calibrate(draws: int = 200) -> None:
     for tags, delays in ((1, 30), (1, 120), (5, 120), (20, 120), (80, 120)):
         best = np.empty(draws)
         for i in range(draws):
-            white, others = whitened(rng.standard_normal(SAMPLES), rng.standard_normal((SAMPLES, tags)))
+            white, others = whiten_signals(rng.standard_normal(SAMPLES), rng.standard_normal((SAMPLES, tags)))
             best[i] = max(lagged_gains(white, x, np.zeros(1), delays - 1).max() for x in others.T)
         price = 2.0 * np.log(tags * delays)
         middle, most, last = np.quantile(best, (0.5, 0.9, 0.99))

@@ -27,11 +27,11 @@ from plants.identifiable import true_model
 from plants.run import plant_of
 
 from stictionid.fit.fit import as_it_stands
-from stictionid.fit.moves import descended, search_model, with_start
-from stictionid.fit.noise.completion import quick
+from stictionid.fit.moves import descend_model, search_model, with_start
+from stictionid.fit.noise.completion import complete_quickly
 from stictionid.fit.starts import continuation
 from stictionid.fit.starts.beside_effect import RESTING, on_valve, open_valves
-from stictionid.fit.with_effect import Scouted, settled
+from stictionid.fit.with_effect import Scouted, settle_look
 from stictionid.model.model import Model
 from stictionid.typing import FloatArray
 
@@ -77,9 +77,9 @@ def searched(model: Model, values: FloatArray, seed: int) -> tuple[bool, bool]:
     valve = [n for n, effect in zip(model.names, model.effects, strict=True) if on_valve(effect)]
     name = next((n for n in valve if n != RESTING), valve[0] if valve else "")
     points = open_valves(coarse, name, fit, rng)
-    near = descended(coarse, with_start(coarse, points), turns=TURNS)
-    fitted, at, _ = settled(Scouted(coarse, model, near.points, np.inf, np.inf, name), rng)
-    gain = quick(fitted, at).gain_over(quick(model, values))
+    near = descend_model(coarse, with_start(coarse, points), turns=TURNS)
+    fitted, at, _ = settle_look(Scouted(coarse, model, near.points, np.inf, np.inf, name), rng)
+    gain = complete_quickly(fitted, at).gain_over(complete_quickly(model, values))
     return gain > -CLOSE, abs(at[0] / values[0] - 1.0) < S_WITHIN
 
 

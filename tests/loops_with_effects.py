@@ -14,7 +14,7 @@ import numpy as np
 
 from stictionid.effects import catalogue, get
 from stictionid.fit.fit import one_run
-from stictionid.fit.moves import descended, first_force
+from stictionid.fit.moves import descend_model, first_force
 from stictionid.model.closed_loop import OPERATING_POINT, Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
@@ -185,7 +185,7 @@ def shown(setting: Setting, loop: Loop, name: str, sd: float) -> float:
     there[:2] = at[:2]
     starts = there[:, None].repeat(len(_LAGS), axis=1)
     starts[3] *= _LAGS
-    best = float(descended(without, first_force(without, without.cube(starts), _FORCES)[0]).costs[0])
+    best = float(descend_model(without, first_force(without, without.cube(starts), _FORCES)[0]).costs[0])
     if best > VISIBLE**2 * sd**2 * without.shared.rows:
         best = min(best, one_run(without, np.random.default_rng(0))[1])
     return float(np.sqrt(best / without.shared.rows)) / sd

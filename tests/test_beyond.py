@@ -77,10 +77,10 @@ def test_a_search_for_a_positioner_ends_where_the_model_without_it_leaves_less()
     alone = Model(loop, Spec(), s_max=float(np.ptp(loop.output)), period_s=40.0)
     noise = np.random.default_rng(3).normal(0.0, 0.5 * NOISE, loop.samples)
     model = Model(loop, Spec(effects=("positioner",)), s_max=alone.s_max, period_s=40.0, residual=noise)
-    before = tally.spent()
+    before = tally.samples_spent()
     assert len(scanned_starts(model, "positioner", model.vector(model.named(np.ones(7))), True)) == 0
     # It has limits of its own, and takes nothing from the budget of the search around it.
-    assert tally.spent() == before
+    assert tally.samples_spent() == before
 
 
 def test_a_law_with_forces_of_its_own_refuses_a_positioner() -> None:

@@ -25,7 +25,7 @@ def test_a_question_is_charged_once_and_the_rest_is_left_where_the_budget_ends()
     assert len(answers(budget, [{"a": 400}, {"a": 400}, {"b": 300}, {}], 20)) == 3
     assert budget.spent == 20 + 40 + 20 + 20 + 30 and budget.over
     assert budget.unasked == [key(Spec(effects=("extra-lag",) * 3))]
-    budget.leave(budget.unasked * 2)
+    budget.note_unasked(budget.unasked * 2)
     assert len(budget.unasked) == 1
 
 
@@ -33,10 +33,10 @@ def test_a_late_answer_gets_half_the_budget_until_as_much_as_the_budget_went_to_
     budget = Budget(100, 10)
     budget.spent = 120
     for _ in range(2):
-        with budget.late():
+        with budget.allow_late_answer():
             assert not budget.over
             budget.spent += 50
             assert budget.over
         assert budget.over and budget.share == pytest.approx(1.2)
-    with budget.late():
+    with budget.allow_late_answer():
         assert budget.over

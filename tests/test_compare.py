@@ -19,7 +19,7 @@ from stictionid.comparison.side_by_side import side_by_side
 from stictionid.comparison.validate import transferred
 from stictionid.errors import DataError
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
-from stictionid.model.segments import bound
+from stictionid.model.segments import bind_model
 from stictionid.model.spec import Spec
 from stictionid.numerics.autoregression import chi_square_z
 from stictionid.record.loop import Loop
@@ -113,7 +113,7 @@ def test_what_belongs_to_the_record_is_refitted_and_what_belongs_to_the_plant_is
                                          ("step-disturbance", {"time_s": time_s, "size": size}))), seed=5).loop
 
     first = record(0.0, 1.0, size=1.5, time_s=300.0)
-    model = bound(first, Spec(effects=(wave, step), between="hold"), s_max=8.0, period_s=40.0)
+    model = bind_model(first, Spec(effects=(wave, step), between="hold"), s_max=8.0, period_s=40.0)
     force = (first.output[0] - 50.0) / 3.25  # the valve begins at rest, loaded by the first command
     values = model.vector({"S": 4.0, "J": 2.5, "initial_residual_force": force, "time_constant_s": 6.0,
                            "dead_time_s": 3.0, f"{wave}:period_s": 37.0, f"{step}:time_s": 300.0})

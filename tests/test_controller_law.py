@@ -12,7 +12,7 @@ from stictionid.fit.context import Run
 from stictionid.fit.options import Options
 from stictionid.fit.seen_command import full_over_rounded
 from stictionid.model.closed_loop import Controller, Setting, preset, simulate
-from stictionid.model.restore import described, rerun
+from stictionid.model.restore import described_segments, rerun
 from stictionid.process.controller_law import controller_law
 from stictionid.process.controller_words import as_read, steps_of
 from stictionid.process.rounded import step_of
@@ -116,7 +116,7 @@ def test_identify_runs_on_the_rebuilt_output_and_so_do_later_commands() -> None:
     assert study.data.steps.output == pytest.approx(STEP) and study.data.steps.process_value == pytest.approx(0.2)
     assert study.severity.controller_gain == controller.gain
     assert [f.code for f in study.data.findings if f.code in COMMAND_FINDINGS] == [REBUILT]
-    piece, _ = described(loop, study.steps[-1].model)
+    piece, _ = described_segments(loop, study.steps[-1].model)
     assert step_of(piece.output) == 0.0
     # Samples from which the model starts are no part of its error.
     assert np.nanstd(rerun(loop, study.steps[-1].model).residual) == pytest.approx(study.steps[-1].error.rmse, rel=0.02)

@@ -14,7 +14,7 @@ import stictionid.effects as effect_room
 from stictionid.effects import get as get_effect
 from stictionid.effects.contract import Context
 from stictionid.errors import DataError, UsageError
-from stictionid.fit.noise.completion import complete, own_taps, quick
+from stictionid.fit.noise.completion import complete_model, complete_quickly, own_taps
 from stictionid.fit.noise.whiteness import noise_alone, passes_tests
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
@@ -150,11 +150,11 @@ def test_prewhitening_of_the_process_is_kept_and_extended_by_a_noise_model() -> 
     model = Model(loop, spec, s_max=8.0, period_s=80.0)
     values = np.array([4.0, 2.5, 0.15, 6.0, 3.0])
     assert own_taps(spec) == (0.5, 0.1) and own_taps(Spec(effects=("coloured-noise",), taps=(0.5,))) == ()
-    first = quick(model, values)
+    first = complete_quickly(model, values)
     assert first.own == (0.5, 0.1) and first.taps.size > 0
     expected = np.convolve([1.0, 0.5, 0.1], np.concatenate([[1.0], first.taps]))[1:]
     np.testing.assert_allclose(first.spec.taps, expected)
-    done = complete(model, values, None, np.random.default_rng(0))
+    done = complete_model(model, values, None, np.random.default_rng(0))
     assert done.model.spec.taps[:1] != (0.5,) and len(done.model.spec.taps) == 2 + done.taps.size
     assert done.innovation_sd == pytest.approx(0.05, rel=0.08)
 

@@ -12,7 +12,7 @@ from stictionid.effects import catalogue, get, leaving
 from stictionid.effects.contract import TRACES
 from stictionid.fit.noise.completion import AUTOREGRESSIVE, RANDOM_WALK, RESONANT
 from stictionid.fit.starts.beside_effect import RESTING
-from stictionid.selection.doubts import settling
+from stictionid.selection.doubts import deciding_measurement
 from stictionid.selection.node import BASE_EFFECTS, LAG
 from stictionid.selection.score import COLOURED, NARROW, WALKING
 from stictionid.verbs.selftest import HIDDEN
@@ -72,5 +72,5 @@ def test_every_trace_points_to_effects_the_likeliest_first() -> None:
     ("step-disturbance@load", "step-disturbance@output", "how a load enters"),
     ("gain-drift", "coloured-noise", "a shift")])
 def test_a_rival_is_told_apart_whichever_file_says_how(name: str, rival: str, part: str) -> None:
-    assert part in settling(name, (rival,))
-    assert settling(name, ()) == ""
+    assert part in deciding_measurement(name, (rival,))
+    assert deciding_measurement(name, ()) == ""

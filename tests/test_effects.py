@@ -17,7 +17,7 @@ from loops_with_effects import MOVES, NOISE, SMALL, loop_of, small
 from stictionid.effects import catalogue, get, parse
 from stictionid.effects.contract import AXES, Context
 from stictionid.errors import StictionidError, UsageError
-from stictionid.fit.moves import descended
+from stictionid.fit.moves import descend_model
 from stictionid.fit.with_effect import Scouted
 from stictionid.laws.contract import neutral_friction
 from stictionid.model.closed_loop import OPERATING_POINT, preset, simulate, with_stiction
@@ -202,8 +202,8 @@ def test_a_gain_follows_what_the_process_makes_whether_a_shift_is_in_it_or_behin
                           "time_constant_s": setting.plant.time_constant_s, "dead_time_s": setting.plant.dead_time_s,
                           "gain-nonlinearity:curvature": 0.08, "step-disturbance@output:time_s": at_s})
     for _ in range(2):
-        near = model.guided(model.evaluate(start).guide)
-        start = near.values(descended(near, near.cube(start[:, None])).points[:1])[:, 0]
+        near = model.follow_guide(model.evaluate(start).guide)
+        start = near.values(descend_model(near, near.cube(start[:, None])).points[:1])[:, 0]
     found = model.evaluate(start)
     assert found.rmse <= 1.05 * NOISE
     # Without the step, or with it on the wrong side of the process, the guide would be another y.
@@ -220,8 +220,8 @@ def test_a_gain_that_follows_y_is_that_of_the_whole_sample_so_nothing_is_left_wi
                           "time_constant_s": setting.plant.time_constant_s, "dead_time_s": setting.plant.dead_time_s,
                           "gain-nonlinearity:curvature": 0.08})
     for _ in range(3):
-        near = model.guided(model.evaluate(start).guide)
-        start = near.values(descended(near, near.cube(start[:, None])).points[:1])[:, 0]
+        near = model.follow_guide(model.evaluate(start).guide)
+        start = near.values(descend_model(near, near.cube(start[:, None])).points[:1])[:, 0]
     # With y at the start of each sample it was 13e-4 of the swing, and J 1.3 % off.
     assert model.evaluate(start).rmse < 2e-4 * np.ptp(loop.process_value)
     assert start[1] == pytest.approx(setting.J, rel=2e-3)
@@ -245,7 +245,7 @@ def test_a_gain_that_follows_y_does_not_run_away_on_the_way_to_its_own(monkeypat
     monkeypatch.setattr(Model, "_evaluate", counted)
     found = model.evaluate(values)
     assert runs <= 28 and found.rmse < 3.0 * sd
-    again = evaluate(model.guided(found.model), values)
+    again = evaluate(model.follow_guide(found.model), values)
     assert np.sqrt(np.mean((again.model - found.model) ** 2)) < 6e-3 * found.rmse
 
 

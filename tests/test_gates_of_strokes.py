@@ -12,7 +12,7 @@ import pytest
 from stictionid.fit.cross_validation import Held
 from stictionid.fit.noise.completion import stroke_score
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
-from stictionid.selection.doubts import judged_drop, least_cost
+from stictionid.selection.doubts import judge_drop, least_cost
 from stictionid.selection.entry import Entry
 from stictionid.selection.gates import GATES, Edge, chance_limit
 from stictionid.selection.looks import CLOSER, Packed, Task
@@ -129,9 +129,9 @@ def test_a_slip_jump_beyond_the_stickband_must_beat_a_valve_that_rests() -> None
     assert least_cost("re-sticking", usual, POLICY) == POLICY.structure_margin
     assert least_cost("re-sticking", odd, POLICY) == -POLICY.margin == -least_cost("travel-limit", odd, POLICY)
     before: Any = SimpleNamespace(done=rests)
-    assert judged_drop("re-sticking", usual, before, POLICY) == ()
-    assert [g.passed for g in judged_drop("re-sticking", odd, before, POLICY)] == [False]
-    assert judged_drop("re-sticking", clearly, before, POLICY) == ()
+    assert judge_drop("re-sticking", usual, before, POLICY) == ()
+    assert [g.passed for g in judge_drop("re-sticking", odd, before, POLICY)] == [False]
+    assert judge_drop("re-sticking", clearly, before, POLICY) == ()
 
 
 def test_a_look_is_kept_where_the_budget_ends_before_it_is_polished(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,13 +143,13 @@ def test_a_look_is_kept_where_the_budget_ends_before_it_is_polished(monkeypatch:
     search.memo = {key(root.spec): root, key(look.spec): found}
     stages: list[str] = []
 
-    def performed(_self: Search, _ground: Any, _entry: Any, tasks: list[Task]) -> list[Packed]:
+    def perform(_self: Search, _ground: Any, _entry: Any, tasks: list[Task]) -> list[Packed]:
         stages.extend(t.stage for t in tasks)
         return [] if tasks[0].stage == CLOSER else [look]
 
-    monkeypatch.setattr(Search, "_performed", performed)
+    monkeypatch.setattr(Search, "_perform_tasks", perform)
     ground: Any = None
-    assert search._looked(ground, root, [Task(look.spec, "travel-limit")]) == [look]
+    assert search._look_at_tasks(ground, root, [Task(look.spec, "travel-limit")]) == [look]
     assert stages == ["far", CLOSER]
 
 

@@ -15,16 +15,16 @@ from stictionid.effects import get, parse
 from stictionid.fit.context import bic_gain
 from stictionid.fit.fit import as_it_stands
 from stictionid.fit.intervals.assemble import effective_rows
-from stictionid.fit.moves import descended, search_model, thinned, with_start
+from stictionid.fit.moves import descend_model, search_model, thin_model, with_start
 from stictionid.fit.starts import continuation
-from stictionid.fit.starts.basins import grown
+from stictionid.fit.starts.basins import grow_starts
 from stictionid.fit.starts.beside_effect import guessed_valves, open_valves
 from stictionid.fit.starts.continuation import grown_valves
 from stictionid.fit.starts.intersample import as_moving
 from stictionid.fit.starts.reparametrised import as_natural, as_valves
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
-from stictionid.model.segments import bound
+from stictionid.model.segments import bind_model
 from stictionid.model.spec import SOFT, Spec
 from stictionid.numerics import tally
 from stictionid.numerics.filter_bank import LagBank
@@ -94,7 +94,7 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
     span = {"s_max": 8.0, "period_s": 60.0}
     first, second = np.random.default_rng(3), np.random.default_rng(3)
     tally.answers()
-    before = tally.spent()
+    before = tally.samples_spent()
     found = grown_valves(Model(loop, Spec(effects=("re-sticking",)), **span), ("re-sticking",), first)
     asked = tally.answers()
     after = Model(loop, Spec(effects=("re-sticking", "extra-lag"), process="integrator"), **span)
@@ -106,7 +106,7 @@ def test_valves_that_were_grown_are_remembered_where_only_the_process_is_another
     monkeypatch.setattr(continuation, "LagBank", searched)
     again = grown_valves(after, ("re-sticking",), second)
     # A budget is charged as much as by a process that does not remember, and by a search once for each question.
-    assert tally.answers() == asked and min(asked.values()) > 0 and tally.spent() == before
+    assert tally.answers() == asked and min(asked.values()) > 0 and tally.samples_spent() == before
     np.testing.assert_array_equal(again[:, [0, 1, 2, at]], found[:, [0, 1, 2, 5]])
     assert first.random() == second.random()
     moved = replace(loop, output=loop.output + 1e-3 * (np.arange(loop.samples) == 200))
@@ -177,7 +177,7 @@ def test_a_stem_moves_in_whole_parts_of_every_command_of_a_thinned_record(every:
     setting = Setting(Plant(1.2, 20.0, 4.0), Controller(0.7, 12.0, scan_s=1.0), S=4.0, J=2.0, duration_s=200.0,
                       setpoint_moves=((0.0, 3.0),))
     model = Model(simulate(setting, seed=1).loop, Spec(effects=("slew-limit",)), s_max=8.0, period_s=60.0)
-    small = thinned(model, every)
+    small = thin_model(model, every)
     position = small.positions(small.values(np.full((1, small.space.size), 0.5)))
     assert len(position) == small.loop.samples * small.parts
     assert small.parts % every == 0
@@ -193,7 +193,7 @@ def test_a_growing_search_scans_what_an_effect_does_to_friction() -> None:
     found = find_range(loop)
     model = Model(loop, Spec(process="integrator", effects=("re-sticking",)), s_max=swing_of(loop, found),
                   period_s=time_scale_s(loop, found))
-    best = min((model.values(start[None])[:, 0] for start in grown(model, np.random.default_rng(0))),
+    best = min((model.values(start[None])[:, 0] for start in grow_starts(model, np.random.default_rng(0))),
                key=lambda values: float(model.costs_of(values[:, None])[0]))
     assert pytest.approx(setting.S, rel=0.01) == best[0]
     assert pytest.approx(setting.J, rel=0.01) == best[1]
@@ -206,7 +206,7 @@ def test_a_scan_with_no_process_assumed_finds_the_valve_beside_a_process_that_is
     """
     setting, loop = small("slew-limit")
     name, span = "slew-limit", {"s_max": 2.0 * setting.S, "period_s": 60.0}
-    before, after = (search_model(bound(loop, Spec(effects=names), **span)) for names in ((), (name,)))
+    before, after = (search_model(bind_model(loop, Spec(effects=names), **span)) for names in ((), (name,)))
     wrong = before.vector({"S": 0.3 * setting.S, "J": 0.0, "initial_residual_force": 0.0, "dead_time_s": 0.0,
                            "time_constant_s": 6.0 * setting.plant.time_constant_s})
     fit = as_it_stands(before, wrong)
@@ -214,5 +214,5 @@ def test_a_scan_with_no_process_assumed_finds_the_valve_beside_a_process_that_is
     assert effect.guess is not None
     beside = guessed_valves(after, name, effect.guess(after.context_of("")), after.vector(before.named(wrong)))
     free = open_valves(after, name, fit, np.random.default_rng(0))
-    least, other = (float(descended(after, with_start(after, points)).costs[0]) for points in (free, beside))
+    least, other = (float(descend_model(after, with_start(after, points)).costs[0]) for points in (free, beside))
     assert least < other / 4

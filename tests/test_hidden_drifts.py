@@ -11,16 +11,16 @@ from scipy.signal import lfilter
 
 from stictionid.effects import parse
 from stictionid.effects.contract import Context
-from stictionid.fit.noise.draws import _share_left, drawn, imitated
+from stictionid.fit.noise.draws import _share_left, draw_residual, noise_imitates
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.record.tree import Gate
 from stictionid.selection import gates
 from stictionid.selection.entry import ADD, DROP, Entry
-from stictionid.selection.gates import LASTS, Edge, judged, lasts
+from stictionid.selection.gates import LASTS, Edge, judge_edge, outlasts_noise
 from stictionid.selection.node import key
 from stictionid.selection.policy import Policy
 from stictionid.selection.score import Scored
-from stictionid.selection.waiting import ranked
+from stictionid.selection.waiting import rank_entries
 
 SAMPLES, POLICY = 1200, Policy()
 
@@ -44,7 +44,7 @@ def test_noise_is_drawn_from_the_innovations_through_the_noise_model() -> None:
     pool = done.innovation - done.innovation.mean()
     white = np.random.default_rng(1).choice(pool, SAMPLES)
     expected = lfilter([1.0], [1.0, -1.2, 0.5], white)
-    np.testing.assert_allclose(drawn(done, np.random.default_rng(1)), expected, rtol=1e-9)
+    np.testing.assert_allclose(draw_residual(done, np.random.default_rng(1)), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -52,14 +52,14 @@ def test_a_walk_imitates_a_walk_and_seldom_a_ramp(seed: int) -> None:
     rng = np.random.default_rng(seed)
     walk = rng.standard_normal(SAMPLES).cumsum()
     straight = ramp() + rng.standard_normal(SAMPLES)
-    assert imitated(completed(walk), "ramp-disturbance@output", 100, np.random.default_rng(2))
-    assert not imitated(completed(straight), "ramp-disturbance@output", 100, np.random.default_rng(2))
+    assert noise_imitates(completed(walk), "ramp-disturbance@output", 100, np.random.default_rng(2))
+    assert not noise_imitates(completed(straight), "ramp-disturbance@output", 100, np.random.default_rng(2))
 
 
 def test_a_sine_is_told_from_noise_of_long_memory() -> None:
     rng = np.random.default_rng(0)
     wave = 20.0 * np.sin(2.0 * np.pi * np.arange(SAMPLES) / 300.0) + rng.standard_normal(SAMPLES)
-    assert not imitated(completed(wave), "sinusoidal-disturbance", 100, rng)
+    assert not noise_imitates(completed(wave), "sinusoidal-disturbance", 100, rng)
 
 
 def test_the_share_left_is_that_of_least_squares_with_the_best_guess() -> None:
@@ -92,9 +92,9 @@ def test_only_a_disturbance_that_takes_half_of_more_than_noise_may_last(name: st
                                                                         expected: bool) -> None:
     straight = ramp() + np.random.default_rng(0).standard_normal(SAMPLES)
     parent = scored(straight, 24.0, noise_alone=noise_alone)
-    assert lasts(name, scored(straight, rmse), parent, POLICY) is expected
+    assert outlasts_noise(name, scored(straight, rmse), parent, POLICY) is expected
     walk = np.random.default_rng(0).standard_normal(SAMPLES).cumsum()
-    assert not lasts(name, scored(walk, rmse), scored(walk, 24.0), POLICY)
+    assert not outlasts_noise(name, scored(walk, rmse), scored(walk, 24.0), POLICY)
 
 
 @pytest.mark.parametrize(("failing", "named"), [
@@ -105,7 +105,7 @@ def test_a_drift_that_lasts_passes_the_gates_of_the_one_step_error_alone(
                                               for name, _ in gates.GATES))
     straight = ramp() + np.random.default_rng(0).standard_normal(SAMPLES)
     edge: Any = Edge("ramp-disturbance@output", scored(straight, 1.0), scored(straight, 24.0), POLICY)
-    found = judged(edge)
+    found = judge_edge(edge)
     assert all(g.passed for g in found) is named
     assert any(g.name == LASTS for g in found) is (named and bool(failing))
 
@@ -122,7 +122,7 @@ def test_under_unseen_scans_a_drift_of_an_integrator_must_explain_more_than_a_sl
     child.done.model.spec, child.done.model.period_s = Spec(process=process), 60.0
     child.done.evaluated.gain, child.done.evaluated.values = gain, {"S": 5.0}
     edge: Any = Edge("ramp-disturbance@output", child, scored(straight, 24.0), POLICY, blurred=blurred)
-    assert all(g.passed for g in judged(edge)) is named
+    assert all(g.passed for g in judge_edge(edge)) is named
 
 
 def test_a_drift_that_lasts_ranks_its_margin_above_its_parent_and_so_do_its_children() -> None:
@@ -139,4 +139,4 @@ def test_a_drift_that_lasts_ranks_its_margin_above_its_parent_and_so_do_its_chil
     memo = {key(e.spec): e for e in (root, named, more, less)}
     assert [e.credit(memo, POLICY) for e in (root, named, more, less)] == [0.0, POLICY.margin + 27.0,
                                                                             POLICY.margin + 27.0, 0.0]
-    assert ranked(memo, POLICY) == [more, named, root, less]
+    assert rank_entries(memo, POLICY) == [more, named, root, less]

@@ -103,15 +103,15 @@ def test_the_noise_that_a_pi_law_leaves_gives_means_of_ten_short_numbers_away(tm
 def test_what_caps_the_verdict_does_cap_it(tmp_path):
     from stictionid.record.loop import Finding
     from stictionid.record.study import Verdict
-    from stictionid.verdict.judge import capped
+    from stictionid.verdict.judge import cap_verdict
 
     loop = _read(tmp_path, wide(R)).loop
     sure = Verdict("stiction", "because", 0.9)
-    assert capped(sure, loop) == sure
+    assert cap_verdict(sure, loop) == sure
     averaged = Finding("averaged", "warning", "b", {"caps_verdict": True})
     for finding in (Finding("irregular-steps", "serious", "a"), averaged):
         spoilt = replace(loop, origin=replace(loop.origin, findings=(finding,)))
-        verdict = capped(sure, spoilt)
+        verdict = cap_verdict(sure, spoilt)
         assert verdict.stiction == "undecided" and verdict.confidence < 0.5
         assert verdict.evidence["capped_by"] == finding.code and "because" in verdict.reason
 

@@ -188,7 +188,7 @@ def test_the_irreducible_noise_is_what_a_free_model_leaves(piece: int, monkeypat
                       + [np.ones(rows.size)], axis=1)
     theta, *_ = np.linalg.lstsq(design, y[rows], rcond=None)
     left = np.sqrt(np.sum((y[rows] - design @ theta) ** 2) / (rows.size - 41))
-    assert autoregression.irreducible(y, v, good, delay) == pytest.approx(left, rel=1e-9)
+    assert autoregression.irreducible_error(y, v, good, delay) == pytest.approx(left, rel=1e-9)
 
 
 @pytest.mark.parametrize("d", [1, 2, 5, 9])

@@ -18,7 +18,7 @@ from stictionid.methods.contract import SPELLING
 from stictionid.methods.option_check import check_options
 from stictionid.model.closed_loop import preset, simulate, with_stiction
 from stictionid.model.restore import rerun
-from stictionid.numerics.armax import Regression, armax, stabilised
+from stictionid.numerics.armax import Regression, armax, stabilise_polynomial
 from stictionid.numerics.ellipse import fit_ellipse
 from stictionid.process.step_test import fit_step
 from stictionid.record.loop import Loop
@@ -208,9 +208,9 @@ def test_armax_chooses_its_order_and_delay() -> None:
 
 
 def test_a_noise_polynomial_outside_the_unit_circle_is_mirrored() -> None:
-    assert stabilised(np.array([2.0])) == pytest.approx([0.5])
-    assert stabilised(np.array([0.5])) == pytest.approx([0.5])
-    assert np.abs(np.roots([1.0, *stabilised(np.array([-2.5, 1.0]))])).max() <= 0.98
+    assert stabilise_polynomial(np.array([2.0])) == pytest.approx([0.5])
+    assert stabilise_polynomial(np.array([0.5])) == pytest.approx([0.5])
+    assert np.abs(np.roots([1.0, *stabilise_polynomial(np.array([-2.5, 1.0]))])).max() <= 0.98
 
 
 # --- all laws

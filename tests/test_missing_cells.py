@@ -22,9 +22,16 @@ from stictionid.fit.context import increment_error
 from stictionid.fit.starts.basins import basins
 from stictionid.historian import read, read_loop
 from stictionid.model.closed_loop import simulate
-from stictionid.model.segments import bound
+from stictionid.model.segments import bind_model
 from stictionid.model.spec import INTEGRATOR, Spec
-from stictionid.numerics.autoregression import autocovariance, autoregression, filtered, irreducible, linked, pace_of
+from stictionid.numerics.autoregression import (
+    autocovariance,
+    autoregression,
+    filter_residual,
+    irreducible_error,
+    link_samples,
+    pace_of,
+)
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import SAMPLES_PER_PERIOD, check
@@ -111,11 +118,11 @@ def test_a_cleaned_record_reads_as_it_was(loop, tmp_path):
 def test_no_links_without_a_gap_and_none_across_a_long_one():
     good = np.ones(100, bool)
     good[:7] = False
-    assert linked(good) is None and pace_of(good) == 1.0
+    assert link_samples(good) is None and pace_of(good) == 1.0
     good[40:80] = False
-    links = linked(good)
+    links = link_samples(good)
     assert links is not None and links.pace == 1.0 and links.before[80] == -1 and links.before[81] == 80
-    assert linked(np.r_[good[:40], good[80:]], (0, 40)) is None
+    assert link_samples(np.r_[good[:40], good[80:]], (0, 40)) is None
 
 
 @pytest.mark.parametrize("k", [2, 3, 10])
@@ -128,7 +135,7 @@ def test_a_regular_pattern_has_the_noise_of_the_decimated_record(k):
     taps = autoregression(noise, good, 8)
     assert taps[0] == pytest.approx(-(0.9**k), abs=0.06)
     polynomial = np.concatenate([[1.0], taps])
-    white, sure = filtered(np.where(good, noise, np.nan), good, polynomial)
+    white, sure = filter_residual(np.where(good, noise, np.nan), good, polynomial)
     np.testing.assert_allclose(white[sure], np.convolve(few, polynomial)[taps.size:few.size])
     assert not sure[~good].any() and sure.sum() == few.size - taps.size
 
@@ -140,12 +147,12 @@ def test_the_floor_of_a_decimated_record_and_none_where_pv_has_no_rule():
     for k in range(1, 4000):
         y[k] = 0.9 * y[k - 1] + 0.1 * position[k - 1]
     y += 0.01 * rng.standard_normal(y.size)
-    whole = irreducible(y, position, np.ones(y.size, bool), 0)
+    whole = irreducible_error(y, position, np.ones(y.size, bool), 0)
     assert whole == pytest.approx(0.01, rel=0.1)
     for k in (2, 3, 5):
-        assert irreducible(y, position, np.arange(y.size) % k > 0, 0) == pytest.approx(whole, rel=0.1)
-        assert irreducible(y, position, np.arange(y.size) % k == 0, 0) == pytest.approx(whole, rel=0.1)
-    assert irreducible(y, position, rng.random(y.size) < 0.4, 0) is None
+        assert irreducible_error(y, position, np.arange(y.size) % k > 0, 0) == pytest.approx(whole, rel=0.1)
+        assert irreducible_error(y, position, np.arange(y.size) % k == 0, 0) == pytest.approx(whole, rel=0.1)
+    assert irreducible_error(y, position, rng.random(y.size) < 0.4, 0) is None
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)
@@ -153,7 +160,7 @@ def test_models_have_a_cost_and_a_noise_on_every_pattern(loop, pattern):
     """Changes of y and an autoregression need one PV after another, which no row of most patterns has."""
     piece = without(loop, pattern)
     for spec in (Spec(), Spec(taps=(-1.1, 0.3)), Spec(process=INTEGRATOR, increments=True, taps=(-0.2,))):
-        model = bound(piece, spec, s_max=8.0, period_s=130.0)
+        model = bind_model(piece, spec, s_max=8.0, period_s=130.0)
         values = model.values(np.full((1, model.space.size), 0.5))
         e = model.evaluate(values[:, 0])
         assert model.weight.sum() > 0.8 * (piece.used.sum() - model.skip)
@@ -165,7 +172,7 @@ def test_models_have_a_cost_and_a_noise_on_every_pattern(loop, pattern):
 @pytest.mark.parametrize("pattern", ["every-2nd", "4-of-5", "random-half"])
 def test_the_valve_is_found_before_the_process(loop, pattern):
     """No difference equation goes from one PV to the next; the right basin is among the starts all the same."""
-    model = bound(without(loop, pattern), Spec(), s_max=find_range(loop).s_max, period_s=130.0)
+    model = bind_model(without(loop, pattern), Spec(), s_max=find_range(loop).s_max, period_s=130.0)
     S = model.values(basins(model, np.random.default_rng(0)))[0]
     assert np.abs(S - SETTING.S).min() < 0.05 * SETTING.S
 

@@ -12,7 +12,7 @@ from loops_with_effects import small
 from stictionid.batch.summary.groups import grouped, groups_said
 from stictionid.effects import get
 from stictionid.effects.contract import Context
-from stictionid.fit.noise.completion import quick
+from stictionid.fit.noise.completion import complete_quickly
 from stictionid.historian.bytes.options import ReadOptions
 from stictionid.historian.reading import read
 from stictionid.model.model import Model
@@ -65,7 +65,7 @@ def test_the_margin_grows_with_the_number_of_tags_and_only_for_tags() -> None:
     for count in (1, 20):
         tags = {f"T{i}": noise(i)[:loop.samples] for i in range(count)}
         model = Model(replace(loop, extras=tags), Spec(), s_max=10.0, period_s=60.0)
-        done = quick(model, model.values(np.full((1, model.space.size), 0.5))[:, 0])
+        done = complete_quickly(model, model.values(np.full((1, model.space.size), 0.5))[:, 0])
         margins.append(margin_of(f"{MEASURED}:T0", Policy(), done))
         assert by_choice("step-disturbance@load", done) == 0.0
     assert margins[1] - margins[0] == pytest.approx(2 * np.log(20)) and margins[0] > Policy().margin

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from stictionid.fit.intervals.along_path import finished_along
+from stictionid.fit.intervals.along_path import finish_along
 from stictionid.laws import get
 from stictionid.laws.contract import (
     FD_DRIFT,
@@ -25,14 +25,14 @@ from stictionid.laws.contract import (
     friction_table,
 )
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
-from stictionid.model.replay import Paths, Slips, by_law, doubts, paths_from, replayed
-from stictionid.model.segments import bound
+from stictionid.model.replay import Paths, Slips, by_law, doubts, paths_from, replay_slips
+from stictionid.model.segments import bind_model
 from stictionid.model.spec import Spec
 from stictionid.numerics.noise.landing import LandingFilter
-from stictionid.numerics.noise.normal import between, log_between, log_upper
+from stictionid.numerics.noise.normal import log_between, log_upper, moments_between
 from stictionid.paths.beam import beam
 from stictionid.paths.likelihood import deviance, law_paths
-from stictionid.paths.settle import annealed, settled
+from stictionid.paths.settle import settle_from_other_valves, settle_path
 from stictionid.record.oscillation import find_range
 
 
@@ -63,7 +63,7 @@ def test_slips_by_the_law_give_the_positions_of_the_law(name, change):
         profile, share = np.linspace(0.0, 100.0, u.size), np.array([0.3])
         slips = by_law(law, u, table, profile, share)
         assert slips.count > 1
-        along = replayed(law, u, table, profile, share, slips).position
+        along = replay_slips(law, u, table, profile, share, slips).position
         np.testing.assert_array_equal(along, law.positions(u, table, profile=profile, share=share))
 
 
@@ -83,7 +83,8 @@ def test_a_replayed_path_has_the_positions_and_the_chance_of_its_slow_twin(rests
     for events, places, chance in found:
         if chance < -25.0:
             continue  # (the twin subtracts chances, and has no digits left there)
-        got = replayed(law, u, table, np.zeros(u.size), np.zeros(1), events_of(events, u.size), doubt=doubts(u, error))
+        got = replay_slips(law, u, table, np.zeros(u.size), np.zeros(1), events_of(events, u.size),
+                           doubt=doubts(u, error))
         np.testing.assert_allclose(got.position[:, 0], places, rtol=0, atol=1e-12)
         m, total = got.margins[:, :, 0] / 0.4, float(got.turns[0])
         total += float(np.sum(log_between(m[:-1, 0], np.maximum(m[:-1, 1], m[:-1, 0])) + log_upper(m[:-1, 2])))
@@ -170,7 +171,7 @@ def scattering(seed=5, scatter=0.15):
                       duration_s=1500.0, scatter=scatter)
     loop = simulate(setting, seed=seed).loop
     found = find_range(loop)
-    model = bound(loop, Spec(), s_max=found.s_max, period_s=found.period_median_s)
+    model = bind_model(loop, Spec(), s_max=found.s_max, period_s=found.period_median_s)
     start = model.vector({"S": 4.1, "J": 1.9, "initial_residual_force": 0.0, "time_constant_s": 8.2,
                           "dead_time_s": 3.0})
     return model, start
@@ -178,12 +179,12 @@ def scattering(seed=5, scatter=0.15):
 
 def test_a_valve_whose_break_away_force_scatters_is_found_with_its_scatter():
     model, start = scattering()
-    found = settled(model, start)
+    found = settle_path(model, start)
     assert found.values[0] == pytest.approx(4.0, rel=0.03)
     assert found.values[1] == pytest.approx(2.0, rel=0.05)
     assert found.paths.scatter == pytest.approx(0.15, rel=0.4)
-    assert found.evaluated().rmse == pytest.approx(0.08, rel=0.05)
-    assert model.evaluate(found.values).rmse > 3.0 * found.evaluated().rmse
+    assert found.evaluate().rmse == pytest.approx(0.08, rel=0.05)
+    assert model.evaluate(found.values).rmse > 3.0 * found.evaluate().rmse
     assert found.moved > 0.5
 
 
@@ -196,11 +197,11 @@ def test_a_stem_lands_with_the_error_of_its_command(seed):
     start = starts[:, np.argmin(model.costs_of(starts))].copy()
     error = 0.03
     output = model.loop.output + error * np.random.default_rng(seed).standard_normal(model.loop.samples)
-    known = bound(replace(model.loop, output=output), Spec(), s_max=model.s_max, period_s=model.period_s)
-    found = settled(known, start, error=error)
+    known = bind_model(replace(model.loop, output=output), Spec(), s_max=model.s_max, period_s=model.period_s)
+    found = settle_path(known, start, error=error)
     assert found.values[0] == pytest.approx(4.0, rel=0.01) and found.along.spread > 1.05
     # What the free run leaves hangs together from sample to sample, what the filter of landings leaves hardly does.
-    left = found.evaluated()
+    left = found.evaluate()
     counted = left.counted > 0
     free, ahead = (np.corrcoef(x[counted][1:], x[counted][:-1])[0, 1] for x in (left.residual, left.innovation))
     assert free > 0.15 and abs(ahead) < 0.5 * free
@@ -210,15 +211,15 @@ def test_a_stem_lands_with_the_error_of_its_command(seed):
 
 def test_a_path_with_its_landing_is_stored_and_read():
     model, start = scattering(seed=6)
-    paths = settled(model, start, error=0.05).paths
-    assert paths.landing is not None and paths_from(json.loads(json.dumps(paths.described()))) == paths
+    paths = settle_path(model, start, error=0.05).paths
+    assert paths.landing is not None and paths_from(json.loads(json.dumps(paths.description()))) == paths
     with pytest.raises(ValueError, match="lands is out of range"):
-        paths_from({**paths.described(), "landing": {"ratio": -1.0, "values": {}}})
+        paths_from({**paths.description(), "landing": {"ratio": -1.0, "values": {}}})
 
 
 def test_a_path_that_a_valve_cannot_take_tells_nothing_of_where_it_landed():
     model, start = scattering(seed=6)
-    found = settled(model, start, error=0.05)
+    found = settle_path(model, start, error=0.05)
     assert found.along.landing is not None
     # A stem that slides goes on with its command, and cannot slip once more.
     slips, moves = found.paths.slips[0], np.diff(model.loop.output)
@@ -235,16 +236,16 @@ def test_no_answer_is_less_likely_than_the_path_by_the_law():
     for scatter in (0.0, 0.05):
         model, start = scattering(scatter=scatter)
         by_force = Paths(law_paths(model, start), 0.009)
-        assert settled(model, start).deviance <= deviance(model, start[:, None], by_force)[0]
+        assert settle_path(model, start).deviance <= deviance(model, start[:, None], by_force)[0]
 
 
 def test_a_path_of_several_segments_has_one_gain_and_the_heights_of_its_own_strokes():
     model, start = scattering()
     loop = replace(model.loop, starts=(0, 700), begins_s=(0.0, 700.0))
-    parts = bound(loop, Spec(), s_max=model.s_max, period_s=model.period_s)
+    parts = bind_model(loop, Spec(), s_max=model.s_max, period_s=model.period_s)
     values = parts.vector(model.named(start))
-    found = settled(parts, values)
-    fit = finished_along(found.along, found.values)
+    found = settle_path(parts, values)
+    fit = finish_along(found.along, found.values)
     low, high = fit.intervals["gain"]
     assert low < 2.0 < high and high - low < 0.4
     assert found.values[0] == pytest.approx(4.0, rel=0.03)
@@ -255,7 +256,7 @@ def test_a_path_of_several_segments_has_one_gain_and_the_heights_of_its_own_stro
 def test_a_valve_is_found_from_far_off_with_a_scatter_that_shrinks():
     model, start = scattering(seed=8, scatter=0.06)
     start[:2] = 2.4, 0.4
-    found = min(annealed(model, start), key=lambda s: s.deviance)
+    found = min(settle_from_other_valves(model, start), key=lambda s: s.deviance)
     assert found.values[0] == pytest.approx(4.0, rel=0.02)
     assert found.values[1] == pytest.approx(2.0, rel=0.05)
 
@@ -265,7 +266,7 @@ def test_moments_of_a_truncated_normal_far_into_its_tails():
     low = np.array([-np.inf, -3.0, 0.5, 20.0, 30.0, -31.0, 1e3, -1e6, 0.3, -1e-9, 2.0])
     high = np.array([1.0, -2.9, 0.6, 20.5, 31.0, -30.0, 1e3 + 1.0, -1e6 + 1.0, 0.3, 1e-9, 1.0])
     with np.errstate(all="raise"):
-        mean, square = between(low, high, 1.0)
+        mean, square = moments_between(low, high, 1.0)
     for k in range(8):
         a, b = float(low[k]), float(high[k])
         top = min(max(a, 0.0), b) if a <= 0.0 <= b else (a if a > 0.0 else b)

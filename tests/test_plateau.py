@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from loops_with_effects import NOISE, small
 
-from stictionid.fit.fit import finish
-from stictionid.fit.plateau import extremes, settled_on_plateau
+from stictionid.fit.fit import finish_fit
+from stictionid.fit.plateau import extremes, settle_on_plateau
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
 from stictionid.record.oscillation import find_range
@@ -32,7 +32,7 @@ def ended(name: str, seed: int) -> tuple[Model, np.ndarray, dict[str, tuple[floa
     """The model, its values (d,) and its intervals where a fit from the values of the record ends."""
     model, values = made(name, seed)
     point = model.cube(values[:, None])
-    fit = finish(model, point, model.costs(point), np.random.default_rng(0))
+    fit = finish_fit(model, point, model.costs(point), np.random.default_rng(0))
     return model, fit.values, fit.intervals
 
 
@@ -47,7 +47,7 @@ def test_every_point_of_a_plateau_ends_in_its_middle(name: str) -> None:
         moved = values.copy()
         moved[:2] += share * (high - low) * 0.3
         moved[list(model.forces)] *= values[:2].sum() / moved[:2].sum()
-        ends.append(model.values(settled_on_plateau(model, model.cube(moved[:, None])[0])[None])[:, 0])
+        ends.append(model.values(settle_on_plateau(model, model.cube(moved[:, None])[0])[None])[:, 0])
     assert all(model.costs_of(end[:, None])[0] <= cost * 1.001 for end in ends)
     for i, span in enumerate((spans["S"], spans["J"])):
         assert np.ptp([end[i] for end in ends]) < 0.1 * (span[1] - span[0])
@@ -59,7 +59,7 @@ def test_a_start_in_another_class_of_first_slips_is_left() -> None:
     for force in (-0.95, 0.0, 0.95):
         moved = values.copy()
         moved[list(model.forces)] = force
-        end = settled_on_plateau(model, model.cube(moved[:, None])[0])
+        end = settle_on_plateau(model, model.cube(moved[:, None])[0])
         assert model.costs(end[None])[0] <= cost * 1.001
         assert abs(model.values(end[None])[0, 0] - values[0]) < 0.1 * (spans["S"][1] - spans["S"][0])
 

@@ -16,17 +16,17 @@ from stictionid.fit.intervals.assemble import (
     effective_rows,
     intervals_of,
     outline,
-    widened,
+    widen_cloud,
 )
 from stictionid.fit.intervals.profile import Mover, spread_over
 from stictionid.fit.intervals.smooth import smooth_intervals
 from stictionid.fit.intervals.thresholds import Plateaus, plateaus, ridges
-from stictionid.fit.moves import descended, longest_first, with_start
+from stictionid.fit.moves import descend_model, longest_first, with_start
 from stictionid.fit.noise.bias_correction import noise_of, slopes_of
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
-from stictionid.numerics.autoregression import autoregression, filtered
+from stictionid.numerics.autoregression import autoregression, filter_residual
 from stictionid.record.oscillation import find_range
 
 TRUE = (3.0, 1.5)
@@ -54,7 +54,7 @@ def spans(model: Model, cube: np.ndarray, cost: np.ndarray) -> dict[str, tuple[f
 
 def test_no_valve_that_does_as_well_lies_outside(fitted) -> None:
     model, cube, cost = fitted
-    narrow, wide = spans(model, cube, cost), spans(model, *widened(model, cube, cost)[:2])
+    narrow, wide = spans(model, cube, cost), spans(model, *widen_cloud(model, cube, cost)[:2])
     best = model.values(cube[[cost.argmin()]])[:, 0]
     # The rungs end a little inside the last step: here by 2e-6 of S, where the true S lies.
     margins = {"S": 1e-4 * best[0], "J": 1e-3 * best[0]}
@@ -67,7 +67,7 @@ def test_no_valve_that_does_as_well_lies_outside(fitted) -> None:
     S, J = (np.linspace(2 * low - high, 2 * high - low, 31) for low, high in (wide["S"], wide["J"]))
     grid = best[:, None].repeat(S.size * J.size, axis=1)
     grid[0], grid[1] = S.repeat(J.size), np.tile(J, S.size)
-    found = descended(model, model.cube(grid), held=(0, 1), turns=3)
+    found = descend_model(model, model.cube(grid), held=(0, 1), turns=3)
     alike = model.values(found.points[found.costs <= limit])
     assert alike.shape[1] > 20
     for i, (name, margin) in enumerate(margins.items()):
@@ -85,7 +85,7 @@ def test_the_interval_of_s_leaves_out_a_tenth_of_the_likelihood_but_never_the_an
     share = np.cumsum(0.5 * (likelihood[1:] + likelihood[:-1]) * np.diff(steps.S))
     ends = np.interp([low, high], steps.S[1:], share / share[-1])
     assert ends.tolist() == pytest.approx([0.05, 0.95], abs=0.03)
-    cube, cost, S, _ = widened(model, cube, cost)
+    cube, cost, S, _ = widen_cloud(model, cube, cost)
     e = model.evaluate(model.values(cube[[cost.argmin()]])[:, 0])
     for answer in (e, replace(e, values={**e.values, "S": 0.9 * low})):
         given = intervals_of(model, cube, cost, float(cost.min()), answer, S)["S"]
@@ -114,7 +114,7 @@ def test_a_step_one_sample_of_dead_time_away_is_found(fitted) -> None:
     wrong = values.copy()
     wrong[0] -= Mover(model, values).pace * model.step_s
     wrong[4] += model.step_s
-    near = descended(model, with_start(model, model.cube(wrong[:, None])), held=(0, 2))
+    near = descend_model(model, with_start(model, model.cube(wrong[:, None])), held=(0, 2))
     assert near.costs[0] > 1.05 * cost.min()
     steps = plateaus(model, near.points[0])
     assert steps is not None
@@ -146,7 +146,7 @@ def test_a_moved_valve_slips_first_at_the_same_sample(fitted) -> None:
 
 def test_the_outline_is_a_few_possible_points_over_the_ranges(fitted) -> None:
     model, cube, cost = fitted
-    cube, cost, *_ = widened(model, cube, cost)
+    cube, cost, *_ = widen_cloud(model, cube, cost)
     few, all_ = model.values(outline(model, cube, cost)), spans(model, cube, cost)
     assert 3 <= few.shape[1] <= 16
     for i, name in enumerate("SJ"):
@@ -170,8 +170,8 @@ def test_a_noise_model_knows_what_the_fit_took_of_the_noise() -> None:
     rng, plain, right = np.random.default_rng(1), [], []
     for _ in range(200):
         noise = lfilter([1.0], [1.0, -root], rng.standard_normal(n + 100))[100:]
-        white, rows = filtered(noise, good, np.array([1.0, -root]))
-        Z = np.stack([filtered(x, good, np.array([1.0, -root]))[0] for x in X.T], axis=1)
+        white, rows = filter_residual(noise, good, np.array([1.0, -root]))
+        Z = np.stack([filter_residual(x, good, np.array([1.0, -root]))[0] for x in X.T], axis=1)
         left = noise - X @ np.linalg.lstsq(Z[rows], white[rows], rcond=1e-9)[0]
         plain.append(autoregression(left, good, 1)[0])
         right.append(noise_of(model, replace(e, residual=left), np.ones(1), 1)[0])
@@ -189,7 +189,7 @@ def test_s_moves_along_with_an_effect_that_has_a_share_in_the_thresholds() -> No
     model = Model(loop, Spec(effects=("slip-overshoot",)), s_max=found.s_max, period_s=found.period_median_s)
     true = {"S": 4.0, "J": 1.5, "initial_residual_force": 0.0, "time_constant_s": 10.0, "dead_time_s": 2.0,
             "slip-overshoot:overshoot": 1.7}
-    top = descended(model, with_start(model, model.cube(model.vector(true)[:, None])), held=(0, 2)).points[0]
+    top = descend_model(model, with_start(model, model.cube(model.vector(true)[:, None])), held=(0, 2)).points[0]
     # Off the truth by what the thresholds do not see, and everything else following.
     along = ridges(model, top)
     S, best = model.values(along)[0], float(model.costs(top[None])[0])
@@ -211,7 +211,7 @@ def test_plateaus_that_are_possible_count_with_both_ends() -> None:
     low, high = found.interval(100.0, 0.9)
     # A share of the likelihood leaves out the ends of a wide plateau and a narrow one that is nearly as good.
     assert 1.1 < low < high < 1.99
-    assert found.possible(100.0, 3.8) == (1.1, 2.01) and found.possible(100.0, 0.5) == (1.1, 1.9)
+    assert found.possible_span(100.0, 3.8) == (1.1, 2.01) and found.possible_span(100.0, 0.5) == (1.1, 1.9)
 
 
 def test_the_process_numbers_reach_as_far_as_their_profiles_allow(fitted) -> None:
@@ -230,7 +230,7 @@ def test_the_process_numbers_reach_as_far_as_their_profiles_allow(fitted) -> Non
             for share, possible in ((0.7, True), (1.4, False)):
                 values = np.array(list(best.values.values()))[:, None]
                 values[at] = middle + side * share * half
-                ends = descended(model, model.cube(values), held=(0, *model.forces, at))
+                ends = descend_model(model, model.cube(values), held=(0, *model.forces, at))
                 assert (ends.costs[0] <= limit) == possible, (name, side, share)
     low, high = found["gain"]
     assert low <= truth["gain"] <= high
@@ -238,8 +238,8 @@ def test_the_process_numbers_reach_as_far_as_their_profiles_allow(fitted) -> Non
         for share, possible in ((0.7, True), (1.4, False)):
             given = Model(model.loop, Spec(fixed={"gain": best.gain + side * share * 0.5 * (high - low)}),
                           s_max=model.s_max, period_s=model.period_s)
-            ends = descended(given, given.cube(np.array(list(best.values.values()))[:, None]),
-                             held=(0, *model.forces))
+            ends = descend_model(given, given.cube(np.array(list(best.values.values()))[:, None]),
+                                 held=(0, *model.forces))
             assert (ends.costs[0] <= limit) == possible, (side, share)
 
 
@@ -285,5 +285,5 @@ def test_ends_that_the_slopes_put_elsewhere_are_where_the_cost_allows_them(fitte
         for share, possible in ((0.9, True), (1.5, False)):
             values = best.copy()
             values[3] = best[3] + share * (end - best[3])
-            ends = descended(model, model.cube(values), held=(0, *model.forces, 3))
+            ends = descend_model(model, model.cube(values), held=(0, *model.forces, 3))
             assert (ends.costs[0] <= limit) == possible, (end, share)

@@ -22,7 +22,7 @@ from stictionid.cli.common.completion import effect_names, law_names
 from stictionid.cli.common.output import FIRST_RUN, Progress, width_of
 from stictionid.effects import catalogue
 from stictionid.model.closed_loop import preset
-from stictionid.model.visible import visible
+from stictionid.model.visible import visible_values
 from stictionid.numerics.machine_code import ahead
 from stictionid.record.study import to_json
 from stictionid.system.plurals import counted
@@ -176,7 +176,7 @@ def test_counts_have_their_plural() -> None:
 def test_every_effect_has_numbers_that_show() -> None:
     setting = replace(preset("itptd"), duration_s=150.0)
     for effect in catalogue().values():
-        values = visible(effect.name, setting)
+        values = visible_values(effect.name, setting)
         limits = {p.name: p for p in effect.parameters}
         assert values and set(values) <= set(limits)
         assert any(value != limits[name].neutral for name, value in values.items()), effect.name

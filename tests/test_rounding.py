@@ -16,7 +16,7 @@ from stictionid.effects import get
 from stictionid.fit.options import Options
 from stictionid.fit.starts.intersample import surely_moves
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
-from stictionid.process.rounded import derounded, step_of
+from stictionid.process.rounded import deround_output, step_of
 from stictionid.verbs.identify import identify
 
 
@@ -25,11 +25,11 @@ def test_a_smooth_output_comes_back_from_its_steps() -> None:
     smooth = 3.0 * np.sin(t / 25.0) + np.where(t >= 200.0, 2.0, 0.0)
     jumps, step = np.where(t == 200.0, 2.0, 0.0), 0.05
     recorded_in_steps = np.rint(smooth / step) * step
-    back = derounded(recorded_in_steps, jumps)
+    back = deround_output(recorded_in_steps, jumps)
     # No point leaves the step in which it was recorded.
     assert np.abs(back - recorded_in_steps).max() <= 0.5 * step + 1e-9
     assert np.std(back - smooth) < 0.6 * np.std(recorded_in_steps - smooth)
-    assert derounded(smooth, jumps) is smooth and step_of(smooth) == 0.0
+    assert deround_output(smooth, jumps) is smooth and step_of(smooth) == 0.0
 
 
 @pytest.mark.parametrize("clips", [False, True])

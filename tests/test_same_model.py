@@ -15,8 +15,8 @@ from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.record.loop import Loop
 from stictionid.record.study import Study
 from stictionid.selection.decide import best_without
-from stictionid.selection.node import physical
-from stictionid.selection.run import resumed
+from stictionid.selection.node import physical_effects
+from stictionid.selection.run import resume_search
 from stictionid.verbs.add import add
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import identify
@@ -81,8 +81,8 @@ def test_a_sine_added_by_hand_is_the_sine_of_the_search() -> None:
 
 def test_an_effect_with_which_the_error_grows_is_never_supported() -> None:
     loop, after = swung()[0], by_hand()
-    on = resumed(loop, after, seed=0)
-    name = physical(on.here.spec)[0]
+    on = resume_search(loop, after, seed=0)
+    name = physical_effects(on.here.spec)[0]
     without = best_without(on.search, on.here, "sinusoidal-disturbance")
     assert on.here.scored.done.gain_over(without.scored.done) > 20.0
     assert support_of(on.search, on.here, name).supported is True

@@ -12,7 +12,16 @@ from stictionid.fit.starts.intersample import surely_moves, surely_scanned
 from stictionid.methods.option_check import check_options
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.restore import rebuild_model, rerun
-from stictionid.process.scan import MOST_PARTS, answers, drawn, parts_of, pi_law, ran_between, ran_with_samples, scanned
+from stictionid.process.scan import (
+    MOST_PARTS,
+    answers,
+    command_at_scans,
+    draw_command,
+    parts_of,
+    pi_law,
+    ran_between,
+    ran_with_samples,
+)
 from stictionid.record.loop import Loop
 from stictionid.record.study import study_from_json, to_json
 from stictionid.verbs.identify import Options, identify
@@ -40,7 +49,7 @@ def test_every_second_scan_tells_the_other() -> None:
     noisy = replace(SETTING, noise_sd=0.1)
     loop, true = thinned(2, noisy)
     law = pi_law(loop, 2)
-    error = scanned(loop, 2)[:true.size] - true
+    error = command_at_scans(loop, 2)[:true.size] - true
     assert np.std(error) < 0.15 * law.gain * 0.1  # the noise of a scan alone moves the output by 0.045 %
 
 
@@ -48,20 +57,21 @@ def test_the_course_of_y_between_samples_makes_the_command_better() -> None:
     loop, true = thinned(5)
     full = simulate(SETTING, seed=1).loop.process_value
     course = np.append(full, np.full(loop.samples * 5 - full.size, full[-1]))
-    plain, known = (np.std(scanned(loop, 5, c)[:true.size] - true) for c in (None, course + 7.0))
+    plain, known = (np.std(command_at_scans(loop, 5, c)[:true.size] - true) for c in (None, course + 7.0))
     assert known < 0.05 * plain and plain < 0.1 * np.std(np.repeat(loop.output, 5)[:true.size] - true)
 
 
 def test_a_setpoint_that_moves_between_samples_is_placed_at_its_scan() -> None:
     moving = replace(SETTING, setpoint_moves=((0.0, 3.0), (503.0, -4.0), (1001.0, 4.0), (1499.0, -2.0)))
     loop, true = thinned(5, moving)
-    assert np.abs(scanned(loop, 5)[:true.size] - true).max() < 0.3 * 0.45 * 4.0  # a scan off costs the whole move
+    # A scan off costs the whole move.
+    assert np.abs(command_at_scans(loop, 5)[:true.size] - true).max() < 0.3 * 0.45 * 4.0
 
 
 def test_without_a_law_the_corners_are_what_is_left() -> None:
     loop, _ = thinned(5)
     blind = replace(loop, setpoint=None)
-    assert pi_law(blind, 5) is None and scanned(blind, 5).size == 5 * loop.samples
+    assert pi_law(blind, 5) is None and command_at_scans(blind, 5).size == 5 * loop.samples
     assert (parts_of(10.0, 1.0), parts_of(60.0, 1.0), parts_of(1.0, 1.0), parts_of(10.0, 5.0)) == (10, 10, 1, 2)
 
 
@@ -122,11 +132,11 @@ def test_noise_between_samples_is_said_and_ends_in_an_abstention() -> None:
 
 def test_draws_add_the_noise_of_the_law_at_the_scans_between_the_samples() -> None:
     loop, _ = thinned(5)
-    plain, law = scanned(loop, 5), pi_law(loop, 5)
-    noise = (drawn(loop, plain, 5, 0.3, np.random.default_rng(1)) - plain).reshape(-1, 5)
+    plain, law = command_at_scans(loop, 5), pi_law(loop, 5)
+    noise = (draw_command(loop, plain, 5, 0.3, np.random.default_rng(1)) - plain).reshape(-1, 5)
     assert np.all(noise[:, 0] == 0.0)
     assert np.std(noise[:, 1:]) == pytest.approx(0.3 * abs(law.gain), rel=0.05)
-    assert np.all(drawn(loop, plain, 5, 0.0, np.random.default_rng(1)) == plain)
+    assert np.all(draw_command(loop, plain, 5, 0.0, np.random.default_rng(1)) == plain)
 
 
 def test_options_that_do_not_fit_are_refused() -> None:

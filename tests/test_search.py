@@ -17,11 +17,11 @@ from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.spec import SOFT, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.study import Study, study_from_json, to_json
-from stictionid.selection.decide import simplest
+from stictionid.selection.decide import simplify_effects
 from stictionid.selection.node import key, node, spec_of, structure, with_effect
 from stictionid.selection.policy import Policy
 from stictionid.selection.search import Search
-from stictionid.selection.steps import opened
+from stictionid.selection.steps import open_last_model
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 
@@ -91,22 +91,22 @@ def test_a_process_that_rings_gives_way_to_two_lags_that_explain_as_much(
     setting = Setting(plant, Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=1000.0, noise_sd=0.02, effects=effects,
                       setpoint_moves=((0.0, 3.0), (500.0, -2.0)))
     loop = replace(simulate(setting, seed=3).loop, position=None)
-    run, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
+    run, fit = open_last_model(loop, identify(loop, options=Options(base_only=True)), 0)
     search = Search(run.loop, Policy(), 0, 1, lambda words, share: None)
     root = search.root(fit)
-    search.ask(root, ("underdamped-process",))
+    search.ask_for(root, ("underdamped-process",))
     rings = search.memo[key(with_effect(root.spec, "underdamped-process"))]
-    assert set(simplest(search, rings, ()).spec.effects) == answer
-    assert simplest(search, rings, ("underdamped-process",)) is rings
+    assert set(simplify_effects(search, rings, ()).spec.effects) == answer
+    assert simplify_effects(search, rings, ("underdamped-process",)) is rings
 
 
 def test_a_look_at_the_beginning_of_a_long_record_is_compared_on_all_of_it() -> None:
     setting = Setting(Plant(1.5, 10.0, 2.0), Controller(0.4, 12.0), S=4.0, J=2.0, duration_s=1000.0, noise_sd=0.02,
                       effects=(("gain-nonlinearity", {}),), setpoint_moves=((0.0, 3.0), (500.0, -2.0)))
     loop = replace(simulate(setting, seed=3).loop, position=None)
-    run, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
+    run, fit = open_last_model(loop, identify(loop, options=Options(base_only=True)), 0)
     search = Search(run.loop, Policy(fit_samples=400), 0, 1, lambda words, share: None)
     root = search.root(fit)
-    search.ask(root, ("gain-nonlinearity",))
+    search.ask_for(root, ("gain-nonlinearity",))
     found = search.memo[key(with_effect(root.spec, "gain-nonlinearity"))]
     assert not found.failed and found.scored.done.good.size == loop.samples

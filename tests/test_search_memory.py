@@ -39,7 +39,7 @@ def test_a_look_waits_beside_a_full_fit_where_its_free_run_is_better(gates: tupl
     memo = {key(DRIFTING): fit}
     look = asked(memo, other, scored(0.9, -90.0, full=False))
     assert memo[key(DRIFTING)] is fit and fit.scored.full and fit.gates == gates
-    assert fit.look is look and fit.seen(look).rmse == 0.9
+    assert fit.look is look and fit.score_of_look(look).rmse == 0.9
     asked(memo, other, scored(1.2, -120.0, full=False))
     assert fit.look is look
 

@@ -13,7 +13,7 @@ from stictionid.errors import DataError
 from stictionid.model.closed_loop import preset, simulate
 from stictionid.model.model import Model
 from stictionid.model.restore import rerun
-from stictionid.model.segments import Restarted, bound
+from stictionid.model.segments import Restarted, bind_model
 from stictionid.model.spec import INTEGRATOR, Spec
 from stictionid.numerics.varpro import Shared
 from stictionid.numerics.varpro_segments import Blockwise, block_columns
@@ -50,7 +50,7 @@ def scanned(name: str = "foptd", *, S: float = 5.0, J: float = 3.0, seed: int = 
 def test_a_restarted_model_costs_what_its_twin_does(process: str, taps: tuple[float, ...]) -> None:
     loop = with_gaps(scanned(noise=0.3), (101, 143), (231, 260))
     spec = Spec(process=process, taps=taps)
-    model = bound(loop, spec, s_max=10.0, period_s=40.0)
+    model = bind_model(loop, spec, s_max=10.0, period_s=40.0)
     assert isinstance(model, Restarted)
     values = np.array([4.6, 2.1, 0.3, 6.5, 4.3, -0.7, 0.9])
     segments = [(loop.output[p], loop.process_value[p]) for p in loop.segments]
@@ -66,7 +66,7 @@ def test_a_restarted_model_costs_what_its_twin_does(process: str, taps: tuple[fl
 
 def test_one_segment_is_the_plain_model_and_alone_in_a_restarted_one_the_same() -> None:
     loop = scanned(noise=0.2)
-    assert type(bound(loop, Spec(), s_max=10.0, period_s=40.0)) is Model
+    assert type(bind_model(loop, Spec(), s_max=10.0, period_s=40.0)) is Model
     plain = Model(loop, Spec(), s_max=10.0, period_s=40.0)
     cube = np.random.default_rng(0).random((40, 5))
     whole = Restarted(loop, Spec(), s_max=10.0, period_s=40.0)
@@ -104,7 +104,7 @@ def test_glued_segments_are_wrong_where_restarted_ones_are_right() -> None:
     loop = with_gaps(whole, (151, 173), (297, 340))
     truth = np.array([5.0, 3.0, 0.0, 5.0, 5.0])
     glued = Model(replace(loop, starts=(0,), begins_s=()), Spec(), s_max=10.0, period_s=40.0)
-    model = bound(loop, Spec(), s_max=10.0, period_s=40.0)
+    model = bind_model(loop, Spec(), s_max=10.0, period_s=40.0)
     forces = (whole.output - whole.position)[[0, 173, 340]] / 4.0
     right = model.evaluate(np.concatenate([truth[:2], forces[:1], truth[3:], forces[1:]]))
     assert right.rmse < 0.06
@@ -169,7 +169,7 @@ def test_effects_by_the_clock_see_it_with_the_gaps(name: str, given: dict[str, f
     whole = scanned(noise=0.1)
     loop = with_gaps(whole, (101, 143), (231, 260))
     keep = np.r_[0:101, 143:231, 260:whole.samples]
-    models = [bound(x, Spec(effects=(name,)), s_max=10.0, period_s=40.0) for x in (whole, loop)]
+    models = [bind_model(x, Spec(effects=(name,)), s_max=10.0, period_s=40.0) for x in (whole, loop)]
     values = np.concatenate([[4.6, 2.1, 0.3, 6.5, 4.3], list(given.values())])[:, None]
     assert models[0].space.names[5:] == tuple(given)
     if name == "stiction-drift":

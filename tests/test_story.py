@@ -14,11 +14,11 @@ from stictionid.effects import get
 from stictionid.effects.contract import Context
 from stictionid.fit.context import Run
 from stictionid.fit.fit import as_it_stands
-from stictionid.fit.moves import descended
+from stictionid.fit.moves import descend_model
 from stictionid.fit.options import Options
 from stictionid.model.closed_loop import Setting, preset, simulate, with_stiction
 from stictionid.model.model import Model
-from stictionid.model.parts import Part, joined
+from stictionid.model.parts import Part, join_parts
 from stictionid.model.restore import rerun
 from stictionid.model.spec import Spec
 from stictionid.record.loop import Loop
@@ -64,7 +64,7 @@ def study_of(loop: Loop, S: float, J: float, ways: tuple[tuple[str, ...], ...], 
         starts = np.stack([model.vector({**base, "initial_residual_force": force})
                            for force in np.linspace(-0.9, 0.9, 13)], axis=1)
         points = model.cube(starts)
-        found = descended(model, points[np.argsort(model.costs(points))[:3]])
+        found = descend_model(model, points[np.argsort(model.costs(points))[:3]])
         fit = as_it_stands(model, model.values(found.points[:1])[:, 0])
         steps.append(run.step(fit, next(iter(set(effects) - before), None)))
         before = set(effects)
@@ -178,9 +178,9 @@ def test_a_sine_that_the_process_took_is_tried_at_the_line_of_y() -> None:
 def test_parts_that_cancel_are_joined() -> None:
     wave = np.sin(np.arange(100.0))
     parts = (Part("valve", 2.3 * wave, 2.3), Part("start", -1.4 * wave, -1.4), Part("noise", 0.1 * wave, 0.1))
-    found = joined(parts)
+    found = join_parts(parts)
     assert [p.name for p in found] == ["valve+start", "noise"] and found[0].share == pytest.approx(0.9)
-    assert found[0].curve == pytest.approx(0.9 * wave) and joined(parts[::2]) == parts[::2]
+    assert found[0].curve == pytest.approx(0.9 * wave) and join_parts(parts[::2]) == parts[::2]
     words = effect_words.fitted_part(disturbed(), "valve+start")
     assert words == "valve, process and the start of the record"
 

@@ -22,7 +22,7 @@ from stictionid.reports.pictures.figures import figure_bytes
 from stictionid.reports.pictures.svg import CHARACTER, SQUARE, WIDE, inline, standalone
 from stictionid.reports.pictures.tree_picture import tree
 from stictionid.reports.tree_text import MOST_NODES, after_tree, equivalents, tree_lines, tree_of
-from stictionid.selection.steps import reaching_to
+from stictionid.selection.steps import widen_to_equivalents
 
 GOLDEN = Path(__file__).parent / "golden"
 RECORD = Path(__file__).parents[1] / "sample_data" / "foptd.csv"
@@ -255,8 +255,8 @@ def test_the_page_has_the_picture_the_text_and_the_reasons(tmp_path: Path) -> No
 def test_the_intervals_reach_to_the_equivalents() -> None:
     estimate = Estimate(4.0, 2.0, "%", (3.9, 4.1), (1.9, 2.1), 0.9, "chen", 1.0, (10.0,), 2.0, False, 0.0)
     reach = {"S": ((4.3, 4.6),), "J": ((2.05, 2.4),)}
-    wide = reaching_to(estimate, reach)
+    wide = widen_to_equivalents(estimate, reach)
     assert wide.S_interval == (3.9, 4.6) and wide.J_interval == (1.9, 2.4)
     assert wide.S_pieces == ((3.9, 4.1), (4.3, 4.6)) and wide.J_pieces is None
     without = replace(estimate, S_interval=None, J_interval=None)
-    assert reaching_to(without, reach) == without and reaching_to(estimate, {}) == estimate
+    assert widen_to_equivalents(without, reach) == without and widen_to_equivalents(estimate, {}) == estimate

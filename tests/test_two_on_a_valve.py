@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stictionid.fit.moves import descended, with_start
-from stictionid.fit.starts.niches import beyond_rest, herded
+from stictionid.fit.moves import descend_model, with_start
+from stictionid.fit.starts.niches import beyond_rest, evolve_points
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -39,8 +39,8 @@ def test_a_herd_crosses_slips_that_a_descent_stops_at() -> None:
                           "dead_time_s": 5.0, "asymmetric-stiction:jump_difference": 0.8 * DIFFERENCE,
                           "stiction-drift:stickband_growth": 0.8 * GROWTH})
     point: FloatArray = with_start(model, model.cube(start[:, None]))
-    stopped = descended(model, point)
-    herd = herded(model, point, np.random.default_rng(0))
+    stopped = descend_model(model, point)
+    herd = evolve_points(model, point, np.random.default_rng(0))
     assert np.all(np.diff(herd.costs) >= 0.0)
     assert herd.costs[0] == pytest.approx(float(model.costs(herd.points[:1])[0]))
     rmse = [float(np.sqrt(found.costs[0] / model.shared.rows)) for found in (stopped, herd)]

@@ -12,8 +12,8 @@ import study_factory
 
 from stictionid.effects import leaving
 from stictionid.fit.moves import behind_valve
-from stictionid.fit.noise.completion import Refit, quick
-from stictionid.fit.noise.unexplained import SHARE, judged_by, said_missing, unexplained
+from stictionid.fit.noise.completion import Refit, complete_quickly
+from stictionid.fit.noise.unexplained import SHARE, judged_by, missing_words, unexplained_shape
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
 from stictionid.record.study import study_from_json, to_json
@@ -36,7 +36,7 @@ def left_by(effect: str, seed: int) -> Refit:
                        "time_constant_s": 1.3 * process["time_constant_s"], "dead_time_s": process["dead_time_s"] + 3.0,
                        **({"re-sticking:restick_speed": 1e3} if truth["rests"] else {})})
     found = behind_valve(model, model.cube(at[:, None]), slice(3, 5), turns=40, settle=1e-7)
-    return quick(model, model.values(found.points[:1])[:, 0])
+    return complete_quickly(model, model.values(found.points[:1])[:, 0])
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +46,11 @@ def wrong_way() -> Refit:
 
 
 def test_a_process_outside_the_catalogue_is_answered_with_its_shape(wrong_way: Refit) -> None:
-    shape = unexplained(wrong_way)
+    shape = unexplained_shape(wrong_way)
     assert shape is not None and shape.named == "valve moves" and shape.suggests[0] == "inverse-response"
     assert "the residual answers valve moves with a dip of" in shape.statement
     assert "inverse-response would do that" in shape.statement and "tried" not in shape.statement
-    again = unexplained(wrong_way, tried=leaving("dip"))
+    again = unexplained_shape(wrong_way, tried=leaving("dip"))
     assert again is not None and again.statement.endswith("but was tried and does not help enough")
     strongest = max(shape.answers, key=lambda a: a.share)
     assert strongest.to == shape.named and strongest.share >= SHARE
@@ -63,16 +63,16 @@ def test_a_process_outside_the_catalogue_is_answered_with_its_shape(wrong_way: R
 
 
 def test_a_right_model_has_no_shape() -> None:
-    assert all(unexplained(left_by("clean", seed)) is None for seed in (1001, 1003))
+    assert all(unexplained_shape(left_by("clean", seed)) is None for seed in (1001, 1003))
 
 
 def test_such_a_model_is_not_adequate_and_the_study_keeps_the_shape(wrong_way: Refit) -> None:
-    shape = unexplained(wrong_way)
+    shape = unexplained_shape(wrong_way)
     assert shape is not None
     adequate, why = judged_by(shape, True, "nothing is left")
     assert not adequate and shape.statement in why and judged_by(None, True, "fine") == (True, "fine")
     assert judged_by(shape, False, "far from the noise") == (False, "far from the noise")
-    study = replace(study_factory.good(240).study, unexplained=shape, missing_reason=said_missing(shape),
+    study = replace(study_factory.good(240).study, unexplained=shape, missing_reason=missing_words(shape),
                     adequate=adequate, adequate_reason=why)
     assert study_from_json(to_json(study)) == study
     ladder = next(s for s in facts(study).sections if s.key == "ladder")
@@ -80,7 +80,7 @@ def test_such_a_model_is_not_adequate_and_the_study_keeps_the_shape(wrong_way: R
 
 
 def test_the_shape_names_what_the_residual_answers() -> None:
-    shape = unexplained(left_by("direction-dependent-lag", 1001))
+    shape = unexplained_shape(left_by("direction-dependent-lag", 1001))
     assert shape is not None and shape.named == "the direction of valve moves"
     assert set(shape.suggests[:2]) < set(leaving("direction")) and " would do that" in shape.statement
     closing, opening = np.array(shape.closing.value), np.array(shape.opening.value)

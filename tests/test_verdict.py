@@ -16,7 +16,7 @@ import pytest
 
 from stictionid.errors import UsageError
 from stictionid.fit.cross_validation import Held
-from stictionid.fit.noise.prewhitening import whitened, with_noise_of, with_taps
+from stictionid.fit.noise.prewhitening import whiten_model, with_noise_of, with_taps
 from stictionid.historian import read_loop
 from stictionid.model.closed_loop import Controller, Plant, Setting, preset, simulate, with_stiction
 from stictionid.model.model import Model
@@ -28,9 +28,9 @@ from stictionid.process.controller_law import usual_law
 from stictionid.record.loop import Finding, Loop
 from stictionid.record.study import Study, Verdict
 from stictionid.verbs.identify import Options, identify
-from stictionid.verdict.causes import steady
+from stictionid.verdict.causes import steady_sine
 from stictionid.verdict.from_position import from_position
-from stictionid.verdict.judge import capped, judge, with_position
+from stictionid.verdict.judge import cap_verdict, judge, with_position
 from stictionid.verdict.severity import band
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
@@ -143,7 +143,7 @@ def test_whitened_innovations_are_white_and_smaller() -> None:
     model = Model(loop, Spec(), s_max=7.0, period_s=60.0)
     values = model.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 5.0,
                            "dead_time_s": 5.0})
-    done = whitened(model, values)
+    done = whiten_model(model, values)
     x = done.innovation[done.good]
     assert done.order >= 1 and done.innovation_sd < 0.6 * done.rmse
     assert abs(float(x[1:] @ x[:-1] / (x @ x))) < 0.2  # AR(1) residuals of the same model have 0.9
@@ -165,7 +165,7 @@ def test_both_models_get_the_noise_of_either() -> None:
     model = Model(loop, Spec(), s_max=7.0, period_s=60.0)
     values = model.vector({"S": 5.0, "J": 3.0, "initial_residual_force": 0.0, "time_constant_s": 5.0,
                            "dead_time_s": 5.0})
-    rich = whitened(model, values)
+    rich = whiten_model(model, values)
     poor = with_taps(model, rich.values, np.empty(0))
     helped = with_noise_of(poor, rich)
     assert helped.order == rich.order and helped.innovation_sd < 1.01 * rich.innovation_sd
@@ -246,8 +246,9 @@ def test_what_reading_found_caps_the_verdict() -> None:
     verdict = fitted(sticking)[0].verdict
     bad = Finding("compressed", "warning", "half of the samples lie on straight lines", {"caps_verdict": True})
     spoilt = replace(loop, origin=replace(loop.origin, findings=(bad,)))
-    assert capped(verdict, loop) is verdict
-    assert capped(verdict, spoilt).stiction == "undecided" and "straight lines" in capped(verdict, spoilt).reason
+    assert cap_verdict(verdict, loop) is verdict
+    capped = cap_verdict(verdict, spoilt)
+    assert capped.stiction == "undecided" and "straight lines" in capped.reason
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real loops are not here")
@@ -269,12 +270,12 @@ def test_real_records_that_cannot_tell_say_why(name, code) -> None:
 def test_a_steady_sine_holds_its_variance_and_a_wandering_wave_does_not() -> None:
     rng, t = np.random.default_rng(3), np.arange(1500)
     everywhere = np.ones(t.size, bool)
-    period, sine, _ = steady(np.sin(2 * np.pi * t / 73.4) + 0.1 * rng.standard_normal(t.size), everywhere)
+    period, sine, _ = steady_sine(np.sin(2 * np.pi * t / 73.4) + 0.1 * rng.standard_normal(t.size), everywhere)
     assert period == pytest.approx(73.4, rel=0.005) and sine > 0.95
     phase = np.cumsum(0.15 * rng.standard_normal(t.size))
-    assert steady(np.sin(2 * np.pi * t / 73.4 + phase), everywhere)[1] < 0.6
+    assert steady_sine(np.sin(2 * np.pi * t / 73.4 + phase), everywhere)[1] < 0.6
     square = np.sign(np.sin(2 * np.pi * t / 60.0 + 0.3))
-    _, one, all_ = steady(square, everywhere)
+    _, one, all_ = steady_sine(square, everywhere)
     assert one == pytest.approx(8 / np.pi**2, abs=0.02) and all_ > one + 0.05
 
 
@@ -391,7 +392,7 @@ def test_the_bound_on_S_does_not_exclude_the_true_one(seed: int) -> None:
     run = Run(known.loop, find_range(known.loop), Options(), law="chen", order=1, rng=np.random.default_rng(0),
               tell=lambda text, share: None)
     fit = run.fit(Spec())
-    sticking = whitened(fit.model, fit.values)
+    sticking = whiten_model(fit.model, fit.values)
     found = largest_possible(sticking, friction_free(run, sticking), float(np.ptp(known.loop.output)))
     assert found is not None and (found.above is None or found.above >= known.S)
     assert found.ratio > 40.0  # a valve that sticks: friction predicts better than none
@@ -432,7 +433,7 @@ def test_the_prediction_alone_is_never_sure_of_stiction() -> None:
 
 def test_the_controller_turned_round_is_no_process() -> None:
     """A command that moves with y between samples tells y by the controller's law, with a gain of the wrong sign."""
-    from stictionid.verdict.judge import _descended
+    from stictionid.verdict.judge import _descend_starts
 
     rng, n = np.random.default_rng(3), 900
     wander = np.convolve(rng.standard_normal(n + 40), np.hanning(40), "valid")[:n]
@@ -443,7 +444,7 @@ def test_the_controller_turned_round_is_no_process() -> None:
     right = {"S": 0.0, "J": 0.0, "initial_residual_force": 0.0, "time_constant_s": 24.7, "dead_time_s": 6.0}
     starts = model.cube(np.stack([model.vector(right | more) for more in (
         {}, {"time_constant_s": 0.05, "dead_time_s": 0.0})], axis=1))
-    gains = [model.evaluate(_descended(model, starts, acts)).gain for acts in (0.0, 1.0)]
+    gains = [model.evaluate(_descend_starts(model, starts, acts)).gain for acts in (0.0, 1.0)]
     assert gains[0] == pytest.approx(-1.0 / 3.0, rel=0.2)
     assert gains[1] > 0.0
     # The law of r, y and u tells the sign: then the wrong one explains nothing.
@@ -461,7 +462,8 @@ def test_friction_that_explains_most_of_the_free_run_is_not_denied(monkeypatch: 
     (_, given), told = fitted(healthy), []
     monkeypatch.setattr("stictionid.verdict.judge.largest_possible", lambda *_: Possible(0.01, -200.0))
     for drop in (0.03, 0.9):
-        monkeypatch.setattr("stictionid.verdict.judge._measured", lambda *_, d=drop: (-200.0, 0, 0.001, d, -0.1))
+        monkeypatch.setattr("stictionid.verdict.judge._measure_evidence",
+                            lambda *_, d=drop: (-200.0, 0, 0.001, d, -0.1))
         told.append(judge(*given))
     assert [v.stiction for v in told] == ["no stiction", "undecided"]
     assert "most of the free-run error" in told[1].reason

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from loops_with_effects import NOISE, SMALL, small
 
-from stictionid.fit.moves import descended
+from stictionid.fit.moves import descend_model
 from stictionid.fit.own_scan import scanned_starts
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
@@ -16,7 +16,7 @@ def test_a_positioner_comes_back_from_its_own_simulation_with_nothing_known() ->
     setting, loop = small("positioner")
     model = Model(loop, Spec(effects=("positioner",)), s_max=float(np.ptp(loop.output)), period_s=40.0)
     found = scanned_starts(model, "positioner", model.vector(model.named(np.ones(model.space.size))), True)
-    best = model.values(descended(model, found).points[:1])[:, 0]
+    best = model.values(descend_model(model, found).points[:1])[:, 0]
     named = model.named(best)
     assert model.evaluate(best).rmse <= 1.05 * NOISE
     assert named["S"] == pytest.approx(setting.S, rel=0.02) and named["J"] == pytest.approx(setting.J, rel=0.03)

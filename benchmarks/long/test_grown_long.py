@@ -8,14 +8,14 @@ from loops_with_effects import VISIBLE, loop_of, shown
 
 from stictionid.fit.fit import as_it_stands
 from stictionid.fit.starts.continuation import grown_valves
-from stictionid.fit.with_effect import scout, settled
+from stictionid.fit.with_effect import scout_effect, settle_look
 from stictionid.model.model import Model
 from stictionid.model.spec import Spec
 from stictionid.record.oscillation import find_range
 from stictionid.record.preconditions import swing_of, time_scale_s
-from stictionid.selection.looks import Ground, adding, performed, pool_of
+from stictionid.selection.looks import Ground, edge_adding, perform_task, pool_of
 from stictionid.selection.policy import Policy
-from stictionid.selection.steps import opened
+from stictionid.selection.steps import open_last_model
 from stictionid.verbs.diagnose import diagnose
 from stictionid.verbs.identify import Options, identify
 
@@ -105,7 +105,7 @@ def test_a_stickband_that_grows_is_found_in_an_integrator() -> None:
     values = model.vector({"S": 0.5 * setting.S, "J": 0.5 * setting.J, "initial_residual_force": 0.0,
                            "time_constant_s": 0.3, "dead_time_s": 1.0})
     fit = as_it_stands(model, values)
-    look = scout(fit, "stiction-drift", values[None, :5], np.random.default_rng(0))
+    look = scout_effect(fit, "stiction-drift", values[None, :5], np.random.default_rng(0))
     assert look.values[0] == pytest.approx(setting.S, rel=0.03)
     assert look.cost < (2.0 * sd) ** 2 * loop.samples
 
@@ -128,9 +128,9 @@ def test_looks_find_valves_that_overshoot_beside_a_wrong_process(seed: int) -> N
     """A scan beside the process of the model so far ended at S 4.3 for 3.9 (an integrator), at 2.3 for 3.0 (a tank)."""
     setting, loop, (kind, _), _ = loop_of(seed, "slip-overshoot", 0.01, 0.0, 1500)
     assert kind == "scan"
-    _, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
+    _, fit = open_last_model(loop, identify(loop, options=Options(base_only=True)), 0)
     ground = Ground(fit, pool_of(fit, 0), 0, Policy())
-    look = performed(ground, adding(fit.model.spec, "slip-overshoot"))
+    look = perform_task(ground, edge_adding(fit.model.spec, "slip-overshoot"))
     assert look.values is not None
     assert look.values[0] == pytest.approx(setting.S, rel=0.08)
 
@@ -160,11 +160,11 @@ def test_a_valve_that_overshoots_is_followed_along_its_ridge() -> None:
     """
     setting, loop, (kind, _), sd = loop_of(335, "slip-overshoot", 0.01, 0.0, 1500)
     assert kind == "scan"
-    _, fit = opened(loop, identify(loop, options=Options(base_only=True)), 0)
+    _, fit = open_last_model(loop, identify(loop, options=Options(base_only=True)), 0)
     right = []
     for seed in range(5):
         rng = np.random.default_rng(seed)
-        model, values, _ = settled(scout(fit, "slip-overshoot", fit.values[None, :5], rng), rng)
+        model, values, _ = settle_look(scout_effect(fit, "slip-overshoot", fit.values[None, :5], rng), rng)
         if model.evaluate(values).rmse < 1.05 * sd:
             right.append((model, values))
         if len(right) == 2:

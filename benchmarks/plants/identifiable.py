@@ -13,10 +13,10 @@ from scipy.signal import lfilter
 
 from stictionid.effects import get
 from stictionid.fit.fit import one_run
-from stictionid.fit.moves import descended, first_force
-from stictionid.fit.noise.completion import Refit, better, quick
+from stictionid.fit.moves import descend_model, first_force
+from stictionid.fit.noise.completion import Refit, better_refit, complete_quickly
 from stictionid.model.model import Model
-from stictionid.model.segments import bound
+from stictionid.model.segments import bind_model
 from stictionid.model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from stictionid.record.loop import Loop
 from stictionid.record.oscillation import find_range
@@ -59,8 +59,8 @@ def true_model(plant: Plant) -> tuple[Model, FloatArray, float]:
     """
     whole = _completed(loop_of(plant), plant, _true_effects(plant), _noise_of(plant))
     before = whole.model
-    model = bound(before.loop, node(before.spec), s_max=before.s_max, period_s=before.period_s,
-                  residual=whole.evaluated.left)
+    model = bind_model(before.loop, node(before.spec), s_max=before.s_max, period_s=before.period_s,
+                       residual=whole.evaluated.left)
     values = model.vector(before.named(whole.values))
     return model, values, max(float(plant.record.noise.std()), plant.truth["noise_sd"])
 
@@ -121,10 +121,11 @@ def _completed(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], noi
 
     Errors of slips add up in an integrator. Differences, softened by the noise model, leave them behind.
     """
-    found = quick(*_fitted(loop, plant, effects, search=search), noise=noise)
+    found = complete_quickly(*_fitted(loop, plant, effects, search=search), noise=noise)
     if not plant.setting.process.integrating:
         return found
-    return better(found, quick(*_fitted(loop, plant, effects, search=search, increments=True), noise=noise))
+    other = complete_quickly(*_fitted(loop, plant, effects, search=search, increments=True), noise=noise)
+    return better_refit(found, other)
 
 
 def _noise_of(plant: Plant) -> str:
@@ -160,8 +161,8 @@ def _bound(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], increme
     process = INTEGRATOR if plant.setting.process.integrating else FIRST_ORDER
     spec = Spec(process=process, effects=tuple(effects), between=between if command is None else "hold",
                 substeps=parts if command is None else n, increments=increments)
-    return bound(loop, spec, s_max=max(swing_of(loop, found), plant.truth["S"]), period_s=time_scale_s(loop, found),
-                 command=command)
+    return bind_model(loop, spec, s_max=max(swing_of(loop, found), plant.truth["S"]),
+                      period_s=time_scale_s(loop, found), command=command)
 
 
 def _fitted(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], *, search: bool, increments: bool = False,
@@ -186,7 +187,7 @@ def _fitted(loop: Loop, plant: Plant, effects: dict[str, dict[str, Any]], *, sea
     starts = model.vector(values)[:, None].repeat(_LAGS.size, axis=1)
     starts[3] *= _LAGS
     points = np.clip(model.cube(starts), 0.0, 1.0)
-    found = descended(model, first_force(model, points, _FORCES)[0])
+    found = descend_model(model, first_force(model, points, _FORCES)[0])
     point, cost = found.points[0], float(found.costs[0])
     if search:
         other, its = one_run(model, np.random.default_rng(0))

@@ -107,9 +107,9 @@ def _sized(name: str, values: dict[str, float | str], setting: Any, seed: int,
     """An effect with its numbers; one without any takes numbers that show in this loop, which are printed."""
     if any(key != "at" for key in values):
         return name, values
-    from ..model.visible import visible
+    from ..model.visible import visible_values
 
-    chosen: dict[str, float | str] = {**visible(name, setting, seed=seed), **values}
+    chosen: dict[str, float | str] = {**visible_values(name, setting, seed=seed), **values}
     said = ",".join(f"{key}={value:g}" if isinstance(value, float) else f"{key}={value}"
                     for key, value in chosen.items())
     say(f"effect with numbers that show: --effect {name}:{said}", quiet=quiet)

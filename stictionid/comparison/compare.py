@@ -12,10 +12,10 @@ import numpy as np
 
 from ..errors import DataError
 from ..fit.adequacy import ADEQUATE, NO_FLOOR
-from ..fit.noise.completion import quick
-from ..fit.noise.unexplained import judged_by, unexplained
-from ..model.restore import as_followed, described
-from ..numerics.autoregression import filtered, irreducible
+from ..fit.noise.completion import complete_quickly
+from ..fit.noise.unexplained import judged_by, unexplained_shape
+from ..model.restore import as_followed, described_segments
+from ..numerics.autoregression import filter_residual, irreducible_error
 from ..record.loop import Finding, Loop
 from ..record.oscillation import find_range
 from ..record.segments import chosen
@@ -82,7 +82,7 @@ def compare(loop: Loop | None, study: Study, other: Loop | None = None) -> Compa
     if not study.steps or not study.steps[-1].model:
         raise DataError("the study abstained, so there is no model to compare", study.verdict.reason)
     description = study.steps[-1].model
-    piece = described(loop, description)[0] if loop is not None else None
+    piece = described_segments(loop, description)[0] if loop is not None else None
     notes: tuple[Finding, ...] = ()
     if other is None:
         if piece is None:
@@ -127,13 +127,13 @@ def _shape(ground: Ground, study: Study) -> Unexplained | None:
     """The shape of what the study's model misses, as the study holds it; worked out for a study of an older version."""
     if study.unexplained is not None or study.missing_reason:
         return study.unexplained
-    return unexplained(quick(ground.model, ground.model.vector(ground.evaluated.values)))
+    return unexplained_shape(complete_quickly(ground.model, ground.model.vector(ground.evaluated.values)))
 
 
 def _errors(ground: Ground, study: Study, *, own: bool) -> Errors:
     e, good = own_innovation(ground)
     y = np.where(np.isfinite(ground.loop.process_value), ground.loop.process_value, 0.0)
-    steps, pairs = filtered(y, ground.good, np.array([1.0, -1.0]), ground.loop.starts)
+    steps, pairs = filter_residual(y, ground.good, np.array([1.0, -1.0]), ground.loop.starts)
     steps = steps[pairs]
     persistence = float(np.sqrt(np.mean(steps**2))) if steps.size else 0.0
     used = y[ground.good]
@@ -143,8 +143,8 @@ def _errors(ground: Ground, study: Study, *, own: bool) -> Errors:
     free, one_step = (last.best, last.rmse_one_step or ahead) if own else (ground.rmse, ahead)
     h = max(1, round(ground.evaluated.values["time_constant_s"] / (ground.step_s * ground.pace)))
     delay = int(ground.evaluated.values["dead_time_s"] / ground.step_s)
-    floor = last.noise_sd if own else irreducible(y, ground.evaluated.position_means, ground.good, delay,
-                                                  ground.loop.starts)
+    floor = last.noise_sd if own else irreducible_error(y, ground.evaluated.position_means, ground.good, delay,
+                                                        ground.loop.starts)
     return Errors(
         free, last.rmse_holdout if own else None, one_step, last.rmse_one_step_holdout if own else None,
         _h_step(ground, h), h, floor, 100.0 * (1.0 - ground.rmse / spread) if spread else None, persistence,

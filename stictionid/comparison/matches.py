@@ -16,11 +16,11 @@ import numpy as np
 
 from ..effects import noises_in, parse
 from ..errors import ModelError
-from ..fit.noise.completion import Refit, quick
+from ..fit.noise.completion import Refit, complete_quickly
 from ..model.model import Model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import INTEGRATOR
-from ..numerics.autoregression import filtered
+from ..numerics.autoregression import filter_residual
 from ..numerics.varpro import bic
 from ..selection.node import additions
 from ..typing import FloatArray
@@ -45,7 +45,7 @@ def matches(ground: Ground) -> tuple[Match, ...]:
     quiet = _quiet(ground)
     rows, before = ground.effective_rows, quiet.model
     counted = quiet.evaluated.counted > 0
-    residual, sure = filtered(quiet.evaluated.residual, counted, quiet.polynomial, before.loop.starts)
+    residual, sure = filter_residual(quiet.evaluated.residual, counted, quiet.polynomial, before.loop.starts)
     good = (before.weight > 0) & sure
     base, _ = np.linalg.qr(directions_of(before, quiet) * good[:, None])
     residual = np.where(good, residual, 0.0)
@@ -71,8 +71,8 @@ def _quiet(ground: Ground) -> Refit:
         noises = noises_in(model.spec.effects)
         spec = replace(model.spec, effects=tuple(n for n in model.spec.effects if n not in noises), taps=(),
                        increments=False)
-        model = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
-    done = replace(quick(model, model.vector(ground.evaluated.values)), taps=np.empty(0))
+        model = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
+    done = replace(complete_quickly(model, model.vector(ground.evaluated.values)), taps=np.empty(0))
     return replace(done, model=done.white_model())
 
 
@@ -88,8 +88,8 @@ def _left(residual: FloatArray, base: FloatArray, columns: FloatArray) -> float:
 def _changes(quiet: Refit, name: str) -> Iterator[FloatArray]:
     """Columns (n, k) of the effect at each value where a search of it begins."""
     before, (effect, option) = quiet.model, parse(name)
-    wide = bound(before.loop, replace(before.spec, effects=(*before.spec.effects, name)), s_max=before.s_max,
-                 period_s=before.period_s, residual=quiet.evaluated.left)
+    wide = bind_model(before.loop, replace(before.spec, effects=(*before.spec.effects, name)), s_max=before.s_max,
+                      period_s=before.period_s, residual=quiet.evaluated.left)
     rows = wide.rows_of(name)
     guesses = effect.guess(wide.context_of(option)) if effect.guess else np.zeros((1, 0))
     if guesses.shape[1] != rows.stop - rows.start:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..model.model import Model
 from ..model.spec import Evaluated
-from ..numerics.autoregression import autoregression, filtered, pace_of
+from ..numerics.autoregression import autoregression, filter_residual, pace_of
 from ..record.loop import Loop
 from ..record.study import Range
 from ..typing import BoolArray, FloatArray
@@ -92,7 +92,7 @@ def prepare(loop: Loop, model: Model, found: Range, evaluated: Evaluated) -> Gro
     polynomial = np.concatenate([[1.0], model.taps]) if model.taps.size else np.concatenate([[1.0], taps])
     pace = pace_of(good, loop.starts)
     if pace > 1.0:
-        innovation, sure = filtered(residual, good, polynomial, loop.starts)
+        innovation, sure = filter_residual(residual, good, polynomial, loop.starts)
     else:
         innovation = np.convolve(np.nan_to_num(evaluated.residual), polynomial)[:residual.size]
         sure = good.copy()

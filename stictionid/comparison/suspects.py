@@ -15,7 +15,7 @@ import numpy as np
 
 from ..record.loop import Finding
 from ..record.study import Candidate
-from ..selection.node import plain
+from ..selection.node import plain_name
 from .matches import Match
 
 # Largest weight of one finding: beyond it a test of many samples says no more. Unit: standard deviations.
@@ -47,7 +47,7 @@ def suspects_of(findings: Iterable[Finding], present: Sequence[str], candidates:
     Those `present` in the model are left out.
     """
     votes: dict[str, list[tuple[float, str]]] = {}
-    have = {plain(name) for name in present}
+    have = {plain_name(name) for name in present}
     gains = {c.effect: c.gain_beyond_noise for c in candidates
              if c.gain_beyond_noise is not None and c.gain_beyond_noise > 0.0 and c.effect not in have}
     match = {m.effect: m for m in matched if m.effect not in have}

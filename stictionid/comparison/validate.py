@@ -17,7 +17,7 @@ from ..errors import DataError
 from ..fit.public_values import values_of
 from ..model.model import Model
 from ..model.restore import rebuild_model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import Evaluated, Spec
 from ..numerics.varpro import bic
 from ..record.loop import Finding, Loop
@@ -119,7 +119,7 @@ def _started(loop: Loop, description: dict[str, Any], effects: Sequence[str], fi
     spec = Spec(description["law"], description["process"], tuple(effects), description["between"],
                 int(description["substeps"]), bool(description["increments"]), tuple(description["taps"]), fixed,
                 bool(description.get("friction_free", False)), tuple(description.get("guides", ())))
-    model = bound(loop, spec, s_max=description["s_max"], period_s=description["period_s"], residual=residual)
+    model = bind_model(loop, spec, s_max=description["s_max"], period_s=description["period_s"], residual=residual)
     values = model.vector(description["values"])
     _force(model, values)
     return model, values

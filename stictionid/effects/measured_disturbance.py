@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..numerics.parameters import Parameter
-from ..numerics.spectrum import lagged_gains, whitened
+from ..numerics.spectrum import lagged_gains, whiten_signals
 from ..process.linear import Dynamics, free_run
 from ..typing import FloatArray
 from .contract import Context, Disturbance, Effect, Place, Scales, Values
@@ -50,7 +50,7 @@ def _gains(context: Context) -> FloatArray:
     """Gain in 2 log L on the residual for each of the first lags and each dead time in samples, (k, m)."""
     tag = next(iter(context.extras.values()))
     residual = np.zeros(tag.size) if context.residual is None else context.residual
-    white, others = whitened(residual, tag[:, None])
+    white, others = whiten_signals(residual, tag[:, None])
     return lagged_gains(white, others[:, 0], _LAGS * context.period_s / context.step_s, _longest(context))
 
 

@@ -11,33 +11,33 @@ import numpy as np
 
 from ..effects import parse
 from ..model.model import Model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..typing import FloatArray
-from .fit import Fitted, finish
-from .noise.completion import Refit, complete, has_noise, own_taps
+from .fit import Fitted, finish_fit
+from .noise.completion import Refit, complete_model, has_noise, own_taps
 from .starts.beside_effect import starting_pool
-from .with_effect import scout, settled
+from .with_effect import scout_effect, settle_look
 
 # Refits after which an effect that follows y has settled, and independent refits with the added effect.
 _FOLLOWED, REFITS = 3, 2
 
 
-def added(fit: Fitted, name: str, rng: np.random.Generator) -> Fitted:
+def fit_with_added(fit: Fitted, name: str, rng: np.random.Generator) -> Fitted:
     """The fit of the same model with effect `name` added, ready for a step of the study."""
-    done = refitted(fit, name, starting_pool(fit.model, fit.values, rng), rng)
-    return polished(carrier(done, name, fit.model), done.values, rng)
+    done = refit_with_effect(fit, name, starting_pool(fit.model, fit.values, rng), rng)
+    return polish_last(carrier(done, name, fit.model), done.values, rng)
 
 
-def polished(model: Model, values: FloatArray, rng: np.random.Generator, *, spans: bool = True) -> Fitted:
+def polish_last(model: Model, values: FloatArray, rng: np.random.Generator, *, spans: bool = True) -> Fitted:
     """Last polish of `values`, with errors, hold-out and intervals; repeated where an effect follows the model's own y.
     """
     point = model.cube(values[:, None])
-    after = finish(model, point, model.costs(point), rng, spans=spans)
+    after = finish_fit(model, point, model.costs(point), rng, spans=spans)
     for _ in range(_FOLLOWED if model.follows_y else 0):
-        model = bound(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
-                      residual=after.best.left)
+        model = bind_model(model.loop, model.spec, s_max=model.s_max, period_s=model.period_s,
+                           residual=after.best.left)
         point = model.cube(after.values[:, None])
-        again = finish(model, point, model.costs(point), rng, spans=spans)
+        again = finish_fit(model, point, model.costs(point), rng, spans=spans)
         # Compare models that follow their own y. One that follows the y of the fit before may predict y from y.
         if not again.best.sse < after.best.sse:
             break
@@ -45,14 +45,15 @@ def polished(model: Model, values: FloatArray, rng: np.random.Generator, *, span
     return after
 
 
-def refitted(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, count: int = REFITS) -> Refit:
+def refit_with_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, count: int = REFITS) -> Refit:
     """A fit with effect `name` added, at its best, completed with the noise model that its residual asks for."""
     noise = parse(name)[0].noise
     if noise is not None:
-        return complete(fit.model, fit.values, pool, rng, noise=noise)
+        return complete_model(fit.model, fit.values, pool, rng, noise=noise)
     # Two independent refits: the study should not depend on a single search.
-    model, values, _ = min((settled(scout(fit, name, pool, rng), rng) for _ in range(count)), key=lambda r: r[2])
-    return complete(model, values, None, rng)
+    model, values, _ = min((settle_look(scout_effect(fit, name, pool, rng), rng) for _ in range(count)),
+                           key=lambda r: r[2])
+    return complete_model(model, values, None, rng)
 
 
 def carrier(done: Refit, name: str, before: Model) -> Model:
@@ -62,5 +63,5 @@ def carrier(done: Refit, name: str, before: Model) -> Model:
         spec = replace(done.spec, effects=effects)
     else:
         spec = replace(before.spec, effects=effects, taps=own_taps(before.spec))
-    return bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
-                 residual=done.evaluated.left)
+    return bind_model(before.loop, spec, s_max=before.s_max, period_s=before.period_s,
+                      residual=done.evaluated.left)

@@ -38,10 +38,10 @@ def with_one_noise(steps: Iterable[Step], *others: float) -> tuple[Step, ...]:
     if not free:
         return steps
     noise = min([*free, *ahead, *others])
-    return tuple(_cautioned(replace(s, error=replace(s.error, noise_sd=noise))) for s in steps)
+    return tuple(_move_caution(replace(s, error=replace(s.error, noise_sd=noise))) for s in steps)
 
 
-def _cautioned(step: Step) -> Step:
+def _move_caution(step: Step) -> Step:
     """A step whose finding on conditional intervals is that of its own error."""
     others = tuple(f for f in step.findings if f.code != CONDITIONAL)
     error, noise = step.error.best, step.error.noise_sd
@@ -87,7 +87,7 @@ def said_rounding(loop: Loop) -> str:
             "export the output with more digits")
 
 
-def adequate(step: Step, loop: Loop) -> tuple[bool, str]:
+def judge_adequacy(step: Step, loop: Loop) -> tuple[bool, str]:
     """True where the step's free-run error is the irreducible noise, and the sentence that says so.
 
     A rounding of the record's output that was not undone is said first.
@@ -97,7 +97,7 @@ def adequate(step: Step, loop: Loop) -> tuple[bool, str]:
     return holds, (f"{said_rounding(loop)}; {why}" if "S" in values and is_coarse(loop, values["S"]) else why)
 
 
-def placed(step: Step) -> str:
+def placed_slips_words(step: Step) -> str:
     """Words on the slips of a step where PV helped to place them; empty where the law alone did."""
     share = step.error.slips_moved
     return "" if share is None else f" with slips where PV places them ({100 * share:.0f} % moved)"
@@ -107,7 +107,7 @@ def _beside_noise(step: Step) -> tuple[bool, str]:
     noise, error, least = step.error.noise_sd, step.error.best, step.error.unavoidable
     if noise is None or least is None:
         return False, NO_FLOOR
-    said = f"the free-run error {error:.4g}{placed(step)}"
+    said = f"the free-run error {error:.4g}{placed_slips_words(step)}"
     if error <= ADEQUATE * least:
         digits = "" if error <= ADEQUATE * noise else f", the unknown digits of the output included ({least:.4g})"
         near = f"{said} is within {100 * (ADEQUATE - 1):.0f} % of the irreducible noise {noise:.4g}{digits}"

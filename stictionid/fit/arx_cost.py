@@ -133,7 +133,7 @@ class Arx:
         return -theta[self.order:2 * self.order], theta[:self.order], float(np.mean(error**2))
 
 
-def continuous(a: FloatArray, b: FloatArray, step_s: float) -> tuple[float, tuple[float, ...], bool]:
+def continuous_process(a: FloatArray, b: FloatArray, step_s: float) -> tuple[float, tuple[float, ...], bool]:
     """Static gain, time constants in seconds and integrating flag of A(q) y = B(q) u (coefficients after the 1).
 
     The gain of an integrating model is per second. A pole that is no decaying exponential gives no time constant.

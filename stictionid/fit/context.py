@@ -10,18 +10,18 @@ import numpy as np
 
 from ..effects import parse
 from ..errors import CannotTell
-from ..model.model import Model, skipped
-from ..model.segments import bound
+from ..model.model import Model, skipped_samples
+from ..model.segments import bind_model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
-from ..numerics.autoregression import irreducible, linked
+from ..numerics.autoregression import irreducible_error, link_samples
 from ..numerics.population import refine
 from ..numerics.varpro import bic
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of, time_scale_s
 from ..record.study import ErrorSummary, ParameterValue, Range, Restarts, Step
 from ..typing import FloatArray, Progress
-from .fit import Fitted, finish, search
-from .intervals.along_path import moved, path_deviance
+from .fit import Fitted, finish_fit, search
+from .intervals.along_path import path_deviance, share_moved
 from .intervals.assemble import innovation_rows
 from .options import USUAL_ORDER, Options
 from .public_values import public_parameters
@@ -53,7 +53,7 @@ class Run:
     def model(self, spec: Spec) -> Model:
         """The spec bound to this record. The last few models are kept unless the record is long."""
         key = repr(spec)
-        model = self._models.pop(key, None) or bound(self.loop, spec, s_max=self.s_max, period_s=self.period_s)
+        model = self._models.pop(key, None) or bind_model(self.loop, spec, s_max=self.s_max, period_s=self.period_s)
         if self.loop.samples <= _NOT_LONG:
             self._models[key] = model
             if len(self._models) > _AT_HAND:
@@ -89,7 +89,7 @@ class Run:
         if not np.isfinite(costs[0]):
             raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
                              code="valve-never-moves")
-        return finish(model, points, costs, self.rng, reach=False)
+        return finish_fit(model, points, costs, self.rng, reach=False)
 
     def floor(self, position: FloatArray, dead_time_s: float, disturbance: FloatArray | None = None) -> float | None:
         """Irreducible noise in the unit of y for a valve position (n,), None where the record is too short.
@@ -103,11 +103,12 @@ class Run:
             return self._floors[key]
         good = np.isfinite(self.loop.process_value) & self.loop.used
         for part in self.loop.segments:
-            good[part.start:part.start + skipped(part.stop - part.start, self.loop.step_s, self.period_s)] = False
+            left_out = skipped_samples(part.stop - part.start, self.loop.step_s, self.period_s)
+            good[part.start:part.start + left_out] = False
         y = np.where(good, self.loop.process_value, 0.0)
         if disturbance is not None:
             y = y - disturbance
-        floor = irreducible(y, position, good, delay, self.loop.starts)
+        floor = irreducible_error(y, position, good, delay, self.loop.starts)
         if disturbance is None:
             self._floors[key] = floor
         return floor
@@ -134,7 +135,7 @@ class Run:
         spread = fit.model.spread
         error = ErrorSummary(free, level_holdout(fit), innovation, fit.rmse_holdout, floor, fitted,
                              bic(fit.sse * rows / e.rows, rows, count) + path_deviance(fit.model, fit.values),
-                             e.rmse if placed else None, moved(fit.model, fit.values),
+                             e.rmse if placed else None, share_moved(fit.model, fit.values),
                              innovation * float(np.sqrt(spread**2 - 1.0)) if spread > 1.0 else None)
         findings = []
         if fit.agree < 2 <= fit.runs:
@@ -218,7 +219,7 @@ def _count(fit: Fitted) -> int:
 def increment_error(e: Evaluated) -> float:
     """Root mean square of the differences of the free-run residual, in the unit of y."""
     good = e.counted > 0
-    links = linked(good, e.starts)
+    links = link_samples(good, e.starts)
     if links is not None:
         return float(np.sqrt(np.mean(np.diff(e.residual[links.rows])[links.depth[1:] > 0] ** 2)))
     both = good[1:] & good[:-1]

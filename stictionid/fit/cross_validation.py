@@ -17,7 +17,7 @@ from ..numerics.fold_solver import best_of_fold
 from ..numerics.gauss_newton import damped_moves, slopes_at
 from ..typing import BoolArray, FloatArray
 from .fit import fold_rows
-from .moves import movable
+from .moves import movable_parameters
 from .noise.completion import Refit
 
 # Step of the finite differences behind the slopes, as a share of the range.
@@ -68,14 +68,14 @@ def held_out_of(model: Model, optimum: FloatArray, evaluated: Evaluated) -> Held
     folds = _folds(model, optimum)
     if folds is None:
         return None
-    values = model.values(_polished(model, model.cube(optimum[:, None])[0], [train for _, train, _ in folds]))
+    values = model.values(_polish_folds(model, model.cube(optimum[:, None])[0], [train for _, train, _ in folds]))
     level = model.own_columns(*model.responses(values, filtered=False))
     white = model.own_columns(*model.responses(values))
     keep = white.shape[0] - evaluated.transients
     y = model.context.process_value - evaluated.transient
     shared = model.shared_columns()
-    goal = model.filtered(y[:, None])[:, 0]
-    columns = model.filtered(shared)
+    goal = model.filter_columns(y[:, None])[:, 0]
+    columns = model.filter_columns(shared)
     if model.spec.increments:
         columns, shared = columns[:, len(model.pieces):], shared[:, len(model.pieces):]
     counted, sums = evaluated.counted > 0, []
@@ -105,14 +105,14 @@ def _folds(model: Model, optimum: FloatArray) -> list[tuple[BoolArray, BoolArray
     return found
 
 
-def _polished(model: Model, top: FloatArray, trains: list[BoolArray]) -> FloatArray:
+def _polish_folds(model: Model, top: FloatArray, trains: list[BoolArray]) -> FloatArray:
     """The optimum (d,) and the points that damped steps from it reach on the rows of each fold (k, d).
 
     Parameters that a fold's rows cannot determine stay: the start of the valve, and those that show in the block alone.
     Under a held command all friction stays too. A break-away one sample earlier or later inside the block is unknown to
     the other rows, and slopes see no such jumps.
     """
-    free = movable(model) > 0
+    free = movable_parameters(model) > 0
     free[list(model.forces)] = False
     if model.spec.held:
         free[:2] = False

@@ -14,26 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.model import Model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import Evaluated
 from ..numerics.fold_solver import mean_of_fold
 from ..numerics.population import Found, refine
 from ..record.intervals import Span, united
 from ..typing import BoolArray, FloatArray
-from .intervals.assemble import CLOUD, NOTHING_TRIED, cloud, intervals_of, pieces_of, widened
+from .intervals.assemble import CLOUD, NOTHING_TRIED, cloud, intervals_of, pieces_of, widen_cloud
 from .moves import (
-    descended,
+    descend_model,
     first_distinct,
     longest_first,
-    movable,
+    movable_parameters,
     search_model,
     spreads,
-    thinned,
+    thin_model,
     thinning,
     with_start,
 )
-from .plateau import settled_on_plateau
-from .starts.basins import along_ridge, basins, grown, roamed, with_other_start, with_process
+from .plateau import settle_on_plateau
+from .starts.basins import along_ridge, basins, grow_starts, roam_free_run, with_other_start, with_process
 
 # Costs that differ by less than this share belong to one valve path; a ladder of S searches where the path ends.
 _SAME_PATH = 1e-9
@@ -74,7 +74,8 @@ class Fitted:
     rmse_holdout: float | None
     intervals: dict[str, tuple[float, float]]
     searched: FloatArray
-    # Points (k, d) around the best ones and their costs (k,): starts for `reaching` and for a wider model's intervals.
+    # Points (k, d) around the best ones and their costs (k,): starts for `widen_intervals`, and for the intervals of a
+    # wider model.
     around: tuple[FloatArray, FloatArray] | None = None
     # Pieces of the intervals that have gaps.
     pieces: dict[str, tuple[Span, ...]] = field(default_factory=dict)
@@ -111,7 +112,7 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
         if coarse.spec.increments and starts is None and cost > _MUCH_WORSE * costs.min(initial=np.inf):
             # The best so far lies in a basin too narrow for swarms. A restart that cannot find it says nothing against
             # it.
-            point, cost = one_run(coarse, rng, grown(coarse, rng))
+            point, cost = one_run(coarse, rng, grow_starts(coarse, rng))
         points, costs = np.concatenate([points, point[None]]), np.append(costs, cost)
         order = np.argsort(costs, kind="stable")
         points, costs = points[order], costs[order]
@@ -122,14 +123,14 @@ def search(model: Model, rng: np.random.Generator, *, starts: FloatArray | None 
 
 def _nothing_found(model: Model, point: FloatArray, cost: float) -> bool:
     """True where a valve without friction explains as much as point (d,), once its process has descended from there."""
-    if model.spec.friction_free or not movable(model)[0]:
+    if model.spec.friction_free or not movable_parameters(model)[0]:
         return False
-    free = bound(model.loop, replace(model.spec, friction_free=True, between="hold", substeps=1), s_max=model.s_max,
-                 period_s=model.period_s, residual=model.context.residual)
+    free = bind_model(model.loop, replace(model.spec, friction_free=True, between="hold", substeps=1),
+                      s_max=model.s_max, period_s=model.period_s, residual=model.context.residual)
     values = model.values(point[None]).repeat(3, axis=1)
     values[[0, 1, *model.forces]] = 0.0
     values[4] = np.maximum(values[4] - np.array([0.0, 0.5, 1.0]) * model.step_s, 0.0)
-    found = descended(free, free.cube(values), turns=10, settle=1e-3)
+    found = descend_model(free, free.cube(values), turns=10, settle=1e-3)
     return bool(model.shared.rows * np.log(found.costs[0] / max(cost, 1e-300)) < _EXPLAINS_NOTHING)
 
 
@@ -146,12 +147,12 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
     if starts is None:
         near = basins(model, rng) if near is None else near
         if every > 1:
-            small = thinned(model, every)
+            small = thin_model(model, every)
             point, _ = one_run(small, rng, near=near)
             beside = np.outer(np.arange(model.space.size) == 4, 0.5 * every * model.step_s * np.arange(-1, 2))
             starts = model.cube(small.values(point[None]).repeat(3, axis=1) + beside)
         else:
-            starts = np.concatenate([with_process(model, near), roamed(model, rng)])
+            starts = np.concatenate([with_process(model, near), roam_free_run(model, rng)])
     found = refine(model.costs, with_start(model, starts), rng, spread=spreads(model), rounds=12 if moving else 35,
                    population=14, settle=_SETTLED)
     points = found.points
@@ -160,7 +161,7 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
     for _ in range(0 if moving else _RIDGE_TURNS):
         near = np.concatenate([with_start(model, np.concatenate([points[:2], along_ridge(model, points[:2])])),
                                with_other_start(model, points[0])])
-        near = descended(model, near, turns=_GLANCE).points[:_KEPT]
+        near = descend_model(model, near, turns=_GLANCE).points[:_KEPT]
         last = refine(model.costs, near, rng, spread=spreads(model, 0.4), rounds=45, population=14, settle=_SETTLED)
         dead = model.values(np.stack([points[0], last.points[0]]))[4]
         points = last.points
@@ -168,12 +169,12 @@ def one_run(model: Model, rng: np.random.Generator, starts: FloatArray | None = 
             break
     if moving:
         # Where the command moves between samples the curve of equal cost is a smooth, narrow valley: descend along it.
-        found = descended(model, with_start(model, points), turns=6, settle=1e-2)
+        found = descend_model(model, with_start(model, points), turns=6, settle=1e-2)
         points = found.points
         if enough is not None and enough(points[0], float(found.costs[0])):
             return points[0], float(found.costs[0])
         near = np.concatenate([with_start(model, points[:2]), with_other_start(model, points[0], 1)])
-        found = descended(model, near, settle=_SETTLED)
+        found = descend_model(model, near, settle=_SETTLED)
         return found.points[0], float(found.costs[0])
     return polish_smooth(model, with_start(model, points[:1])[0])
 
@@ -184,7 +185,7 @@ def middle_of_plateau(model: Model, point: FloatArray) -> FloatArray:
     A held command jumps over every force between two of its values. A range of f_s, with f_d and e(0) unchanged,
     therefore explains the record equally well. Its middle has the smallest expected error.
     """
-    if model.law.one_parameter or not movable(model)[:3].all():
+    if model.law.one_parameter or not movable_parameters(model)[:3].all():
         return point
     values, forces = model.values(point[None])[:, 0], list(model.forces)
     fs = 0.5 * (values[0] + values[1])
@@ -225,38 +226,38 @@ def polish_smooth(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
     The plateau of S is narrower than that of any other parameter. With S fixed, J, the process and the effects settle
     in a smooth cost.
     """
-    found = descended(model, point[None], held=(0, *model.forces))
+    found = descend_model(model, point[None], held=(0, *model.forces))
     return found.points[0], float(found.costs[0])
 
 
-def finish(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.Generator, *,
-           rounds: int = 200, holdout: bool = True, reach: bool = True, spans: bool = True) -> Fitted:
+def finish_fit(model: Model, points: FloatArray, costs: FloatArray, rng: np.random.Generator, *,
+               rounds: int = 200, holdout: bool = True, reach: bool = True, spans: bool = True) -> Fitted:
     """The last polish of the best points, with errors, hold-out and intervals.
 
-    Without `reach` the intervals span only the points met so far; `reaching` completes them. Without `spans` there are
-    none.
+    Without `reach` the intervals span only the points met so far; `widen_intervals` completes them. Without `spans`
+    there are none.
     """
     values = model.values(points)
-    near = with_start(model, _distinct(points)[:3])
+    near = with_start(model, _distinct_points(points)[:3])
     if not model.spec.held:
-        found = _beside(model, descended(model, near, turns=40))
+        found = _best_beside(model, descend_model(model, near, turns=40))
     else:
         found = refine(model.costs, near, rng, spread=spreads(model, 0.15), rounds=rounds, population=18,
                        settle=_SETTLED)
     top = polish_smooth(model, found.points[0])[0]
     if reach:
-        top = settled_on_plateau(model, top)
+        top = settle_on_plateau(model, top)
     agree = agreement(model, points, costs)
     for turn in range(1 + _STEPS_BETTER):
         best_cost = float(model.costs(top[None])[0])
         cube, cost = cloud(model, top, rng)
         S, tried = None, NOTHING_TRIED
         if reach and spans:
-            cube, cost, S, tried = widened(model, cube, cost)
+            cube, cost, S, tried = widen_cloud(model, cube, cost)
         # Points beside an optimum tell nothing of the interval of a better one.
         if not (reach and spans) or turn == _STEPS_BETTER or _gain(model, best_cost, float(cost.min())) <= _BETTER:
             break
-        top = settled_on_plateau(model, cube[cost.argmin()])
+        top = settle_on_plateau(model, cube[cost.argmin()])
     if not (reach and model.spec.held) and cost.min() < best_cost:
         top = cube[cost.argmin()]
     if model.spec.held and not reach:
@@ -276,7 +277,7 @@ def _gain(model: Model, cost: float, other: float) -> float:
     return float(model.shared.rows * np.log(max(cost, 1e-300) / max(other, 1e-300)))
 
 
-def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False) -> Fitted:
+def widen_intervals(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False) -> Fitted:
     """A fit finished without `reach`, its intervals now as wide as the cost allows for S and J.
 
     With `steps_only` only the steps of S under a held command are looked at, for a wider model that looks at the rest.
@@ -285,21 +286,21 @@ def reaching(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False)
     if fit.around is None:
         return fit
     for _ in range(_STEPS_BETTER):
-        cube, cost, S, tried = widened(fit.model, *fit.around, steps_only=steps_only)
+        cube, cost, S, tried = widen_cloud(fit.model, *fit.around, steps_only=steps_only)
         best = min(fit.sse, float(cost.min()))
         if S is None or _gain(fit.model, fit.sse, best) <= _BETTER:
             break
-        moved = finish(fit.model, cube[[cost.argmin()]], cost[[cost.argmin()]], rng, reach=False)
+        moved = finish_fit(fit.model, cube[[cost.argmin()]], cost[[cost.argmin()]], rng, reach=False)
         same = abs(moved.values[0] - fit.values[0]) <= AGREE_S * fit.values[0]
         fit = replace(moved, runs=fit.runs, agree=fit.agree if same else 1, searched=fit.searched)
     if S is None and steps_only:
-        return fit  # no steps of S: `finish` has looked at everything
+        return fit  # no steps of S: `finish_fit` has looked at everything
     found = intervals_of(fit.model, cube, cost, min(fit.sse, best), fit.best, S)
     return replace(fit, intervals=found, around=(cube, cost),
                    pieces=pieces_of(fit.model, cube, cost, fit.best, tried, found))
 
 
-def reaching_also(fit: Fitted, intervals: Mapping[str, Span], pieces: Mapping[str, tuple[Span, ...]]) -> Fitted:
+def include_intervals(fit: Fitted, intervals: Mapping[str, Span], pieces: Mapping[str, tuple[Span, ...]]) -> Fitted:
     """A fit whose intervals reach to those of a wider model, too, in pieces where both leave a gap."""
     both, parts = dict(fit.intervals), dict[str, tuple[Span, ...]]()
     for name in fit.intervals:
@@ -310,7 +311,7 @@ def reaching_also(fit: Fitted, intervals: Mapping[str, Span], pieces: Mapping[st
     return replace(fit, intervals=both, pieces=parts)
 
 
-def _beside(model: Model, found: Found) -> Found:
+def _best_beside(model: Model, found: Found) -> Found:
     """The best minimum (1, d) among those a few parts of a sample of dead time away.
 
     The rebuilt command is known on a grid of parts of a sample, so each part of dead time may hold a minimum of its
@@ -322,9 +323,9 @@ def _beside(model: Model, found: Found) -> Found:
     for _ in range(_BESIDE_TURNS):
         starts = found.points[:1].repeat(len(_BESIDE), axis=0)
         starts[:, 4] = np.clip(starts[:, 4] + np.array(_BESIDE) * part / (dead.high - dead.low), 0.0, 1.0)
-        shifted = descended(model, starts, held=(4,), turns=2, settle=1e-2).points[:_BESIDE_KEPT]
-        shifted = descended(model, shifted, held=(4,), turns=3, settle=1e-2).points
-        more = descended(model, shifted[:2], turns=40)
+        shifted = descend_model(model, starts, held=(4,), turns=2, settle=1e-2).points[:_BESIDE_KEPT]
+        shifted = descend_model(model, shifted, held=(4,), turns=3, settle=1e-2).points
+        more = descend_model(model, shifted[:2], turns=40)
         if not more.costs[0] < found.costs[0] * (1.0 - _SETTLED):
             break
         found = more
@@ -356,13 +357,13 @@ def held_out_cost(model: Model, best: Evaluated, cube: FloatArray) -> float | No
     own = model.own_columns(*model.responses(values))
     level = model.context.process_value - best.transient
     own = own[:own.shape[0] - best.transients]
-    goal = model.filtered(level[:, None])[:, 0]
-    columns = model.filtered(model.shared_columns())
+    goal = model.filter_columns(level[:, None])[:, 0]
+    columns = model.filter_columns(model.shared_columns())
     if model.spec.increments:
         columns = columns[:, len(model.pieces):]  # a constant has no differences
     total, rows = 0.0, 0
     # The first fold cannot know the valve's start either: every candidate starts as the full fit does.
-    first = model.own_columns(*model.responses(_started(model, best, values)))[:own.shape[0]]
+    first = model.own_columns(*model.responses(_match_starts(model, best, values)))[:own.shape[0]]
     folds = fold_rows(model, values[:, 0], [max(p.skip, p.taps.size) for p in model.pieces])
     for fold, (test, near) in enumerate(folds):
         test &= model.weight > 0
@@ -375,7 +376,7 @@ def held_out_cost(model: Model, best: Evaluated, cube: FloatArray) -> float | No
     return float(np.sqrt(total / rows)) if np.isfinite(total) else None
 
 
-def _started(model: Model, best: Evaluated, values: FloatArray) -> FloatArray:
+def _match_starts(model: Model, best: Evaluated, values: FloatArray) -> FloatArray:
     """Values (d, k) that all start as the first: the same output change is left until the valve first breaks away.
 
     The start force is a share of the break-away force. Left as it is, it would move the first slip of a slightly
@@ -427,6 +428,6 @@ def gap_rows(model: Model, values: FloatArray, first: int) -> int:
     return int(min(wanted, (model.loop.samples - first) / (2 * HOLDOUT_BLOCKS)))
 
 
-def _distinct(points: FloatArray) -> FloatArray:
+def _distinct_points(points: FloatArray) -> FloatArray:
     """Points (k, d) without those that repeat the S and J of an earlier one: restarts that agree need one polish."""
     return points[first_distinct(points, len(points), _SAME_POINT)]

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..model.model import Model
-from ..model.segments import Restarted, bound
+from ..model.segments import Restarted, bind_model
 from ..model.spec import BASE
 from ..numerics.gauss_newton import descend
 from ..numerics.population import Found
@@ -85,7 +85,7 @@ def first_force(model: Model, points: FloatArray, ladder: FloatArray) -> tuple[F
     return np.where((after < before)[:, None], chosen, points), np.minimum(before, after)
 
 
-def lifted(model: Model, at: int, points: FloatArray) -> FloatArray:
+def lift_points(model: Model, at: int, points: FloatArray) -> FloatArray:
     """Points (k, d) of one segment's model as points of the whole model; the starts of the other segments are neutral.
     """
     values = model.values(neutral_point(model)[None]).repeat(len(points), axis=1)
@@ -96,7 +96,7 @@ def lifted(model: Model, at: int, points: FloatArray) -> FloatArray:
 def longest_first(model: Model, points: FloatArray) -> FloatArray:
     """Points (k, d) whose first time constant is the longer one: u and y do not show the order of two lags in series.
     """
-    names, movers = list(model.named(np.zeros(model.space.size))), movable(model)
+    names, movers = list(model.named(np.zeros(model.space.size))), movable_parameters(model)
     first = BASE.index("time_constant_s")
     second = [i for i, name in enumerate(names) if name.endswith(":second_time_constant_s")]
     if not second or not (movers[first] and movers[second[0]]):
@@ -130,8 +130,8 @@ def search_model(model: Model, substeps: int = _COARSE_SUBSTEPS) -> Model:
         return model
     known = _coarse.setdefault(model, {})
     if substeps not in known:
-        known[substeps] = bound(model.loop, replace(model.spec, substeps=substeps), s_max=model.s_max,
-                                period_s=model.period_s, residual=model.context.residual)
+        known[substeps] = bind_model(model.loop, replace(model.spec, substeps=substeps), s_max=model.s_max,
+                                     period_s=model.period_s, residual=model.context.residual)
     return known[substeps]
 
 
@@ -143,8 +143,8 @@ def as_held(model: Model) -> Model:
     if model.spec.held or model.thinned:
         return model
     if model not in _held:
-        _held[model] = bound(model.loop, replace(model.spec, between="hold", substeps=1), s_max=model.s_max,
-                             period_s=model.period_s, residual=model.context.residual, record=model.context.record)
+        _held[model] = bind_model(model.loop, replace(model.spec, between="hold", substeps=1), s_max=model.s_max,
+                                  period_s=model.period_s, residual=model.context.residual, record=model.context.record)
     return _held[model]
 
 
@@ -153,7 +153,7 @@ def thinning(model: Model) -> int:
     return int(model.period_s / model.step_s / _SEARCH_SAMPLES)
 
 
-def thinned(model: Model, every: int) -> Model:
+def thin_model(model: Model, every: int) -> Model:
     """The same model on one sample in `every`: y is averaged around it, the valve still sees every command.
 
     The one-step error of a record sampled much faster than its dynamics is all noise; thinned, it shows the valve.
@@ -161,13 +161,13 @@ def thinned(model: Model, every: int) -> Model:
     if every <= 1:
         return model
     if len(model.pieces) > 1:
-        return _thinned_segments(model, every)
+        return _thin_segments(model, every)
     loop, good, links = model.loop, model.good(), model.links
     half = every // 2
     part = slice(half, loop.samples - half, every)
     if links is not None:
         # Where PV is missing its straight lines between two samples that count are good enough for a search.
-        good = good | links.between()
+        good = good | links.gap_samples()
         if every < 2.0 * links.pace:
             # There is nothing to average: the rows that hold most of what was measured.
             half, part = 0, slice(int(np.bincount(links.rows % every).argmax()), loop.samples, every)
@@ -182,25 +182,26 @@ def thinned(model: Model, every: int) -> Model:
                  extras={tag: x[part] for tag, x in loop.extras.items()}, step_s=loop.step_s * every, units=loop.units)
     rows = small.samples * every * m
     command = np.concatenate([command[:rows], np.full(max(rows - command.size, 0), command[-1])])
-    return bound(small, replace(model.spec, substeps=every * m), s_max=model.s_max, period_s=model.period_s,
-                 residual=None if residual is None else residual[part], command=command, record=model.context.record)
+    return bind_model(small, replace(model.spec, substeps=every * m), s_max=model.s_max, period_s=model.period_s,
+                      residual=None if residual is None else residual[part], command=command,
+                      record=model.context.record)
 
 
-def _thinned_segments(model: Model, every: int) -> Model:
+def _thin_segments(model: Model, every: int) -> Model:
     """The model of several segments, each thinned on its own."""
-    parts = [thinned(piece, every) for piece in model.pieces]
+    parts = [thin_model(piece, every) for piece in model.pieces]
     clock = model.loop.clock_s
     small = Loop.joined([part.loop for part in parts],
                         begins_s=tuple(float(clock[first]) for first in model.loop.starts))
     residual = None if model.context.residual is None else np.concatenate([p.context.residual for p in parts])
-    return bound(small, parts[0].spec, s_max=model.s_max, period_s=model.period_s, residual=residual,
-                 command=np.concatenate([part.context.command for part in parts]))
+    return bind_model(small, parts[0].spec, s_max=model.s_max, period_s=model.period_s, residual=residual,
+                      command=np.concatenate([part.context.command for part in parts]))
 
 
-def descended(model: Model, starts: FloatArray, *, held: tuple[int, ...] = (), turns: int = 20,
-              settle: float = 1e-5) -> Found:
+def descend_model(model: Model, starts: FloatArray, *, held: tuple[int, ...] = (), turns: int = 20,
+                  settle: float = 1e-5) -> Found:
     """Starts (k, d) of a model polished by descent, in all parameters that may move but those `held`; best first."""
-    spread = _DIFFERENCE * movable(model)
+    spread = _DIFFERENCE * movable_parameters(model)
     spread[list(held)] = 0.0
     return descend(partial(model.residuals, lent=True), model.costs, starts, spread=spread, turns=turns, settle=settle)
 
@@ -213,9 +214,9 @@ def behind_valve(model: Model, starts: FloatArray, own: slice, *, turns: int, se
     """
     free = {3, 4, *range(own.start, own.stop)}
     held = tuple(i for i in range(model.space.size) if i not in free)
-    return descended(model, starts, held=held, turns=turns, settle=settle)
+    return descend_model(model, starts, held=held, turns=turns, settle=settle)
 
 
-def movable(model: Model) -> FloatArray:
+def movable_parameters(model: Model) -> FloatArray:
     """1 for parameters that may move, 0 for those that are fixed (d,)."""
     return np.array([float(p.high > p.low) for p in model.space.parameters])

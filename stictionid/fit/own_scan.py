@@ -20,8 +20,8 @@ from ..model.model import Model
 from ..numerics import tally
 from ..numerics.population import refine
 from ..typing import FloatArray
-from .moves import as_held, beginning, descended, lifted, longest_piece, spreads, thinned, thinning
-from .starts.continuation import distinct, even
+from .moves import as_held, beginning, descend_model, lift_points, longest_piece, spreads, thin_model, thinning
+from .starts.continuation import distinct_points, even_steps
 
 # Points of the scan, periods of the first part, growth of the parts, and points that the first and the last leave.
 _SCAN, _PERIODS, _GROWTH, _LEFT = 60_000, 3.0, 1.6, (120, 8)
@@ -56,13 +56,13 @@ def scanned_starts(model: Model, name: str, values: FloatArray, far: bool) -> Fl
     """
     at = longest_piece(model)
     whole = as_held(model.pieces[at])
-    whole = whole if far else _alone(whole, name)
-    small = thinned(whole, thinning(whole))
+    whole = whole if far else _model_of_effect(whole, name)
+    small = thin_model(whole, thinning(whole))
     here = model.pieces[at].named(model.of(at, values))
     question = _question(small, name, here if far else {})
     if question not in _known:
-        before = tally.spent()
-        _known[question] = _searched(small, name, small.vector(here), _without(model.pieces[at]))
+        before = tally.samples_spent()
+        _known[question] = _search_points(small, name, small.vector(here), _residual_without(model.pieces[at]))
         tally.take_back(before)
         while len(_known) > _REMEMBERED:
             _known.pop(next(iter(_known)), None)
@@ -71,10 +71,10 @@ def scanned_starts(model: Model, name: str, values: FloatArray, far: bool) -> Fl
     found = [{**here, **small.named(column)} for column in small.values(_known[question]).T]
     piece = model.pieces[at]
     points = piece.cube(np.stack([piece.vector(named) for named in found], axis=1))
-    return points if len(model.pieces) == 1 else lifted(model, at, points)
+    return points if len(model.pieces) == 1 else lift_points(model, at, points)
 
 
-def _alone(model: Model, name: str) -> Model:
+def _model_of_effect(model: Model, name: str) -> Model:
     """The model with effect `name` only."""
     return Model(model.loop, replace(model.spec, effects=(name,)), s_max=model.s_max, period_s=model.period_s)
 
@@ -89,20 +89,20 @@ def _question(model: Model, name: str, values: Mapping[str, float]) -> str:
     return found.hexdigest()
 
 
-def _without(model: Model) -> FloatArray:
+def _residual_without(model: Model) -> FloatArray:
     """Residual (n,) of the model without the effect; infinite where none is known."""
     left = model.context.residual
     return np.full(model.loop.samples, np.inf) if left is None else left
 
 
-def _searched(model: Model, name: str, values: FloatArray, without: FloatArray) -> FloatArray:
+def _search_points(model: Model, name: str, values: FloatArray, without: FloatArray) -> FloatArray:
     """The best points of up to three searches; none where a model with residual `without` (n,) does better."""
     best, cost = np.empty((0, model.space.size)), np.inf
     for seed in range(_SEARCHES):
         points, first = _through_parts(model, name, values, without, np.random.default_rng(seed))
         if not len(points):
             break
-        points = _scattered(model, name, points, np.random.default_rng(seed))
+        points = _scatter_points(model, name, points, np.random.default_rng(seed))
         now, before = float(model.costs(points[:1])[0]), cost
         if now < cost:
             best, cost = points, now
@@ -120,7 +120,7 @@ def _cost_of(part: Model, without: FloatArray) -> float:
     left = without[::every][:part.loop.samples]
     if not np.isfinite(left).all():
         return np.inf
-    whole = part.filtered(left[:, None])[:, 0]
+    whole = part.filter_columns(left[:, None])[:, 0]
     return float(np.sum(part.weight[:whole.size] * whole**2))
 
 
@@ -134,11 +134,11 @@ def _through_parts(model: Model, name: str, values: FloatArray, without: FloatAr
     for share, left in zip(np.geomspace(first, 1.0, count), np.geomspace(*_LEFT, count).astype(int), strict=True):
         part = beginning(model, int(np.ceil(share * samples)))
         if not len(points):
-            points = _scanned(part, name, values, int(left), rng)
+            points = _scan_values(part, name, values, int(left), rng)
         found = refine(part.costs, points, rng, spread=spreads(part, _SPREAD), rounds=_ROUNDS, population=_POPULATION,
                        settle=_SETTLED)
-        near = descended(part, found.points, turns=_TURNS)
-        points = near.points[distinct(near.points, int(left), _NEAR)]
+        near = descend_model(part, found.points, turns=_TURNS)
+        points = near.points[distinct_points(near.points, int(left), _NEAR)]
         least = min(least, float(np.sqrt(near.costs[0] / part.shared.rows)))
         long = part.loop.samples * part.step_s > _ENOUGH * part.period_s
         most = _PROMISING if share == first else 1.0 if long else np.inf
@@ -147,7 +147,7 @@ def _through_parts(model: Model, name: str, values: FloatArray, without: FloatAr
     return points, least
 
 
-def _scattered(model: Model, name: str, points: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _scatter_points(model: Model, name: str, points: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Points (k, d) after draws about the best of them, in ever smaller steps, each turn with a descent.
 
     S, J and the effect go up and down together in most of them: slips of a larger force come at the same times where a
@@ -172,20 +172,21 @@ def _scattered(model: Model, name: str, points: FloatArray, rng: np.random.Gener
         cube = np.clip(cube, 0.0, 1.0)
         costs = np.concatenate([model.costs(cube[a:a + _BLOCK]) for a in range(0, len(cube), _BLOCK)])
         cube = cube[np.argsort(costs, kind="stable")[:_DRAWS]]
-        near = cube[distinct(cube, 3 * _ABOUT, _CLOSE)]
-        points = descended(model, near, turns=_TURNS).points
+        near = cube[distinct_points(cube, 3 * _ABOUT, _CLOSE)]
+        points = descend_model(model, near, turns=_TURNS).points
     return points
 
 
-def _scanned(part: Model, name: str, values: FloatArray, left: int, rng: np.random.Generator) -> FloatArray:
+def _scan_values(part: Model, name: str, values: FloatArray, left: int, rng: np.random.Generator) -> FloatArray:
     """The best distinct points of an even scan over the values that the effect proposes, each after a descent."""
     scan, rows = parse(name)[0].scan, part.rows_of(name)
     assert scan is not None
     asked = [0, 1, part.forces[0], 3, 4, *range(rows.start, rows.stop)]
     trial = values[:, None].repeat(_SCAN, axis=1)
-    trial[asked] = scan((rng.random(len(asked)) + np.outer(np.arange(_SCAN), even(len(asked)))).T % 1.0, part.context)
+    trial[asked] = scan((rng.random(len(asked)) + np.outer(np.arange(_SCAN), even_steps(len(asked)))).T % 1.0,
+                        part.context)
     cube = np.clip(part.cube(trial), 0.0, 1.0)
     costs = np.concatenate([part.costs(cube[a:a + _BLOCK]) for a in range(0, _SCAN, _BLOCK)])
     cube = cube[np.argsort(costs, kind="stable")[:_SCAN // 4]]
-    near = descended(part, cube[distinct(cube, _DESCENDED * left, _APART)], turns=_TURNS).points
-    return near[distinct(near, left, _NEAR)]
+    near = descend_model(part, cube[distinct_points(cube, _DESCENDED * left, _APART)], turns=_TURNS).points
+    return near[distinct_points(near, left, _NEAR)]

@@ -18,7 +18,7 @@ import numpy as np
 from ..model.model import Model
 from ..numerics.gauss_newton import descend, slopes_at
 from ..typing import FloatArray, IntArray
-from .moves import movable
+from .moves import movable_parameters
 
 # Twice the log-likelihood within which points are on one plateau, and the share of the energy of y that a record
 # without noise allows. Its square counts.
@@ -44,13 +44,13 @@ _SHRUNK, _SHARE = 0.8 ** np.arange(20.0), 0.9
 _PROMISING = 10.0
 
 
-def settled_on_plateau(model: Model, point: FloatArray) -> FloatArray:
+def settle_on_plateau(model: Model, point: FloatArray) -> FloatArray:
     """Point (d,) in the middle of its plateau, all numbers that have a slope at their least cost.
 
     The e(0) of every first slip is a start. The point stays where the command moves between samples, or where S is
     given: there the cost is smooth.
     """
-    if not (model.spec.held and movable(model)[0]):
+    if not (model.spec.held and movable_parameters(model)[0]):
         return point
     starts = np.concatenate([point[None], _other_starts(model, point)])
     costs = model.costs(starts)
@@ -58,11 +58,11 @@ def settled_on_plateau(model: Model, point: FloatArray) -> FloatArray:
         return point
     for start in starts[1:][costs[1:] <= _limit(model, float(costs.min()), _PROMISING)]:
         # (each class of first slips has slopes of its own)
-        other = _descended(model, start, *_directions(model, start))
+        other = _descend_along(model, start, *_directions(model, start))
         point = min(point, other, key=lambda p: float(model.costs(p[None])[0]))
     for _ in range(_TURNS):
         flat, steep = _directions(model, point)
-        point = _descended(model, point, flat, steep)
+        point = _descend_along(model, point, flat, steep)
         if not len(flat):
             break
         point, moved = (_middle if len(flat) == 1 else _centre)(model, point, flat)
@@ -78,7 +78,7 @@ def extremes(model: Model, point: FloatArray, limit: float) -> FloatArray:
     another optimum holds none of them, and a scan of S that holds what follows it ends before them.
     """
     cost = float(model.costs(point[None])[0])
-    if not (movable(model)[0] and 0.0 < cost <= limit):
+    if not (movable_parameters(model)[0] and 0.0 < cost <= limit):
         return point[None][:0]
     flat, steep = _directions(model, point)
     along = steep * _DIFFERENCE
@@ -110,7 +110,7 @@ def _limit(model: Model, cost: float, ratio: float) -> float:
 
 def _directions(model: Model, point: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Directions (k, d) that leave the residuals of a point (d,) as they are, and directions (m, d) of all others."""
-    free = np.flatnonzero(movable(model) > 0)
+    free = np.flatnonzero(movable_parameters(model) > 0)
     slopes = slopes_at(model.residuals, point[None], free, np.full((1, free.size), _DIFFERENCE))[0][0]
     size = np.linalg.norm(slopes, axis=0)
     dead = size <= _NO_SLOPE * size.max(initial=0.0)
@@ -123,7 +123,7 @@ def _directions(model: Model, point: FloatArray) -> tuple[FloatArray, FloatArray
     return ways[none], ways[~none]
 
 
-def _descended(model: Model, point: FloatArray, flat: FloatArray, steep: FloatArray) -> FloatArray:
+def _descend_along(model: Model, point: FloatArray, flat: FloatArray, steep: FloatArray) -> FloatArray:
     """Point (d,) after a descent along the directions `steep` (m, d); those that are `flat` (k, d) stay.
 
     Moves are searched as shares of a cube of their own, whose middle is the point.
@@ -167,7 +167,7 @@ def _centre(model: Model, point: FloatArray, flat: FloatArray) -> tuple[FloatArr
     Points fill a box whose axes are those of the plateau's points before, until it no longer changes.
     """
     same = _limit(model, float(model.costs(point[None])[0]), _ALIKE)
-    fill = _even(_POINTS, len(flat))
+    fill = _even_points(_POINTS, len(flat))
     ends = np.array([[_end(model, point, sign * way, same) for sign in (-1.0, 1.0)] for way in flat])
     middle, axes = np.zeros(len(flat)), np.diag(np.maximum(ends.sum(axis=1), _LADDER[0]))
     size = 0.0
@@ -192,7 +192,7 @@ def _centre(model: Model, point: FloatArray, flat: FloatArray) -> tuple[FloatArr
     return moved, float(np.abs(middle).max()) / (2.0 * wide)
 
 
-def _even(count: int, dimensions: int) -> FloatArray:
+def _even_points(count: int, dimensions: int) -> FloatArray:
     """Points (count, k) that fill the cube from -1 to 1 evenly, the same in every call.
 
     Source: Korobov lattice on the roots of x^(k+1) = x + 1 (Roberts 2018).

@@ -65,7 +65,7 @@ def rows_for(name: str, numbers: dict[str, float]) -> tuple[ParameterValue, ...]
 
 def rows_in(name: str, model: Model, values: FloatArray, evaluated: Evaluated) -> tuple[ParameterValue, ...]:
     """Rows for the values of one physical effect in a model; those that change nothing in it are not identifiable."""
-    idle = _idle(model, values)
+    idle = _idle_parameters(model, values)
     return tuple(replace(row, identifiable=f"{name}:{row.name}" not in idle)
                  for row in rows_for(name, values_of(name, model, values, evaluated)))
 
@@ -75,7 +75,7 @@ def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[Para
     out = [r for r in rows if r.effect is None]
     model = fit.model
     innovation = float(np.sqrt(fit.sse / max(fit.best.rows, 1)))
-    idle = _idle(model, fit.values)
+    idle = _idle_parameters(model, fit.values)
     for name in model.spec.effects:
         if parse(name)[0].noise is not None:
             numbers = noise_values(name, np.array(model.spec.taps), model.spec.increments, innovation, model.step_s,
@@ -92,7 +92,7 @@ def public_parameters(fit: Fitted, rows: Sequence[ParameterValue]) -> tuple[Para
     return tuple(out)
 
 
-def _idle(model: Model, values: FloatArray) -> set[str]:
+def _idle_parameters(model: Model, values: FloatArray) -> set[str]:
     """Parameters of effects that change nothing in the model of values (d,), such as a limit that the stem never meets.
     """
     names, neutral = [], []

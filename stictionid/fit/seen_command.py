@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from ..model.spec import Spec
 from .context import Run
-from .noise.completion import Refit, complete, likelier
+from .noise.completion import Refit, complete_model, place_slips
 
 
 def full_over_rounded(full: Run, rounded: Run) -> float:
     """BIC by which the full command explains y better than the one recorded in steps; below 0 where it does worse."""
-    return _completed(full).gain_over(_completed(rounded))
+    return _complete_fit(full).gain_over(_complete_fit(rounded))
 
 
-def _completed(run: Run) -> Refit:
+def _complete_fit(run: Run) -> Refit:
     fit = run.fit(Spec(law=run.law, fixed=dict(run.options.fixed)))
-    return likelier(complete(fit.model, fit.values, None, run.rng, descent=True), anew=True)
+    return place_slips(complete_model(fit.model, fit.values, None, run.rng, descent=True), other_valves=True)

@@ -12,20 +12,20 @@ import numpy as np
 
 from ..effects import parse
 from ..model.model import Model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import BASE, Spec
-from ..numerics.population import Found, refine, together
+from ..numerics.population import Found, join_found, refine
 from ..typing import FloatArray
 from .fit import Fitted, polish_smooth
-from .moves import descended, search_model, spreads, with_start
-from .noise.completion import Refit, likelier, quick
+from .moves import descend_model, search_model, spreads, with_start
+from .noise.completion import Refit, complete_quickly, place_slips
 from .own_scan import scanned_starts
 from .starts.basins import along_ridge, with_other_start, with_process
-from .starts.beside_effect import RESTING, across, guessed_valves, on_valve, open_valves, stickbands
-from .starts.continuation import distinct
+from .starts.beside_effect import RESTING, guessed_valves, on_valve, open_valves, stickbands, valves_across
+from .starts.continuation import distinct_points
 from .starts.intersample import QUICK_SETTLE, QUICK_TURNS
-from .starts.niches import ALONE, PATIENCE, beyond_rest, herded
-from .starts.reparametrised import followed, ridge_of
+from .starts.niches import ALONE, PATIENCE, beyond_rest, evolve_points
+from .starts.reparametrised import follow_ridge, ridge_of
 
 _SETTLED = 1e-4
 # Turns of descent from every start, fall of the cost at which one has settled, and starts that then get a population.
@@ -79,8 +79,8 @@ class Scouted:
         return self.coarse.values(self.points[:1])[:, 0]
 
 
-def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
-          valves: FloatArray | None = None, far: bool = True, polish: bool = True) -> Scouted:
+def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
+                 valves: FloatArray | None = None, far: bool = True, polish: bool = True) -> Scouted:
     """The model with effect `name` added, searched far enough to decide on a full refit.
 
     Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. An effect on
@@ -88,7 +88,7 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
     assumes none. `valves` (k, d) are values of such valves found before; each gets a process that fits it. Without
     `polish` the search ends after a descent, an eighth of the work.
     """
-    model, coarse = widened_by(fit, name)
+    model, coarse = widen_by(fit, name)
     spec = model.spec
     effect, option = parse(name)
     guesses = effect.guess(model.context_of(option)) if effect.guess else np.zeros((1, 0))
@@ -119,15 +119,15 @@ def scout(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Generator, *,
         fresh = np.concatenate([fresh, valve, with_process(coarse, valve)])
         if far:
             fresh = np.concatenate([open_valves(coarse, name, fit, rng), fresh])
-    near = descended(coarse, with_start(coarse, np.concatenate([warm, fresh])), turns=_GLANCE, settle=_GLANCED)
+    near = descend_model(coarse, with_start(coarse, np.concatenate([warm, fresh])), turns=_GLANCE, settle=_GLANCED)
     if len(fresh) and effect.friction is not None and spec.held:
-        near = together(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
-                                     rounds=_LOOK, population=14, settle=_SETTLED))
+        near = join_found(near, refine(coarse.costs, with_start(coarse, fresh[:_KEPT]), rng, spread=spreads(coarse),
+                                       rounds=_LOOK, population=14, settle=_SETTLED))
     found = Scouted(coarse, model, near.points, float(near.costs[0]), neutral, name if effect.kind in "FT" else "")
-    return closer(found, name, rng) if polish else found
+    return polish_look(found, name, rng) if polish else found
 
 
-def closer(found: Scouted, name: str, rng: np.random.Generator) -> Scouted:
+def polish_look(found: Scouted, name: str, rng: np.random.Generator) -> Scouted:
     """A first look polished with a population, and beside its curve of equal cost; as it is where it gains nothing."""
     coarse, effect = found.coarse, parse(name)[0]
     if not found.gain > _PROMISING:
@@ -138,10 +138,10 @@ def closer(found: Scouted, name: str, rng: np.random.Generator) -> Scouted:
     if effect.kind in "FT" and coarse.spec.held and cost < found.neutral * (1.0 - _SETTLED):
         # The effect helps, so the process it was fitted with may be wrong: one step along the curve of equal cost.
         beside = refine(coarse.costs, np.concatenate([along_ridge(coarse, points[:2])[:3],
-                                                      across(coarse, points[0], name, 3),
+                                                      valves_across(coarse, points[0], name, 3),
                                                       with_other_start(coarse, points[0], 2)]), rng,
                         spread=spreads(coarse, 0.5), rounds=_LOOK, population=14, settle=_SETTLED)
-        both = together(polish, beside)
+        both = join_found(polish, beside)
         points, cost = both.points, float(both.costs[0])
     return replace(found, points=points, cost=cost)
 
@@ -155,16 +155,16 @@ def likeliest_point(found: Scouted, done: Refit) -> FloatArray:
     named = (found.coarse.named(column) for column in found.coarse.values(found.points).T)
     cube = white.cube(np.array([white.vector(n) for n in named]).T)
     cube = cube[np.argsort(white.costs(cube), kind="stable")]
-    cube = cube[distinct(cube[:, :2], _LIKELY, _APART)]
-    near = descended(white, with_start(white, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    cube = cube[distinct_points(cube[:, :2], _LIKELY, _APART)]
+    near = descend_model(white, with_start(white, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
     return found.model.vector(white.named(white.values(near.points[:1])[:, 0]))
 
 
-def widened_by(fit: Fitted, name: str) -> tuple[Model, Model]:
+def widen_by(fit: Fitted, name: str) -> tuple[Model, Model]:
     """The model of a fit with effect `name` added, and the model to search it on."""
     before = fit.model
     spec = replace(before.spec, effects=(*before.spec.effects, name))
-    model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
+    model = bind_model(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
     return model, search_model(model)
 
 
@@ -176,32 +176,32 @@ def out_of_basin(model: Model, points: FloatArray, rng: np.random.Generator) -> 
     of equal cost a population spreads step by step; a scan covers more of it at once.
     """
     valve = any(map(on_valve, model.effects))
-    patience = ALONE if valve and not quick(model, model.values(points[:1])[:, 0]).white else PATIENCE
-    found = herded(model, points, rng, patience)
+    patience = ALONE if valve and not complete_quickly(model, model.values(points[:1])[:, 0]).white else PATIENCE
+    found = evolve_points(model, points, rng, patience)
     beyond = beyond_rest(model, found.points[0], rng)
     if len(beyond):
-        near = descended(model, beyond, turns=_GLANCE, settle=_GLANCED).points
-        found = together(found, herded(model, near, rng, patience))
+        near = descend_model(model, beyond, turns=_GLANCE, settle=_GLANCED).points
+        found = join_found(found, evolve_points(model, near, rng, patience))
     for _ in range(_RIDGED if ridge_of(model) is not None else 0):
-        before, along = found.costs[0], followed(model, found.points[:_KEPT], rng).points[:_KEPT]
-        found = herded(model, np.concatenate([along, found.points]), rng)
+        before, along = found.costs[0], follow_ridge(model, found.points[:_KEPT], rng).points[:_KEPT]
+        found = evolve_points(model, np.concatenate([along, found.points]), rng)
         if found.costs[0] > before * (1.0 - _WORTH):
             break
     return found
 
 
-def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
+def settle_look(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray, float]:
     """The scouted model at its best: values (d,) and cost."""
     coarse, model = look.coarse, look.model
     if model.follows_y:
         # The first look followed the y of the model without the effect, which may be far off.
         own = model.evaluate(look.values).guide
-        coarse, model = coarse.guided(own), model.guided(own)
+        coarse, model = coarse.follow_guide(own), model.follow_guide(own)
     found = refine(coarse.costs, look.points[:6], rng, spread=spreads(coarse, 0.5), rounds=20, population=14,
                    settle=_SETTLED)
     points = found.points
     if model.spec.held and look.name and parse(look.name)[0].natural is not None:
-        points = followed(coarse, points[:_KEPT], rng).points
+        points = follow_ridge(coarse, points[:_KEPT], rng).points
     # A valve that rests was found while an effect was missing, which bent its S by several slips.
     others = stickbands(coarse, points[0]) if model.spec.held and RESTING in model.spec.effects else points[:0]
     for _ in range(_RIDGE_TURNS if model.spec.held else 1):
@@ -209,7 +209,7 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
         if model.spec.held:
             near = np.concatenate([near, along_ridge(coarse, points[:1])[:4], with_other_start(coarse, points[0], 2)])
             if look.name:
-                near = np.concatenate([near, across(coarse, points[0], look.name, 4)])
+                near = np.concatenate([near, valves_across(coarse, points[0], look.name, 4)])
         last = refine(coarse.costs, near, rng, spread=spreads(coarse, 0.4), rounds=50, population=14, settle=_SETTLED)
         before, after = coarse.costs(np.stack([points[0], last.points[0]]))
         points = last.points
@@ -229,10 +229,10 @@ def settled(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatArray,
         final = refine(model.costs, best[None], rng, spread=spreads(model, 0.1), rounds=60, population=16,
                        settle=_SETTLED)
         best, cost = polish_smooth(model, final.points[0])
-    return (*_following(model, model.values(best[None])[:, 0]), cost)
+    return (*_follow_own_y(model, model.values(best[None])[:, 0]), cost)
 
 
-def _following(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
+def _follow_own_y(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
     """A model and its values (d,), polished on the y that it makes itself where an effect follows y."""
     if not model.follows_y:
         return model, values
@@ -241,7 +241,7 @@ def _following(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
     for best in model.readings(values):
         at = values
         for _ in range(_FOLLOWED):
-            own = model.guided(best.guide)
+            own = model.follow_guide(best.guide)
             point, _ = polish_smooth(own, own.cube(at[:, None])[0])
             trial = own.values(point[None])[:, 0]
             now = own.evaluate(trial)
@@ -250,7 +250,7 @@ def _following(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
             at, best = trial, now
         ends.append((best, at))
     best, values = min(ends, key=lambda end: end[0].sse)
-    return model.guided(best.guide), values
+    return model.follow_guide(best.guide), values
 
 
 def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:
@@ -268,7 +268,7 @@ def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> 
         grid[0], grid[1] = S.ravel(), J.ravel()
         cube = model.cube(grid)
         order = np.argsort(model.costs(cube), kind="stable")
-        for k in order[distinct(grid[0, order, None], 2, 2.5 * reach / _THRESHOLDS * values[0])]:
+        for k in order[distinct_points(grid[0, order, None], 2, 2.5 * reach / _THRESHOLDS * values[0])]:
             trial, now = polish_smooth(model, cube[k])
             if now < cost:
                 best, cost = trial, now
@@ -276,9 +276,9 @@ def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> 
     return best, cost
 
 
-def looked_along(fit: Fitted, name: str) -> Refit:
+def look_along(fit: Fitted, name: str) -> Refit:
     """One effect added to a fit along its path: from its neutral value and its guesses, the path settled anew."""
-    model, _ = widened_by(fit, name)
+    model, _ = widen_by(fit, name)
     effect, option = parse(name)
     here = model.vector(fit.best.values)
     starts = [here]
@@ -288,18 +288,18 @@ def looked_along(fit: Fitted, name: str) -> Refit:
     cube = model.cube(np.array(starts).T)
     if effect.scan is not None:
         cube = np.concatenate([cube, scanned_starts(model, name, here, False)])
-    near = descended(model, cube, turns=_ALONG, settle=_ALONG_STILL)
+    near = descend_model(model, cube, turns=_ALONG, settle=_ALONG_STILL)
     values = list(model.values(near.points[:1]).T)
     if effect.friction is not None:
         # (an effect on break-away forces alone does not show along a path that is given)
         values.append(here)
-    found = [likelier(quick(model, v), rounds=_PATH_ROUNDS) for v in values]
+    found = [place_slips(complete_quickly(model, v), rounds=_PATH_ROUNDS) for v in values]
     return min(found, key=lambda done: done.bic(done.good))
 
 
-def fitted_along(fit: Fitted, spec: Spec, values: FloatArray) -> Refit:
+def fit_along(fit: Fitted, spec: Spec, values: FloatArray) -> Refit:
     """A node of another structure along the path of a fit, settled from values (d,)."""
     before = fit.model
-    model = bound(before.loop, replace(spec, paths=before.spec.paths), s_max=before.s_max, period_s=before.period_s,
-                  residual=fit.best.left)
-    return likelier(quick(model, values))
+    model = bind_model(before.loop, replace(spec, paths=before.spec.paths), s_max=before.s_max,
+                       period_s=before.period_s, residual=fit.best.left)
+    return place_slips(complete_quickly(model, values))

@@ -16,9 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fit.arx_cost import Arx, check_rows, continuous
+from ..fit.arx_cost import Arx, check_rows, continuous_process
 from ..fit.context import Run
-from ..fit.fit import finish
+from ..fit.fit import finish_fit
 from ..fit.starts.basins import with_process
 from ..model.model import Model
 from ..model.response import J_OVER_S, S_OVER_S_MAX
@@ -47,10 +47,10 @@ def _run(run: Run) -> Outcome:
     values = model.values(best)
     _, delay = arx.costs(values)
     a, b, mse = arx.coefficients(values[:, 0], int(delay[0]))
-    gain, lags, integrating = continuous(a, b, run.loop.step_s)
+    gain, lags, integrating = continuous_process(a, b, run.loop.step_s)
     cube, costs = _free_run(run, model, cube_of(found.points), lags, int(delay[0]), integrating)
-    fit = finish(model if not integrating else run.model(Spec(law=run.law, process=INTEGRATOR, increments=True)),
-                 cube, costs, run.rng, rounds=1, holdout=False)
+    fit = finish_fit(model if not integrating else run.model(Spec(law=run.law, process=INTEGRATOR, increments=True)),
+                     cube, costs, run.rng, rounds=1, holdout=False)
     exact = replace(fit, values=np.concatenate([values[:3, 0], fit.values[3:]]))
     exact = replace(exact, best=exact.model.evaluate(exact.values), runs=4, agree=_swarm_agreement(found.points))
     step = run.step(exact, None)

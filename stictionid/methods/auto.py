@@ -15,26 +15,26 @@ import numpy as np
 
 from ..effects import catalogue, noises_in, walks
 from ..errors import CannotTell
-from ..fit.add_effect import added, polished
-from ..fit.adequacy import CONDITIONAL, adequate, with_one_noise
+from ..fit.add_effect import fit_with_added, polish_last
+from ..fit.adequacy import CONDITIONAL, judge_adequacy, with_one_noise
 from ..fit.context import Run, parameters
-from ..fit.fit import Fitted, reaching, reaching_also
+from ..fit.fit import Fitted, include_intervals, widen_intervals
 from ..fit.intervals.assemble import outline, region
 from ..fit.intervals.few_steps import over_break_away
 from ..fit.moves import longest_first
 from ..fit.noise.prewhitening import without_noise
 from ..fit.starts.intersample import SUBSTEPS, as_moving, surely_moves
-from ..fit.with_effect import scout
+from ..fit.with_effect import scout_effect
 from ..model.spec import BASE, FIRST_ORDER, SOFT, Spec
 from ..numerics import tally
 from ..process.intersample import CORNER
-from ..process.scan import DECIMATED, blurred, p_law, parts_of, ran_between
+from ..process.scan import DECIMATED, p_law, parts_of, ran_between, scans_between_samples
 from ..record.loop import Finding
 from ..record.oscillation import count_reversals
 from ..record.preconditions import SAMPLES_PER_PERIOD
-from ..selection.decide import Decision, decided
-from ..selection.ladder import ordered, with_levels
-from ..selection.node import LAG, physical
+from ..selection.decide import Decision, decide_answer
+from ..selection.ladder import order_ladder, with_levels
+from ..selection.node import LAG, physical_effects
 from ..selection.policy import Policy
 from ..selection.run import commands_of, floor_of, ladder_of, tree_of, unseen_scans
 from ..selection.score import beyond_noise
@@ -70,9 +70,9 @@ def _run(run: Run, policy: Policy) -> Outcome:
     """Base model, then the search with the small catalogue, and with the whole one where that explains nothing."""
     o = run.options
     run.tell("searching (S, J)", 0.1)
-    before = tally.spent()
+    before = tally.samples_spent()
     fit, notes, slow = _base(run, policy)
-    spent = (tally.spent() - before) // policy.unit
+    spent = (tally.samples_spent() - before) // policy.unit
     check_scans(run, fit)
     noises = noises_in(o.effects)
     if _nothing(run, fit) and samples_a_turn(run.used_y()) < SAMPLES_PER_PERIOD:
@@ -90,7 +90,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
         raise _explains_nothing(run)
     if noises or o.base_only:
         found = replace(found, noise="")
-    order, rungs = ordered(search, found.winner, physical(fit.model.spec))
+    order, rungs = order_ladder(search, found.winner, physical_effects(fit.model.spec))
     steps, fits = ladder_of(run, search, found, fit, (order, rungs))
     if slow and found.winner.spec.between == DECIMATED:
         notes = (said_scans(run, found.winner.spec.substeps), *notes)
@@ -99,7 +99,7 @@ def _run(run: Run, policy: Policy) -> Outcome:
     steps[0] = replace(steps[0], findings=(*notes, *steps[0].findings))
     for name in noises:
         run.tell(f"fitting with {name}", 0.75)
-        fits.append(added(fits[-1], name, run.rng))
+        fits.append(fit_with_added(fits[-1], name, run.rng))
         steps.append(run.step(fits[-1], name))
     last = fits[-1]
     # Far from the noise the intervals are conditional on the model, and a further lag imitates what is missing, unless
@@ -108,11 +108,11 @@ def _run(run: Run, policy: Policy) -> Outcome:
     wide = near and not o.base_only and not o.fixed and LAG not in last.model.spec.effects
     if last is fit:
         # The base alone ends like every other last step: where `remove` comes back to it, it is the same.
-        last = replace(polished(fit.model, fit.values, run.rng, spans=o.intervals), runs=fit.runs, agree=fit.agree,
+        last = replace(polish_last(fit.model, fit.values, run.rng, spans=o.intervals), runs=fit.runs, agree=fit.agree,
                        searched=fit.searched)
         fits[-1], steps[-1] = last, run.step_again(steps[-1], last)
     if last.model.spec.paths is None and o.intervals:
-        fits[-1] = _whatever_the_order(run, last) if wide else reaching(last, run.rng)
+        fits[-1] = _whatever_the_order(run, last) if wide else widen_intervals(last, run.rng)
     if fits[-1].sse < last.sse:
         # Another step of S does better than the search did.
         steps[-1] = run.step_again(steps[-1], fits[-1])
@@ -167,11 +167,11 @@ def _base_with(run: Run, asked: tuple[str, ...]) -> Based:
     if moves:
         spec = as_moving(spec)
     fit = run.fit(spec)
-    if asked and not adequate(run.step(fit, None), run.loop)[0]:
+    if asked and not judge_adequacy(run.step(fit, None), run.loop)[0]:
         run.tell("adding one effect after the other", 0.3)
         one = run.fit(replace(spec, effects=()))
         for name in asked:
-            one = added(one, name, run.rng)
+            one = fit_with_added(one, name, run.rng)
         fit = one if one.best.rmse < fit.best.rmse else fit
     scans = parts_of(run.loop.step_s, o.scan_s)
     if o.between != "auto" or moves or scans < 2 or not (ran_between(run.loop, scans) or p_law(run.loop)):
@@ -192,7 +192,8 @@ def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
               only: frozenset[str] | None) -> tuple[Search, Decision]:
     """The search from one base or several, and its decision; effects that were asked for stay."""
     search = Search(run.loop, policy, run.options.seed, 1, run.tell, only=only, commands=commands_of(run),
-                    slow=blurred(run.loop, run.options.scan_s), blurred=unseen_scans(run), floor=floor_of(run))
+                    slow=scans_between_samples(run.loop, run.options.scan_s), blurred=unseen_scans(run),
+                    floor=floor_of(run))
     for fit in bases:
         search.root(fit)
     base = bases[0].model.spec
@@ -201,7 +202,8 @@ def _searched(run: Run, bases: Sequence[Fitted], policy: Policy,
         # noise hides slips in differences, where an integrator's levels show them.
         soft = not base.increments
         search.root(run.fit(replace(base, increments=soft, taps=SOFT if soft else ())))
-    return search, decided(search, search.run(), keep=physical(bases[0].model.spec), spans=run.options.intervals)
+    return search, decide_answer(search, search.run(), keep=physical_effects(bases[0].model.spec),
+                                 spans=run.options.intervals)
 
 
 def _nothing_explained(run: Run, found: Decision, policy: Policy) -> bool:
@@ -253,8 +255,8 @@ def _explains_nothing(run: Run) -> CannotTell:
 
 def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
     """The fit with intervals that hold even if the process has a second lag, too small to be named."""
-    fit = reaching(fit, run.rng, steps_only=True)
-    look = scout(fit, LAG, fit.values[None, :len(BASE)], run.rng)
+    fit = widen_intervals(fit, run.rng, steps_only=True)
+    look = scout_effect(fit, LAG, fit.values[None, :len(BASE)], run.rng)
     model = look.coarse
     top = longest_first(model, look.points[:1])
     known = None
@@ -263,7 +265,7 @@ def _whatever_the_order(run: Run, fit: Fitted) -> Fitted:
         values = model.values(top).repeat(possible.shape[1], axis=1)
         values[:len(possible)] = possible
         known = model.cube(values)
-    return reaching_also(fit, *region(model, top[0], run.rng, known))
+    return include_intervals(fit, *region(model, top[0], run.rng, known))
 
 
 METHOD = Method(

@@ -12,12 +12,12 @@ import numpy as np
 from ..errors import CannotTell, UsageError
 from ..fit.context import Run
 from ..fit.fit import Fitted, as_it_stands, held_out_error, one_run
-from ..fit.moves import descended, search_model, with_start
+from ..fit.moves import descend_model, search_model, with_start
 from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import Evaluated, Spec
 from ..process.rounded import step_of
-from ..process.scan import DECIMATED, drawn, parts_of, pi_law
+from ..process.scan import DECIMATED, draw_command, parts_of, pi_law
 from ..record.loop import Finding
 from ..record.preconditions import SAMPLES_PER_PERIOD
 from ..typing import FloatArray
@@ -84,7 +84,7 @@ def _first(run: Run, spec: Spec, known: FloatArray | None = None) -> Rebuilt:
     model = search_model(run.model(spec))
     point, cost = one_run(model, run.rng, None, run.basins(spec))
     if known is not None:
-        again = descended(model, with_start(model, known[None]))
+        again = descend_model(model, with_start(model, known[None]))
         if again.costs[0] < cost:
             point, cost = again.points[0], float(again.costs[0])
     e = model.evaluate(model.values(point[None])[:, 0]) if np.isfinite(cost) else None
@@ -109,7 +109,7 @@ def _beside(run: Run, tried: Rebuilt) -> Rebuilt:
             guide = there.guide(there.values(point[None])[:, 0])
             spec = replace(spec, guides=(*spec.guides[:-1], guide))
             there = search_model(run.model(spec))
-            found = descended(there, with_start(there, point[None]), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+            found = descend_model(there, with_start(there, point[None]), turns=QUICK_TURNS, settle=QUICK_SETTLE)
             point, cost = found.points[0], float(found.costs[0])
         if cost < best.cost:
             best = Rebuilt(spec, point, cost, there.evaluate(there.values(point[None])[:, 0]))
@@ -171,8 +171,8 @@ def ranges(run: Run, tried: Rebuilt, fit: Fitted) -> tuple[tuple[float, float], 
     found = [(e.values["S"], e.values["J"], e.rmse), (fit.best.values["S"], fit.best.values["J"], fit.best.rmse)]
     for seed in range(_DRAWS):
         rng = np.random.default_rng([run.options.seed, seed])
-        command = drawn(run.loop, plain.context.command, scans, floor, rng)
-        model = search_model(bound(run.loop, tried.spec, s_max=run.s_max, period_s=run.period_s, command=command))
+        command = draw_command(run.loop, plain.context.command, scans, floor, rng)
+        model = search_model(bind_model(run.loop, tried.spec, s_max=run.s_max, period_s=run.period_s, command=command))
         point, cost = one_run(model, rng, None, run.basins(tried.spec))
         if np.isfinite(cost):
             again = model.evaluate(model.values(point[None])[:, 0])

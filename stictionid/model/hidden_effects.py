@@ -70,11 +70,11 @@ def hide(given: Given, *, S: float, J: float, plant: Dynamics, time_s: FloatArra
         if name in seen:
             raise UsageError(f"effect {name} is given twice", "give it once, with all its parameters")
         seen.add(name)
-        _place(hidden, effect, _checked(effect, values), time_s, start, rng)
+        _place(hidden, effect, _check_values(effect, values), time_s, start, rng)
     return hidden
 
 
-def _checked(effect: Effect, values: Mapping[str, float | str]) -> dict[str, float]:
+def _check_values(effect: Effect, values: Mapping[str, float | str]) -> dict[str, float]:
     """All parameters of an effect by name; a variant that was asked for stands among them, as 1."""
     known = {p.name: p for p in effect.parameters}
     out: dict[str, float] = {p.name: p.neutral for p in effect.parameters}

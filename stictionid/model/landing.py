@@ -14,8 +14,8 @@ import numpy as np
 
 from ..laws.contract import LOWER, UPPER
 from ..numerics.noise.landing import LandingFilter, expected
-from ..numerics.noise.normal import between
-from ..process.state_space import Held, held
+from ..numerics.noise.normal import moments_between
+from ..process.state_space import Held, held_chain
 from ..typing import BoolArray, FloatArray
 from .replay import AT, BEFORE, AlongPath
 from .response import Response
@@ -25,8 +25,8 @@ def chain_of(model: Response, values: FloatArray) -> Held:
     """The process of one candidate (d, 1) from one command to the next, without what changes along the record."""
     plain = replace(model.dynamics(values), closing=None, dead_time_drift=None)
     parts = model.context.command.size // model.loop.samples
-    return held(plain.time_constant_s, plain.dead_time_s, plain.second_time_constant_s, plain.elements,
-                plain.integrating, part_s=model.step_s / parts, ahead=not model.spec.held)
+    return held_chain(plain.time_constant_s, plain.dead_time_s, plain.second_time_constant_s, plain.elements,
+                      plain.integrating, part_s=model.step_s / parts, ahead=not model.spec.held)
 
 
 def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, AlongPath] | None:
@@ -52,7 +52,7 @@ def landing_of(model: Response, counted: BoolArray) -> tuple[LandingFilter, Alon
     m = found.margins[:-1, :, 0]
     if np.isnan(m[:, AT]).any():
         return None  # (this valve does not take the path, so that nothing is known of where it landed)
-    mean, square = between(m[:, BEFORE], m[:, AT], paths.scatter)
+    mean, square = moments_between(m[:, BEFORE], m[:, AT], paths.scatter)
     own = paths.own_variance + square - mean**2
     share = np.where(stopped[at], 0.0, error / (error + own))
     carried[at], force[at] = share, ways * mean

@@ -21,14 +21,14 @@ from ..effects.contract import Context, Record
 from ..laws import get as law_of
 from ..laws.contract import Law
 from ..numerics import tally
-from ..numerics.autoregression import first_rows, linked
+from ..numerics.autoregression import first_rows, link_samples
 from ..numerics.fixed_point import fixed_point
 from ..numerics.jit import FULL, LANES, output
 from ..numerics.varpro import REJECTED, Shared
 from ..numerics.varpro_segments import Blockwise
 from ..process.intersample import rebuild
 from ..process.linear import free_run
-from ..process.scan import DECIMATED, answers, scanned
+from ..process.scan import DECIMATED, answers, command_at_scans
 from ..record.loop import Loop, bridged
 from ..typing import BoolArray, FloatArray
 from .landing import landing_of
@@ -64,16 +64,16 @@ class Model(Response):
         self.thinned = command is not None
         y = bridged(loop.process_value)
         if command is None:
-            command = self._commanded()
+            command = self._command_on_grid()
         self.context = Context(command, y, loop.setpoint, loop.step_s, self.parts, period_s, s_max,
                                dict(loop.extras), residual, None if residual is None else y - residual, record,
                                spec.held)
         self.law = law_along(self.law, spec.paths, command.size)
         self.profile = self._drift_profile()
         self._range()
-        self.skip = skipped(loop.samples, loop.step_s, period_s)
+        self.skip = skipped_samples(loop.samples, loop.step_s, period_s)
         # Where PV is missing the noise filter goes from one sample that counts to the next.
-        self.links = linked(self.good())
+        self.links = link_samples(self.good())
         self.weight = self._weights()
         self._land()
 
@@ -83,19 +83,19 @@ class Model(Response):
         self.landing = None if landing is None else landing[0]
         if landing is not None:
             self.law = cast(Law, landing[1])
-        self.target = self.filtered(self.context.process_value[:, None])[:, 0]
-        columns = self.filtered(self.shared_columns())
+        self.target = self.filter_columns(self.context.process_value[:, None])[:, 0]
+        columns = self.filter_columns(self.shared_columns())
         # Under a command that moves between samples y also follows from u by the controller turned round.
         self.shared: Shared | Blockwise = Shared.prepare(self.target, columns, self.weight,
                                                          0.0 if self.spec.held else answers(self.loop))
 
-    def _commanded(self) -> FloatArray:
+    def _command_on_grid(self) -> FloatArray:
         """Command on the grid of the valve, by the spec's mode between samples."""
         spec = self.spec
         if spec.between != DECIMATED:
             return rebuild(bridged(self.loop.output), spec.substeps, spec.between, self.loop.setpoint)
         if not spec.guides:
-            return scanned(self.loop, spec.substeps)
+            return command_at_scans(self.loop, spec.substeps)
         *before, last = spec.guides
         guide = Model(self.loop, replace(spec, law=last["law"], process=last["process"], effects=tuple(last["effects"]),
                                          increments=bool(last["increments"]), taps=tuple(last["taps"]),
@@ -105,7 +105,7 @@ class Model(Response):
         trial = guide.vector(last["values"])[:, None].repeat(_GUIDE_FORCES + 1, axis=1)
         trial[2, 1:] = np.linspace(-0.95, 0.95, _GUIDE_FORCES)
         best = int(np.argmin(guide.costs_of(trial)))
-        return scanned(self.loop, spec.substeps, guide._course(trial[:, best]))
+        return command_at_scans(self.loop, spec.substeps, guide._course(trial[:, best]))
 
     def _course(self, values: FloatArray) -> FloatArray:
         """Response of y (n*parts,) at every value of the command to the valve of values (d,), without start-up."""
@@ -147,7 +147,7 @@ class Model(Response):
         alone = [np.ones(piece.loop.samples) if piece.landing is None else piece.landing.alone for piece in self.pieces]
         return float(np.sqrt(np.mean(np.concatenate(alone)[self._level_weight() > 0])))
 
-    def landed(self, residual: FloatArray) -> FloatArray:
+    def take_out_landings(self, residual: FloatArray) -> FloatArray:
         """Residual (n,) without what errors of landing explain: its scaled innovations; as it is where there are none.
         """
         if all(piece.landing is None for piece in self.pieces):
@@ -162,7 +162,7 @@ class Model(Response):
 
     def _weights(self) -> FloatArray:
         if self.links is not None:
-            weight = self.links.reached(self.taps.size)
+            weight = self.links.samples_in_reach(self.taps.size)
         else:
             good = self.good()
             weight = good.copy()
@@ -250,12 +250,12 @@ class Model(Response):
         """One candidate with its disturbances at the output on the process, and behind it where that may differ."""
         if not self.follows_y:
             return [self._evaluate(values)]
-        found = [self._following(values, behind=False)]
+        found = [self._run_on_own_y(values, behind=False)]
         if any(e.columns and o != "load" for e, o in zip(self.effects, self.options, strict=True)):
-            found.append(self._following(values, behind=True))
+            found.append(self._run_on_own_y(values, behind=True))
         return found
 
-    def _following(self, values: FloatArray, behind: bool) -> Evaluated:
+    def _run_on_own_y(self, values: FloatArray, behind: bool) -> Evaluated:
         """One candidate whose effects follow the model's own y; without disturbances at the output where `behind`."""
         column = values.reshape(-1, 1)
         before = self._before_y(column)
@@ -263,9 +263,9 @@ class Model(Response):
         low, high = seen.min(), seen.max()
 
         def evaluate(guide: FloatArray) -> tuple[Evaluated, FloatArray]:
-            model = self.guided(guide)
+            model = self.follow_guide(guide)
             found = model._evaluate(values, model._beside_y(before, column))
-            return found, self._felt(found, values, behind)
+            return found, self._y_that_effects_follow(found, values, behind)
 
         def near(guide: FloatArray) -> tuple[Evaluated, FloatArray]:
             found, felt = evaluate(guide)
@@ -277,15 +277,15 @@ class Model(Response):
         # The iteration starts at a constant: a guess that contains the record could become its own prediction. First y
         # keeps to the record's range and half of it on either side: far beyond, a gain that follows y runs away.
         start = np.full(self.loop.samples, self.context.centre)
-        start = self._felt(fixed_point(near, start, moves_less(_NEAR), _FOLLOWED), values, behind)
+        start = self._y_that_effects_follow(fixed_point(near, start, moves_less(_NEAR), _FOLLOWED), values, behind)
         found = fixed_point(evaluate, start, moves_less(_STILL), _FOLLOWED)
-        return replace(found, followed=self._felt(found, values, behind)) if behind else found
+        return replace(found, followed=self._y_that_effects_follow(found, values, behind)) if behind else found
 
-    def _felt(self, found: Evaluated, values: FloatArray, behind: bool) -> FloatArray:
+    def _y_that_effects_follow(self, found: Evaluated, values: FloatArray, behind: bool) -> FloatArray:
         """Process value (n,) that the effects of a candidate follow: without disturbances `behind` the process."""
         return found.model - self.disturbance(values, found.own, loads=False) if behind else found.model
 
-    def guided(self, guide: FloatArray) -> Model:
+    def follow_guide(self, guide: FloatArray) -> Model:
         """The same model with effects that follow a given y (n,)."""
         other = copy(self)
         other.context = replace(self.context, guide=guide)
@@ -304,7 +304,7 @@ class Model(Response):
         fixed_gain = self.spec.fixed.get("gain")
         target = y - (fixed_gain * own[:, 0] if fixed_gain is not None else 0.0)
         free = design[:, 1:] if fixed_gain is not None else design
-        filtered, goal = self.filtered(free), self.filtered(target[:, None])[:, 0]
+        filtered, goal = self.filter_columns(free), self.filter_columns(target[:, None])[:, 0]
         k = own.shape[1]
         lags = self.starts_of(values) * len(self.pieces)
         # A transient that decayed before the first counted sample can't be fitted: it would be noise extrapolated back.
@@ -317,8 +317,8 @@ class Model(Response):
         innovation = goal - filtered @ solution
         sse = float(np.sum(innovation[w] ** 2))
         if self.spec.taps and not self.spec.increments:
-            solution = self._started(solution, slice(k - lags - (fixed_gain is not None), k - (fixed_gain is not None)),
-                                     free, target, filtered[w], goal[w])
+            last = k - (fixed_gain is not None)
+            solution = self._start_from_level(solution, slice(last - lags, last), free, target, filtered[w], goal[w])
         coefficients = np.concatenate([[fixed_gain], solution]) if fixed_gain is not None else solution
         model = design @ coefficients
         if self.taps.size:
@@ -354,8 +354,8 @@ class Model(Response):
         left, before = innovation - white @ change, float(innovation @ innovation)
         return innovation.size * float(np.log(max(float(left @ left), 1e-300) / max(before, 1e-300))) < 1.0
 
-    def _started(self, solution: FloatArray, starts: slice, design: FloatArray, y: FloatArray, white: FloatArray,
-                 goal: FloatArray) -> FloatArray:
+    def _start_from_level(self, solution: FloatArray, starts: slice, design: FloatArray, y: FloatArray,
+                          white: FloatArray, goal: FloatArray) -> FloatArray:
         """Coefficients (c,) of a design (n, c) with those of the start-up transients (`starts`) from the level, too.
 
         The noise filter removes a transient that decays like the noise, so `white` rows and their `goal` may leave its
@@ -365,7 +365,7 @@ class Model(Response):
         rows, wanted = [white], [goal]
         for piece in self.pieces:
             counted = np.flatnonzero(piece._level_weight())
-            links = linked(piece._level_weight() > 0)
+            links = link_samples(piece._level_weight() > 0)
             runs = np.flatnonzero(counted[long - 1:] - counted[:counted.size - long + 1] == long - 1
                                   if links is None else links.depth[long - 1:] >= long - 1)
             if runs.size:
@@ -387,7 +387,7 @@ class Model(Response):
 
 
 
-def skipped(samples: int, step_s: float, period_s: float) -> int:
+def skipped_samples(samples: int, step_s: float, period_s: float) -> int:
     """Samples left out of the cost at the start of a segment, where the unknown initial state still shows."""
     return max(2, int(min(_SKIP_SHARE * samples, _SKIP_PERIODS * period_s / step_s)))
 

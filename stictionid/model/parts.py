@@ -32,7 +32,7 @@ def parts_of(model: Model, values: FloatArray) -> tuple[Part, ...]:
     Shares count the samples of the free-run error. A share may be negative, or exceed 1, where parts oppose each other.
     """
     done = model.evaluate(values)
-    own = model.guided(done.guide) if model.follows_y else model
+    own = model.follow_guide(done.guide) if model.follows_y else model
     base, offsets = own.responses(values[:, None], filtered=False)
     columns, at = own.own_columns(base, offsets)[:, :, 0], 1
     curves = {Share.VALVE: done.own[0] * columns[0]}
@@ -51,7 +51,7 @@ def parts_of(model: Model, values: FloatArray) -> tuple[Part, ...]:
                  for name, curve in curves.items())
 
 
-def joined(parts: tuple[Part, ...]) -> tuple[Part, ...]:
+def join_parts(parts: tuple[Part, ...]) -> tuple[Part, ...]:
     """The parts, those that cancel as one: a part that opposes the others joined to the largest, names linked by "+".
 
     A start that takes away most of what the valve adds says nothing of either.

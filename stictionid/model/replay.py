@@ -1,9 +1,9 @@
 """A valve moved along a known sequence of slips: the law decides where a slip lands, the path when it comes.
 
 The stiction laws let a valve break away at the first sample where the force exceeds f_s. A real break-away force
-differs from stroke to stroke, so a slip comes a little early or late. `replayed` moves valves (P of them at once) that
-slip at given samples, and gives for every stroke the forces that the stem withstood. With slips `by law` it moves the
-valve as the laws of Chen (slides on) and He (rests at once) do. Wrong for laws that land elsewhere.
+differs from stroke to stroke, so a slip comes a little early or late. `replay_slips` moves valves (P of them at once)
+that slip at given samples, and gives for every stroke the forces that the stem withstood. With slips `by law` it moves
+the valve as the laws of Chen (slides on) and He (rests at once) do. Wrong for laws that land elsewhere.
 
 Source: Chen et al. 2008, He et al. 2007; docs/method.md, section 3; the random break-away force is section 14.
 """
@@ -184,7 +184,7 @@ class Paths:
         """Variance of the break-away force alone in %^2: a slip compares two commands, each with its error."""
         return max(self.scatter**2 - 2.0 * self.error**2, _LEAST_OWN * self.scatter**2)
 
-    def described(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         """The path as a study stores it."""
         landing = self.landing and {"ratio": self.landing.ratio, "values": dict(self.landing.values)}
         return {"scatter": self.scatter, "error": self.error, "landing": landing,
@@ -206,7 +206,7 @@ class Replayed:
 
 
 def paths_from(stored: Mapping[str, Any]) -> Paths:
-    """The inverse of `Paths.described`; ValueError for events that no path has."""
+    """The inverse of `Paths.description`; ValueError for events that no path has."""
     scatter, error = float(stored["scatter"]), float(stored["error"])
     if not (0.0 < scatter < math.inf and 0.0 <= error < math.inf):
         raise ValueError(f"the scatter {scatter:g} % or the error {error:g} % of its path is out of range")
@@ -229,8 +229,8 @@ def paths_from(stored: Mapping[str, Any]) -> Paths:
     return Paths(tuple(slips), scatter, error, landing)
 
 
-def supported(law: Law, friction: FloatArray) -> bool:
-    """True where a valve (ROWS, P) slips and lands as `replayed` moves it."""
+def supports_replay(law: Law, friction: FloatArray) -> bool:
+    """True where a valve (ROWS, P) slips and lands as `replay_slips` moves it."""
     crossing = (friction[CROSSES] > 0.0) & (friction[RESTICK] > 0.0)
     return law.slips is not None and not bool(crossing.any() or friction[INTEGRAL].any())
 
@@ -245,8 +245,8 @@ def doubts(command: FloatArray, error: float) -> FloatArray:
     return found
 
 
-def replayed(law: Law, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray,
-             slips: Slips, *, doubt: FloatArray | None = None, lent: bool = False) -> Replayed:
+def replay_slips(law: Law, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray,
+                 slips: Slips, *, doubt: FloatArray | None = None, lent: bool = False) -> Replayed:
     """Valves (ROWS, P) moved along the slips; `doubt` (n,) as of `doubts`, None for a command that is exact."""
     friction = np.ascontiguousarray(friction)
     position = output("replay", command.size, friction.shape[1], lent)
@@ -282,7 +282,7 @@ class AlongPath:
 
     def strokes(self, command: FloatArray, friction: FloatArray, profile: FloatArray, share: FloatArray) -> Replayed:
         """The strokes of valves (ROWS, P) along the path, exactly where the law lets them land."""
-        return replayed(self._law, command, friction, profile, share, self._slips)
+        return replay_slips(self._law, command, friction, profile, share, self._slips)
 
     @property
     def path(self) -> Slips:
@@ -299,7 +299,7 @@ class AlongPath:
         """Valve positions (n, P) along the path; as `Law.positions`."""
         profile = np.zeros(command.size) if profile is None else profile
         shares = share if isinstance(share, np.ndarray) else np.full(friction.shape[1], float(share))
-        position = replayed(self._law, command, friction, profile, shares, self._slips, lent=lent).position
+        position = replay_slips(self._law, command, friction, profile, shares, self._slips, lent=lent).position
         if self._landed is not None:
             position += self._landed[:, None]
         return position

@@ -100,7 +100,7 @@ class Response:
         """Number of entries of a point before those of the effects."""
         return len(BASE) + len(self.forces) - 1
 
-    def filtered(self, columns: FloatArray) -> FloatArray:
+    def filter_columns(self, columns: FloatArray) -> FloatArray:
         """Columns (n, c) passed through the noise filter of the model, which starts anew with every segment."""
         landed = columns if self.landing is None else self.landing.applied(columns)
         return whiten(landed, self.taps, None if self.links is None else self.links.before)
@@ -206,18 +206,18 @@ class Response:
 
     def _before_y(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
         """Positions (n*substeps, P) before the first effect that follows y: they are the same for every guide."""
-        return self._moved(self._by_law(values, lent=lent), values, takewhile(_apart, self._placed()))
+        return self._move_stem(self._by_law(values, lent=lent), values, takewhile(_ignores_y, self._effects_in_order()))
 
     def stem(self, values: FloatArray, position: FloatArray) -> FloatArray:
         """Positions (n*substeps, P) of the stem, before the trim; `position` are those after all effects."""
         if not any(effect.moves and effect.place not in _STEM for effect in self.effects):
             return position
-        return self._moved(self._by_law(values), values, takewhile(_on_stem, self._placed()))
+        return self._move_stem(self._by_law(values), values, takewhile(_on_stem, self._effects_in_order()))
 
     def _by_law(self, values: FloatArray, *, lent: bool = False) -> FloatArray:
         """Positions (n*substeps, P) by the law and the effects on its friction."""
         if self._follows:
-            return self._followed()[:, None].repeat(values.shape[1], axis=1)
+            return self._frictionless_path()[:, None].repeat(values.shape[1], axis=1)
         table = self.friction(values)
         position = self.law.positions(self.context.command, table, profile=self.profile, share=values[2],
                                       lent=lent)
@@ -229,27 +229,28 @@ class Response:
     def friction(self, values: FloatArray) -> FloatArray:
         """Friction table (ROWS, P) of the law for values (d, P), with the effects that change it."""
         table = self.law.searched_friction(values[0], values[1])
-        for effect, rows in self._placed():
+        for effect, rows in self._effects_in_order():
             if effect.friction:
                 table = effect.friction(table, values[rows], self.context.command_step_s, self.spec.held)
         return table
 
     def _beside_y(self, position: FloatArray, values: FloatArray) -> FloatArray:
         """Positions (n*substeps, P) after all effects, from those of `_before_y`."""
-        return self._moved(position, values, dropwhile(_apart, self._placed()))
+        return self._move_stem(position, values, dropwhile(_ignores_y, self._effects_in_order()))
 
-    def _placed(self) -> Iterator[tuple[Effect, slice]]:
+    def _effects_in_order(self) -> Iterator[tuple[Effect, slice]]:
         """The effects in the order in which they act, each with its rows in values (d, P)."""
         return zip(self.effects, self.effect_rows, strict=True)
 
-    def _moved(self, position: FloatArray, values: FloatArray, effects: Iterable[tuple[Effect, slice]]) -> FloatArray:
+    def _move_stem(self, position: FloatArray, values: FloatArray,
+                   effects: Iterable[tuple[Effect, slice]]) -> FloatArray:
         """Positions (n*substeps, P) after some of the effects."""
         for effect, rows in effects:
             if effect.moves:
                 position = effect.transformed(position, values[rows], self.context, values[4])
         return position
 
-    def _followed(self) -> FloatArray:
+    def _frictionless_path(self) -> FloatArray:
         """Path (n*substeps,) of a valve without friction: the command, or its mean over each part where it moves."""
         command = self.context.command
         return command if self.spec.held else np.append(command[:1], 0.5 * (command[1:] + command[:-1]))
@@ -257,7 +258,7 @@ class Response:
     def dynamics(self, values: FloatArray) -> Dynamics:
         dynamics = Dynamics(values[3], values[4], np.zeros(values.shape[1]), self.spec.process == INTEGRATOR,
                             since_s=self.context.start_s)
-        for effect, rows in self._placed():
+        for effect, rows in self._effects_in_order():
             if effect.dynamics:
                 dynamics = effect.dynamics(dynamics, values[rows])
         return dynamics
@@ -270,7 +271,7 @@ class Response:
         stack holds until the next call (see `scratch` in numerics/jit.py).
         """
         if position is None:
-            position = self._followed()[:, None] if self._follows else self.positions(values, lent=True)
+            position = self._frictionless_path()[:, None] if self._follows else self.positions(values, lent=True)
         dynamics = self.dynamics(values)
         respond = partial(free_run, dynamics=dynamics, step_s=self.step_s, substeps=self.parts,
                           ahead=not self.spec.held)
@@ -367,7 +368,7 @@ class Response:
                 "friction_free": s.friction_free, "guides": list(s.guides), "s_max": self.s_max,
                 "period_s": self.period_s, "values": self.named(values),
                 **({"command": self.loop.followed} if self.loop.followed else {}),
-                **({"paths": s.paths.described()} if s.paths is not None else {}),
+                **({"paths": s.paths.description()} if s.paths is not None else {}),
                 **({"written": written} if written else {}),
                 **({"written_law": {"file": self.law.file, "sha256": self.law.sha256}} if self.law.file else {})}
 
@@ -377,6 +378,6 @@ def _on_stem(item: tuple[Effect, slice]) -> bool:
     return item[0].place in _STEM
 
 
-def _apart(item: tuple[Effect, slice]) -> bool:
+def _ignores_y(item: tuple[Effect, slice]) -> bool:
     """True for an effect that does not follow y."""
     return not item[0].follows_y

@@ -11,14 +11,14 @@ import numpy as np
 from .. import laws
 from ..effects import catalogue
 from ..errors import DataError, UsageError
-from ..process.controller_law import rebuilt
+from ..process.controller_law import rebuild_output
 from ..record.controller import FULL
 from ..record.loop import Loop
 from ..record.segments import fitted_segments
 from ..typing import FloatArray
 from .model import Model
 from .replay import paths_from
-from .segments import bound
+from .segments import bind_model
 from .spec import FIRST_ORDER, INTEGRATOR, Curves, Spec
 
 # Largest number of parts of a sampling interval, largest number of noise terms, and largest value, taken from a study.
@@ -93,7 +93,7 @@ def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, Float
                     paths_from(description["paths"]) if "paths" in description else None)
         if spec.paths is not None and len(spec.paths.slips) != len(loop.starts):
             raise ValueError(f"its path has {len(spec.paths.slips)} segments, the record {len(loop.starts)}")
-        model = bound(loop, spec, s_max=description["s_max"], period_s=description["period_s"])
+        model = bind_model(loop, spec, s_max=description["s_max"], period_s=description["period_s"])
         return model, model.vector(description["values"])
     except UsageError as error:
         # An unknown law, effect or mode between samples is a fault of the study, not of the command line.
@@ -102,7 +102,7 @@ def rebuild_model(loop: Loop, description: dict[str, Any]) -> tuple[Model, Float
         raise DataError(f"the study's model can't be rebuilt: {error}", "run stictionid identify again") from None
 
 
-def described(loop: Loop, description: Mapping[str, Any]) -> tuple[Loop, tuple[slice, ...]]:
+def described_segments(loop: Loop, description: Mapping[str, Any]) -> tuple[Loop, tuple[slice, ...]]:
     """Segments of a record that a described model was fitted to, with the command that its valve follows, and their
     positions in the record.
 
@@ -115,7 +115,7 @@ def described(loop: Loop, description: Mapping[str, Any]) -> tuple[Loop, tuple[s
 def as_followed(piece: Loop, description: Mapping[str, Any]) -> Loop:
     """Segments of a record with the command that a described model's valve follows: as recorded, or rebuilt."""
     command = str(description.get("command", ""))
-    return rebuilt(piece) if command == FULL else replace(piece, followed=command)
+    return rebuild_output(piece) if command == FULL else replace(piece, followed=command)
 
 
 def rerun(loop: Loop, description: dict[str, Any]) -> Curves:
@@ -123,7 +123,7 @@ def rerun(loop: Loop, description: dict[str, Any]) -> Curves:
 
     NaN in segments that the model was not fitted to, and before the first sample that counts in each of the others.
     """
-    piece, rows = described(loop, description)
+    piece, rows = described_segments(loop, description)
     model, values = rebuild_model(piece, description)
     e = model.evaluate(values)
     start = model.starting()

@@ -32,8 +32,8 @@ from .response import Kind
 from .spec import BASE, Spec
 
 
-def bound(loop: Loop, spec: Spec, *, s_max: float, period_s: float, residual: FloatArray | None = None,
-          command: FloatArray | None = None, record: Record | None = None) -> Model:
+def bind_model(loop: Loop, spec: Spec, *, s_max: float, period_s: float, residual: FloatArray | None = None,
+               command: FloatArray | None = None, record: Record | None = None) -> Model:
     """The spec bound to a record: a plain model for one segment, a restarted one for several.
 
     `record` says where the segment of a plain model stands in a longer record.
@@ -97,10 +97,10 @@ class Restarted(Model):
         """An array (n * parts, …) cut at the segments."""
         return np.split(rows, [start * (len(rows) // self.loop.samples) for start in self.loop.starts[1:]])
 
-    def filtered(self, columns: FloatArray) -> FloatArray:
+    def filter_columns(self, columns: FloatArray) -> FloatArray:
         """Columns (n, c) passed through the noise filter of the model, which starts anew with every segment."""
-        return np.concatenate([piece.filtered(part) for piece, part in zip(self._pieces, self.split(columns),
-                                                                           strict=True)])
+        return np.concatenate([piece.filter_columns(part) for piece, part in zip(self._pieces, self.split(columns),
+                                                                                 strict=True)])
 
     def shared_columns(self) -> FloatArray:
         """Level and drift of every segment (n, q): all levels first."""
@@ -162,11 +162,12 @@ class Restarted(Model):
             local[:, i, part] = whole[common:, part]
         return np.concatenate([whole[:common], local.reshape(-1, *whole.shape[1:])])
 
-    def guided(self, guide: FloatArray) -> Model:
+    def follow_guide(self, guide: FloatArray) -> Model:
         """The same model with effects that follow a given y (n,)."""
         other = copy(self)
         other.context = replace(self.context, guide=guide)
-        other._pieces = tuple(piece.guided(part) for piece, part in zip(self._pieces, self.split(guide), strict=True))
+        other._pieces = tuple(piece.follow_guide(part)
+                              for piece, part in zip(self._pieces, self.split(guide), strict=True))
         return other
 
     def along(self, paths: Paths | None) -> Model:

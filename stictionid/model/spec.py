@@ -22,7 +22,7 @@ BASE = ("S", "J", "initial_residual_force", "time_constant_s", "dead_time_s")
 SOFT = tuple(0.8**k for k in range(1, 15))
 
 
-def suited(names: tuple[str, ...], process: str) -> tuple[str, ...]:
+def suited_effects(names: tuple[str, ...], process: str) -> tuple[str, ...]:
     """Those effects that a process may have: some belong to an integrator."""
     return tuple(name for name in names if process == INTEGRATOR or "integrator" not in parse(name)[0].needs)
 

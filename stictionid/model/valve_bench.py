@@ -164,7 +164,7 @@ def _jump(u: FloatArray, x: FloatArray, k: int, direction: float) -> float | Non
     return float(before - window.min())
 
 
-def _close(what: str, measured: float | None, expected: float, scale: _Scale) -> Expectation:
+def _expect_close(what: str, measured: float | None, expected: float, scale: _Scale) -> Expectation:
     return Expectation(what, measured is not None and abs(measured - expected) <= scale.near + scale.step,
                        measured, expected)
 
@@ -175,7 +175,7 @@ def _overshoot(jump: float | None, scale: _Scale) -> float | None:
     return max(0.0, 100.0 * (jump / scale.J - 1.0))
 
 
-def _calm(overshoot: float | None) -> tuple[Expectation, ...]:
+def _expect_calm(overshoot: float | None) -> tuple[Expectation, ...]:
     if overshoot is None:
         return ()
     return (Expectation("no overshoot at a slip", overshoot <= _OVERSHOOT, overshoot, 0.0, "% of J"),)
@@ -189,7 +189,7 @@ def _slides(x: FloatArray, start: int, stop: int, scale: _Scale) -> Expectation:
     return Expectation("slides with the ramp, no staircase", share <= _STAIRCASE, 100.0 * share, 0.0, "% at rest")
 
 
-def _unbroken(x: FloatArray, start: int, scale: _Scale) -> Expectation:
+def _expect_unbroken(x: FloatArray, start: int, scale: _Scale) -> Expectation:
     """Expectation: after its first move the stem does not stop again while the command goes on."""
     moving = np.abs(np.diff(x[max(start, 0):])) > _REST * scale.step
     longest = run = 0
@@ -221,8 +221,8 @@ def _ramp(run: _Run, scale: _Scale) -> BenchOutcome:
     overshoot = _overshoot(jump, scale)
     mean = None if band is None or other is None else 0.5 * (band + other)
     return run.outcome("ramp", u, x, mean, None, overshoot, (
-        _close("dead band is S", mean, scale.S, scale), _close("slip jump is J", jump, scale.J, scale),
-        _slides(x, k, path.at[2], scale), _held_by_friction(u, x, scale), *_calm(overshoot)))
+        _expect_close("dead band is S", mean, scale.S, scale), _expect_close("slip jump is J", jump, scale.J, scale),
+        _slides(x, k, path.at[2], scale), _held_by_friction(u, x, scale), *_expect_calm(overshoot)))
 
 
 def _staircase(run: _Run, scale: _Scale) -> BenchOutcome:
@@ -280,7 +280,7 @@ def _turns(run: _Run, scale: _Scale, test: str, hold: int) -> BenchOutcome:
     band, k = _width(u, x, path.at[-1], -1.0, scale)
     overshoot = _overshoot(_jump(u, x, k, -1.0), scale)
     return run.outcome(test, u, x, band, None, overshoot, (
-        _close("dead band is S", band, scale.S, scale), _unbroken(x, k, scale)))
+        _expect_close("dead band is S", band, scale.S, scale), _expect_unbroken(x, k, scale)))
 
 
 def _turn_after_hold(run: _Run, scale: _Scale) -> BenchOutcome:
@@ -299,8 +299,8 @@ def _resume(run: _Run, scale: _Scale) -> BenchOutcome:
     jump = _jump(u, x, k, 1.0)
     overshoot = _overshoot(jump, scale)
     return run.outcome("resume", u, x, None, width, overshoot, (
-        _close("resolution is J", width, scale.J, scale), _close("slip jump is J", jump, scale.J, scale),
-        _unbroken(x, k, scale)))
+        _expect_close("resolution is J", width, scale.J, scale), _expect_close("slip jump is J", jump, scale.J, scale),
+        _expect_unbroken(x, k, scale)))
 
 
 def _wave(scale: _Scale) -> FloatArray:
@@ -323,7 +323,7 @@ def _sine(run: _Run, scale: _Scale) -> BenchOutcome:
     overshoot = _overshoot(jump, scale)
     # The command moves by up to two steps a sample here.
     return run.outcome("sine", u, x, band, None, overshoot, (
-        _close("dead band is S", band, scale.S, scale), _close("slip jump is J", jump, scale.J, scale),
+        _expect_close("dead band is S", band, scale.S, scale), _expect_close("slip jump is J", jump, scale.J, scale),
         _held_by_friction(u, x, scale, scale.step)))
 
 

@@ -21,7 +21,7 @@ _DIGITS = 3
 _NOISE_SHARE = 0.01
 
 
-def visible(name: str, setting: Setting, *, seed: int = 0) -> dict[str, float]:
+def visible_values(name: str, setting: Setting, *, seed: int = 0) -> dict[str, float]:
     """Values of an effect that show in the loop of `setting`; UsageError for an unknown effect."""
     effect = get(name)
     scales = _scales(setting, seed)

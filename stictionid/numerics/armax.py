@@ -130,7 +130,7 @@ def armax(regression: Regression, *, order: int, delay: int, noise_order: int | 
     if first is not None:
         use[:first] = False
     theta, c = three_regressions(regression, design, use, p)
-    return _packed(*_gauss_newton(regression.y, design, use, theta, c), design, use, regression, order, delay)
+    return _pack_model(*_gauss_newton(regression.y, design, use, theta, c), design, use, regression, order, delay)
 
 
 def three_regressions(regression: Regression, design: FloatArray, use: BoolArray,
@@ -151,7 +151,7 @@ def three_regressions(regression: Regression, design: FloatArray, use: BoolArray
     both = np.concatenate([design, *(_lagged(noise[:, None], i) for i in range(1, p + 1))], axis=1)
     solution = _least_squares(both, y, rows)
     q = design.shape[1]
-    return solution[:q], stabilised(solution[q:])
+    return solution[:q], stabilise_polynomial(solution[q:])
 
 
 def _least_squares(design: FloatArray, y: FloatArray, use: BoolArray) -> FloatArray:
@@ -172,7 +172,7 @@ def _gauss_newton(y: FloatArray, design: FloatArray, use: BoolArray, theta: Floa
         step = _least_squares(gradient, error, use)
         size, better = 1.0, False
         for _ in range(_HALVINGS):
-            trial, trial_c = theta + size * step[:q], stabilised(c + size * step[q:])
+            trial, trial_c = theta + size * step[:q], stabilise_polynomial(c + size * step[q:])
             trial_error = inverse((y - design @ trial)[:, None], trial_c, use)[:, 0]
             trial_cost = float(trial_error @ trial_error)
             if trial_cost < cost:
@@ -188,7 +188,7 @@ def _gauss_newton(y: FloatArray, design: FloatArray, use: BoolArray, theta: Floa
     return theta, c
 
 
-def stabilised(c: FloatArray) -> FloatArray:
+def stabilise_polynomial(c: FloatArray) -> FloatArray:
     """C with every root inside the unit circle: roots outside are mirrored, which leaves the spectrum as it is."""
     if c.size == 0:
         return c
@@ -207,8 +207,8 @@ def stabilised(c: FloatArray) -> FloatArray:
     return out
 
 
-def _packed(theta: FloatArray, c: FloatArray, design: FloatArray, use: BoolArray, regression: Regression, order: int,
-            delay: int) -> Armax:
+def _pack_model(theta: FloatArray, c: FloatArray, design: FloatArray, use: BoolArray, regression: Regression,
+                order: int, delay: int) -> Armax:
     error = inverse((regression.y - design @ theta)[:, None], c, use)[:, 0]
     b = theta[order:-1].reshape(order, -1)
     sse = float(error @ error)

@@ -35,7 +35,7 @@ class Links:
     before: IntArray
     pace: float
 
-    def between(self) -> BoolArray:
+    def gap_samples(self) -> BoolArray:
         """Samples (n,) that count and are tied to a later one, and all that are missing before that one."""
         tied = self.rows[self.depth > 0]
         steps = np.zeros(self.before.size)
@@ -43,14 +43,14 @@ class Links:
         steps[tied] -= 1.0
         return np.cumsum(steps) > 0.5
 
-    def reached(self, lags: int) -> BoolArray:
+    def samples_in_reach(self, lags: int) -> BoolArray:
         """Samples (n,) from which a filter can look back on so many others."""
         out = np.zeros(self.before.size, np.bool_)
         out[self.rows[self.depth >= lags]] = True
         return out
 
 
-def linked(good: BoolArray, starts: Starts = (0,)) -> Links | None:
+def link_samples(good: BoolArray, starts: Starts = (0,)) -> Links | None:
     """The links between the samples (n,) that are good; None where no segment has a gap between two of them.
 
     A gap much longer than usual, such as a stretch in manual, ends a chain.
@@ -72,7 +72,7 @@ def linked(good: BoolArray, starts: Starts = (0,)) -> Links | None:
 
 def pace_of(good: BoolArray, starts: Starts = (0,)) -> float:
     """Mean distance in samples between one good sample (n,) and the next, long gaps left out: 1 without gaps."""
-    links = linked(good, starts)
+    links = link_samples(good, starts)
     return 1.0 if links is None else links.pace
 
 
@@ -89,7 +89,7 @@ def autocovariance(signal: FloatArray, good: BoolArray, lags: int, starts: Start
 
 def _chains(signal: FloatArray, good: BoolArray, starts: Starts) -> list[FloatArray]:
     """The samples of a signal (n,) that count, in chains of which each follows on the one before."""
-    links = linked(good, starts)
+    links = link_samples(good, starts)
     if links is not None:
         return np.split(signal[links.rows], np.flatnonzero(links.depth == 0)[1:])
     return [x[keep] for x, keep in zip(np.split(signal, starts[1:]), np.split(good, starts[1:]), strict=True)]
@@ -133,16 +133,16 @@ def ljung_box(rho: FloatArray, rows: int, fitted: int) -> tuple[float, float]:
     return q, chi_square_z(q, max(rho.size - fitted, 1))
 
 
-def filtered(residual: FloatArray, counted: BoolArray, polynomial: FloatArray,
-             starts: Starts = (0,)) -> tuple[FloatArray, BoolArray]:
+def filter_residual(residual: FloatArray, counted: BoolArray, polynomial: FloatArray,
+                    starts: Starts = (0,)) -> tuple[FloatArray, BoolArray]:
     """A residual (n,) passed through a polynomial in the lag, and where all the samples behind a value count.
 
     NaN counts as 0; where it stands no sample may count. Across a short gap the filter goes from one sample that counts
-    to the next (see `linked`), and is 0 elsewhere.
+    to the next (see `link_samples`), and is 0 elsewhere.
     """
-    links = linked(counted, starts)
+    links = link_samples(counted, starts)
     if links is not None:
-        good = links.reached(polynomial.size - 1)
+        good = links.samples_in_reach(polynomial.size - 1)
         out, at = np.zeros(residual.size), np.flatnonzero(good)
         source = at
         for weight in polynomial.tolist():
@@ -207,8 +207,8 @@ def autoregression(residual: FloatArray, good: BoolArray, largest: int = 10, sta
     return best
 
 
-def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray, delay: int,
-                starts: Starts = (0,)) -> float | None:
+def irreducible_error(process_value: FloatArray, position: FloatArray, good: BoolArray, delay: int,
+                      starts: Starts = (0,)) -> float | None:
     """Standard deviation of the error that a free linear model of y and valve position leaves, in the unit of y.
 
     Regresses y on CEILING_LAGS of its own past and of the position (n,) shifted by `delay` samples; corrected for the
@@ -216,13 +216,13 @@ def irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray
     Every segment (`starts`) has a level of its own, and no row reaches back across a gap. Where y is missing regularly
     its past is taken at the shortest distance at which it is there.
     """
-    apart = range(1, 2 if linked(good, starts) is None else CEILING_LAGS + 1)
-    floors = (_irreducible(process_value, position, good, delay, starts, k) for k in apart)
+    apart = range(1, 2 if link_samples(good, starts) is None else CEILING_LAGS + 1)
+    floors = (_free_model_error(process_value, position, good, delay, starts, k) for k in apart)
     return next((floor for floor in floors if floor is not None), None)
 
 
-def _irreducible(process_value: FloatArray, position: FloatArray, good: BoolArray, delay: int, starts: Starts,
-                 apart: int) -> float | None:
+def _free_model_error(process_value: FloatArray, position: FloatArray, good: BoolArray, delay: int, starts: Starts,
+                      apart: int) -> float | None:
     """The same with the past of y every so many samples, as far back as CEILING_LAGS samples and four at least."""
     lags = CEILING_LAGS
     past = range(apart, max(lags, 4 * apart) + 1, apart)

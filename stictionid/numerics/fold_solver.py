@@ -38,7 +38,7 @@ def best_of_fold(own: FloatArray, columns: FloatArray, goal: FloatArray, train: 
 
     `own` is (k, n, P), `columns` (n, q), `goal` (n,); a `fixed_gain` is the size of the first own column.
     """
-    solved = _solved(own, columns, goal, train, fixed_gain)
+    solved = _solve_folds(own, columns, goal, train, fixed_gain)
     p = int(np.argmin(solved.costs))
     return p, solved.sizes[p], solved.tail(own[:, train, p], p)
 
@@ -51,7 +51,7 @@ def mean_of_fold(own: FloatArray, columns: FloatArray, goal: FloatArray, train: 
     block. The prediction of the best point alone would depend on chance. Wrong where the errors of the training rows
     are far from independent.
     """
-    solved = _solved(own, columns, goal, train, fixed_gain)
+    solved = _solve_folds(own, columns, goal, train, fixed_gain)
     ratio = np.maximum(solved.costs, 1e-300) / max(float(solved.costs.min()), 1e-300)
     weight = np.exp(-0.5 * float(train.sum()) * np.log(ratio))
     counted = np.flatnonzero(weight > _UNLIKELY)
@@ -62,8 +62,8 @@ def mean_of_fold(own: FloatArray, columns: FloatArray, goal: FloatArray, train: 
     return told
 
 
-def _solved(own: FloatArray, columns: FloatArray, goal: FloatArray, train: BoolArray,
-            fixed_gain: float | None) -> _Solved:
+def _solve_folds(own: FloatArray, columns: FloatArray, goal: FloatArray, train: BoolArray,
+                 fixed_gain: float | None) -> _Solved:
     k = own.shape[0]
     q, r = np.linalg.qr(columns[train])
     y = goal[train]

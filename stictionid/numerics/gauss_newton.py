@@ -77,7 +77,7 @@ def slopes_at(residuals: Residuals, points: FloatArray, free: IntArray,
               step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Derivatives (k, n, f) of the residuals along the free dimensions, by `quotients`, and residuals (k, n)."""
     k, f = points.shape[0], free.size
-    r = residuals(beside(points, free, step)[0])
+    r = residuals(trial_points(points, free, step)[0])
     r = np.where(np.isfinite(r), r, 0.0).reshape(r.shape[0], k, 2 * f + 1)
     slopes = quotients(r, *sides(r, points[:, free], step))
     return np.moveaxis(slopes, 1, 0), np.ascontiguousarray(r[:, :, 0].T)
@@ -86,7 +86,7 @@ def slopes_at(residuals: Residuals, points: FloatArray, free: IntArray,
 def sides(r: FloatArray, now: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Weights (k, f) of the differences up and down that make a slope: both alike, or one alone beside a step.
 
-    `r` (n, k, 2f+1) are residuals at the trial points of `beside`, `now` (k, f) the numbers moved by `step` (k, f). At
+    `r` (n, k, 2f+1) are residuals at the points of `trial_points`, `now` (k, f) the numbers moved by `step` (k, f). At
     the end of a plateau one side is on another valve path, and its difference is no slope. At a bound the difference
     is taken to the inside only.
     """
@@ -102,7 +102,7 @@ def sides(r: FloatArray, now: FloatArray, step: FloatArray) -> tuple[FloatArray,
 
 
 def quotients(r: FloatArray, up: FloatArray, down: FloatArray) -> FloatArray:
-    """Slopes (…, f) of what has values r (…, 2f+1) at the trial points of `beside`, by the weights of `sides`."""
+    """Slopes (…, f) of what has values r (…, 2f+1) at the points of `trial_points`, by the weights of `sides`."""
     f = up.shape[-1]
     return up * (r[..., 1:f + 1] - r[..., :1]) + down * (r[..., :1] - r[..., f + 1:])
 
@@ -115,7 +115,7 @@ def normals_at(residuals: Residuals, points: FloatArray, free: IntArray,
     group are used before those of the next are formed.
     """
     k, f = points.shape[0], free.size
-    trial, width = beside(points, free, step)
+    trial, width = trial_points(points, free, step)
     normals, gradients = np.zeros((k, f, f)), np.zeros((k, f))
     together = max(LANES // (2 * f + 1), 1)
     together = -(-k // max(-(-k // together), 1))
@@ -129,7 +129,7 @@ def normals_at(residuals: Residuals, points: FloatArray, free: IntArray,
     return normals, gradients
 
 
-def beside(points: FloatArray, free: IntArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+def trial_points(points: FloatArray, free: IntArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Trial points (k (2f+1), d) for central differences at points (k, d), each point first, and the widths (k, f)."""
     (k, d), f = points.shape, free.size
     trial, width = points[:, None, :].repeat(2 * f + 1, axis=1), np.empty((k, f))
@@ -178,7 +178,7 @@ def _normals(r: FloatArray, factor: FloatArray, normals: FloatArray, gradients: 
                 normals[g, i, j] = normals[g, j, i]
 
 
-def principal(normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def principal_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Eigenvalues (…, f), vectors (…, f, f) of normal matrices of slopes, scaled to a diagonal of 1, and scales."""
     size = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
     size = np.maximum(size, 1e-9 * size.max(axis=-1, initial=0.0, keepdims=True) + 1e-100)
@@ -197,7 +197,7 @@ def damped_moves(normal: FloatArray, gradient: FloatArray) -> FloatArray:
 
 @kernel
 def _moves(normal: FloatArray, gradient: FloatArray, dampings: FloatArray, moves: FloatArray) -> None:
-    """Solve every damped system by a Cholesky factor, its slopes scaled to length 1 as in `principal`."""
+    """Solve every damped system by a Cholesky factor, its slopes scaled to length 1 as in `principal_axes`."""
     k, f = gradient.shape
     size, x = np.empty(f), np.empty(f)
     root = np.empty((f, f))

@@ -72,20 +72,20 @@ def scratch(name: str, rows: int, lanes: int) -> NDArray[np.float64]:
     """
     size = rows * lanes
     if size > _KEPT:
-        return _aligned(size).reshape(rows, lanes)
+        return _aligned_array(size).reshape(rows, lanes)
     kept: NDArray[np.float64] | None = getattr(_own, name, None)
     if kept is None or kept.size < size:
-        kept = _aligned(size)
+        kept = _aligned_array(size)
         setattr(_own, name, kept)
     return kept[:size].reshape(rows, lanes)
 
 
 def output(name: str, rows: int, lanes: int, lent: bool) -> NDArray[np.float64]:
     """Array for the result of a kernel: scratch where `lent` (see `scratch`), else one that the caller may keep."""
-    return scratch(name, rows, lanes) if lent else _aligned(rows * lanes).reshape(rows, lanes)
+    return scratch(name, rows, lanes) if lent else _aligned_array(rows * lanes).reshape(rows, lanes)
 
 
-def _aligned(size: int) -> NDArray[np.float64]:
+def _aligned_array(size: int) -> NDArray[np.float64]:
     """Undefined numbers (size,) that begin at a cache line."""
     room = np.empty(size + LINE)
     first = -(room.ctypes.data // 8) % LINE

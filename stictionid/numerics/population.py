@@ -36,14 +36,14 @@ class Found:
     evaluations: int = 0
 
 
-def together(one: Found, other: Found) -> Found:
+def join_found(one: Found, other: Found) -> Found:
     """Results of two searches as one, best first."""
     costs = np.concatenate([one.costs, other.costs])
     order = np.argsort(costs, kind="stable")
     return Found(np.concatenate([one.points, other.points])[order], costs[order], one.evaluations + other.evaluations)
 
 
-def stratified(rng: np.random.Generator, count: int, dimensions: int) -> FloatArray:
+def stratified_points(rng: np.random.Generator, count: int, dimensions: int) -> FloatArray:
     """Latin hypercube in the unit cube, shape (count, dimensions)."""
     cells = np.stack([rng.permutation(count) for _ in range(dimensions)], axis=1)
     return (cells + rng.random((count, dimensions))) / count
@@ -56,7 +56,7 @@ def swarm(cost: Cost, dimensions: int, rng: np.random.Generator, *, groups: int 
     Each swarm starts from the best `particles` of `scouts` stratified points: a basin may be a hundredth of the range.
     """
     count = max(scouts, particles)
-    x = np.concatenate([stratified(rng, count, dimensions) for _ in range(groups)])
+    x = np.concatenate([stratified_points(rng, count, dimensions) for _ in range(groups)])
     c = cost(x)
     chosen = np.argsort(c.reshape(groups, count), axis=1, kind="stable")[:, :particles]
     chosen = (chosen + np.arange(groups)[:, None] * count).ravel()

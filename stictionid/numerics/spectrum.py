@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from ..typing import BoolArray, FloatArray
-from .autoregression import autoregression, filtered
+from .autoregression import autoregression, filter_residual
 
 # Bands of equal ratio, and the fewest samples of a spectrum.
 BANDS, FEWEST = 8, 64
@@ -37,7 +37,7 @@ def bands_of(f: FloatArray, power: FloatArray) -> tuple[Band, ...]:
     return tuple((1.0 / b, 1.0 / a, float(power[m].sum()) / total, float(m.mean())) for a, b, m in inside)
 
 
-def whitened(residual: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
+def whiten_signals(residual: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
     """A residual (n,) and other signals (n, k) through the autoregression that whitens it; NaN counts as the mean.
 
     Divided by a smooth spectrum of the residual instead, two walks would follow each other.
@@ -49,7 +49,7 @@ def whitened(residual: FloatArray, others: FloatArray) -> tuple[FloatArray, Floa
     good = known[:, 0]
     taps = autoregression(signals[:, 0], good)
     polynomial = np.concatenate([[1.0], taps])
-    out = np.stack([filtered(x, np.ones_like(good), polynomial)[0] for x in signals.T], axis=1)
+    out = np.stack([filter_residual(x, np.ones_like(good), polynomial)[0] for x in signals.T], axis=1)
     out[:taps.size] = 0.0
     out[~good, 0] = 0.0
     return out[:, 0], out[:, 1:]

@@ -22,7 +22,7 @@ def add(candidates: int, samples: int, parts: int = 1) -> None:
         heard()
 
 
-def answered(question: str, samples: int) -> None:
+def note_answer(question: str, samples: int) -> None:
     """Note what a question took when it was answered, now or before; a search counts each of its questions once."""
     _answers[question] = samples
 
@@ -34,7 +34,7 @@ def answers() -> dict[str, int]:
     return found
 
 
-def spent() -> int:
+def samples_spent() -> int:
     """The samples evaluated since the process began."""
     return _count[0]
 

@@ -74,7 +74,7 @@ def _colour(white: FloatArray, taps: FloatArray, out: FloatArray) -> None:
         out[k] = value
 
 
-def coloured(white: FloatArray, taps: FloatArray) -> FloatArray:
+def colour_noise(white: FloatArray, taps: FloatArray) -> FloatArray:
     """White noise (n,) passed through 1 / (1 + taps[0] q^-1 + …), begun from rest."""
     out = np.empty(white.size)
     _colour(np.ascontiguousarray(white), np.ascontiguousarray(taps), out)
@@ -110,7 +110,7 @@ def _whiten_stack(base: FloatArray, samples: int, taps: FloatArray) -> None:
 
 @kernel
 def _whiten_softly(base: FloatArray, samples: int, size: int, share: float, ratio: float) -> None:
-    """Filter each stretch in place with the taps of `_softened`, as a recursion: three products for any `size`."""
+    """Filter each stretch in place with softened taps, as a recursion: three products for any `size`."""
     lanes = base.shape[1]
     last = ratio**size
     # Differences still in the filter, and the row before the next.
@@ -161,14 +161,14 @@ def whiten_stack(base: FloatArray, samples: int, taps: FloatArray, before: IntAr
         _whiten_links(base, before, np.ascontiguousarray(taps))
         return
     taps = np.ascontiguousarray(taps)
-    if soft := _softened(taps.tobytes()):
+    if soft := _softened_numbers(taps.tobytes()):
         _whiten_softly(base, samples, taps.size, *soft)
         return
     _whiten_stack(base, samples, taps)
 
 
 @lru_cache(maxsize=64)
-def _softened(taps: bytes) -> tuple[float, float] | None:
+def _softened_numbers(taps: bytes) -> tuple[float, float] | None:
     """Share m and ratio r of the taps of (1 - m q^-1) (1 + r q^-1 + r^2 q^-2 + …), cut at the last but one.
 
     None for other taps, and for a few. Softened differences of an integrator are so.
@@ -250,7 +250,7 @@ class Shared:
         own, _, lanes = cross.shape
         cost, sizes = np.empty(lanes), np.empty((own, lanes))
         _solve(squares, cross, self.freedom, self.target_energy, cost, sizes)
-        signed(cost, sizes, sizes[0], self.sign, self.target_energy)
+        enforce_sign(cost, sizes, sizes[0], self.sign, self.target_energy)
         return cost, sizes
 
     def residuals(self, base: FloatArray, offsets: tuple[int, ...] = (0,), *, lent: bool = False) -> FloatArray:
@@ -268,7 +268,7 @@ class Shared:
         return out
 
 
-def signed(cost: FloatArray, sizes: FloatArray, first: FloatArray, sign: float, energy: float) -> None:
+def enforce_sign(cost: FloatArray, sizes: FloatArray, first: FloatArray, sign: float, energy: float) -> None:
     """Set cost (P,) and sizes (..., P) to those of no own column where the `first` size (P,) has the wrong `sign`."""
     wrong = sign * first < 0.0
     cost[wrong & np.isfinite(cost)] = energy

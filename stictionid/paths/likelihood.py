@@ -16,7 +16,19 @@ import numpy as np
 
 from ..model.landing import chain_of
 from ..model.model import Model
-from ..model.replay import AT, BEFORE, OTHER, Landing, Paths, Replayed, Slips, by_law, doubts, replayed, supported
+from ..model.replay import (
+    AT,
+    BEFORE,
+    OTHER,
+    Landing,
+    Paths,
+    Replayed,
+    Slips,
+    by_law,
+    doubts,
+    replay_slips,
+    supports_replay,
+)
 from ..numerics.noise.normal import log_between, log_upper
 from ..process.linear import free_run
 from ..typing import FloatArray
@@ -26,22 +38,22 @@ from .beam import beam
 _NODES_EACH = 8
 
 
-def possible(model: Model, values: FloatArray) -> bool:
+def path_possible(model: Model, values: FloatArray) -> bool:
     """True where the law of the model, with its effects at values (d,), slips and lands as a path says."""
-    return not model._follows and supported(model.law, model.friction(values[:, None]))
+    return not model._follows and supports_replay(model.law, model.friction(values[:, None]))
 
 
 def law_paths(model: Model, values: FloatArray) -> tuple[Slips, ...]:
     """The slips of a valve at values (d,) that breaks away exactly at f_s, for each segment."""
     return tuple(by_law(piece.law, piece.context.command, piece.friction(own), piece.profile, own[2])
-                 for piece, own in _apart(model, values[:, None]))
+                 for piece, own in _pieces_apart(model, values[:, None]))
 
 
 def strokes(model: Model, values: FloatArray, paths: Paths, *, lent: bool = True) -> list[Replayed]:
     """The strokes of every segment for values (d, P); of `lent` ones the positions of the last segment only hold."""
-    return [replayed(piece.law, piece.context.command, piece.friction(own), piece.profile, own[2], slips, lent=lent,
-                     doubt=doubts(piece.context.command, paths.error))
-            for (piece, own), slips in zip(_apart(model, values), paths.slips, strict=True)]
+    return [replay_slips(piece.law, piece.context.command, piece.friction(own), piece.profile, own[2], slips, lent=lent,
+                         doubt=doubts(piece.context.command, paths.error))
+            for (piece, own), slips in zip(_pieces_apart(model, values), paths.slips, strict=True)]
 
 
 def log_prior(found: Sequence[Replayed], scatter: float) -> FloatArray:
@@ -65,7 +77,7 @@ def deviance(model: Model, values: FloatArray, paths: Paths) -> FloatArray:
     return noise - 2.0 * log_prior(strokes(model, values, paths), paths.scatter)
 
 
-def likeliest(model: Model, values: FloatArray, now: Paths) -> Paths:
+def likeliest_slips(model: Model, values: FloatArray, now: Paths) -> Paths:
     """The likeliest slips of every segment at values (d,), sought from the model along the paths `now`.
 
     What the beam's process lacks (a lag that differs by direction, effects behind the valve) is taken from the model
@@ -76,8 +88,8 @@ def likeliest(model: Model, values: FloatArray, now: Paths) -> Paths:
     noise = float(np.sqrt(found.sse / max(found.rows, 1)))
     now = landing_at(model, values, now, found.gain / noise)
     return replace(now, slips=tuple(
-        _beam(piece, own, y, found.gain, noise, now) for (piece, own), y in
-        zip(_apart(along, values[:, None]), model.split(found.model), strict=True)))
+        _beam_slips(piece, own, y, found.gain, noise, now) for (piece, own), y in
+        zip(_pieces_apart(along, values[:, None]), model.split(found.model), strict=True)))
 
 
 def landing_at(model: Model, values: FloatArray, paths: Paths, gain: float) -> Paths:
@@ -90,7 +102,8 @@ def landing_at(model: Model, values: FloatArray, paths: Paths, gain: float) -> P
     return replace(paths, landing=Landing(ratio, tuple(model.named(values).items())) if told else None)
 
 
-def _beam(model: Model, column: FloatArray, predicted: FloatArray, gain: float, noise: float, paths: Paths) -> Slips:
+def _beam_slips(model: Model, column: FloatArray, predicted: FloatArray, gain: float, noise: float,
+                paths: Paths) -> Slips:
     """The likeliest slips at values (d, 1) of a model along its slips so far, which gives `predicted` (n,)."""
     friction, dynamics = model.friction(column), model.dynamics(column)
     command = model.context.command
@@ -116,6 +129,6 @@ def _beam(model: Model, column: FloatArray, predicted: FloatArray, gain: float, 
     return Slips(at[order], kind[order], known, command.size)
 
 
-def _apart(model: Model, values: FloatArray) -> list[tuple[Model, FloatArray]]:
+def _pieces_apart(model: Model, values: FloatArray) -> list[tuple[Model, FloatArray]]:
     """The model of every segment and its values (d, P)."""
     return [(piece, model.of(i, values)) for i, piece in enumerate(model.pieces)]

@@ -1,8 +1,8 @@
 """Values and path of a model settled together: the likeliest slips, then the values along them, until neither gains.
 
-One round seeks the likeliest path at the values so far (`likeliest`). Then Gauss-Newton descends along this path on
-the errors of PV and on one row for every stroke: how far its expected break-away force lies from f_s, in units of the
-scatter, times the noise. That is the M-step of expectation and maximisation, with the forces as what is missing.
+One round seeks the likeliest path at the values so far (`likeliest_slips`). Then Gauss-Newton descends along this path
+on the errors of PV and on one row for every stroke: how far its expected break-away force lies from f_s, in units of
+the scatter, times the noise. That is the M-step of expectation and maximisation, with the forces as what is missing.
 Along a path the cost is smooth in all numbers. The scatter follows from the same forces, within bounds.
 
 The start is a path by the law with the scatter at its lower bound, so that no answer is less likely than that of a
@@ -21,9 +21,9 @@ from ..model.model import Model
 from ..model.replay import AT, BEFORE, OTHER, Paths, Replayed
 from ..model.spec import Evaluated
 from ..numerics.gauss_newton import descend, slopes_at
-from ..numerics.noise.normal import between, log_upper
+from ..numerics.noise.normal import log_upper, moments_between
 from ..typing import BoolArray, FloatArray
-from .likelihood import deviance, law_paths, likeliest, log_prior, strokes
+from .likelihood import deviance, law_paths, likeliest_slips, log_prior, strokes
 
 # Scatter of a break-away force: bounds as shares of f_s, and those tried for the first path of a start.
 LEAST, MOST, FIRST = 0.003, 0.06, (0.06, 0.02, 0.005)
@@ -70,7 +70,7 @@ class Settled:
         """The model along the paths."""
         return self.model.along(self.paths)
 
-    def evaluated(self) -> Evaluated:
+    def evaluate(self) -> Evaluated:
         """The model in full along the paths."""
         return self.along.evaluate(self.values)
 
@@ -98,8 +98,8 @@ def bounds(model: Model, values: FloatArray, hidden: float = 0.0) -> tuple[float
     return LEAST * fs, MOST * fs + hidden
 
 
-def settled(model: Model, values: FloatArray, *, error: float = 0.0, hidden: float = 0.0, rounds: int = ROUNDS,
-            begin: Paths | None = None, most: float = np.inf) -> Settled:
+def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, hidden: float = 0.0, rounds: int = ROUNDS,
+                begin: Paths | None = None, most: float = np.inf) -> Settled:
     """The model settled from values (d,); without `rounds` only the path is sought, and the values stay.
 
     `error` is that of the command, and `hidden` widens the bound of the scatter, both in %. A path to `begin` with may
@@ -108,21 +108,22 @@ def settled(model: Model, values: FloatArray, *, error: float = 0.0, hidden: flo
     """
     model = model.along(None)
     low, high = bounds(model, values, hidden)
-    start = best = _by_law(model, values, low, error)
+    start = best = _path_by_law(model, values, low, error)
     if begin is not None and [s.size for s in begin.slips] == [s.size for s in start.paths.slips]:
-        known = _at_force(_scored(model, values, replace(begin, error=error)), _WIDE * high / MOST)
+        known = _at_force(_score_path(model, values, replace(begin, error=error)), _WIDE * high / MOST)
         known = _with_scatter(_at_force(_with_scatter(known, low, high)), low, high)
         start = best = min(best, known, key=lambda s: s.deviance)
     for share in FIRST:
         width = min(max(share * high / MOST, low), high)
-        found = _with_scatter(_scored(model, values, likeliest(model, values, replace(start.paths, scatter=width))),
-                              low, high)
+        path = likeliest_slips(model, values, replace(start.paths, scatter=width))
+        found = _with_scatter(_score_path(model, values, path), low, high)
         best = min(best, found, key=lambda s: s.deviance)
         if found.left > most:
             break  # (a narrower scatter leaves more)
     for _ in range(rounds):
-        moved = _at_force(_with_scatter(_descended(best), low, high))
-        again = _with_scatter(_scored(model, moved.values, likeliest(model, moved.values, moved.paths)), low, high)
+        moved = _at_force(_with_scatter(_descend_values(best), low, high))
+        path = likeliest_slips(model, moved.values, moved.paths)
+        again = _with_scatter(_score_path(model, moved.values, path), low, high)
         now = min(moved, again, best, key=lambda s: s.deviance)
         if not now.deviance < best.deviance - _WORTH or now.left > most:
             return now
@@ -130,27 +131,27 @@ def settled(model: Model, values: FloatArray, *, error: float = 0.0, hidden: flo
     return best
 
 
-def annealed(model: Model, values: FloatArray, error: float = 0.0, hidden: float = 0.0,
-             most: float = np.inf) -> list[Settled]:
+def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.0, hidden: float = 0.0,
+                             most: float = np.inf) -> list[Settled]:
     """The model settled from other valves than that of values (d,), with a scatter that shrinks from a large one.
 
     With a large scatter no path is impossible, and the cost is smooth in S: a start may be half off. Where even such
     paths leave more than `most`, in the unit of y, no valve explains the record.
     """
     model = model.along(None)
-    best, process = settled(model, values, error=error, hidden=hidden, most=most), values
-    if model.law.one_parameter or not _free(model)[:2].all():
+    best, process = settle_path(model, values, error=error, hidden=hidden, most=most), values
+    if model.law.one_parameter or not _free_parameters(model)[:2].all():
         return [best]
     first, *narrower = _SHRINKING
     for _ in range(_TRIES):
-        found = sorted((_within(_valve(model, process, share * model.s_max, error), first)
+        found = sorted((_settle_within(_valve(model, process, share * model.s_max, error), first)
                         for share in _OTHER_VALVES), key=lambda s: s.deviance)
         if min(one.left for one in found) > most:
             break
         # With so large a scatter the starts meet, and the best ones are worth the way down.
         for width in narrower:
-            found = [_within(one, width) for one in found[:_BEST]]
-        now = min((settled(model, one.values, error=error, hidden=hidden, most=most) for one in found),
+            found = [_settle_within(one, width) for one in found[:_BEST]]
+        now = min((settle_path(model, one.values, error=error, hidden=hidden, most=most) for one in found),
                   key=lambda s: s.deviance)
         if not now.deviance < best.deviance - _WORTH:
             break
@@ -162,16 +163,16 @@ def _valve(model: Model, values: FloatArray, S: float, error: float) -> Settled:
     """The path by law of a valve of another S, the process from values (d,)."""
     start = values.copy()
     start[:2] = S, _OTHER_JUMP * S
-    return _by_law(model, start, _SHRINKING[0] * 0.5 * float(start[0] + start[1]), error)
+    return _path_by_law(model, start, _SHRINKING[0] * 0.5 * float(start[0] + start[1]), error)
 
 
-def _within(now: Settled, width: float) -> Settled:
+def _settle_within(now: Settled, width: float) -> Settled:
     """Values and path settled with a scatter of this share of the break-away force."""
     scatter = width * 0.5 * float(now.values[0] + now.values[1])
-    now = _scored(now.model, now.values, replace(now.paths, scatter=scatter))
+    now = _score_path(now.model, now.values, replace(now.paths, scatter=scatter))
     for _ in range(_TURNS):
-        path = likeliest(now.model, now.values, now.paths)
-        after = _at_force(_descended(_scored(now.model, now.values, path)))
+        path = likeliest_slips(now.model, now.values, now.paths)
+        after = _at_force(_descend_values(_score_path(now.model, now.values, path)))
         better = after.deviance < now.deviance - _WORTH
         now = min(now, after, key=lambda s: s.deviance)
         if not better:
@@ -179,18 +180,18 @@ def _within(now: Settled, width: float) -> Settled:
     return now
 
 
-def _by_law(model: Model, values: FloatArray, scatter: float, error: float) -> Settled:
+def _path_by_law(model: Model, values: FloatArray, scatter: float, error: float) -> Settled:
     """A path by the law; of a smaller valve where this one never moves."""
     for share in _SMALLER:
         smaller = values.copy()
         smaller[:2] *= share
-        found = _scored(model, values, Paths(law_paths(model, smaller), scatter, error))
+        found = _score_path(model, values, Paths(law_paths(model, smaller), scatter, error))
         if np.isfinite(found.deviance):
             break
     return found
 
 
-def _scored(model: Model, values: FloatArray, paths: Paths) -> Settled:
+def _score_path(model: Model, values: FloatArray, paths: Paths) -> Settled:
     return Settled(model, values, paths, float(deviance(model, values[:, None], paths)[0]))
 
 
@@ -200,11 +201,11 @@ def _with_scatter(found: Settled, low: float, high: float) -> Settled:
     margins = [stroke.margins[:-1, :, 0] for stroke in found.strokes()]
     for _ in range(_SCATTER_ROUNDS):
         before = width
-        squares = np.concatenate([between(m[:, BEFORE], m[:, AT], width)[1] for m in margins])
+        squares = np.concatenate([moments_between(m[:, BEFORE], m[:, AT], width)[1] for m in margins])
         width = min(max(float(np.sqrt(squares.mean())) if squares.size else low, low), high)
         if abs(width - before) < _SAME_SCATTER * before:
             break
-    return _scored(found.model, found.values, replace(found.paths, scatter=width))
+    return _score_path(found.model, found.values, replace(found.paths, scatter=width))
 
 
 def _at_force(found: Settled, reach: float = 0.0) -> Settled:
@@ -214,7 +215,7 @@ def _at_force(found: Settled, reach: float = 0.0) -> Settled:
     tried `reach` so far either way in %, or one scatter.
     """
     model, values = found.model, found.values
-    if model.law.one_parameter or not _free(model)[:2].all():
+    if model.law.one_parameter or not _free_parameters(model)[:2].all():
         return found
     fs, width = 0.5 * (values[0] + values[1]), found.paths.scatter
     trial = values[:, None] + np.zeros((1, 2 * _FORCES + 1))
@@ -242,7 +243,7 @@ class _Rows:
         self.rest: list[tuple[BoolArray, FloatArray]] = []
         for stroke in found.strokes():
             m = stroke.margins[:-1, :, 0]
-            self.shift.append(m[:, AT] - between(m[:, BEFORE], m[:, AT], width)[0])
+            self.shift.append(m[:, AT] - moments_between(m[:, BEFORE], m[:, AT], width)[0])
             says = m[:, OTHER] > _SAYS * width
             a = m[says, OTHER] / width
             self.rest.append((says, width * np.exp(-0.5 * a**2 - log_upper(a)) / _ROOT - m[says, OTHER]))
@@ -262,21 +263,22 @@ class _Rows:
         return self.along.costs(cube) + np.einsum("np,np->p", r := self.forces(cube), r)
 
 
-def _descended(found: Settled) -> Settled:
+def _descend_values(found: Settled) -> Settled:
     """The values after some turns of Gauss-Newton along the path."""
     rows = _Rows(found)
     best = descend(rows.residuals, rows.costs, found.model.cube(found.values[:, None]),
-                   spread=_DIFFERENCE * _free(found.model), turns=_TURNS, settle=_STILL)
-    return _scored(found.model, found.model.values(best.points[:1])[:, 0], found.paths)
+                   spread=_DIFFERENCE * _free_parameters(found.model), turns=_TURNS, settle=_STILL)
+    return _score_path(found.model, found.model.values(best.points[:1])[:, 0], found.paths)
 
 
-def _free(model: Model) -> FloatArray:
+def _free_parameters(model: Model) -> FloatArray:
     return np.array([float(p.high > p.low) for p in model.space.parameters])
 
 
 def covariance(found: Settled) -> FloatArray:
     """Covariance (d, d) of the values in the unit cube, from the curvature along the path; 0 where fixed."""
-    rows, point, free = _Rows(found), found.model.cube(found.values[:, None]), np.flatnonzero(_free(found.model))
+    rows, point = _Rows(found), found.model.cube(found.values[:, None])
+    free = np.flatnonzero(_free_parameters(found.model))
     slopes, left = slopes_at(rows.residuals, point, free, np.full((1, free.size), _DIFFERENCE))
     normal = slopes[0].T @ slopes[0]
     errors = left[0, :found.model.loop.samples]

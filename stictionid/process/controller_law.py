@@ -86,7 +86,7 @@ class _Rounding:
 
     def spread(self, form: Form, sizes: FloatArray) -> float:
         """Variance of law less record for the sizes (p,) of a form, the walk of the integral left out."""
-        return self.output + self.error * float(sizes @ _shared(form) @ sizes)
+        return self.output + self.error * float(sizes @ _shared_covariance(form) @ sizes)
 
     def walk(self, form: Form, sizes: FloatArray) -> float:
         """Variance by which the integral walks in each sample."""
@@ -139,13 +139,13 @@ def controller_law(loop: Loop) -> Obeyed | None:
     return _read(loop, form, pieces, noise) if _samples_of(pieces) > _MOSTLY * count else None
 
 
-def rebuilt(loop: Loop) -> Loop:
+def rebuild_output(loop: Loop) -> Loop:
     """The loop with the output of its controller's law in place of the rounded one; as it is where no law is found."""
     law = None if loop.followed else controller_law(loop)
-    return loop if law is None else followed_in_full(loop, law)
+    return loop if law is None else follows_in_full(loop, law)
 
 
-def followed_in_full(loop: Loop, law: Obeyed) -> Loop:
+def follows_in_full(loop: Loop, law: Obeyed) -> Loop:
     """The loop with the output of a law that it obeys."""
     return replace(loop, output=law.command, followed=FULL, output_sd=law.command_sd)
 
@@ -185,7 +185,7 @@ def _columns(loop: Loop, form: Form) -> FloatArray:
     return np.stack(late)
 
 
-def _shared(form: Form) -> FloatArray:
+def _shared_covariance(form: Form) -> FloatArray:
     """Covariance of a law's columns (p, p) from an error of PV with the variance 1, white; its sum left out."""
     out = np.zeros((1 + form.integral + form.derivative,) * 2)
     out[0, 0] = 1.0
@@ -201,7 +201,7 @@ def _pieces(loop: Loop, form: Form, known: BoolArray, noise: _Rounding) -> list[
     for first, stop in _runs(loop, known, form.late + form.derivative):
         at = first
         while at + _FEWEST <= stop:
-            piece = _longest(columns, u, form, noise, at, min(stop, at + MOST))
+            piece = _longest_stretch(columns, u, form, noise, at, min(stop, at + MOST))
             if piece is None:
                 at += _FEWEST
                 continue
@@ -223,13 +223,14 @@ def _runs(loop: Loop, known: BoolArray, lead: int) -> list[tuple[int, int]]:
     return [(int(a) + lead, int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _longest(columns: FloatArray, u: FloatArray, form: Form, noise: _Rounding, first: int, end: int) -> _Piece | None:
+def _longest_stretch(columns: FloatArray, u: FloatArray, form: Form, noise: _Rounding, first: int,
+                     end: int) -> _Piece | None:
     """The longest stretch from `first` on that obeys a form, by doubling and bisection; None where none does."""
     good: _Piece | None = None
     size, bad = _FEWEST, end + 1
     while True:
         stop = min(first + size, end)
-        piece = _regressed(columns, u, form, noise, first, stop)
+        piece = _regress_law(columns, u, form, noise, first, stop)
         if piece is None:
             bad = stop
             break
@@ -239,13 +240,13 @@ def _longest(columns: FloatArray, u: FloatArray, form: Form, noise: _Rounding, f
         size *= 2
     while good is not None and bad - good.stop > 1:
         middle = (good.stop + bad) // 2
-        piece = _regressed(columns, u, form, noise, first, middle)
+        piece = _regress_law(columns, u, form, noise, first, middle)
         good, bad = (good, middle) if piece is None else (piece, bad)
     return good
 
 
-def _regressed(columns: FloatArray, u: FloatArray, form: Form, noise: _Rounding, first: int,
-               stop: int) -> _Piece | None:
+def _regress_law(columns: FloatArray, u: FloatArray, form: Form, noise: _Rounding, first: int,
+                 stop: int) -> _Piece | None:
     """The regression on samples first..stop-1; None where its residual is more than rounding.
 
     The second round knows from the first how the integral walks.
@@ -255,10 +256,10 @@ def _regressed(columns: FloatArray, u: FloatArray, form: Form, noise: _Rounding,
     y = y - y.mean()
     walk, spread = 0.0, noise.output
     for _ in range(2):
-        own = _levelled(np.vstack([X, y]), walk / spread)
+        own = _take_out_level(np.vstack([X, y]), walk / spread)
         gram, answer = X @ own[:-1].T, X @ own[-1]
         # Rounding of PV bends the sizes, and its known covariance is taken out again.
-        true = gram - noise.error * y.size * _shared(form)
+        true = gram - noise.error * y.size * _shared_covariance(form)
         if not np.all(np.isfinite(gram)) or np.linalg.cond(true) > 1e14 or np.linalg.eigvalsh(true)[0] <= 0.0:
             return None
         sizes = np.linalg.solve(true, answer)
@@ -273,7 +274,7 @@ def _regressed(columns: FloatArray, u: FloatArray, form: Form, noise: _Rounding,
                   sizes.size + max(1.0, n * (1.0 - (decay := _decay(walk / spread))) / (1.0 + decay)))
 
 
-def _levelled(rows: FloatArray, ratio: float) -> FloatArray:
+def _take_out_level(rows: FloatArray, ratio: float) -> FloatArray:
     """Rows (k, n) without the smoothed level that walks by `ratio` of the variance of white noise in each sample."""
     n = rows.shape[1]
     if ratio * n**2 < 1e-3:

@@ -52,8 +52,8 @@ def _run(position: FloatArray, T: FloatArray, closing: FloatArray, delay: FloatA
             means[k, p] = total / part_s
 
 
-def directional(position: FloatArray, T: FloatArray, L: FloatArray, closing: FloatArray, growth: FloatArray,
-                part_s: float) -> tuple[FloatArray, FloatArray]:
+def directional_lag(position: FloatArray, T: FloatArray, L: FloatArray, closing: FloatArray, growth: FloatArray,
+                    part_s: float) -> tuple[FloatArray, FloatArray]:
     """Ends and means (rows, P) over each part of the lag's response to positions (rows, P or 1) held over parts.
 
     `L` is the dead time at the middle of the first part in seconds, and `growth` its change in seconds a second.

@@ -20,7 +20,7 @@ from ..errors import UsageError
 from ..laws.contract import FS_DOWN, FS_DRIFT, FS_UP, INTEGRAL
 from ..numerics.jit import LANES, LINE, kernel
 from ..typing import FloatArray
-from .rounded import derounded
+from .rounded import deround_output
 
 CORNER = "corner"
 MODES = ("hold", CORNER)
@@ -43,7 +43,7 @@ def rebuild(command: FloatArray, substeps: int, mode: str, setpoint: FloatArray 
     if n < 6:
         return np.interp(np.arange(n * substeps) / substeps, np.arange(n), command)
     jumps = kicks(command, setpoint)
-    command = derounded(command, jumps)
+    command = deround_output(command, jumps)
     if not jumps.any():
         return _smooth(command, substeps, jumps)
     # A kick at sample k came between the sample before and this one. The output just before the kick is where the valve

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..numerics.jit import LANES, LINE, kernel, output, scratch
 from ..typing import FloatArray, IntArray
-from .directional import directional
+from .directional import directional_lag
 from .state_space import Element, series_run
 
 # Rows of the coefficient table. First the decays over a part of either lag and of an integral, the weights of their
@@ -393,7 +393,7 @@ def free_run(position: FloatArray, dynamics: Dynamics, *, step_s: float, substep
         growth = np.zeros(lanes) if dynamics.dead_time_drift is None else L * dynamics.dead_time_drift
         # A position of a part that ended arrives one part late.
         first = L + growth * (dynamics.since_s + 0.5 * part) - (part if ahead else 0.0)
-        ends, means = directional(position, T1, first, closing, growth, part)
+        ends, means = directional_lag(position, T1, first, closing, growth, part)
         if dynamics.elements or dynamics.integrating or T2.any():
             rest = replace(dynamics, time_constant_s=np.zeros(lanes), dead_time_s=np.zeros(lanes), closing=None,
                            dead_time_drift=None)

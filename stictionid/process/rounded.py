@@ -51,7 +51,7 @@ def is_coarse(loop: Loop, stickband: float) -> bool:
     return unknown_step(loop) > FINE * stickband
 
 
-def derounded(output: FloatArray, jumps: FloatArray) -> FloatArray:
+def deround_output(output: FloatArray, jumps: FloatArray) -> FloatArray:
     """An output (n,) made smooth within half a step of every sample; as it is where it was not rounded.
 
     `jumps` (n,) are sudden moves that stay, such as kicks of the setpoint.

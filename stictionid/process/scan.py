@@ -63,7 +63,7 @@ def parts_of(step_s: float, scan_s: float) -> int:
     return int(np.clip(round(step_s / scan_s), 1, MOST_PARTS))
 
 
-def scanned(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatArray:
+def command_at_scans(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatArray:
     """Command at `parts` scans from each sample to the next, shape (n*parts,); the last sample is held.
 
     `course` (n*parts,) is y at the scans as far as it is known, up to a smooth remainder.
@@ -80,7 +80,7 @@ def scanned(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatAr
         early = int(np.clip(round(missing[k] / moved[k]), 0, parts - 1))
         between[k, parts - 1 - early:parts - 1] += moved[k]
         missing[k] -= early * moved[k]
-    missing *= _trusted(missing, parts * noise_of(bridged(loop.process_value)))
+    missing *= _trusted_share(missing, parts * noise_of(bridged(loop.process_value)))
     s = np.arange(1, parts + 1) / parts
     bubble = s * (1.0 - s)
     between += (missing / bubble.sum())[:, None] * bubble
@@ -94,7 +94,7 @@ def scanned(loop: Loop, parts: int, course: FloatArray | None = None) -> FloatAr
     return out.ravel()
 
 
-def drawn(loop: Loop, command: FloatArray, parts: int, noise_sd: float, rng: np.random.Generator) -> FloatArray:
+def draw_command(loop: Loop, command: FloatArray, parts: int, noise_sd: float, rng: np.random.Generator) -> FloatArray:
     """A rebuilt command (n*parts,) with noise of y drawn at the scans between the samples, where nothing tells it.
 
     Noise reaches the output by the gain of the PI law. Its sum in the integral part ends at the known next sample and
@@ -106,7 +106,7 @@ def drawn(loop: Loop, command: FloatArray, parts: int, noise_sd: float, rng: np.
     return command - (0.0 if law is None else law.gain) * noise.ravel()
 
 
-def _trusted(missing: FloatArray, likely: float) -> float:
+def _trusted_share(missing: FloatArray, likely: float) -> float:
     """Share in which sums of the control error between samples are taken from the integral part of a law.
 
     The noise of y in that many scans, `likely`, bounds what can be true of them. The rest is rounding of u, or a law
@@ -123,7 +123,7 @@ def p_law(loop: Loop) -> PiLaw | None:
     """
     if loop.setpoint is None:
         return None
-    good = _measured(loop, 1)
+    good = _measured_intervals(loop, 1)
     error = np.diff(bridged(loop.setpoint) - bridged(loop.process_value))[good]
     change = np.diff(bridged(loop.output))[good]
     energy = float(change @ change)
@@ -139,7 +139,7 @@ def pi_law(loop: Loop, parts: int, course: FloatArray | None = None) -> PiLaw | 
     if loop.setpoint is None:
         return None
     e, between, moved = _errors(loop, parts, course)
-    good = _measured(loop, parts) & (moved == 0.0)
+    good = _measured_intervals(loop, parts) & (moved == 0.0)
     design = np.stack([np.diff(e), between.sum(axis=1)], axis=1)[good]
     change = np.diff(bridged(loop.output))[good]
     energy = float(change @ change)
@@ -161,7 +161,7 @@ def _integrates(design: FloatArray, sizes: FloatArray, rest: FloatArray, change:
                                           np.finfo(float).eps * float(change @ change))
 
 
-def _measured(loop: Loop, parts: int) -> BoolArray:
+def _measured_intervals(loop: Loop, parts: int) -> BoolArray:
     """Intervals (n-1,) of which y is measured at both ends and, for `parts` in between, at the samples beside them."""
     assert loop.used is not None
     good = loop.used[1:] & loop.used[:-1]
@@ -181,10 +181,10 @@ def ran_with_samples(loop: Loop) -> bool:
     with_them = pi_law(loop, 1)
     if with_them is None:
         return False
-    if np.count_nonzero(_measured(loop, MOST_PARTS)) < _FEWEST_CHANGES:
+    if np.count_nonzero(_measured_intervals(loop, MOST_PARTS)) < _FEWEST_CHANGES:
         # PV is missing too often for a law between the samples to be held against it.
         return 1.0 - with_them.fit <= _NOTHING
-    return _exact(with_them, pi_law(loop, MOST_PARTS))
+    return _law_is_exact(with_them, pi_law(loop, MOST_PARTS))
 
 
 def answers(loop: Loop) -> float:
@@ -194,14 +194,14 @@ def answers(loop: Loop) -> float:
     process, which has the other sign.
     """
     law = pi_law(loop, 1)
-    return _kicked(loop) if law is None else float(np.sign(law.gain))
+    return _kick_sign(loop) if law is None else float(np.sign(law.gain))
 
 
-def _kicked(loop: Loop) -> float:
+def _kick_sign(loop: Loop) -> float:
     """Sign with which u follows moves of the setpoint at once, whatever y does; 0 where it does not follow them."""
     if loop.setpoint is None:
         return 0.0
-    good = _measured(loop, 1)
+    good = _measured_intervals(loop, 1)
     setpoint, y, change = (np.diff(bridged(x))[good] for x in (loop.setpoint, loop.process_value, loop.output))
     # Regression on both: moves of setpoint and u less what y tells of them.
     moves, change = (x - y * float(x @ y) / max(float(y @ y), np.finfo(float).tiny) for x in (setpoint, change))
@@ -217,15 +217,15 @@ def _kicked(loop: Loop) -> float:
 def ran_between(loop: Loop, parts: int) -> bool:
     """True where u follows a PI law that ran `parts` times a sample, and not one that ran with the samples exactly."""
     between, with_them = pi_law(loop, parts), pi_law(loop, 1)
-    return between is not None and not (with_them is not None and _exact(with_them, between))
+    return between is not None and not (with_them is not None and _law_is_exact(with_them, between))
 
 
-def blurred(loop: Loop, scan_s: float) -> bool:
+def scans_between_samples(loop: Loop, scan_s: float) -> bool:
     """True where a controller that scans every `scan_s` seconds moved the output between samples, unseen by them."""
     return parts_of(loop.step_s, scan_s) > 1 and not ran_with_samples(loop)
 
 
-def _exact(with_samples: PiLaw, between: PiLaw | None) -> bool:
+def _law_is_exact(with_samples: PiLaw, between: PiLaw | None) -> bool:
     """True where the PI law at the samples explains the changes of u far better than the one between them."""
     # Without a PI law between the samples, the largest share that one may leave takes its place.
     return 1.0 - with_samples.fit <= _EXACT * (_PI_LEAVES if between is None else 1.0 - between.fit)

@@ -229,8 +229,8 @@ class Held:
     late: int
 
 
-def held(T1: FloatArray, L: FloatArray, T2: FloatArray, elements: tuple[Element, ...], integrating: bool, *,
-         part_s: float, ahead: bool) -> Held:
+def held_chain(T1: FloatArray, L: FloatArray, T2: FloatArray, elements: tuple[Element, ...], integrating: bool, *,
+               part_s: float, ahead: bool) -> Held:
     """The chain of one candidate as it runs from one value of the command to the next; see `series_run`."""
     delay = max(float(L[0]) - (part_s if ahead else 0.0), 0.0) / part_s
     late = int(np.floor(delay + 1e-12))

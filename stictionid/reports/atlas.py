@@ -13,9 +13,9 @@ import numpy as np
 from ..effects import get
 from ..effects.contract import Effect
 from ..model.closed_loop import PRESETS, Setting, simulate, with_stiction
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
-from ..model.visible import visible
+from ..model.visible import visible_values
 from ..record.loop import Loop
 from ..record.oscillation import find_range
 from . import wording
@@ -44,7 +44,7 @@ def atlas_picture(name: str) -> Picture:
     """Valve, process value and residual of the standard loop with one effect; UsageError for an unknown effect."""
     effect = get(name)
     setting = standard_loop(effect)
-    values = visible(name, setting)
+    values = visible_values(name, setting)
     loop = simulate(replace(setting, effects=((name, dict(values)),)), seed=_SEED).loop
     plain = _plain_model(loop, setting)
     from_s = 0.0 if effect.seen_over in _WHOLE or effect.noise else loop.samples * loop.step_s - _SHOWN_S
@@ -75,7 +75,7 @@ def _plain_model(loop: Loop, setting: Setting) -> Evaluated:
     plant = setting.plant
     spec = Spec(process=INTEGRATOR if plant.integrating else FIRST_ORDER, between="hold")
     found = find_range(loop)
-    model = bound(loop, spec, s_max=found.s_max or 2.0 * setting.S, period_s=found.period_median_s or _SHOWN_S)
+    model = bind_model(loop, spec, s_max=found.s_max or 2.0 * setting.S, period_s=found.period_median_s or _SHOWN_S)
     values = model.vector({"S": setting.S, "J": setting.J, "initial_residual_force": 0.0,
                            "time_constant_s": plant.time_constant_s, "dead_time_s": plant.dead_time_s})
     trial = values[:, None].repeat(_FORCES, axis=1)

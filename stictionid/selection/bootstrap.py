@@ -12,22 +12,22 @@ from dataclasses import replace
 import numpy as np
 
 from ..fit.fit import as_it_stands
-from ..fit.moves import descended, with_start
-from ..fit.noise.completion import quick
-from ..fit.noise.draws import drawn
-from ..model.segments import bound
+from ..fit.moves import descend_model, with_start
+from ..fit.noise.completion import complete_quickly
+from ..fit.noise.draws import draw_residual
+from ..model.segments import bind_model
 from ..typing import Progress
 from .crew import Crew
 from .entry import Entry
 from .looks import Ground, Packed, Task, look_at
 from .node import node, with_effect
-from .score import standing
+from .score import point_in_search_form
 from .search import Search
 
 
 def p_of(search: Search, parent: Entry, name: str, count: int, tell: Progress) -> float:
     """The share of `count` records without an effect on which a first look at it gains as much as on this one."""
-    fit = standing(parent.scored, parent.spec)
+    fit = point_in_search_form(parent.scored, parent.spec)
     ground = Ground(fit, fit.values[None, :fit.model.head], search.seed, search.policy)
     seen = gain_of(ground, name)
     tasks = [Task(parent.spec, name, draw=i) for i in range(1, count + 1)]
@@ -44,17 +44,17 @@ def gain_of(ground: Ground, name: str) -> float:
     fit = ground.fit
     spec = node(with_effect(fit.model.spec, name), soft=fit.model.spec.increments)
     look = look_at(ground, Task(spec, name))
-    return -np.inf if look.failed else look.scored(fit).done.gain_over(quick(fit.model, fit.values))
+    return -np.inf if look.failed else look.score_again(fit).done.gain_over(complete_quickly(fit.model, fit.values))
 
 
 def replicate(ground: Ground, task: Task) -> Packed:
     """One record without the effect: new innovations through the noise model of the base, and the look's gain on it."""
     fit = ground.fit
     rng = np.random.default_rng([ground.seed, task.draw])
-    null = quick(fit.model, fit.values)
-    loop = replace(fit.model.loop, process_value=null.evaluated.model + drawn(null, rng))
-    model = bound(loop, fit.model.spec, s_max=fit.model.s_max, period_s=fit.model.period_s)
-    near = descended(model, with_start(model, model.cube(fit.values[:, None])))
+    null = complete_quickly(fit.model, fit.values)
+    loop = replace(fit.model.loop, process_value=null.evaluated.model + draw_residual(null, rng))
+    model = bind_model(loop, fit.model.spec, s_max=fit.model.s_max, period_s=fit.model.period_s)
+    near = descend_model(model, with_start(model, model.cube(fit.values[:, None])))
     again = as_it_stands(model, model.values(near.points[:1])[:, 0])
     gain = gain_of(Ground(again, again.values[None, :model.head], ground.seed, ground.policy), task.added)
     return Packed(task.spec, task.added, gain=gain)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..numerics import tally
-from .looks import Ground, Packed, Task, performed
+from .looks import Ground, Packed, Task, perform_task
 from .node import key
 
 if TYPE_CHECKING:
@@ -43,9 +43,9 @@ class Crew:
         self.ground = ground
         self._pool: ProcessPoolExecutor | None = None
         if jobs > 1:
-            self._pool = _forked(jobs, ground)
+            self._pool = _fork_pool(jobs, ground)
 
-    def map(self, tasks: Sequence[Task], work: Work = performed) -> Iterator[Packed]:
+    def map(self, tasks: Sequence[Task], work: Work = perform_task) -> Iterator[Packed]:
         """The answers to tasks, one after the other."""
         if self._pool is None:
             return (work(self.ground, task) for task in tasks)
@@ -59,7 +59,7 @@ class Crew:
             self._pool.shutdown(wait=kind is None, cancel_futures=True)
 
 
-def _forked(jobs: int, ground: Ground) -> ProcessPoolExecutor | None:
+def _fork_pool(jobs: int, ground: Ground) -> ProcessPoolExecutor | None:
     """So many processes that hold the ground; None where the system can't fork."""
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
@@ -95,20 +95,20 @@ class Budget:
         return (self.spent - self.apart) / self.allowed
 
     @contextmanager
-    def late(self) -> Iterator[None]:
+    def allow_late_answer(self) -> Iterator[None]:
         """Half the budget for an answer that was found when the budget had ended; nothing once as much went to such."""
         before, self.until = self.spent, self.spent + self.allowed / 2 if self.apart < self.allowed else 0.0
         yield
         self.apart, self.until = self.apart + self.spent - before, 0.0
 
     @contextmanager
-    def anew(self) -> Iterator[None]:
+    def allow_last_question(self) -> Iterator[None]:
         """A whole budget for one last question, whatever was spent before; it takes few looks."""
         before, self.spent = self.spent, 0
         yield
         self.spent += before
 
-    def leave(self, names: Iterable[str]) -> None:
+    def note_unasked(self, names: Iterable[str]) -> None:
         """Note nodes that are left unasked, each once."""
         self.unasked += [name for name in dict.fromkeys(names) if name not in self.unasked]
 
@@ -117,7 +117,7 @@ class Budget:
         answers = iter(crew.map(tasks))
         for i, task in enumerate(tasks):
             if self.over and not always:
-                self.leave(key(left.spec) for left in tasks[i:])
+                self.note_unasked(key(left.spec) for left in tasks[i:])
                 return
             answer = next(answers)
             # What several tasks ask is searched once.

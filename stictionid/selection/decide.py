@@ -17,7 +17,7 @@ from ..errors import ModelError
 from ..fit.cross_validation import Held, blocks_won, held_out
 from ..fit.fit import AGREE_J, AGREE_S
 from ..fit.intervals.assemble import region
-from ..fit.noise.unexplained import said_missing, unexplained
+from ..fit.noise.unexplained import missing_words, unexplained_shape
 from ..fit.public_values import noise_values, rows_for, rows_in
 from ..fit.starts.beside_effect import RESTING
 from ..process.scan import DECIMATED
@@ -25,11 +25,11 @@ from ..record.intervals import Span, united
 from ..record.study import Candidate, ErrorSummary, ParameterValue, Study
 from ..record.tree import Equivalent, drop_percent
 from ..record.unexplained import Unexplained
-from .doubts import jumps_past, least_cost, settling
+from .doubts import deciding_measurement, jumps_past, least_cost
 from .entry import ADD, DROP, Entry
-from .gates import LASTS, SHORT, lasts
+from .gates import LASTS, SHORT, outlasts_noise
 from .looks import rng_of
-from .node import BASE_EFFECTS, LAG, additions, key, physical, plain, shapes, with_effect
+from .node import BASE_EFFECTS, LAG, additions, key, physical_effects, plain_name, shapes_process, with_effect
 from .score import COLOURED, NARROW, Scored, least_free_run, noise_name
 from .search import Search
 
@@ -52,7 +52,7 @@ class Decision:
     reach: Mapping[str, tuple[Span, ...]] = field(default_factory=dict)
 
 
-def decided(search: Search, best: Entry, keep: Sequence[str] = (), *, spans: bool = True) -> Decision:
+def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, spans: bool = True) -> Decision:
     """The best node pruned, with the noise to name, its equivalents, and what the effects asked do not explain.
 
     Effects to `keep` are never pruned. Without `spans` no intervals of equivalents are sought.
@@ -63,51 +63,51 @@ def decided(search: Search, best: Entry, keep: Sequence[str] = (), *, spans: boo
         winner = search.memo[winner.parent]
     done = winner.scored.done
     unseen = (search.blurred and winner.spec.between != DECIMATED
-              and not winner.scored.bare(search.policy))
+              and not winner.scored.needs_no_noise_model(search.policy))
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = equivalents(search, winner)
     tried = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and e.parent == key(winner.spec)}
     # The command between samples and a stem with mass err a little: noise that carries hardly any of it may be that.
-    little = winner.scored.explained(search.policy)
+    little = winner.scored.is_explained(search.policy)
     noise = "" if little else noise_name(winner.scored, search.policy, slow=search.slow)
     band = winner.scored.band if noise == NARROW else None
-    white = done.white or (band is not None and band.white) or search.explained(winner)
-    shape = None if unseen or white else unexplained(done, tried)
+    white = done.white or (band is not None and band.white) or search.is_explained(winner)
+    shape = None if unseen or white else unexplained_shape(done, tried)
     noise = "" if shape is not None else noise
     if unseen and noise == COLOURED:
         noise = ""  # (slips that unseen scans made early or late look the same)
     return Decision(winner, noise, tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in alike),
                     missing_reason(winner, white, unseen, shape, slow=search.slow and not noise,
-                                   unasked=_unasked(search, winner)), unseen, shape,
+                                   unasked=_effects_unasked(search, winner)), unseen, shape,
                     reach_of(search, alike) if spans else {})
 
 
 def _winner(search: Search, best: Entry, keep: Sequence[str]) -> Entry:
     """The best node settled and pruned, with simpler effects and an integrator where these do as well."""
-    search.settle(best)
-    return _integrating(search, simplest(search, pruned(search, best, keep), keep))
+    search.settle_node(best)
+    return _prefer_integrator(search, simplify_effects(search, prune_effects(search, best, keep), keep))
 
 
-def _unasked(search: Search, winner: Entry) -> list[str]:
+def _effects_unasked(search: Search, winner: Entry) -> list[str]:
     """Effects of the catalogue that a search has asked for beside no model, though the record may hold them."""
     asked = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and not e.failed}
     open_ = [name for last in (False, True) for name in additions(winner.spec, search.loop, search.only, last=last)]
     return sorted({parse(name)[0].name for name in open_} - asked)
 
 
-def simplest(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
+def simplify_effects(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
     """The winner with a simpler effect in place of each one that contains it and gains less than the margin beyond it.
 
     An `underdamped-process` of a short natural period is two lags in series, a gain that hardly drifts is a ramp.
     """
-    for name in (n for n in physical(winner.spec) if n not in keep):
+    for name in (n for n in physical_effects(winner.spec) if n not in keep):
         effect = parse(name)[0]
-        cases = (*effect.contains, *((LAG,) if shapes(effect) else ()))
-        before = search.dropped(winner, name) if cases else winner
-        simpler = [n for n in additions(before.spec, search.loop, search.only) if plain(n) in cases]
+        cases = (*effect.contains, *((LAG,) if shapes_process(effect) else ()))
+        before = search.drop_effect(winner, name) if cases else winner
+        simpler = [n for n in additions(before.spec, search.loop, search.only) if plain_name(n) in cases]
         if not simpler:
             continue
-        search.ask(before, simpler, sure=True)
+        search.ask_for(before, simpler, sure=True)
         known = [e for n in simpler if (e := search.memo.get(key(with_effect(before.spec, n))))
                  and e.scored.full and not e.failed]
         best = max(known, key=lambda e: e.scored.done.gain_over(before.scored.done), default=winner)
@@ -116,34 +116,34 @@ def simplest(search: Search, winner: Entry, keep: Sequence[str]) -> Entry:
     return winner
 
 
-def _integrating(search: Search, winner: Entry) -> Entry:
+def _prefer_integrator(search: Search, winner: Entry) -> Entry:
     """The winner with an integrator for a lag of many periods, where that does as well."""
-    other = search.integrated(winner)
+    other = search.fit_integrator(winner)
     if other is None or winner.scored.done.gain_over(other.scored.done) > search.policy.structure_margin:
         return winner
     other.gates = ()
     return other
 
 
-def pruned(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
+def prune_effects(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
     """The winner without each effect whose loss costs less than its margin, one after the other.
 
     Under another process or command an effect may not be needed, so nodes known without it count, too.
     """
     while True:
         cheap: list[tuple[float, Entry]] = []
-        for name in (n for n in physical(winner.spec) if n not in keep):
-            known = (search.dropped(winner, name), *_known_without(search, winner, name))
+        for name in (n for n in physical_effects(winner.spec) if n not in keep):
+            known = (search.drop_effect(winner, name), *_known_nodes_without(search, winner, name))
             cheap += [(loss, e) for e in known
                       if ((loss := _loss(winner.scored, e, name)) < least_cost(name, e, search.policy)
-                          or _idle(search, winner.scored, e.scored, name))
-                      and not lasts(name, winner.scored, e.scored, search.policy)]
+                          or _explains_little(search, winner.scored, e.scored, name))
+                      and not outlasts_noise(name, winner.scored, e.scored, search.policy)]
         if not cheap:
             return winner
         winner = min(cheap, key=lambda found: found[0])[1]
 
 
-def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
+def _explains_little(search: Search, winner: Scored, without: Scored, name: str) -> bool:
     """True where a model leaves more than noise and does hardly better than one `without` an effect.
 
     What the model lacks may be the reason for so little. In a record slower than the scan that holds beside noise
@@ -154,12 +154,12 @@ def _idle(search: Search, winner: Scored, without: Scored, name: str) -> bool:
     An effect is asked last because nothing else helps, and its many courses help a little beside what is missing. So it
     must leave noise: a positioner stood for a slew limit at 8 times the noise and 12 times the stickband.
     """
-    policy, names = search.policy, plain(name) not in BASE_EFFECTS
-    if parse(name)[0].asked_last and not (winner.noise_alone or winner.nearly(policy)):
+    policy, names = search.policy, plain_name(name) not in BASE_EFFECTS
+    if parse(name)[0].asked_last and not (winner.noise_alone or winner.leaves_little(policy)):
         return True
     if names and search.slow:
         return least_free_run(without, winner) <= policy.nearly * winner.rmse
-    if not (names or search.slow) or (winner.bare(policy) and name != RESTING):
+    if not (names or search.slow) or (winner.needs_no_noise_model(policy) and name != RESTING):
         return False
     freer = without.rmse > policy.better_base * winner.rmse
     sharper = winner.done.innovation_sd <= (1.0 - policy.beyond_scans) * without.done.innovation_sd
@@ -178,13 +178,13 @@ def _loss(winner: Scored, without: Entry, name: str) -> float:
     return loss if band is None else min(loss, winner.done.gain_over(band))
 
 
-def _known_without(search: Search, winner: Entry, name: str) -> list[Entry]:
+def _known_nodes_without(search: Search, winner: Entry, name: str) -> list[Entry]:
     """Nodes known in full under another process or command that have only the winner's effects, less one.
 
     A node with more than twice the free-run error is left out: an autoregression may hide what the effect explains.
     """
-    rest = set(physical(winner.spec)) - {name}
-    return [e for e in search.memo.values() if e.passed and not e.failed and set(physical(e.spec)) <= rest
+    rest = set(physical_effects(winner.spec)) - {name}
+    return [e for e in search.memo.values() if e.passed and not e.failed and set(physical_effects(e.spec)) <= rest
             and (e.spec.process, e.spec.between) != (winner.spec.process, winner.spec.between)
             and e.scored.rmse <= 2 * winner.scored.rmse]
 
@@ -196,10 +196,10 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
     equivalent up to the full margin. The other kind of valve counts, whatever its gates, where its S or J is another.
     """
     done, found = winner.scored.done, []
-    mine = set(physical(winner.spec))
+    mine = set(physical_effects(winner.spec))
     odd = jumps_past(winner)
     for e in search.memo.values():
-        theirs = set(physical(e.spec))
+        theirs = set(physical_effects(e.spec))
         other = theirs ^ mine == {RESTING} and winner.spec.held and not _same_valve(winner, e)
         if e is winner or e.failed or not e.scored.full or not (other or (e.op != DROP and e.passed)):
             continue
@@ -242,10 +242,10 @@ def reach_of(search: Search, alike: Sequence[Entry]) -> dict[str, tuple[Span, ..
 def as_equivalent(entry: Entry, number: int, winner: Entry) -> Equivalent:
     """An equivalent node as a study holds it."""
     values = entry.scored.done.evaluated.values
-    others = tuple(n for n in physical(winner.spec) if n not in entry.spec.effects)
-    own = next((n for n in physical(entry.spec) if n not in winner.spec.effects), "")
-    tell = settling(own, others) if own else "the measured valve position"
-    if {*physical(entry.spec)} ^ {*physical(winner.spec)} == {RESTING}:
+    others = tuple(n for n in physical_effects(winner.spec) if n not in entry.spec.effects)
+    own = next((n for n in physical_effects(entry.spec) if n not in winner.spec.effects), "")
+    tell = deciding_measurement(own, others) if own else "the measured valve position"
+    if {*physical_effects(entry.spec)} ^ {*physical_effects(winner.spec)} == {RESTING}:
         y = entry.scored.done.model.loop.process_value
         tell = f"a setpoint move of {np.nanmax(y) - np.nanmin(y):.2g}, or {parse(RESTING)[0].settled_by}"
     return Equivalent(number, tuple(entry.spec.effects), values["S"], values["J"],
@@ -260,12 +260,13 @@ def candidates(search: Search, found: Decision, named: Sequence[str], study: Stu
     `stated` holds the errors of nodes that are steps of the study, `doubt` the reason why the winner's effects are not
     named. Where an effect ends above its parent, its search is unfinished: at its neutral value it does as well.
     """
-    present = {plain(n) for n in study.steps[-1].effects} - {plain(n) for n in study.steps[0].model.get("effects", ())}
-    best = {plain(name): found.winner for name in physical(found.winner.spec)}
+    of_base = {plain_name(n) for n in study.steps[0].model.get("effects", ())}
+    present = {plain_name(n) for n in study.steps[-1].effects} - of_base
+    best = {plain_name(name): found.winner for name in physical_effects(found.winner.spec)}
     tried: dict[str, list[Entry]] = {}
     for entry in search.memo.values():
-        for name in physical(entry.spec):
-            tried.setdefault(plain(name), []).append(entry)
+        for name in physical_effects(entry.spec):
+            tried.setdefault(plain_name(name), []).append(entry)
     rows: list[Candidate] = []
     for name, entries in tried.items():
         ran = [e for e in entries if not e.failed]
@@ -275,41 +276,42 @@ def candidates(search: Search, found: Decision, named: Sequence[str], study: Stu
                                   rejected_because="could not be fitted"))
             continue
         without = best_without(search, found.winner, name)
-        holds = best.get(name) or max(ran, key=lambda e: _over(_finished(search, e, name), found.winner))
-        accepted = name in {*map(plain, named), *present}
-        why = "" if accepted else doubt if name in best else _why(search, holds, name, set(best))
+        holds = best.get(name) or max(ran, key=lambda e: _gain_over(_entry_or_parent(search, e, name), found.winner))
+        accepted = name in {*map(plain_name, named), *present}
+        why = "" if accepted else doubt if name in best else _reason_not_named(search, holds, name, set(best))
         rows.append(_row(search, found, (name, holds, without), stated, accepted, why))
     rows += _noise_row(search, found, named, stated)
-    first = {plain(name): i for i, name in enumerate(named)}
+    first = {plain_name(name): i for i, name in enumerate(named)}
     return tuple(sorted(rows, key=lambda c: (first.get(c.effect, len(first)), not c.accepted, bool(c.rejected_because),
                                              c.rmse is None, -(c.gain_beyond_noise or 0.0))))
 
 
 def best_without(search: Search, winner: Entry, name: str) -> Entry:
     """The best node that passed and lacks an effect, by its plain name; the winner where none does."""
-    rivals = [e for e in search.memo.values() if e.passed and not e.failed and name not in map(plain, e.spec.effects)]
-    return max(rivals, key=lambda e: _over(e, winner), default=winner)
+    rivals = [e for e in search.memo.values()
+              if e.passed and not e.failed and name not in map(plain_name, e.spec.effects)]
+    return max(rivals, key=lambda e: _gain_over(e, winner), default=winner)
 
 
-def _over(entry: Entry, other: Entry) -> float:
+def _gain_over(entry: Entry, other: Entry) -> float:
     return entry.scored.done.gain_over(other.scored.done)
 
 
-def _finished(search: Search, entry: Entry, name: str) -> Entry:
+def _entry_or_parent(search: Search, entry: Entry, name: str) -> Entry:
     """The entry, or its parent where that does better without the effect that the entry adds."""
-    parent = search.memo.get(entry.parent or "") if entry.op == ADD and plain(entry.what) == name else None
-    return entry if parent is None or parent.failed or _over(entry, parent) >= 0.0 else parent
+    parent = search.memo.get(entry.parent or "") if entry.op == ADD and plain_name(entry.what) == name else None
+    return entry if parent is None or parent.failed or _gain_over(entry, parent) >= 0.0 else parent
 
 
 def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: Mapping[str, ErrorSummary],
          accepted: bool, why: str) -> Candidate:
     """The candidate of an effect, of the entry that holds it, and of the best one without it."""
     name, holds, without = of
-    model, scored = _finished(search, holds, name), holds.scored
-    error = _error(model, stated)
-    gain = _over(model, without)
-    whole = next(n for n in physical(holds.spec) if plain(n) == name)
-    alike = tuple(dict.fromkeys(plain(n) for e in found.equivalents if name not in map(plain, e.effects)
+    model, scored = _entry_or_parent(search, holds, name), holds.scored
+    error = _errors_of(model, stated)
+    gain = _gain_over(model, without)
+    whole = next(n for n in physical_effects(holds.spec) if plain_name(n) == name)
+    alike = tuple(dict.fromkeys(plain_name(n) for e in found.equivalents if name not in map(plain_name, e.effects)
                                 for n in e.effects if n not in found.winner.spec.effects)) if accepted else ()
     failed = next((g.reason for g in holds.gates if not g.passed), "")
     said = f"{whole} explains it, {gain:.0f} BIC beyond noise" if accepted else \
@@ -317,13 +319,13 @@ def _row(search: Search, found: Decision, of: tuple[str, Entry, Entry], stated: 
     if accepted:
         said = in_brief(whole, rows_in(whole, scored.done.model, scored.done.values, scored.done.evaluated)) + said
         said += _other_tags(search, whole, holds)
-        said += "".join(f"; but {g.reason}" for g in holds.gates if g.name == LASTS and plain(holds.what) == name)
-        said += f"; what would settle it: {test}" if (test := settling(whole, alike)) else ""
+        said += "".join(f"; but {g.reason}" for g in holds.gates if g.name == LASTS and plain_name(holds.what) == name)
+        said += f"; what would settle it: {test}" if (test := deciding_measurement(whole, alike)) else ""
     done = scored.done
-    better, blocks = blocks_won(_held(model), _held(without)) if accepted else (None, None)
+    better, blocks = blocks_won(_held_out_errors(model), _held_out_errors(without)) if accepted else (None, None)
     return Candidate(
         name, accepted, error.best, error.rmse_holdout, error.rmse_one_step_holdout,
-        drop_percent(_error(without, stated).best, error.best),
+        drop_percent(_errors_of(without, stated).best, error.best),
         drop_percent(without.scored.done.innovation_sd, model.scored.done.innovation_sd), gain, alike, None,
         rows_in(whole, done.model, done.values, done.evaluated), said, parse(whole)[1],
         gain_beyond_noise=gain, rejected_because=why, blocks_better=better, blocks=blocks)
@@ -345,19 +347,19 @@ def in_brief(name: str, rows: Sequence[ParameterValue]) -> str:
 
 def _other_tags(search: Search, name: str, holds: Entry) -> str:
     """The next tags in the place of a named one, by the gain that each has less; empty where none was asked."""
-    others = {e.what: -_over(e, holds) for e in search.memo.values()
+    others = {e.what: -_gain_over(e, holds) for e in search.memo.values()
               if e.op == ADD and not e.failed and e.parent == holds.parent and e.what != name
-              and plain(e.what) == plain(name)}
+              and plain_name(e.what) == plain_name(name)}
     said = [f"{parse(other)[1]} ({less:.0f} BIC less)" for other, less in sorted(others.items(), key=lambda o: o[1])]
     return f"; behind it {', '.join(said)}" if said else ""
 
 
-def _held(entry: Entry) -> Held | None:
+def _held_out_errors(entry: Entry) -> Held | None:
     """The held-out errors of a node; one that an earlier search fitted brings none."""
     return entry.scored.held or held_out(entry.scored.done)
 
 
-def _error(entry: Entry, stated: Mapping[str, ErrorSummary]) -> ErrorSummary:
+def _errors_of(entry: Entry, stated: Mapping[str, ErrorSummary]) -> ErrorSummary:
     """The errors of a node: those of the study where it is a step of it."""
     held = entry.scored.held
     return stated.get(key(entry.spec)) or ErrorSummary(
@@ -371,18 +373,18 @@ def _noise_row(search: Search, found: Decision, named: Sequence[str],
     if not name:
         return ()
     numbers = noise_values(name, done.taps, done.increments, done.innovation_sd, done.model.step_s, done.model.pace)
-    accepted = name in map(plain, named)
-    return (Candidate(name, accepted, _error(found.winner, stated).best, None, None, 0.0, None, None, (), None,
+    accepted = name in map(plain_name, named)
+    return (Candidate(name, accepted, _errors_of(found.winner, stated).best, None, None, 0.0, None, None, (), None,
                       rows_for(name, numbers), f"{name}: every model is completed with it before effects are compared",
                       gain_beyond_noise=0.0, rejected_because="" if accepted else "every model is given it"),)
 
 
-def _why(search: Search, entry: Entry, name: str, winner: Set[str]) -> str:
+def _reason_not_named(search: Search, entry: Entry, name: str, winner: Set[str]) -> str:
     """The reason why an effect is not named, as a short phrase; `winner` holds the effects of the answer."""
     if not entry.scored.full:
         return "only a first look"
     failed = next((g.name for g in entry.gates if not g.passed), "")
-    needless = winner <= set(map(plain, entry.spec.effects)) or _finished(search, entry, name) is not entry
+    needless = winner <= set(map(plain_name, entry.spec.effects)) or _entry_or_parent(search, entry, name) is not entry
     return SHORT.get(failed, "does as well without" if needless else "explains less")
 
 
@@ -404,7 +406,7 @@ def missing_reason(winner: Entry, white: bool, unseen: bool = False, shape: Unex
             "what the model leaves is coloured noise, or what the output did between the samples of "
             f"{done.model.step_s:g} s; these look alike: export at the controller's scan")
     if shape is not None:
-        return said_missing(shape)
+        return missing_words(shape)
     rest = f" (not asked: {', '.join(unasked)})" if unasked else ""
     return (f"something is missing that the effects asked so far do not explain{rest}: the innovations of the best "
             "model still answer past valve positions, the signals or time")

@@ -17,27 +17,27 @@ import numpy as np
 from ..effects import parse
 from ..errors import ModelError
 from ..fit.cross_validation import held_out
-from ..fit.moves import descended, movable
+from ..fit.moves import descend_model, movable_parameters
 from ..fit.noise.completion import Refit
-from ..fit.plateau import settled_on_plateau
+from ..fit.plateau import settle_on_plateau
 from ..fit.starts.beside_effect import RESTING, on_valve
 from ..fit.starts.same_slips import FURTHER_LAG, JUMPS, SHIFTS, with_same_slips
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import BASE, Spec
 from ..record.loop import Loop
 from ..record.tree import Gate
 from .entry import ADD, DROP, ROOT, Entry
 from .gates import margin_of
 from .looks import rng_of
-from .node import LAG, additions, depth, key, node, physical, plain, with_effect, without
+from .node import LAG, additions, depth, drop_from, key, node, physical_effects, plain_name, with_effect
 from .policy import Policy
-from .score import Scored, completed, glanced
+from .score import Scored, complete_as_is, complete_with_noise
 
 
-def odd(entry: Entry, policy: Policy, *, lasting: bool) -> bool:
+def doubts_valve(entry: Entry, policy: Policy, *, lasting: bool) -> bool:
     """True for a slip jump beyond the stickband; with budget `lasting`, also for a base far from its innovations."""
     return jumps_past(entry) or (lasting and entry.spec.held and not depth(entry.spec)
-                                 and not entry.scored.nearly(policy))
+                                 and not entry.scored.leaves_little(policy))
 
 
 def jumps_past(entry: Entry) -> bool:
@@ -51,26 +51,26 @@ def least_cost(name: str, without: Entry, policy: Policy) -> float:
 
     A valve that slides (`without` the rest) with a slip jump beyond its stickband must beat one that rests.
     """
-    if plain(name) == RESTING and jumps_past(without):
+    if plain_name(name) == RESTING and jumps_past(without):
         return -policy.margin
     return margin_of(name, policy, without.scored.done)
 
 
-def judged_drop(name: str, without: Entry, before: Scored, policy: Policy) -> tuple[Gate, ...]:
+def judge_drop(name: str, without: Entry, before: Scored, policy: Policy) -> tuple[Gate, ...]:
     """The gate of an odd valve that came from one that rests and does not do clearly better; empty for others."""
     least, cost = least_cost(name, without, policy), before.done.gain_over(without.scored.done)
     return (Gate("rest", False, "its slip jump exceeds its stickband: a valve that rests does as well"),) \
         if least < 0.0 and cost >= least else ()
 
 
-def lasting(memo: Mapping[str, Entry], entry: Entry) -> list[str]:
+def lasting_disturbances(memo: Mapping[str, Entry], entry: Entry) -> list[str]:
     """Disturbances that last beside other nodes and that a node which leaves more than noise lacks."""
-    have = {plain(name) for name in physical(entry.spec)}
-    names = dict.fromkeys(e.what for e in memo.values() if e.lasts and e.passed and plain(e.what) not in have)
+    have = {plain_name(name) for name in physical_effects(entry.spec)}
+    names = dict.fromkeys(e.what for e in memo.values() if e.lasts and e.passed and plain_name(e.what) not in have)
     return [] if entry.scored.noise_alone else list(names)
 
 
-def rests_instead(done: Refit, name: str) -> dict[str, float]:
+def resting_values(done: Refit, name: str) -> dict[str, float]:
     """Named values of a valve that rests, with the slips and the swings between them of one with effect `name`."""
     model, values, natural = done.model, done.values[:, None], parse(name)[0].natural
     assert natural is not None
@@ -79,19 +79,19 @@ def rests_instead(done: Refit, name: str) -> dict[str, float]:
     return {**model.named(done.values), "S": float(swing[0]), "J": float(slip[0]), **rests}
 
 
-def beside(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,
-           policy: Policy, *, better: bool) -> bool:
+def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,
+                   policy: Policy, *, better: bool) -> bool:
     """True where nodes with the slips of an entry were put in the memo: those that come near and are better than known.
 
     With `better` they must gain as much as a change of structure does, and leave white innovations. Far from the noise
     the slips are not known either.
     """
-    if not entry.scored.nearly(policy):
+    if not entry.scored.leaves_little(policy):
         return False
     least, found = policy.structure_margin if better else -policy.alike, False
-    for spec in alike(entry, loop, only):
+    for spec in specs_with_same_slips(entry, loop, only):
         own = key(spec) == key(entry.spec)
-        done = fitted_alike(entry, spec, seed, policy, policy.better_fit if own else least)
+        done = fit_same_slips(entry, spec, seed, policy, policy.better_fit if own else least)
         if done is None or (better and not (own or done.white)):
             continue
         known = memo.get(key(spec))
@@ -102,28 +102,29 @@ def beside(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: fro
             known.scored = scored
             if own:
                 # (from a better point the way may go on)
-                beside(memo, entry, loop, only, seed, policy, better=better)
+                add_same_slips(memo, entry, loop, only, seed, policy, better=better)
                 break
             continue
-        new = [n for n in physical(spec) if n not in entry.spec.effects]
+        new = [n for n in physical_effects(spec) if n not in entry.spec.effects]
         what = LAG if new == [LAG] else RESTING
         child = memo[key(spec)] = Entry(spec, scored, key(entry.spec), ADD if new else DROP, what)
-        child.gates = () if new else judged_drop(RESTING, child, entry.scored, policy)
+        child.gates = () if new else judge_drop(RESTING, child, entry.scored, policy)
     return found
 
 
-def alike(entry: Entry, loop: Loop, only: frozenset[str] | None) -> list[Spec]:
+def specs_with_same_slips(entry: Entry, loop: Loop, only: frozenset[str] | None) -> list[Spec]:
     """The nodes that slips of an entry may belong to: itself, the other kind of valve, and both with a further lag.
 
     The lag is left out where the entry is white. Empty where the record or the node has no second kind of valve.
     """
     spec, model, soft = entry.spec, entry.scored.done.model, entry.scored.done.increments
     others = [e for n, e in zip(model.names, model.effects, strict=True) if on_valve(e) and n != RESTING]
-    if not spec.held or spec.friction_free or others or model.law.one_parameter or not movable(model)[:2].all():
+    fixed = model.law.one_parameter or not movable_parameters(model)[:2].all()
+    if not spec.held or spec.friction_free or others or fixed:
         return []
     found, more = [spec], additions(spec, loop, only)
     if RESTING in spec.effects:
-        found.append(without(spec, (RESTING,)))
+        found.append(drop_from(spec, (RESTING,)))
     elif RESTING in more:
         found.append(with_effect(spec, RESTING))
     if LAG in more and not entry.scored.white:
@@ -131,12 +132,12 @@ def alike(entry: Entry, loop: Loop, only: frozenset[str] | None) -> list[Spec]:
     return [node(s, soft=soft) for s in found]
 
 
-def fitted_alike(entry: Entry, spec: Spec, seed: int, policy: Policy, least: float) -> Refit | None:
+def fit_same_slips(entry: Entry, spec: Spec, seed: int, policy: Policy, least: float) -> Refit | None:
     """A node fitted from the valves that slip as that of an entry does; None where it gains less than the least BIC."""
     before = entry.scored.done
     loop = before.model.loop
-    model, white = (bound(loop, s, s_max=before.model.s_max, period_s=before.model.period_s,
-                          residual=before.evaluated.left)
+    model, white = (bind_model(loop, s, s_max=before.model.s_max, period_s=before.model.period_s,
+                               residual=before.evaluated.left)
                     for s in (spec, replace(spec, taps=before.spec.taps, increments=before.spec.increments)))
     values = white.vector(before.model.named(before.values))
     ends = {RESTING: np.inf, LAG: FURTHER_LAG * values[3]}
@@ -152,20 +153,20 @@ def fitted_alike(entry: Entry, spec: Spec, seed: int, policy: Policy, least: flo
         # The best of every dead time: with a lag that is not settled the right one does no better at first.
         order = np.lexsort((white.costs_of(trial), trial[4]))
         best_of = order[np.unique(trial[4, order], return_index=True)[1]]
-        found = descended(white, white.cube(trial[:, best_of]), held=(0, *white.forces))
+        found = descend_model(white, white.cube(trial[:, best_of]), held=(0, *white.forces))
         if not np.isfinite(found.costs[0]):
             return None
-        best = white.values(settled_on_plateau(white, found.points[0])[None])[:, 0]
+        best = white.values(settle_on_plateau(white, found.points[0])[None])[:, 0]
         there = model.vector(white.named(best))
-        if glanced(model, there).gain_over(before) < least - policy.alike:
+        if complete_as_is(model, there).gain_over(before) < least - policy.alike:
             return None
-        done = completed(model, there, before.values[None, :len(BASE)], rng_of(seed, key(spec), 2), policy)
+        done = complete_with_noise(model, there, before.values[None, :len(BASE)], rng_of(seed, key(spec), 2), policy)
         return done if done.gain_over(before) >= least else None
     except (ModelError, np.linalg.LinAlgError):
         return None
 
 
-def settling(name: str, rivals: tuple[str, ...]) -> str:
+def deciding_measurement(name: str, rivals: tuple[str, ...]) -> str:
     """One test in words that tells an effect from its rivals; empty where nothing rivals it."""
     mine = parse(name)[0]
     for rival in rivals:

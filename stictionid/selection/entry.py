@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from ..fit.starts.beside_effect import RESTING
 from ..model.spec import Spec
 from ..record.tree import Gate
-from .gates import FREE_RUN, LASTS, SCANS, SLIP, Edge, judged, judged_change, margin_of
+from .gates import FREE_RUN, LASTS, SCANS, SLIP, Edge, judge_change, judge_edge, margin_of
 from .looks import Packed, Task
-from .node import depth, key, slips_like_rests, what_of, with_effect, without
+from .node import depth, drop_from, key, slips_like_rests, what_of, with_effect
 from .policy import Policy
 from .score import Scored
 
@@ -35,7 +35,7 @@ class Entry:
     settled: bool = False
     failed: str = ""
 
-    def seen(self, look: Packed | None) -> Scored:
+    def score_of_look(self, look: Packed | None) -> Scored:
         """Score of a look that waits, and of the node for any other."""
         return self.glimpse if self.glimpse is not None and look is self.look else self.scored
 
@@ -63,7 +63,7 @@ class Entry:
             met.add(name)
             entry = before
         if slips := slips_like_rests(self.spec):
-            rests = memo.get(key(with_effect(without(self.spec, (slips,)), RESTING)))
+            rests = memo.get(key(with_effect(drop_from(self.spec, (slips,)), RESTING)))
             credit -= policy.margin if rests is not None and rests.passed and not rests.failed else 0.0
         return credit
 
@@ -77,7 +77,7 @@ class Entry:
         failed = [g.name for g in self.gates if not g.passed]
         return self.scored.full and (failed in ([SCANS], [SLIP]) or (failed == [FREE_RUN] and not depth(self.spec)))
 
-    def nearly(self, parent: str, before: Scored, policy: Policy) -> bool:
+    def is_near_noise(self, parent: str, before: Scored, policy: Policy) -> bool:
         """True for a full child of a node (its key and score) that gains, and nearly is the noise, but is not settled.
 
         Its innovations are white, or its free run has no noise model; that model carries a little of the free run.
@@ -85,10 +85,10 @@ class Entry:
         scored = self.scored
         return (self.parent == parent and scored.full and not self.failed and not self.settled
                 and (scored.white or scored.free_run_at_noise)
-                and scored.done.gain_over(before.done) >= policy.structure_margin and scored.nearly(policy))
+                and scored.done.gain_over(before.done) >= policy.structure_margin and scored.leaves_little(policy))
 
 
-def sound(memo: Mapping[str, Entry], entry: Entry) -> Entry:
+def last_passed(memo: Mapping[str, Entry], entry: Entry) -> Entry:
     """The last entry up to this one that passed every gate; of a circle, where two are parents of each other, any."""
     met = {key(entry.spec)}
     while not entry.passed and (name := entry.parent or "") in memo and name not in met:
@@ -97,15 +97,15 @@ def sound(memo: Mapping[str, Entry], entry: Entry) -> Entry:
     return entry
 
 
-def reached(parent: Entry, task: Task, scored: Scored, look: Packed | None = None) -> Entry:
+def new_entry(parent: Entry, task: Task, scored: Scored, look: Packed | None = None) -> Entry:
     """Memory of the node that a task leads to from its parent."""
     return Entry(task.spec, scored, key(parent.spec), ADD if task.added else SWAP,
                  task.added or what_of(task.spec, parent.spec), look=look)
 
 
-def broken(parent: Entry, task: Task, answer: Packed) -> Entry:
+def failed_entry(parent: Entry, task: Task, answer: Packed) -> Entry:
     """Memory of an edge whose fit failed."""
-    return replace(reached(parent, task, parent.scored), failed=answer.failed,
+    return replace(new_entry(parent, task, parent.scored), failed=answer.failed,
                    gates=(Gate("fit", False, answer.failed),))
 
 
@@ -119,7 +119,7 @@ def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer
     name, known = key(task.spec), memo.get(key(task.spec))
     if known is not None and not known.failed:
         gain = scored.done.gain_over(known.scored.done)
-        freer = not scored.full and scored.rmse**2 * policy.better_base < known.seen(known.look).rmse ** 2
+        freer = not scored.full and scored.rmse**2 * policy.better_base < known.score_of_look(known.look).rmse ** 2
         if known.scored.full:
             if not scored.full:
                 known.look, known.glimpse = (answer, scored) if freer else (known.look, known.glimpse)
@@ -131,7 +131,7 @@ def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer
                 return
         elif not scored.full and gain <= 0.0 and not freer:
             return
-    memo[name] = replace(reached(parent, task, scored, answer), asked=known is not None and known.asked)
+    memo[name] = replace(new_entry(parent, task, scored, answer), asked=known is not None and known.asked)
 
 
 def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, base: Scored | None, blurred: bool) -> None:
@@ -145,5 +145,5 @@ def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, base
     for e in children:
         if e.scored.full:
             edge = Edge(e.what, e.scored, entry.scored, policy, rest, blurred, entry.tentative,
-                        sound(memo, entry).scored, base)
-            e.gates = judged(edge) if e.op == ADD else judged_change(edge)
+                        last_passed(memo, entry).scored, base)
+            e.gates = judge_edge(edge) if e.op == ADD else judge_change(edge)

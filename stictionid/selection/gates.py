@@ -20,14 +20,14 @@ from ..fit.starts.beside_effect import RESTING, on_valve
 from ..model.spec import INTEGRATOR
 from ..process.intersample import kicks
 from ..record.tree import Gate
-from .node import BASE_EFFECTS, local, plain, shapes
+from .node import BASE_EFFECTS, is_local, plain_name, shapes_process
 from .policy import Policy
 from .score import Scored
 
 
 def margin_of(name: str, policy: Policy, done: Refit) -> float:
     """BIC that an effect must gain to be named, and cost to stay; the completed model holds it or lacks it."""
-    if plain(name) in BASE_EFFECTS:
+    if plain_name(name) in BASE_EFFECTS:
         return policy.structure_margin
     return policy.margin + by_choice(name, done)
 
@@ -74,7 +74,7 @@ class Edge:
     @property
     def local(self) -> bool:
         """True for an effect that acts at a place of the record: a disturbance, or friction that changes with time."""
-        return local(parse(self.name)[0])
+        return is_local(parse(self.name)[0])
 
     @property
     def freed(self) -> bool:
@@ -98,8 +98,8 @@ class Edge:
 
         The command must be known. Beside something else that is missing a rest may imitate it.
         """
-        return plain(self.name) == RESTING and not self.blurred and self.child.done.model.spec.held \
-            and self.child.bare(self.policy)
+        return plain_name(self.name) == RESTING and not self.blurred and self.child.done.model.spec.held \
+            and self.child.needs_no_noise_model(self.policy)
 
     @property
     def by_forces(self) -> bool:
@@ -120,7 +120,7 @@ class Edge:
         return done.model.spec.process == INTEGRATOR and self.before.rmse**2 - self.child.rmse**2 > shift**2
 
 
-def _gains(edge: Edge) -> str:
+def _check_gain(edge: Edge) -> str:
     enough = edge.gain >= edge.margin
     return "" if enough else f"it gains {edge.gain:.0f} BIC over its parent, {edge.margin:g} name an effect"
 
@@ -137,7 +137,7 @@ def _is_there(edge: Edge) -> str:
     return "its refit ended where it vanishes" if vanished else ""
 
 
-def _blocks(edge: Edge) -> str:
+def _check_blocks(edge: Edge) -> str:
     """Reject an effect that does not lower the one-step error in most blocks of the record, nor halves the free run.
 
     Beside a model far from the noise a limit that the stem meets in two blocks may cost a little in another one.
@@ -165,11 +165,11 @@ def _held_out(edge: Edge) -> str:
     far = not edge.child.done.increments and after is not None and before is not None \
         and 2 * after.rmse <= before.rmse
     excused = edge.freed or edge.by_forces or edge.another_valve
-    return "" if excused or holds(after, before, edge.policy, either=edge.local or far) else \
+    return "" if excused or lowers_held_out_error(after, before, edge.policy, either=edge.local or far) else \
         "it predicts held-out blocks no better"
 
 
-def holds(after: Held | None, before: Held | None, policy: Policy, *, either: bool = False) -> bool:
+def lowers_held_out_error(after: Held | None, before: Held | None, policy: Policy, *, either: bool = False) -> bool:
     """True where the held-out one-step error falls, in all and in the middle block, or where none could be held out.
 
     With `either` one of the two is enough: a drift may leave most blocks as they are, and nobody can predict a step
@@ -182,7 +182,7 @@ def holds(after: Held | None, before: Held | None, policy: Policy, *, either: bo
     return whole or middle if either else whole and middle
 
 
-def _strokes(edge: Edge) -> str:
+def _check_strokes(edge: Edge) -> str:
     """Reject an effect on the valve whose gain comes from a few strokes, by chance among all effects asked.
 
     Rounding, an unseen scan or a stem with mass makes single slips early or late, and a few numbers more of a valve put
@@ -191,7 +191,8 @@ def _strokes(edge: Edge) -> str:
     """
     freer = (edge.child.rmse * edge.policy.nearly <= edge.parent.rmse and not edge.blurred
              and edge.child.done.model.spec.process != INTEGRATOR)
-    if not on_valve(parse(edge.name)[0]) or plain(edge.name) in BASE_EFFECTS or edge.freed or edge.by_forces or freer:
+    if not on_valve(parse(edge.name)[0]) or plain_name(edge.name) in BASE_EFFECTS \
+            or edge.freed or edge.by_forces or freer:
         return ""
     score, least = stroke_score(edge.parent.done, edge.child.done), chance_limit(edge.policy)
     enough = score >= least
@@ -231,7 +232,7 @@ def _in_range(edge: Edge) -> str:
     return ""
 
 
-def _slip(edge: Edge) -> str:
+def _check_slip(edge: Edge) -> str:
     """Reject a step or ramp of an integrator that may be one slip in the wrong place, which adds up to one.
 
     It is believed only where it explains more than one slip, or the free run with it is at the noise. Under a held
@@ -247,7 +248,7 @@ def _slip(edge: Edge) -> str:
     return "one slip in the wrong place of an integrator looks the same"
 
 
-def _kick(edge: Edge) -> str:
+def _check_kick(edge: Edge) -> str:
     """Reject a step near a setpoint move that kicked an output which moves between samples.
 
     The valve may have stopped elsewhere: what the output did just before and after lies between the samples. It stays
@@ -284,7 +285,7 @@ def _beyond_rest(edge: Edge) -> str:
     return ""
 
 
-def _sticks(edge: Edge) -> str:
+def _check_friction(edge: Edge) -> str:
     """Reject an effect of friction or process beside a valve that might as well follow its command.
 
     Without friction y answers its command at the period of the loop alone: any process with that gain and phase will
@@ -293,7 +294,7 @@ def _sticks(edge: Edge) -> str:
     """
     effect, child = parse(edge.name)[0], edge.child
     swings = edge.blurred and any(p.name == "period_s" for p in effect.parameters)
-    if (effect.friction is None and not swings and not shapes(effect)) or child.done.increments \
+    if (effect.friction is None and not swings and not shapes_process(effect)) or child.done.increments \
             or child.without_friction > edge.policy.carried * child.rmse:
         return ""
     return "beside it the valve might as well follow its command"
@@ -311,20 +312,20 @@ def _beyond_scans(edge: Edge) -> str:
     Beside an effect that fails here both together must. A better base than the parent sets the measure: scans that were
     taken wrong look like an effect beside a wrong base.
     """
-    child, parent, names = edge.child, edge.before, plain(edge.name) not in BASE_EFFECTS
+    child, parent, names = edge.child, edge.before, plain_name(edge.name) not in BASE_EFFECTS
     if edge.base is not None and names and edge.base.done.gain_over(parent.done) > 0.0:
         parent = edge.base
     freed = edge.freed and not edge.tentative
     beyond = child.rmse <= parent.rmse / 2 \
         or child.done.innovation_sd <= (1.0 - edge.policy.beyond_scans) * parent.done.innovation_sd
-    if not edge.blurred or freed or child.bare(edge.policy) \
+    if not edge.blurred or freed or child.needs_no_noise_model(edge.policy) \
             or (beyond and not (names and on_valve(parse(edge.name)[0]))) \
             or (names and stroke_score(parent.done, child.done, paid=True) >= chance_limit(edge.policy)):
         return ""
     return "the unknown course of the output between the samples may explain as much: export faster"
 
 
-def lasts(name: str, child: Scored, parent: Scored, policy: Policy) -> bool:
+def outlasts_noise(name: str, child: Scored, parent: Scored, policy: Policy) -> bool:
     """True for a disturbance that takes half of the free run or more, where the parent's noise seldom imitates one.
 
     A noise model of long memory holds any slow disturbance, so that the one-step error gains nothing by its name. Yet
@@ -337,9 +338,10 @@ def lasts(name: str, child: Scored, parent: Scored, policy: Policy) -> bool:
 
 GAIN, HELD_OUT, LASTS, SCANS, FREE_RUN, SLIP = "gain", "held-out", "lasts", "scans", "free-run", "slip"
 GATES: tuple[tuple[str, Callable[[Edge], str]], ...] = (
-    (GAIN, _gains), ("there", _is_there), ("blocks", _blocks), ("strokes", _strokes), (HELD_OUT, _held_out),
-    (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _slip), ("kick", _kick), ("rest", _beyond_rest),
-    ("friction", _sticks), (SCANS, _beyond_scans))
+    (GAIN, _check_gain), ("there", _is_there), ("blocks", _check_blocks), ("strokes", _check_strokes),
+    (HELD_OUT, _held_out),
+    (FREE_RUN, _free_run), ("range", _in_range), (SLIP, _check_slip), ("kick", _check_kick), ("rest", _beyond_rest),
+    ("friction", _check_friction), (SCANS, _beyond_scans))
 # Each gate's answer in a few words, for the ranking of all effects.
 SHORT = {GAIN: "gains too little", "there": "ends where it vanishes", "blocks": "helps in few blocks",
          "strokes": "helps in few strokes", HELD_OUT: "predicts no better", FREE_RUN: "makes the free run worse",
@@ -348,7 +350,7 @@ SHORT = {GAIN: "gains too little", "there": "ends where it vanishes", "blocks": 
          SCANS: "may be unseen scans"}
 
 
-def judged(edge: Edge) -> tuple[Gate, ...]:
+def judge_edge(edge: Edge) -> tuple[Gate, ...]:
     """All gates of an edge, with the reasons of those that it does not pass.
 
     A disturbance that lasts passes those of the one-step error, with one gate more that says so. An integrator adds up
@@ -358,13 +360,13 @@ def judged(edge: Edge) -> tuple[Gate, ...]:
     failed = {g.name for g in gates if not g.passed}
     slips = edge.blurred and edge.child.done.model.spec.process == INTEGRATOR and not edge.beyond_slip
     if not failed or not failed <= {GAIN, HELD_OUT} or slips \
-            or not lasts(edge.name, edge.child, edge.parent, edge.policy):
+            or not outlasts_noise(edge.name, edge.child, edge.parent, edge.policy):
         return gates
     said = Gate(LASTS, True, "it halves the free run, and no draw of the noise without it looks so much like it")
     return (*(g if g.passed else Gate(g.name, True, "") for g in gates), said)
 
 
-def judged_change(edge: Edge) -> tuple[Gate, ...]:
+def judge_change(edge: Edge) -> tuple[Gate, ...]:
     """The gate of another process or command: its gain in BIC."""
     enough = edge.gain >= edge.policy.structure_margin
     return (Gate("gain", enough, "" if enough else f"it gains {edge.gain:.0f} BIC over its parent"),)

@@ -8,30 +8,30 @@ from dataclasses import replace
 import numpy as np
 
 from ..effects import noises_in
-from ..fit.add_effect import polished
+from ..fit.add_effect import polish_last
 from ..fit.adequacy import CONDITIONAL
 from ..fit.context import Run
-from ..fit.fit import Fitted, finish, reaching_also
-from ..fit.intervals.along_path import finished_along
-from ..fit.moves import descended
-from ..fit.noise.completion import Refit, likelier, quick
-from ..fit.noise.prewhitening import whitened
+from ..fit.fit import Fitted, finish_fit, include_intervals
+from ..fit.intervals.along_path import finish_along
+from ..fit.moves import descend_model
+from ..fit.noise.completion import Refit, complete_quickly, place_slips
+from ..fit.noise.prewhitening import whiten_model
 from ..model.model import Model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec
 from ..record.loop import Finding
 from ..record.study import Step
 from ..typing import FloatArray
 from .entry import Entry
-from .node import key, node, physical, with_effect, without
-from .score import Scored, glanced
+from .node import drop_from, key, node, physical_effects, with_effect
+from .score import Scored, complete_as_is
 from .search import Search
 
 Rung = tuple[Spec, FloatArray]
 
 
-def ordered(search: Search, winner: Entry, base: Sequence[str] = (),
-            given: Sequence[str] = ()) -> tuple[tuple[str, ...], list[Rung]]:
+def order_ladder(search: Search, winner: Entry, base: Sequence[str] = (),
+                 given: Sequence[str] = ()) -> tuple[tuple[str, ...], list[Rung]]:
     """The winner's effects in the order of their gain, and specification and values (d,) of every rung, the base first.
 
     Effects of the `base` are in every rung. Those with a `given` order keep it, and come before the others. A rung is
@@ -40,11 +40,11 @@ def ordered(search: Search, winner: Entry, base: Sequence[str] = (),
     wrong slips add up, and so has a lag of many periods. Its last rung has levels where the winner leaves next to
     nothing but noise in them.
     """
-    left = [name for name in physical(winner.spec) if name not in base]
+    left = [name for name in physical_effects(winner.spec) if name not in base]
     order: list[str] = []
     first = [name for name in given if name in left]
-    spec = node(without(winner.spec, left),
-                soft=winner.scored.done.increments and winner.scored.endless(search.policy))
+    spec = node(drop_from(winner.spec, left),
+                soft=winner.scored.done.increments and winner.scored.acts_as_integrator(search.policy))
     rungs = [_rung(search, winner, spec)[:2]]
     while left:
         asked = first[len(order):len(order) + 1] or left
@@ -64,8 +64,8 @@ def ordered(search: Search, winner: Entry, base: Sequence[str] = (),
 def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, float]:
     """Specification, values (d,) and BIC of one rung in the winner's form."""
     best = winner.scored.done
-    model = bound(best.model.loop, spec, s_max=best.model.s_max, period_s=best.model.period_s,
-                  residual=best.evaluated.left)
+    model = bind_model(best.model.loop, spec, s_max=best.model.s_max, period_s=best.model.period_s,
+                       residual=best.evaluated.left)
     starts = [model.vector(best.model.named(best.values))]
     known = search.memo.get(key(spec))
     if known is not None and not known.failed:
@@ -74,23 +74,23 @@ def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, 
         # (slips that PV placed belong to these values)
         done = known.scored.done
         return replace(spec, paths=done.model.spec.paths), done.values, done.bic(done.good)
-    found = descended(model, model.cube(np.stack(starts, axis=1)))
+    found = descend_model(model, model.cube(np.stack(starts, axis=1)))
     values = model.values(found.points[:1])[:, 0]
     if best.model.spec.paths is not None:
-        done = likelier(quick(model, values), *starts)
+        done = place_slips(complete_quickly(model, values), *starts)
         return replace(spec, paths=done.model.spec.paths), done.values, done.bic(done.good)
-    done = glanced(model, values)
+    done = complete_as_is(model, values)
     return spec, values, done.bic(done.good)
 
 
-def fitted(model: Model, values: FloatArray, rng: np.random.Generator, *, last: bool, spans: bool = True) -> Fitted:
+def fit_rung(model: Model, values: FloatArray, rng: np.random.Generator, *, last: bool, spans: bool = True) -> Fitted:
     """A rung with its last polish and errors; the `last` one with intervals, too, unless it shall have no `spans`."""
     if model.spec.paths is not None:
-        return finished_along(model, values, last=last and spans)
+        return finish_along(model, values, last=last and spans)
     if last:
-        return polished(model, values, rng, spans=spans)
+        return polish_last(model, values, rng, spans=spans)
     point = model.cube(values[:, None])
-    return finish(model, point, model.costs(point), rng, reach=False)
+    return finish_fit(model, point, model.costs(point), rng, reach=False)
 
 
 def step_of(run: Run, fit: Fitted, added: str | None, findings: Sequence[Finding] = ()) -> Step:
@@ -112,7 +112,7 @@ def in_colour(model: Model, values: FloatArray, scored: Scored) -> Rung:
         return model.spec, values
     starts = values, model.vector(scored.done.model.named(scored.done.values))
     most = 2 * model.evaluate(values).rmse
-    found = [w for w in (whitened(model, start) for start in starts) if w.order and w.evaluated.rmse <= most]
+    found = [w for w in (whiten_model(model, start) for start in starts) if w.order and w.evaluated.rmse <= most]
     best = min(found, key=lambda w: w.innovation_sd, default=None)
     return (model.spec, values) if best is None else (best.model.spec, best.values)
 
@@ -125,18 +125,18 @@ def with_levels(run: Run, fit: Fitted, rng: np.random.Generator) -> Fitted:
     spec = fit.model.spec
     if not spec.taps or spec.increments or spec.paths is not None or noises_in(spec.effects) or not fit.intervals:
         return fit
-    levels = fitted(run.model(replace(spec, taps=())), fit.values, rng, last=True)
-    return reaching_also(fit, levels.intervals, levels.pieces)
+    levels = fit_rung(run.model(replace(spec, taps=())), fit.values, rng, last=True)
+    return include_intervals(fit, levels.intervals, levels.pieces)
 
 
 def with_noise(done: Refit, name: str, spec: Spec) -> Model:
     """The model of a node with the noise that completes it as an effect of its own."""
-    full = replace(done.spec, effects=(*physical(spec), name))
-    return bound(done.model.loop, full, s_max=done.model.s_max, period_s=done.model.period_s,
-                 residual=done.evaluated.left)
+    full = replace(done.spec, effects=(*physical_effects(spec), name))
+    return bind_model(done.model.loop, full, s_max=done.model.s_max, period_s=done.model.period_s,
+                      residual=done.evaluated.left)
 
 
-def said_noise(fit: Fitted) -> Finding:
+def noise_finding(fit: Fitted) -> Finding:
     """The finding on the noise model of a fit: its kind and its size."""
     spec, e = fit.model.spec, fit.best
     taps, sd = np.asarray(spec.taps), float(np.sqrt(fit.sse / max(e.rows, 1)))

@@ -15,49 +15,49 @@ from ..effects import parse
 from ..errors import ModelError
 from ..fit.cross_validation import Held, held_out
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.moves import descended, longest_piece, search_model, with_start
-from ..fit.noise.completion import Refit, better, likelier, restored
-from ..fit.starts.basins import grown, with_process
+from ..fit.moves import descend_model, longest_piece, search_model, with_start
+from ..fit.noise.completion import Refit, better_refit, place_slips, restore_refit
+from ..fit.starts.basins import grow_starts, with_process
 from ..fit.starts.beside_effect import (
     RESTING,
-    changes,
+    changes_friction,
     on_valve,
     open_valves,
     resting_valves,
     starting_pool,
-    undisturbed,
+    take_out_disturbances,
 )
-from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, moved
+from ..fit.starts.intersample import QUICK_SETTLE, QUICK_TURNS, let_command_move
 from ..fit.with_effect import (
     Scouted,
-    closer,
     likeliest_point,
-    looked_along,
-    scout,
-    settled,
-    widened_by,
+    look_along,
+    polish_look,
+    scout_effect,
+    settle_look,
+    widen_by,
 )
 from ..model.model import Model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import BASE, INTEGRATOR, Spec
 from ..numerics import tally
-from ..numerics.population import together
+from ..numerics.population import join_found
 from ..record.loop import Loop
 from ..typing import FloatArray
 from .node import (
     LAG,
     additions,
+    is_local,
     key,
     kind_of,
-    local,
     node,
     other_process,
-    physical,
+    physical_effects,
     valve_effects,
     with_effect,
 )
 from .policy import Policy
-from .score import WALKING, Scored, completed, glanced
+from .score import WALKING, Scored, complete_as_is, complete_with_noise
 
 # Named value of the further lag.
 _SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
@@ -137,24 +137,24 @@ class Packed:
         """
         return self.model_spec is not None and self.points is None
 
-    def scored(self, fit: Fitted) -> Scored:
+    def score_again(self, fit: Fitted) -> Scored:
         """The fit with its arrays again; one run of the model, no search."""
         assert self.model_spec is not None and self.values is not None and self.taps is not None
         before = fit.model
-        model = bound(before.loop, self.model_spec, s_max=before.s_max, period_s=before.period_s,
-                      residual=self.residual)
-        done = restored(model, self.values, self.taps, own=self.own, increments=self.increments,
-                        numbers=self.noise_numbers, prior=self.prior)
+        model = bind_model(before.loop, self.model_spec, s_max=before.s_max, period_s=before.period_s,
+                           residual=self.residual)
+        done = restore_refit(model, self.values, self.taps, own=self.own, increments=self.increments,
+                             numbers=self.noise_numbers, prior=self.prior)
         return Scored(done, self.full, self.held)
 
 
-def adding(spec: Spec, name: str) -> Task:
+def edge_adding(spec: Spec, name: str) -> Task:
     """The edge that adds an effect to a node, in levels where a walk may stand for that effect."""
     soft = spec.increments and WALKING not in parse(name)[0].confused_with
     return Task(node(with_effect(spec, name), soft=soft), name)
 
 
-def shown(ground: Ground, tasks: Sequence[Task]) -> list[Task]:
+def keep_followed_tags(ground: Ground, tasks: Sequence[Task]) -> list[Task]:
     """The tasks, of those that ask for a tag only the few whose tag the residual follows best, however little.
 
     A wrong base may hide its source, so that no threshold keeps a tag out.
@@ -173,26 +173,27 @@ def shown(ground: Ground, tasks: Sequence[Task]) -> list[Task]:
 
 def edges(spec: Spec, loop: Loop, only: Iterable[str] | None, commands: Iterable[Spec]) -> list[Task]:
     """The edges of a node: effects of the catalogue (or of `only` these), the other process, other commands."""
-    tasks = [adding(spec, name) for name in additions(spec, loop, only)]
+    tasks = [edge_adding(spec, name) for name in additions(spec, loop, only)]
     # Beside effects the valve is known; without any its basin may lie elsewhere under another process or command.
-    stage = NEAR if physical(spec) else FAR
+    stage = NEAR if physical_effects(spec) else FAR
     if not spec.fixed:
         tasks.append(Task(other_process(spec), stage=stage))
     return tasks + [Task(replace(spec, between=c.between, substeps=c.substeps), stage=stage) for c in commands
                     if c.between != spec.between]
 
 
-def performed(ground: Ground, task: Task) -> Packed:
+def perform_task(ground: Ground, task: Task) -> Packed:
     """The answer to one task; one whose numbers break down says so."""
-    before = tally.spent()
+    before = tally.samples_spent()
     tally.answers()
     try:
-        ground = _in_form(ground, task)
-        found = (_closer(ground, task) if task.stage == CLOSER else _full(ground, task) if task.look is not None else
+        ground = _match_form(ground, task)
+        found = (_polish_look(ground, task) if task.stage == CLOSER else
+                 _fit_in_full(ground, task) if task.look is not None else
                  _valves(ground, task) if task.stage in (VALVES, SPEEDS) else look_at(ground, task))
     except (ModelError, np.linalg.LinAlgError) as error:
         found = Packed(task.spec, task.added, failed=f"its refit did not converge ({error})")
-    return replace(found, spent=(tally.spent() - before) // ground.policy.unit, questions=tally.answers())
+    return replace(found, spent=(tally.samples_spent() - before) // ground.policy.unit, questions=tally.answers())
 
 
 def pool_of(fit: Fitted, seed: int) -> FloatArray:
@@ -206,13 +207,13 @@ def rng_of(seed: int, name: str, stage: int) -> np.random.Generator:
     return np.random.default_rng([seed, stage, zlib.crc32(name.encode())])
 
 
-def _in_form(ground: Ground, task: Task) -> Ground:
+def _match_form(ground: Ground, task: Task) -> Ground:
     """The ground in levels where a task has them and its parent has differences."""
     fit = ground.fit
     if not task.added or fit.model.spec.increments == task.spec.increments:
         return ground
     spec = node(fit.model.spec)
-    model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
+    model = bind_model(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
     return replace(ground, fit=as_it_stands(model, fit.values))
 
 
@@ -220,50 +221,52 @@ def look_at(ground: Ground, task: Task) -> Packed:
     """A first look at one edge: an effect added, another process, or another course of the command."""
     if ground.fit.model.spec.paths is not None and task.added and ground.fit.model.spec.increments == \
             task.spec.increments:
-        return _packed(task, looked_along(ground.fit, task.added))
+        return _pack_answer(task, look_along(ground.fit, task.added))
     rng = rng_of(ground.seed, key(task.spec), 1)
-    found = (_with_effect(ground, task, rng) if task.added else
-             _other_process(ground, task, rng) if task.spec.process != ground.fit.model.spec.process else
-             _other_command(ground, task, rng))
+    found = (_look_at_effect(ground, task, rng) if task.added else
+             _look_at_process(ground, task, rng) if task.spec.process != ground.fit.model.spec.process else
+             _look_at_command(ground, task, rng))
     if not np.isfinite(found.cost):
         return Packed(task.spec, task.added, failed="its refit found no model whose valve moves")
     # The search may run on a coarser model; the score is that of the model itself.
-    done, points = glanced(found.model, found.values), found.points[:8]
+    done, points = complete_as_is(found.model, found.values), found.points[:8]
     if task.on_valve and done.taps.size:
-        other = glanced(found.model, at := likeliest_point(found, done))
+        other = complete_as_is(found.model, at := likeliest_point(found, done))
         if other.gain_over(done) > 0.0:
             done = other
-            points = np.concatenate([found.coarse.cube(_on(found, at)[:, None]), points])
-    return _packed(task, done, points=points, cost=found.cost, gain=found.gain)
+            points = np.concatenate([found.coarse.cube(_values_on_coarse(found, at)[:, None]), points])
+    return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain)
 
 
-def _on(found: Scouted, values: FloatArray) -> FloatArray:
+def _values_on_coarse(found: Scouted, values: FloatArray) -> FloatArray:
     """Values (d,) of the model of a look on the model that was searched."""
     return found.coarse.vector(found.model.named(values))
 
 
-def _closer(ground: Ground, task: Task) -> Packed:
+def _polish_look(ground: Ground, task: Task) -> Packed:
     """A look polished with a population, on the part of a long record that a search needs."""
     look = task.look
     assert look is not None and look.points is not None and look.values is not None
     rng = rng_of(ground.seed, f"{CLOSER} {key(task.spec)}", 1)
-    short = _searched(ground.fit, task.spec, ground.policy)
-    model, coarse = widened_by(short, task.added)
+    short = _part_to_search(ground.fit, task.spec, ground.policy)
+    model, coarse = widen_by(short, task.added)
     points = look.points
     if short is not ground.fit:
-        whole = widened_by(ground.fit, task.added)[1]
+        whole = widen_by(ground.fit, task.added)[1]
         points = coarse.cube(np.array([coarse.vector(whole.named(v)) for v in whole.values(points).T]).T)
     neutral, cost = coarse.costs(np.concatenate([coarse.cube(coarse.vector(short.model.named(short.values))[:, None]),
                                                  points[:1]])).tolist()
     name = task.added if task.on_valve else ""
-    found = closer(Scouted(coarse, model, points, cost, neutral, name), task.added, rng)
+    found = polish_look(Scouted(coarse, model, points, cost, neutral, name), task.added, rng)
     if short is not ground.fit:
-        found = _on_all(found, ground.fit, task.added)
-    done, points, before = glanced(found.model, found.values), found.points[:8], glanced(found.model, look.values)
+        found = _polish_on_all(found, ground.fit, task.added)
+    done, before = (complete_as_is(found.model, values) for values in (found.values, look.values))
+    points = found.points[:8]
     if before.gain_over(done) > 0.0:
         # (less in levels, but more under the noise)
-        done, points = before, np.concatenate([found.coarse.cube(_on(found, look.values)[:, None]), points])
-    return _packed(task, done, points=points, cost=found.cost, gain=found.gain)
+        done, own = before, found.coarse.cube(_values_on_coarse(found, look.values)[:, None])
+        points = np.concatenate([own, points])
+    return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain)
 
 
 def _open_rng(ground: Ground, task: Task) -> np.random.Generator:
@@ -279,13 +282,14 @@ def _valves(ground: Ground, task: Task) -> Packed:
     model, policy = ground.fit.model, ground.policy
     samples = policy.fit_samples if task.spec.process == INTEGRATOR else \
         max(int(policy.periods * model.period_s / model.step_s), policy.valve_samples)
-    fit = ground.fit if any(changes(name) for name in task.spec.effects) else _beginning(ground.fit, samples)
-    _, coarse = widened_by(fit, task.added)
+    fit = ground.fit if any(changes_friction(name) for name in task.spec.effects) else _beginning(ground.fit, samples)
+    _, coarse = widen_by(fit, task.added)
     rng = _open_rng(ground, task) if task.stage == SPEEDS else rng_of(ground.seed, kind_of(task.spec), 1)
     if sum(map(on_valve, coarse.effects)) > 1:
         found = [coarse.named(column) for column in coarse.values(open_valves(coarse, task.added, fit, rng)).T]
     else:
-        found = resting_valves(undisturbed(coarse, fit.model, fit.values), rng, sometimes=task.stage == SPEEDS)
+        found = resting_valves(take_out_disturbances(coarse, fit.model, fit.values), rng,
+                               sometimes=task.stage == SPEEDS)
     return Packed(task.spec, task.added, valves=tuple(found))
 
 
@@ -296,37 +300,37 @@ def _beginning(fit: Fitted, samples: int) -> Fitted:
     piece = model.pieces[at].loop
     if piece.samples < 2 * samples:
         return fit
-    short = bound(piece.cut(0, samples), model.spec, s_max=model.s_max, period_s=model.period_s)
+    short = bind_model(piece.cut(0, samples), model.spec, s_max=model.s_max, period_s=model.period_s)
     return as_it_stands(short, model.of(at, fit.values))
 
 
-def _searched(fit: Fitted, spec: Spec, policy: Policy) -> Fitted:
+def _part_to_search(fit: Fitted, spec: Spec, policy: Policy) -> Fitted:
     """The fit on the part of a long record that a search needs: all of it where an effect acts at a place of it."""
-    return fit if any(local(parse(name)[0]) for name in spec.effects) else _beginning(fit, policy.fit_samples)
+    return fit if any(is_local(parse(name)[0]) for name in spec.effects) else _beginning(fit, policy.fit_samples)
 
 
-def _on_all(found: Scouted, fit: Fitted, name: str) -> Scouted:
+def _polish_on_all(found: Scouted, fit: Fitted, name: str) -> Scouted:
     """A look that was taken on the beginning of a long record, polished on all of it."""
-    model, coarse = widened_by(fit, name)
+    model, coarse = widen_by(fit, name)
     here = fit.model.named(fit.values)
     vectors = [coarse.vector({**here, **found.coarse.named(column)})
                for column in found.coarse.values(found.points[:_CARRIED]).T]
     cube = coarse.cube(np.array([coarse.vector(here), *vectors]).T)
     neutral = float(coarse.costs(cube[:1])[0])
-    near = descended(coarse, with_start(coarse, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    near = descend_model(coarse, with_start(coarse, cube), turns=QUICK_TURNS, settle=QUICK_SETTLE)
     return Scouted(coarse, model, near.points, float(near.costs[0]), neutral, found.name)
 
 
-def _with_effect(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
+def _look_at_effect(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     """A look at one effect more, on the beginning of a long record unless the effect acts at a place of it."""
-    short = _searched(ground.fit, task.spec, ground.policy)
+    short = _part_to_search(ground.fit, task.spec, ground.policy)
     if short is ground.fit:
         return _look(ground, task, rng)
-    return _on_all(_look(replace(ground, fit=short), task, rng), ground.fit, task.added)
+    return _polish_on_all(_look(replace(ground, fit=short), task, rng), ground.fit, task.added)
 
 
 def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
-    _, coarse = widened_by(ground.fit, task.added)
+    _, coarse = widen_by(ground.fit, task.added)
     known = ground.valves.get(kind_of(task.spec), ()) if task.on_valve else ()
     here = ground.fit.model.named(ground.fit.values)
     mine = {n for n in coarse.names if on_valve(parse(n)[0])}
@@ -334,11 +338,11 @@ def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
               for named in known]
     far = task.stage == FAR
     # Nodes with the same effects on the valve have the same valves, which are searched once for a record.
-    return scout(ground.fit, task.added, ground.pool, _open_rng(ground, task) if far else rng,
-                 valves=np.array(valves).reshape(-1, coarse.space.size), far=far, polish=False)
+    return scout_effect(ground.fit, task.added, ground.pool, _open_rng(ground, task) if far else rng,
+                        valves=np.array(valves).reshape(-1, coarse.space.size), far=far, polish=False)
 
 
-def _other_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
+def _look_at_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     """A look at the other process: the valves of the pool, each with the process of a grid."""
     model = bound_as(ground.fit, task.spec)
     coarse = search_model(model)
@@ -350,12 +354,12 @@ def _other_process(ground: Ground, task: Task, rng: np.random.Generator) -> Scou
         values[3] = known[_SECOND_LAG]
         starts = np.concatenate([coarse.cube(values), starts])
     if task.stage != NEAR:
-        starts = np.concatenate([starts, grown(coarse, rng)])
-    found = descended(coarse, with_start(coarse, starts), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+        starts = np.concatenate([starts, grow_starts(coarse, rng)])
+    found = descend_model(coarse, with_start(coarse, starts), turns=QUICK_TURNS, settle=QUICK_SETTLE)
     return Scouted(coarse, model, found.points, float(found.costs[0]), float(found.costs[0]))
 
 
-def _other_command(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
+def _look_at_command(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     """A look at another course of the command between samples, from the parent's point; a far one from new valves, too.
     """
     fit = ground.fit
@@ -363,54 +367,55 @@ def _other_command(ground: Ground, task: Task, rng: np.random.Generator) -> Scou
     coarse = search_model(model)
     if task.spec.held:
         start = coarse.cube(fit.values[:, None])
-        found = descended(coarse, with_start(coarse, start), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+        found = descend_model(coarse, with_start(coarse, start), turns=QUICK_TURNS, settle=QUICK_SETTLE)
     else:
-        found = moved(fit.model, fit.values, task.spec)
+        found = let_command_move(fit.model, fit.values, task.spec)
     if task.stage != NEAR:
-        fresh = with_start(coarse, grown(coarse, rng))
-        found = together(found, descended(coarse, fresh, turns=QUICK_TURNS, settle=QUICK_SETTLE))
+        fresh = with_start(coarse, grow_starts(coarse, rng))
+        found = join_found(found, descend_model(coarse, fresh, turns=QUICK_TURNS, settle=QUICK_SETTLE))
     return Scouted(coarse, model, found.points, float(found.costs[0]), float(found.costs[0]))
 
 
 def bound_as(fit: Fitted, spec: Spec) -> Model:
     """The model of a node on the record of a fit, with the residual of that fit for guesses."""
-    return bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
-                 residual=fit.best.left)
+    return bind_model(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
+                      residual=fit.best.left)
 
 
-def _full(ground: Ground, task: Task) -> Packed:
+def _fit_in_full(ground: Ground, task: Task) -> Packed:
     assert task.look is not None and task.look.residual is not None
     if task.look.along:
-        done = likelier(task.look.scored(ground.fit).done)
-        return replace(_packed(task, done), held=held_out(done), full=True)
+        done = place_slips(task.look.score_again(ground.fit).done)
+        return replace(_pack_answer(task, done), held=held_out(done), full=True)
     assert task.look.points is not None
     rng = rng_of(ground.seed, key(task.spec), 2)
     model = bound_as(ground.fit, task.spec)
     name = task.added if task.on_valve else ""
     look = Scouted(search_model(model), model, task.look.points, task.look.cost, np.inf, name)
-    short = _searched(as_it_stands(model, look.values), task.spec, ground.policy)
+    short = _part_to_search(as_it_stands(model, look.values), task.spec, ground.policy)
     if short.model is model:
-        model, values, cost = settled(look, rng)
+        model, values, cost = settle_look(look, rng)
     else:
         piece = short.model
         start = search_model(piece)
-        piece, values, _ = settled(Scouted(start, piece, start.cube(short.values[:, None]), np.inf, np.inf, name), rng)
+        piece, values, _ = settle_look(Scouted(start, piece, start.cube(short.values[:, None]), np.inf, np.inf, name),
+                                       rng)
         known = {**model.named(look.values), **piece.named(values)}
         cube = np.concatenate([look.points[:1], look.coarse.cube(look.coarse.vector(known)[:, None])])
-        near = descended(look.coarse, with_start(look.coarse, cube))
+        near = descend_model(look.coarse, with_start(look.coarse, cube))
         values, cost = look.coarse.values(near.points[:1])[:, 0], float(near.costs[0])
     if not np.isfinite(cost):
         return Packed(task.spec, task.added, failed="its refit did not converge")
-    done = completed(model, values, ground.pool, rng, ground.policy)
-    first = glanced(model, look.values)
+    done = complete_with_noise(model, values, ground.pool, rng, ground.policy)
+    first = complete_as_is(model, look.values)
     if first.gain_over(done) > 0.0:
         # A fit that ends worse than its look went to another valve, which leaves less in levels.
-        done = better(done, completed(model, first.values, ground.pool, rng, ground.policy))
-    return replace(_packed(task, done, cost=cost), held=held_out(done), full=True)
+        done = better_refit(done, complete_with_noise(model, first.values, ground.pool, rng, ground.policy))
+    return replace(_pack_answer(task, done, cost=cost), held=held_out(done), full=True)
 
 
-def _packed(task: Task, done: Refit, *, points: FloatArray | None = None, cost: float = np.inf,
-            gain: float = 0.0) -> Packed:
+def _pack_answer(task: Task, done: Refit, *, points: FloatArray | None = None, cost: float = np.inf,
+                 gain: float = 0.0) -> Packed:
     if not np.isfinite(done.innovation_sd):
         return Packed(task.spec, task.added, failed="its refit did not converge")
     return Packed(task.spec, task.added, done.model.spec, done.values, done.taps, done.own, done.increments,

@@ -9,7 +9,7 @@ from ..effects import built_in, catalogue, in_order, parse
 from ..effects.contract import Effect, Place
 from ..fit.options import check_tag
 from ..fit.starts.beside_effect import RESTING, on_valve
-from ..model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec, suited
+from ..model.spec import FIRST_ORDER, INTEGRATOR, SOFT, Spec, suited_effects
 from ..record.loop import Loop
 
 LAG = built_in(lambda effect: effect.by_itself and effect.place is Place.PROCESS)
@@ -17,22 +17,22 @@ LAG = built_in(lambda effect: effect.by_itself and effect.place is Place.PROCESS
 BASE_EFFECTS = frozenset({LAG, RESTING})
 
 
-def plain(name: str) -> str:
+def plain_name(name: str) -> str:
     """The effect's name without variant and tag."""
     return parse(name)[0].name
 
 
-def local(effect: Effect) -> bool:
+def is_local(effect: Effect) -> bool:
     """True for an effect that acts at a place of the record: a disturbance, or friction that changes with time."""
     return effect.kind == "L" or effect.profile is not None
 
 
-def shapes(effect: Effect) -> bool:
+def shapes_process(effect: Effect) -> bool:
     """True for an effect that gives the process another shape than a further lag does."""
     return effect.place is Place.PROCESS and not effect.by_itself
 
 
-def physical(spec: Spec) -> tuple[str, ...]:
+def physical_effects(spec: Spec) -> tuple[str, ...]:
     """The names of a spec's effects that are no noise models."""
     return tuple(name for name in spec.effects if parse(name)[0].noise is None)
 
@@ -43,13 +43,13 @@ def node(spec: Spec, *, soft: bool = False) -> Spec:
     An integrator is searched in softened differences, and so is a first order where y walks (`soft`).
     """
     differences = soft or spec.process == INTEGRATOR
-    return replace(spec, effects=tuple(name for name, _, _ in in_order(physical(spec))), increments=differences,
+    return replace(spec, effects=tuple(name for name, _, _ in in_order(physical_effects(spec))), increments=differences,
                    taps=SOFT if differences else (), paths=None)
 
 
 def key(spec: Spec) -> str:
     """A text that is equal for equal nodes, whatever their noise."""
-    return f"{structure(spec)}: {' + '.join(sorted(physical(spec)))}"
+    return f"{structure(spec)}: {' + '.join(sorted(physical_effects(spec)))}"
 
 
 def structure(spec: Spec) -> str:
@@ -77,36 +77,36 @@ def kind_of(spec: Spec) -> str:
     A valve that only rests is found with its process, on the record less what disturbs it. So these belong to its kind.
     """
     valve = valve_effects(spec)
-    beside = [n for n in spec.effects if plain(n) in BASE_EFFECTS or parse(n)[0].columns]
+    beside = [n for n in spec.effects if plain_name(n) in BASE_EFFECTS or parse(n)[0].columns]
     words = [spec.process, *beside] if valve == [RESTING] else []
     return f"{' + '.join(valve)} {spec.between} {' + '.join(words)}".rstrip()
 
 
 def depth(spec: Spec) -> int:
     """Number of effects beside those of the base."""
-    return sum(plain(name) not in BASE_EFFECTS for name in physical(spec))
+    return sum(plain_name(name) not in BASE_EFFECTS for name in physical_effects(spec))
 
 
 def with_effect(spec: Spec, name: str) -> Spec:
     """The node with one effect more."""
-    return replace(spec, effects=tuple(n for n, _, _ in in_order((*physical(spec), name))))
+    return replace(spec, effects=tuple(n for n, _, _ in in_order((*physical_effects(spec), name))))
 
 
-def without(spec: Spec, names: Iterable[str]) -> Spec:
+def drop_from(spec: Spec, names: Iterable[str]) -> Spec:
     """The node without some of its effects."""
     gone = set(names)
-    return replace(spec, effects=tuple(n for n in physical(spec) if n not in gone))
+    return replace(spec, effects=tuple(n for n in physical_effects(spec) if n not in gone))
 
 
 def slips_like_rests(spec: Spec) -> str:
     """The effect of a node whose slips a valve that rests may show as well; empty where it has none."""
-    return next((name for name in physical(spec) if parse(name)[0].natural is not None), "")
+    return next((name for name in physical_effects(spec) if parse(name)[0].natural is not None), "")
 
 
 def other_process(spec: Spec) -> Spec:
     """The node with an integrator for a first order, or the other way without what only an integrator has."""
     process = FIRST_ORDER if spec.process == INTEGRATOR else INTEGRATOR
-    return node(replace(spec, process=process, effects=suited(spec.effects, process), guides=()))
+    return node(replace(spec, process=process, effects=suited_effects(spec.effects, process), guides=()))
 
 
 def variants(effect: str, loop: Loop) -> tuple[str, ...]:
@@ -126,14 +126,14 @@ def additions(spec: Spec, loop: Loop, only: Iterable[str] | None = None, *, last
     Beside a valve that rests no effect is asked for that only a sliding one shows, nor the other way round. Those that
     are asked for `last` are left out, or are the only ones.
     """
-    have = {plain(name) for name in physical(spec)}
+    have = {plain_name(name) for name in physical_effects(spec)}
     slides = any(parse(name)[0].slides for name in have)
     asked = None if only is None else set(only)
     return tuple(name for effect in catalogue().values()
                  if effect.name not in have and effect.noise is None and (asked is None or effect.name in asked)
                  and effect.asked_for(loop.process_value) and effect.asked_last == last
                  and not (effect.slides and RESTING in have) and not (slides and effect.name == RESTING)
-                 and suited((effect.name,), spec.process)
+                 and suited_effects((effect.name,), spec.process)
                  and not ("extra" in effect.needs and not loop.moving_extras)
                  for name in variants(effect.name, loop))
 
@@ -143,7 +143,7 @@ def by_tag(spec: Spec, loop: Loop, only: Iterable[str] | None) -> tuple[str, ...
     return tuple(name for name in additions(spec, loop, only) if "extra" in parse(name)[0].needs)
 
 
-def leaking(spec: Spec) -> Spec | None:
+def leaking_process(spec: Spec) -> Spec | None:
     """A first order with a further lag for an integrator: one that leaks has a long lag and its own; None elsewhere."""
     if spec.process != INTEGRATOR or LAG in spec.effects or spec.fixed:
         return None

@@ -12,22 +12,22 @@ import numpy as np
 from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.moves import descended, search_model, with_start
-from ..fit.noise.completion import Refit, likelier
+from ..fit.moves import descend_model, search_model, with_start
+from ..fit.noise.completion import Refit, place_slips
 from ..fit.starts.beside_effect import on_valve
-from ..fit.with_effect import Scouted, fitted_along, out_of_basin, settled
+from ..fit.with_effect import Scouted, fit_along, out_of_basin, settle_look
 from ..model.model import Model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import BASE, Spec
 from ..typing import FloatArray
 from .looks import Ground, bound_as, rng_of
 from .node import BASE_EFFECTS, key, node
 from .policy import Policy
-from .score import Scored, completed, glanced
+from .score import Scored, complete_as_is, complete_with_noise
 
 
-def refitted(model: Model, values: FloatArray, rng: np.random.Generator, *,
-             beside: bool = False) -> tuple[Model, FloatArray, float]:
+def refit_in_full(model: Model, values: FloatArray, rng: np.random.Generator, *,
+                  beside: bool = False) -> tuple[Model, FloatArray, float]:
     """A model, its values (d,) and cost, fitted in full from values found beside other effects.
 
     A slip a sample late looks like noise. With `beside`, under a held command, a population in neighbouring basins puts
@@ -38,56 +38,56 @@ def refitted(model: Model, values: FloatArray, rng: np.random.Generator, *,
     if beside and model.spec.held:
         points = out_of_basin(coarse, points, rng).points
     name = next((n for n in reversed(model.spec.effects) if on_valve(parse(n)[0])), "")
-    return settled(Scouted(coarse, model, points, np.inf, np.inf, name), rng)
+    return settle_look(Scouted(coarse, model, points, np.inf, np.inf, name), rng)
 
 
-def fitted_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, policy: Policy) -> Refit:
+def fit_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, policy: Policy) -> Refit:
     """A node without one of its effects (`spec`), fitted from its own values.
 
     An effect of the base gets a fit in full: it bent the valve while an effect was missing.
     """
-    model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
+    model = bind_model(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
     values = model.vector(fit.model.named(fit.values))
     if fit.model.spec.paths is not None:
-        return fitted_along(fit, spec, values)
+        return fit_along(fit, spec, values)
     if name in BASE_EFFECTS:
-        model, values, _ = refitted(model, values, rng)
+        model, values, _ = refit_in_full(model, values, rng)
     else:
         start = model.cube(values[:, None])
-        values = model.values(descended(model, np.concatenate([start, with_start(model, start)])).points[:1])[:, 0]
-    return completed(model, values, fit.values[None, :len(BASE)], rng, policy)
+        values = model.values(descend_model(model, np.concatenate([start, with_start(model, start)])).points[:1])[:, 0]
+    return complete_with_noise(model, values, fit.values[None, :len(BASE)], rng, policy)
 
 
 def from_children(ground: Ground, spec: Spec, parent: Scored, children: Sequence[Scored]) -> Scored:
     """A node fitted from the values and from the paths of its children, where one of these fits is better."""
-    found = _handed_back(ground.fit, children, ground.policy)
-    done = found and completed(*found, ground.pool, rng_of(ground.seed, key(spec), 1), ground.policy)
-    for better in (done, _handed_along(parent, spec, children, ground.policy)):
+    found = _hand_back_values(ground.fit, children, ground.policy)
+    done = found and complete_with_noise(*found, ground.pool, rng_of(ground.seed, key(spec), 1), ground.policy)
+    for better in (done, _hand_back_path(parent, spec, children, ground.policy)):
         if better is not None and better.gain_over(parent.done) > 0.0:
             parent = Scored(better, True, held_out(better))
     return parent
 
 
-def _handed_back(fit: Fitted, children: Sequence[Scored], policy: Policy) -> tuple[Model, FloatArray] | None:
+def _hand_back_values(fit: Fitted, children: Sequence[Scored], policy: Policy) -> tuple[Model, FloatArray] | None:
     """A node's model and values (d,) from those of its children, polished or as they are; None where none is better.
 
     A node in differences of y is tried in levels, too.
     """
-    known, before, best = fit.model.named(fit.values), glanced(fit.model, fit.values), None
+    known, before, best = fit.model.named(fit.values), complete_as_is(fit.model, fit.values), None
     levels = node(fit.model.spec)
     for model in (fit.model, *(bound_as(fit, spec) for spec in (levels,) if spec != fit.model.spec)):
         starts = np.stack([model.vector({n: v for n, v in c.done.model.named(c.done.values).items()
                                          if n in known}) for c in children], axis=1)
         cube = model.cube(starts)
         # A descent in the free run may leave a basin that only the innovations show.
-        for values in model.values(np.concatenate([descended(model, cube).points[:1], cube])).T:
-            found = glanced(model, values)
+        for values in model.values(np.concatenate([descend_model(model, cube).points[:1], cube])).T:
+            found = complete_as_is(model, values)
             if found.gain_over(before) > policy.better_fit:
                 before, best = found, (model, values)
     return best
 
 
-def _handed_along(parent: Scored, spec: Spec, children: Sequence[Scored], policy: Policy) -> Refit | None:
+def _hand_back_path(parent: Scored, spec: Spec, children: Sequence[Scored], policy: Policy) -> Refit | None:
     """A node of a spec settled from the path and the values of its best child; None where no child has a better path.
 
     A path is found from the values of a node, and a parent in another basin looks exactly like a missing effect.
@@ -99,24 +99,24 @@ def _handed_along(parent: Scored, spec: Spec, children: Sequence[Scored], policy
     best = max(found, key=lambda done: done.gain_over(parent.done))
     fit = as_it_stands(best.model, best.values)
     named = best.model.named(best.values)
-    model = bound(best.model.loop, spec, s_max=best.model.s_max, period_s=best.model.period_s,
-                  residual=best.evaluated.left)
-    return fitted_along(fit, spec, model.vector(named))
+    model = bind_model(best.model.loop, spec, s_max=best.model.s_max, period_s=best.model.period_s,
+                       residual=best.evaluated.left)
+    return fit_along(fit, spec, model.vector(named))
 
 
-def settled_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:
+def settle_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Scored:
     """A node fitted once more from its own point, in levels and in the form that it has; the best of them."""
     done, rng = scored.done, rng_of(seed, key(spec), 2)
     if done.model.spec.paths is not None:
-        again = likelier(done, anew=True)
+        again = place_slips(done, other_valves=True)
         return Scored(again, True, held_out(again)) if again.gain_over(done) > 0.0 else scored
     for soft in dict.fromkeys((False, done.increments)):
-        model = bound(done.model.loop, node(spec, soft=soft), s_max=done.model.s_max, period_s=done.model.period_s,
-                      residual=done.evaluated.left)
-        model, values, cost = refitted(model, model.vector(done.model.named(done.values)), rng, beside=True)
+        model = bind_model(done.model.loop, node(spec, soft=soft), s_max=done.model.s_max, period_s=done.model.period_s,
+                           residual=done.evaluated.left)
+        model, values, cost = refit_in_full(model, model.vector(done.model.named(done.values)), rng, beside=True)
         if not np.isfinite(cost):
             continue
-        again = completed(model, values, values[None, :len(BASE)], rng, policy)
+        again = complete_with_noise(model, values, values[None, :len(BASE)], rng, policy)
         if again.gain_over(scored.done) > 0.0:
             scored = Scored(again, True, held_out(again))
     return scored

@@ -11,28 +11,28 @@ from dataclasses import dataclass, replace
 from ..effects import parse
 from ..fit.context import Run
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.noise.completion import AUTOREGRESSIVE, Refit, complete
+from ..fit.noise.completion import AUTOREGRESSIVE, Refit, complete_model
 from ..fit.noise.unexplained import judged_by
 from ..fit.starts.intersample import as_moving, surely_moves, surely_scanned
 from ..model.restore import rebuild_model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import Spec
-from ..process.scan import blurred
+from ..process.scan import scans_between_samples
 from ..record.loop import Finding, Loop
 from ..record.study import Candidate, Step, Study
 from ..record.tree import Edge as TreeEdge
 from ..record.tree import TreeNode
 from ..typing import FloatArray, Progress
 from .bootstrap import p_of
-from .decide import Decision, candidates, decided
+from .decide import Decision, candidates, decide_answer
 from .entry import ADD, ROOT, Entry
-from .ladder import Rung, fitted, in_colour, ordered, said_noise, step_of, with_levels, with_noise
+from .ladder import Rung, fit_rung, in_colour, noise_finding, order_ladder, step_of, with_levels, with_noise
 from .looks import rng_of
-from .node import additions, depth, key, node, physical, plain, spec_of, structure
+from .node import additions, depth, key, node, physical_effects, plain_name, spec_of, structure
 from .policy import Policy
-from .score import Scored, glanced, is_noise, noise_name, noise_words
+from .score import Scored, complete_as_is, is_noise, noise_name, noise_words
 from .search import Search
-from .steps import opened, reaching_to, with_known_jump, with_noise_of, with_steps
+from .steps import open_last_model, widen_to_equivalents, with_known_jump, with_noise_of, with_steps
 
 # Statuses of nodes without a full fit.
 _LOOKED = ("looked", "failed")
@@ -66,13 +66,13 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     DataError for an abstained study, and for one that can't be rebuilt.
     """
     tell = progress or (lambda text, share: None)
-    on = resumed(loop, study, seed=seed, jobs=jobs, policy=policy, progress=tell)
+    on = resume_search(loop, study, seed=seed, jobs=jobs, policy=policy, progress=tell)
     run, fit, search, here = on.run, on.fit, on.search, on.here
-    found = decided(search, search.run(everything=everything), spans=run.options.intervals)
-    before = physical(here.spec)
-    order, rungs = ordered(search, found.winner, base_of(study))
+    found = decide_answer(search, search.run(everything=everything), spans=run.options.intervals)
+    before = physical_effects(here.spec)
+    order, rungs = order_ladder(search, found.winner, base_of(study))
     new = tuple(name for name in order if name not in before)
-    if found.noise and not any(plain(n) == found.noise for n in fit.model.spec.effects):
+    if found.noise and not any(plain_name(n) == found.noise for n in fit.model.spec.effects):
         new = (*new, found.noise)
     p_value = None
     if bootstrap and new and not is_noise(new[0]):
@@ -80,35 +80,35 @@ def select(loop: Loop, study: Study, judge: Judge, *, everything: bool = False, 
     chance = p_value is not None and p_value > max(search.policy.chance, 1.0 / (bootstrap + 1))
     if chance:
         new = ()
-    study = told(on, study, found, order)
+    study = add_decision(on, study, found, order)
     changed = not chance and (new or set(before) - set(order) or key(here.spec) != key(found.winner.spec))
     if changed and apply:
         tell("fitting the ladder", 1.0)
-        study = concluded(study, found, *ladder_of(run, search, found, fit, (order, rungs), study,
-                                                   left_out(found, study)))
-    study = ranked(on, study, found, new, "may be chance" if chance else "", p_value)
+        study = conclude_study(study, found, *ladder_of(run, search, found, fit, (order, rungs), study,
+                                                        left_out_finding(found, study)))
+    study = rank_candidates(on, study, found, new, "may be chance" if chance else "", p_value)
     if chance:
         return study
     missing = tuple(dict.fromkeys(parse(name)[0].name for name in new))
     if changed:
         return replace(judge(loop, study, seed), missing=missing) if apply else replace(study, missing=missing[:1])
-    after = _reaching(study, found)
+    after = _widen_estimate(study, found)
     return after if after.estimate == study.estimate else judge(loop, after, seed)
 
 
-def resumed(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy: Policy | None = None,
-            progress: Progress | None = None) -> Resumed:
+def resume_search(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy: Policy | None = None,
+                  progress: Progress | None = None) -> Resumed:
     """A study's last model and its tree in a search that goes on from there; DataError for an abstained study."""
-    run, fit = opened(loop, study, seed)
+    run, fit = open_last_model(loop, study, seed)
     policy = policy or Policy()
     search = Search(run.loop, policy, seed, jobs, progress or (lambda text, share: None), commands=commands_of(run),
-                    slow=blurred(run.loop, run.options.scan_s), blurred=unseen_scans(run), floor=floor_of(run),
-                    anew=not study.tree)
+                    slow=scans_between_samples(run.loop, run.options.scan_s), blurred=unseen_scans(run),
+                    floor=floor_of(run), may_anneal=not study.tree)
     looked = _replant(search, run, study, fit, policy)
     return Resumed(study, run, fit, search, search.memo[key(node(fit.model.spec))], looked)
 
 
-def told(on: Resumed, study: Study, found: Decision, order: Sequence[str]) -> Study:
+def add_decision(on: Resumed, study: Study, found: Decision, order: Sequence[str]) -> Study:
     """The study with what a decision says beside its model: tree, equivalents, and what is missing."""
     search = on.search
     for entry in on.looked:
@@ -121,27 +121,27 @@ def told(on: Resumed, study: Study, found: Decision, order: Sequence[str]) -> St
                    missing_reason=found.missing_reason, unexplained=found.shape, missing=())
 
 
-def ranked(on: Resumed, study: Study, found: Decision, named: Sequence[str], doubt: str = "",
-           p_value: float | None = None) -> Study:
+def rank_candidates(on: Resumed, study: Study, found: Decision, named: Sequence[str], doubt: str = "",
+                    p_value: float | None = None) -> Study:
     """The study with its ranking; nodes that are steps of it have the errors of the step."""
     errors = {key(rebuild_model(on.run.loop, step.model)[0].spec): step.error for step in study.steps}
     rows = candidates(on.search, found, named, study, errors, doubt)
     return replace(study, candidates=_with_p(rows, p_value))
 
 
-def concluded(study: Study, found: Decision, steps: Sequence[Step], fits: Sequence[Fitted]) -> Study:
+def conclude_study(study: Study, found: Decision, steps: Sequence[Step], fits: Sequence[Fitted]) -> Study:
     """The study with the ladder of a decision: the end of every way to the same effects."""
-    after = _reaching(with_steps(study, tuple(steps), fits[-1]), found)
+    after = _widen_estimate(with_steps(study, tuple(steps), fits[-1]), found)
     adequate, why = judged_by(found.shape, after.adequate, after.adequate_reason)
     return replace(after, adequate=adequate, adequate_reason=why)
 
 
-def _reaching(study: Study, found: Decision) -> Study:
+def _widen_estimate(study: Study, found: Decision) -> Study:
     """The study whose intervals of S and J reach to the models that explain the record alike."""
     estimate = study.estimate
     if estimate is None:
         return study
-    reaching = reaching_to(estimate, found.reach)
+    reaching = widen_to_equivalents(estimate, found.reach)
     return replace(study, estimate=with_known_jump(reaching, found.winner.scored.done.model.loop))
 
 
@@ -157,7 +157,7 @@ def floor_of(run: Run) -> Callable[[Refit], float | None]:
 
 def unseen_scans(run: Run) -> bool:
     """True where a controller moved the output at scans between the samples; not where the output itself is smooth."""
-    return blurred(run.loop, run.options.scan_s) and not surely_moves(run.loop)
+    return scans_between_samples(run.loop, run.options.scan_s) and not surely_moves(run.loop)
 
 
 def commands_of(run: Run) -> tuple[Spec, ...]:
@@ -181,16 +181,16 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
     for n in study.tree:
         if n.parent is not None and n.edge.op == ADD:
             children.setdefault(n.parent, set()).add(n.edge.what)
-    failed = glanced(fit.model, fit.values)
+    failed = complete_as_is(fit.model, fit.values)
     for n in study.tree:
         full = n.status not in _LOOKED
         if full and not n.parameters:
             continue
         spec, done = specs[n.id], failed
         if n.parameters:
-            model = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
-                          residual=fit.best.left)
-            done = glanced(model, model.vector(n.parameters))
+            model = bind_model(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
+                               residual=fit.best.left)
+            done = complete_as_is(model, model.vector(n.parameters))
         entry = Entry(spec, Scored(done, full), None if n.parent not in specs else key(specs[n.parent]), n.edge.op,
                       n.edge.what, gates=n.gates, failed=n.gates[0].reason if n.status == "failed" and n.gates else "")
         if not full and (depth(spec) or entry.failed or not n.parameters):
@@ -209,8 +209,8 @@ def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy
         model, values = rebuild_model(run.loop, step.model)
         spec = node(model.spec)
         if key(spec) not in search.memo:
-            there = bound(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
-                          residual=fit.best.left)
+            there = bind_model(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s,
+                               residual=fit.best.left)
             search.root(as_it_stands(there, there.vector(model.named(values))))
     return tuple(looked)
 
@@ -241,12 +241,12 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
             fits.append(first)
             steps.append(run.step(first, name))
             continue
-        fit = fitted(run.model(full), values, rng_of(search.seed, key(spec), 2), last=final,
-                     spans=run.options.intervals)
+        fit = fit_rung(run.model(full), values, rng_of(search.seed, key(spec), 2), last=final,
+                       spans=run.options.intervals)
         if final and study is not None:
             fit = with_levels(run, fit, rng_of(search.seed, key(spec), 1))
         if full.taps != spec.taps:
-            more = (*more, said_noise(fit))
+            more = (*more, noise_finding(fit))
         if searched:
             fit = replace(fit, runs=first.runs, agree=first.agree, searched=first.searched)
         step = run.step_again(run.step(first, name), fit) if searched else step_of(run, fit, name)
@@ -257,11 +257,12 @@ def ladder_of(run: Run, search: Search, found: Decision, first: Fitted, ladder: 
         done = found.winner.scored.done
         if found.noise != noise_name(found.winner.scored, search.policy, slow=search.slow):
             # A user chose it.
-            done = complete(done.model, done.values, None, rng, noise=parse(found.noise)[0].noise or AUTOREGRESSIVE)
+            done = complete_model(done.model, done.values, None, rng,
+                                  noise=parse(found.noise)[0].noise or AUTOREGRESSIVE)
         model = with_noise(done, found.noise, found.winner.spec)
-        fits.append(fitted(model, model.vector(done.model.named(done.values)), rng, last=True,
-                           spans=run.options.intervals))
-        steps.append(step_of(run, fits[-1], found.noise, (*said, said_noise(fits[-1]))))
+        fits.append(fit_rung(model, model.vector(done.model.named(done.values)), rng, last=True,
+                             spans=run.options.intervals))
+        steps.append(step_of(run, fits[-1], found.noise, (*said, noise_finding(fits[-1]))))
     return steps, fits
 
 
@@ -282,14 +283,14 @@ def _is_rung(run: Run, step: Step, spec: Spec) -> bool:
     if not step.model:
         return False
     model, _ = rebuild_model(run.loop, step.model)
-    return key(model.spec) == key(spec) and len(model.spec.effects) == len(physical(model.spec))
+    return key(model.spec) == key(spec) and len(model.spec.effects) == len(physical_effects(model.spec))
 
 
-def left_out(found: Decision, study: Study, but: Sequence[str] = ()) -> tuple[Finding, ...]:
+def left_out_finding(found: Decision, study: Study, but: Sequence[str] = ()) -> tuple[Finding, ...]:
     """The finding on effects of the study that the ladder leaves out, some taken out by hand apart."""
-    had = {plain(name) for name in study.steps[-1].effects}
-    have = {plain(name) for name in physical(found.winner.spec)} | ({found.noise} - {""})
-    gone, new = sorted(had - have - {plain(name) for name in but}), sorted(have - had)
+    had = {plain_name(name) for name in study.steps[-1].effects}
+    have = {plain_name(name) for name in physical_effects(found.winner.spec)} | ({found.noise} - {""})
+    gone, new = sorted(had - have - {plain_name(name) for name in but}), sorted(have - had)
     if not gone:
         return ()
     beside = f"beside {', '.join(new)}" if new else "now"
@@ -309,11 +310,11 @@ def tree_of(search: Search, found: Decision, order: Sequence[str]) -> tuple[Tree
     """Every model that a search tried, as a study keeps it."""
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = {e.node for e in found.equivalents}
-    winner = set(physical(found.winner.spec))
+    winner = set(physical_effects(found.winner.spec))
     out = []
     for name, e in search.memo.items():
         done = e.scored.done
-        path = e is found.winner or (e.asked and set(physical(e.spec)) < winner
+        path = e is found.winner or (e.asked and set(physical_effects(e.spec)) < winner
                                      and e.spec.process == found.winner.spec.process)
         status = ("failed" if e.failed else "named" if path and e.passed else "equivalent" if ids[name] in alike else
                   "expanded" if e.asked else "rejected" if e.scored.full else "looked")

@@ -13,24 +13,24 @@ from ..effects.contract import DIAGNOSE
 from ..fit.adequacy import MOST_MOVED
 from ..fit.cross_validation import Held
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.intervals.along_path import moved
-from ..fit.moves import descended
+from ..fit.intervals.along_path import share_moved
+from ..fit.moves import descend_model
 from ..fit.noise.completion import (
     AUTOREGRESSIVE,
     NEARLY,
     RANDOM_WALK,
     RESONANT,
     Refit,
-    banded,
-    better,
-    complete,
-    likelier,
-    quick,
+    better_refit,
+    complete_model,
+    complete_quickly,
+    complete_with_band,
+    place_slips,
 )
-from ..fit.noise.draws import imitated
-from ..fit.noise.whiteness import remembers
+from ..fit.noise.draws import noise_imitates
+from ..fit.noise.whiteness import has_long_memory
 from ..model.model import Model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import FIRST_ORDER, SOFT, Spec
 from ..numerics.noise.family import WALK, Noise, resonance_of
 from ..numerics.noise.fit import fit_noise, fits_of
@@ -61,7 +61,7 @@ class Scored:
         """True where one of so many draws of the noise looks as much like a disturbance as the residual does."""
         if (name, draws) not in self._imitations:
             rng = np.random.default_rng(zlib.crc32(name.encode()))
-            self._imitations[name, draws] = imitated(self.done, name, draws, rng)
+            self._imitations[name, draws] = noise_imitates(self.done, name, draws, rng)
         return self._imitations[name, draws]
 
     @property
@@ -72,7 +72,7 @@ class Scored:
     @cached_property
     def by_pv(self) -> bool:
         """True where PV moved more slips than a model of its own leaves to it: a missing effect may be the reason."""
-        return (moved(self.done.model, self.done.values) or 0.0) > MOST_MOVED
+        return (share_moved(self.done.model, self.done.values) or 0.0) > MOST_MOVED
 
     @cached_property
     def without_friction(self) -> float:
@@ -84,7 +84,7 @@ class Scored:
     @cached_property
     def band(self) -> Refit | None:
         """The model as it stands with a band of wandering phase as its noise; None where none outlasts its cycle."""
-        return banded(self.done)
+        return complete_with_band(self.done)
 
     @cached_property
     def white(self) -> bool:
@@ -96,23 +96,23 @@ class Scored:
         """True where the innovations are white, and the noise model remembers too shortly to be a disturbance."""
         return self.done.noise_alone
 
-    def bare(self, policy: Policy) -> bool:
+    def needs_no_noise_model(self, policy: Policy) -> bool:
         """True where the innovations are nearly all of the free run."""
         return self.rmse <= policy.carried * self.done.noise_error
 
-    def explained(self, policy: Policy) -> bool:
+    def is_explained(self, policy: Policy) -> bool:
         """True where white innovations are left that are nearly all of the free run."""
-        return self.white and self.bare(policy)
+        return self.white and self.needs_no_noise_model(policy)
 
     def only_noise(self, policy: Policy) -> bool:
         """True where noise of short memory is left, or white innovations that are nearly all of the free run."""
-        return self.noise_alone or self.explained(policy)
+        return self.noise_alone or self.is_explained(policy)
 
-    def nearly(self, policy: Policy) -> bool:
+    def leaves_little(self, policy: Policy) -> bool:
         """True where a noise model carries only a little of the free run."""
         return self.rmse <= policy.nearly * self.done.noise_error
 
-    def endless(self, policy: Policy) -> bool:
+    def acts_as_integrator(self, policy: Policy) -> bool:
         """True for a first order whose lag is many periods long: an integrator but for its level."""
         done = self.done
         return done.model.spec.process == FIRST_ORDER and \
@@ -124,25 +124,26 @@ class Scored:
         return not self.done.taps.size and not self.done.increments
 
 
-def glanced(model: Model, values: FloatArray) -> Refit:
+def complete_as_is(model: Model, values: FloatArray) -> Refit:
     """The model as it is, completed with the better of an autoregression and a walk, not refitted to it."""
-    found = quick(model, values)
+    found = complete_quickly(model, values)
     walk = _as_walk(model, found)
-    return likelier(found if walk is None else better(found, quick(*walk)), rounds=0)
+    return place_slips(found if walk is None else better_refit(found, complete_quickly(*walk)), rounds=0)
 
 
-def completed(model: Model, values: FloatArray, pool: FloatArray, rng: np.random.Generator, policy: Policy) -> Refit:
+def complete_with_noise(model: Model, values: FloatArray, pool: FloatArray, rng: np.random.Generator,
+                        policy: Policy) -> Refit:
     """The model refitted with the best noise of the family: an autoregression in levels, or in softened differences.
 
     The exact likelihood of the residual decides: criteria of levels and of differences differ by a row. `pool` (k, 5)
     holds starts of the base for the differences.
     """
-    found = likelier(complete(model, values, None, rng, descent=True), values)
+    found = place_slips(complete_model(model, values, None, rng, descent=True), values)
     walk = _as_walk(found.model, found)
-    if walk is None or not remembers(found.taps):
+    if walk is None or not has_long_memory(found.taps):
         return found
     # So slow a noise may have moved the valve into another basin.
-    softened = likelier(complete(*walk, pool, rng, descent=True), found.values)
+    softened = place_slips(complete_model(*walk, pool, rng, descent=True), found.values)
     gain = softened.gain_over(found)
     return softened if gain > policy.alike or (gain > -policy.alike and _noise(softened).walks) else found
 
@@ -152,8 +153,8 @@ def _as_walk(model: Model, found: Refit) -> tuple[Model, FloatArray] | None:
     spec = model.spec
     if spec.process != FIRST_ORDER or spec.increments:
         return None
-    soft = bound(model.loop, replace(spec, increments=True, taps=SOFT), s_max=model.s_max, period_s=model.period_s,
-                 residual=found.evaluated.left)
+    soft = bind_model(model.loop, replace(spec, increments=True, taps=SOFT), s_max=model.s_max, period_s=model.period_s,
+                      residual=found.evaluated.left)
     return soft, found.values
 
 
@@ -169,12 +170,12 @@ def least_free_run(scored: Scored, beside: Scored) -> float:
     Under a noise model a fit gives up some of it.
     """
     done = scored.done
-    model = bound(done.model.loop, replace(done.model.spec, increments=False, taps=()), s_max=done.model.s_max,
-                  period_s=done.model.period_s, residual=done.evaluated.left)
+    model = bind_model(done.model.loop, replace(done.model.spec, increments=False, taps=()), s_max=done.model.s_max,
+                       period_s=done.model.period_s, residual=done.evaluated.left)
     known = done.model.named(done.values)
     there = beside.done.model.named(beside.done.values)
     starts = [model.vector({n: values.get(n, v) for n, v in known.items()}) for values in (known, there)]
-    near = descended(model, model.cube(np.stack(starts, axis=1)))
+    near = descend_model(model, model.cube(np.stack(starts, axis=1)))
     return min(scored.rmse, model.evaluate(model.values(near.points[:1])[:, 0]).rmse)
 
 
@@ -188,7 +189,7 @@ def beyond_noise(done: Refit) -> float:
     return min((f.bic for f in alone.values()), default=-np.inf) - done.bic(good)
 
 
-def _lasts(done: Refit) -> bool:
+def _averages_dominate(done: Refit) -> bool:
     """True where averages over two periods, or two lags, carry more than half of the free-run error.
 
     A slip is wrong until the next one, and its error dies with the lag.
@@ -219,12 +220,12 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     """
     done = scored.done
     e, starts = done.evaluated, done.model.loop.starts
-    residual, good = np.nan_to_num(done.model.landed(e.residual)), e.counted > 0
+    residual, good = np.nan_to_num(done.model.take_out_landings(e.residual)), e.counted > 0
     found = fits_of(residual, good, starts)
     still = min((f for kind, f in found.items() if kind != WALK), key=lambda f: f.bic, default=None)
     if still is None:
         return ""
-    levels = done.model.spec.process == FIRST_ORDER and not scored.endless(policy)
+    levels = done.model.spec.process == FIRST_ORDER and not scored.acts_as_integrator(policy)
     walks = WALK in found and levels
     best = found[WALK] if walks and found[WALK].bic < still.bic - policy.walk_margin else still
     if bic_of(residual, Noise(), good, starts) - best.bic < policy.noise_margin:
@@ -232,7 +233,7 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     resonance = resonance_of(still.noise, done.model.step_s)
     narrow = resonance is not None
     if slow and (best.noise.walks or not scored.noise_alone):
-        lasting = _lasts(done) if best.noise.walks else resonance is not None and resonance[1] > 2
+        lasting = _averages_dominate(done) if best.noise.walks else resonance is not None and resonance[1] > 2
         if not (lasting and scored.white):
             return ""
     if not scored.white:
@@ -241,9 +242,9 @@ def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
         return NARROW if named else ""
     walk = found.get(WALK)
     if best.noise.walks or (walk is not None and not levels and 2 * walk.noise.theta <= 1.0
-                            and walk.bic < still.bic and _lasts(done)):
+                            and walk.bic < still.bic and _averages_dominate(done)):
         return WALKING
-    endless = remembers(best.noise.plain[0][1:]) and not levels
+    endless = has_long_memory(best.noise.plain[0][1:]) and not levels
     return NARROW if narrow else "" if endless else COLOURED
 
 
@@ -258,11 +259,11 @@ def is_noise(name: str) -> bool:
     return parse(name)[0].noise is not None
 
 
-def standing(scored: Scored, spec: Spec) -> Fitted:
+def point_in_search_form(scored: Scored, spec: Spec) -> Fitted:
     """The node's point in its search form, ready for looks at its children."""
     done = scored.done
     # Slips that PV placed stay where little is left to explain; elsewhere they bend to the missing effect.
     paths = done.model.spec.paths if done.evaluated.rmse <= NEARLY * done.noise_error else None
-    model = bound(done.model.loop, replace(node(spec, soft=done.increments), paths=paths),
-                  s_max=done.model.s_max, period_s=done.model.period_s, residual=done.evaluated.left)
+    model = bind_model(done.model.loop, replace(node(spec, soft=done.increments), paths=paths),
+                       s_max=done.model.s_max, period_s=done.model.period_s, residual=done.evaluated.left)
     return as_it_stands(model, model.vector(done.model.named(done.values)))

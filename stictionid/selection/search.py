@@ -14,36 +14,36 @@ import numpy as np
 from ..effects import parse
 from ..fit.cross_validation import held_out
 from ..fit.fit import Fitted, as_it_stands
-from ..fit.noise.completion import Refit, likelier
+from ..fit.noise.completion import Refit, place_slips
 from ..fit.starts.beside_effect import RESTING, on_valve
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..model.spec import Spec
 from ..record.loop import Loop
 from ..typing import Progress
 from .crew import Budget, Crew
-from .doubts import beside, judged_drop, lasting, least_cost, odd, rests_instead
-from .entry import ADD, DROP, ROOT, SWAP, Entry, broken, judge_children, remember
-from .looks import CLOSER, FAR, NEAR, Ground, Packed, Task, adding, edges, pool_of, rng_of, shown
+from .doubts import add_same_slips, doubts_valve, judge_drop, lasting_disturbances, least_cost, resting_values
+from .entry import ADD, DROP, ROOT, SWAP, Entry, failed_entry, judge_children, remember
+from .looks import CLOSER, FAR, NEAR, Ground, Packed, Task, edge_adding, edges, keep_followed_tags, pool_of, rng_of
 from .node import (
     BASE_EFFECTS,
     LAG,
     additions,
     by_tag,
     depth,
+    drop_from,
     key,
     kind_of,
-    leaking,
+    leaking_process,
     node,
     other_process,
-    shapes,
+    shapes_process,
     slips_like_rests,
     with_effect,
-    without,
 )
 from .policy import Policy
-from .refits import fitted_without, from_children, settled_again
-from .score import Scored, completed, standing
-from .waiting import better_base, other_structures, ranked, waiting
+from .refits import fit_without, from_children, settle_again
+from .score import Scored, complete_with_noise, point_in_search_form
+from .waiting import better_base, nodes_to_ask, other_structures, rank_entries
 
 
 @dataclass(slots=True)
@@ -64,7 +64,7 @@ class Search:
     # Answers beside which the other kind of valve was asked for.
     rested: set[str] = field(default_factory=set)
     # False once slips that PV places were sought from other valves.
-    anew: bool = True
+    may_anneal: bool = True
     budget: Budget = field(init=False)
     # True where the record is slower than the controller's scan.
     slow: bool = False
@@ -81,10 +81,10 @@ class Search:
     def root(self, fit: Fitted) -> Entry:
         """A fit made elsewhere as a root of the search; the better one of two fits of one node."""
         spec, before = node(fit.model.spec), fit.model
-        model = bound(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
+        model = bind_model(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
         values = model.vector(fit.best.values)
         pool = pool_of(as_it_stands(model, values), self.seed)
-        done = completed(model, values, pool, rng_of(self.seed, key(before.spec), 2), self.policy)
+        done = complete_with_noise(model, values, pool, rng_of(self.seed, key(before.spec), 2), self.policy)
         known = self.memo.get(key(spec))
         if known is None or done.gain_over(known.scored.done) > self.policy.better_fit:
             self.memo[key(spec)] = known = Entry(spec, Scored(done, True, held_out(done)))
@@ -95,41 +95,41 @@ class Search:
 
         With `everything` the best node is expanded first, even where it leaves only noise.
         """
-        self._same_slips(self.best(), better=True)
+        self._try_same_slips(self.best(), better=True)
         if everything and not self.best().asked:
             self.expand(self.best())
         if (tags := by_tag(self.best().spec, self.loop, self.only)) and not self.at_end(self.best()):
             # A tag that explains the record is measured: nothing else need be asked.
-            self.ask(self.best(), tags)
-        while key((best := self._walked()).spec) not in self.rested:
+            self.ask_for(self.best(), tags)
+        while key((best := self._expand_until_done()).spec) not in self.rested:
             self.rested.add(key(best.spec))
-            self._same_slips(best)
-            self._anneal(best)
-            if doubted := self._doubted(best):
-                self.ask(*doubted)
+            self._try_same_slips(best)
+            self._anneal_slips(best)
+            if doubted := self._find_doubt(best):
+                self.ask_for(*doubted)
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True) if self.only is None else ()
-        if late and not self.slow and self.budget.share < 2 and not self._carried(best):
-            self.ask(base, late, beside=best)
-            best = self._walked()
+        if late and not self.slow and self.budget.share < 2 and not self._noise_may_hide(best):
+            self.ask_for(base, late, beside=best)
+            best = self._expand_until_done()
         return best
 
-    def _walked(self) -> Entry:
+    def _expand_until_done(self) -> Entry:
         """The best node once noise is left, nothing gains, or the budget is spent."""
         widths: dict[int, int] = {}
         while True:
             best = self.best()
             if self.at_end(best):
                 return best
-            queue = waiting(self.memo, self.policy, only_some=self.only is not None)
+            queue = nodes_to_ask(self.memo, self.policy, only_some=self.only is not None)
             queue = [e for e in queue if widths.get(depth(e.spec), 0) < self.policy.beam]
             if not queue:
                 return best
             if self.budget.over:
-                self.budget.leave(key(e.spec) for e in queue if e is not best)
+                self.budget.note_unasked(key(e.spec) for e in queue if e is not best)
                 if not depth(best.spec) or best not in queue:
                     return best
-                with self.budget.late():
+                with self.budget.allow_late_answer():
                     if self.budget.over:
                         return best
                     self.expand(best)
@@ -149,77 +149,77 @@ class Search:
 
     def best(self) -> Entry:
         """The entry with the best BIC among those that passed all gates."""
-        return ranked(self.memo, self.policy)[0]
+        return rank_entries(self.memo, self.policy)[0]
 
     def expand(self, entry: Entry) -> None:
         """Look at every edge of a node, fit what may win in full, hand values back; ask again in another basin."""
         entry.asked, before = True, entry.scored.done
-        ground, tasks = self._opened(entry, "expanding")
+        ground, tasks = self._open_node(entry, "expanding")
         if not any(on_valve(effect) for effect in ground.fit.model.effects):
             # A valve that rests is as common as one that slides, and its basin is far from there.
             self._search_valves(ground, [t for t in tasks if t.added == RESTING])
-        self._finish(ground, entry, self._looked(ground, entry, tasks))
-        self._lighten()
+        self._fit_best_looks(ground, entry, self._look_at_tasks(ground, entry, tasks))
+        self._drop_needless()
         if depth((best := self.best()).spec):
-            self.integrated(best)
-        self._instead_of_lag(entry)
+            self.fit_integrator(best)
+        self._ask_instead_of_lag(entry)
         if entry.op == ROOT or (self.commands and entry is self.best()):
-            self._structures(entry)
+            self._ask_structures(entry)
         if entry.scored.done.gain_over(before) > self.policy.margin:
             entry.asked = False
 
-    def _opened(self, entry: Entry, words: str) -> tuple[Ground, list[Task]]:
+    def _open_node(self, entry: Entry, words: str) -> tuple[Ground, list[Task]]:
         """A node as the ground of looks, and its edges; `words` say for which."""
         self.tell(f"{words} {' + '.join(entry.spec.effects) or 'the base'}", min(self.budget.share, 1.0))
-        fit = standing(entry.scored, entry.spec)
+        fit = point_in_search_form(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
         return ground, self._edges(entry, fit.model.spec)
 
-    def ask(self, entry: Entry, names: Sequence[str], *, changes: bool = False, beside: Entry | None = None,
-            beyond: Entry | None = None, sure: bool = False) -> None:
+    def ask_for(self, entry: Entry, names: Sequence[str], *, changes: bool = False, beside: Entry | None = None,
+                beyond: Entry | None = None, sure: bool = False) -> None:
         """Ask beside a node for effects that are not fitted yet, and with `changes` for those of structure.
 
         A search that begins with parts of the record ends where it does not leave less than another node, `beside`.
         With `beyond` only looks better than that node are fitted, and the budget holds as it does with `changes`. Where
         it is `sure` that an effect enters, its best look is fitted in full whatever it gains.
         """
-        ground, tasks = self._opened(entry, f"asking for {names[0]} beside")
+        ground, tasks = self._open_node(entry, f"asking for {names[0]} beside")
         if beside is not None:
             left = replace(ground.fit.best, residual=beside.scored.done.evaluated.left, followed=None)
             ground = replace(ground, fit=replace(ground.fit, best=left))
-        asked = [adding(ground.fit.model.spec, name) for name in names]
-        asked = [*filter(self._unfitted, asked), *(t for t in tasks if changes and not t.added)]
-        with nullcontext() if changes or beyond is not None else self.budget.anew():
+        asked = [edge_adding(ground.fit.model.spec, name) for name in names]
+        asked = [*filter(self._needs_fit, asked), *(t for t in tasks if changes and not t.added)]
+        with nullcontext() if changes or beyond is not None else self.budget.allow_last_question():
             self._search_valves(ground, [t for t in asked if t.added == RESTING])
-            looks = self._looked(ground, entry, asked)
-            self._finish(ground, entry, [a for a in looks if beyond is None
-                                         or self._seen(a).done.gain_over(beyond.scored.done) > 0.0], sure)
+            looks = [a for a in self._look_at_tasks(ground, entry, asked)
+                     if beyond is None or self._score_of(a).done.gain_over(beyond.scored.done) > 0.0]
+            self._fit_best_looks(ground, entry, looks, sure)
 
-    def _same_slips(self, entry: Entry, *, better: bool = False) -> None:
-        """Put nodes with the slips of an entry in the memo, the other kind of valve too; `better`: see `beside`."""
-        if beside(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
+    def _try_same_slips(self, entry: Entry, *, better: bool = False) -> None:
+        """Put nodes with the slips of an entry in the memo, the other kind of valve too (see `add_same_slips`)."""
+        if add_same_slips(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
             self._judge(entry)
 
-    def _anneal(self, entry: Entry) -> None:
+    def _anneal_slips(self, entry: Entry) -> None:
         """Seek slips that PV places from other valves, too, where a base leaves more than noise; once for a record."""
-        if self.anew and not depth(entry.spec) and not self.at_end(entry):
-            self.anew, done = False, likelier(entry.scored.done, anew=True)
+        if self.may_anneal and not depth(entry.spec) and not self.at_end(entry):
+            self.may_anneal, done = False, place_slips(entry.scored.done, other_valves=True)
             if done.gain_over(entry.scored.done) > self.policy.better_fit:
                 entry.scored, entry.asked = Scored(done, True, held_out(done)), False
 
-    def _doubted(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
+    def _find_doubt(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
         """A node and effects to ask for beside it, once: an answer may be another valve, or lack a drift; or None."""
         spec = entry.spec
         if self.budget.share >= 2:
             return None
-        if drifts := [n for n in lasting(self.memo, entry) if n in additions(spec, self.loop, self.only)]:
+        if drifts := [n for n in lasting_disturbances(self.memo, entry) if n in additions(spec, self.loop, self.only)]:
             return entry, tuple(drifts)
         if slips := slips_like_rests(spec):
-            before = self.dropped(entry, slips)
+            before = self.drop_effect(entry, slips)
             kind = kind_of(with_effect(before.spec, RESTING))
-            self.valves[kind] = (rests_instead(entry.scored.done, slips), *self.valves.get(kind, ()))
+            self.valves[kind] = (resting_values(entry.scored.done, slips), *self.valves.get(kind, ()))
             return (before, (RESTING,)) if RESTING in additions(before.spec, self.loop, self.only) else None
-        doubtful = odd(entry, self.policy, lasting=not self.budget.over)
+        doubtful = doubts_valve(entry, self.policy, lasting=not self.budget.over)
         if not doubtful and spec.held:
             return None
         if RESTING in additions(spec, self.loop, self.only):
@@ -227,82 +227,82 @@ class Search:
         # Under a command that moves a valve that rests may be one that slides and goes past its place.
         if RESTING not in spec.effects or (spec.held and self.only_noise(entry)):
             return None
-        slides = self.dropped(entry, RESTING)
+        slides = self.drop_effect(entry, RESTING)
         names = tuple(n for n in additions(slides.spec, self.loop, self.only) if parse(n)[0].slides)
         return (slides, names) if names else None
 
-    def _structures(self, entry: Entry) -> None:
+    def _ask_structures(self, entry: Entry) -> None:
         """Ask beside every process, lag and command for a valve that rests: two changes may show only together."""
         queue, seen = [entry], {key(entry.spec)}
         while queue and not self.budget.over and not self.only_noise(self.best()):
             base = queue.pop(0)
             if base is not entry and RESTING in additions(base.spec, self.loop, self.only):
                 # The valves found without a further lag will do: most of them were found without a process.
-                kind, known = (kind_of(with_effect(x, RESTING)) for x in (base.spec, without(base.spec, (LAG,))))
+                kind, known = (kind_of(with_effect(x, RESTING)) for x in (base.spec, drop_from(base.spec, (LAG,))))
                 if known in self.valves:
                     self.valves.setdefault(kind, self.valves[known])
-                self.ask(base, (RESTING,), changes=base.op == SWAP)
+                self.ask_for(base, (RESTING,), changes=base.op == SWAP)
             found = {key(e.spec): e for e in other_structures(self.memo, entry, self.best(), self.policy)}
             queue += [e for name, e in found.items() if name not in seen]
             seen |= found.keys()
 
-    def integrated(self, entry: Entry) -> Entry | None:
+    def fit_integrator(self, entry: Entry) -> Entry | None:
         """A node with an integrator for a lag of many periods, which has no level; None where no lag is so long.
 
         A further lag is then the integrator's own. Beside such a lag effects imitate what the level leaves.
         """
-        if entry.spec.fixed or not entry.scored.endless(self.policy):
+        if entry.spec.fixed or not entry.scored.acts_as_integrator(self.policy):
             return None
-        return self.instead(entry, other_process(without(entry.spec, (LAG,))))
+        return self.fit_structure(entry, other_process(drop_from(entry.spec, (LAG,))))
 
-    def instead(self, entry: Entry, spec: Spec) -> Entry | None:
+    def fit_structure(self, entry: Entry, spec: Spec) -> Entry | None:
         """The node of another structure beside an entry, fitted in full; None where its fit failed."""
         task = Task(spec)
-        if self._unfitted(task):
-            ground, _ = self._opened(entry, "asking for another structure beside")
-            looks = self._performed(ground, entry, [task], always=True)
-            self._performed(ground, entry, [replace(task, look=look) for look in looks], always=True)
+        if self._needs_fit(task):
+            ground, _ = self._open_node(entry, "asking for another structure beside")
+            looks = self._perform_tasks(ground, entry, [task], always=True)
+            self._perform_tasks(ground, entry, [replace(task, look=look) for look in looks], always=True)
             self._judge(entry)
         found = self.memo[key(task.spec)]
         return None if found.failed else found
 
-    def _instead_of_lag(self, entry: Entry) -> None:
+    def _ask_instead_of_lag(self, entry: Entry) -> None:
         """Look at effects on the process in the place of a further lag: beside it they begin far off."""
         if LAG not in entry.spec.effects or self.only is not None or self.only_noise(self.best()):
             return
-        bare = self.dropped(entry, LAG)
-        if names := [n for n in additions(bare.spec, self.loop, self.only) if shapes(parse(n)[0])]:
-            self.ask(bare, names, beyond=entry)
+        bare = self.drop_effect(entry, LAG)
+        if names := [n for n in additions(bare.spec, self.loop, self.only) if shapes_process(parse(n)[0])]:
+            self.ask_for(bare, names, beyond=entry)
 
-    def _lighten(self) -> None:
+    def _drop_needless(self) -> None:
         """Drop what the best node has from its base and no longer needs: a rest found while an effect was missing."""
         best = self.best()
         for name in BASE_EFFECTS.intersection(best.spec.effects):
             if depth(best.spec) and not self.only_noise(best):
-                without = self.dropped(best, name)
+                without = self.drop_effect(best, name)
                 if best.scored.done.gain_over(without.scored.done) < least_cost(name, without, self.policy):
-                    self.settle(without)
+                    self.settle_node(without)
 
-    def dropped(self, entry: Entry, name: str) -> Entry:
+    def drop_effect(self, entry: Entry, name: str) -> Entry:
         """The node without one effect: as it was met, or fitted from an entry's values, whichever is better."""
         asked = key(entry.spec), name, entry.scored.done.innovation_sd
         if asked not in self.drops:
-            self.drops[asked] = self._dropped(entry, name)
+            self.drops[asked] = self._fit_without(entry, name)
         return self.drops[asked]
 
-    def _dropped(self, entry: Entry, name: str) -> Entry:
-        spec = node(without(entry.spec, (name,)), soft=entry.scored.done.increments)
+    def _fit_without(self, entry: Entry, name: str) -> Entry:
+        spec = node(drop_from(entry.spec, (name,)), soft=entry.scored.done.increments)
         known = self.memo.get(key(spec))
         if known is not None and known.scored.full and entry.op == ADD and entry.parent == key(spec):
             return known  # it was polished from this entry's values when they were handed back
-        done = fitted_without(standing(entry.scored, entry.spec), spec, name, rng_of(self.seed, key(spec), 2),
-                              self.policy)
+        done = fit_without(point_in_search_form(entry.scored, entry.spec), spec, name, rng_of(self.seed, key(spec), 2),
+                           self.policy)
         if known is not None and not known.failed and known.scored.done.gain_over(done) > 0.0:
             return known
         scored = Scored(done, True, held_out(done))
         if known is None:
             known = self.memo[key(spec)] = Entry(spec, scored, key(entry.spec), DROP, name)
-            known.gates = judged_drop(name, known, entry.scored, self.policy)
+            known.gates = judge_drop(name, known, entry.scored, self.policy)
         else:
             known.scored = scored
         return known
@@ -318,77 +318,77 @@ class Search:
 
     def _edges(self, entry: Entry, spec: Spec) -> list[Task]:
         """The edges of a node whose ends are not fitted in full; `spec` is that of its search form."""
-        tasks = list(filter(self._unfitted, edges(spec, self.loop, self.only, self.commands)))
-        leak = leaking(spec) if self.only is None else None
+        tasks = list(filter(self._needs_fit, edges(spec, self.loop, self.only, self.commands)))
+        leak = leaking_process(spec) if self.only is None else None
         known = self.memo.get(key(leak)) if leak else None
         if leak and (known is None or entry.scored.done.gain_over(known.scored.done) > 0.0):
             tasks.append(Task(leak))
         return tasks
 
-    def _unfitted(self, task: Task) -> bool:
+    def _needs_fit(self, task: Task) -> bool:
         """True for a node that is not fitted in full, nor known from an earlier search to be worth no fit."""
         known = self.memo.get(key(task.spec))
         return known is None or (not known.scored.full and (known.look is not None or bool(known.failed)))
 
-    def _looked(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
+    def _look_at_tasks(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
         """Looks at tasks, the most promising effects polished: the best by score and by free run.
 
         Effects off the valve come first, then those on it by twos, then changes of structure. As long as no look comes
         near the noise, and the innovations are not white, the latter two are also searched from new valves, with no
         process assumed.
         """
-        tasks = shown(ground, tasks)
+        tasks = keep_followed_tags(ground, tasks)
         answers: list[Packed] = []
         valves = [t for t in tasks if t.on_valve]
         for some in filter(None, ([t for t in tasks if t.added and not t.on_valve],
                                   *(valves[i:i + 2] for i in range(0, len(valves), 2)),
                                   [t for t in tasks if not t.added])):
-            near = entry.scored.white or any(a.added and self._seen(a).nearly(self.policy) for a in answers)
-            answers += self._performed(ground, entry, [
+            near = entry.scored.white or any(a.added and self._score_of(a).leaves_little(self.policy) for a in answers)
+            answers += self._perform_tasks(ground, entry, [
                 replace(t, stage=NEAR if near else FAR if t.on_valve else t.stage) for t in some])
         effects = [a for a in answers if a.added and self.memo[key(a.spec)].look is a]
-        by_score = sorted(effects, key=lambda a: -self._seen(a).done.gain_over(entry.scored.done))
-        by_free_run = sorted(effects, key=lambda a: self._seen(a).rmse)
+        by_score = sorted(effects, key=lambda a: -self._score_of(a).done.gain_over(entry.scored.done))
+        by_free_run = sorted(effects, key=lambda a: self._score_of(a).rmse)
         best = {key(a.spec): a for a in (*by_score[:2 * self.policy.finalists], *by_free_run[:self.policy.finalists])}
         again = [Task(a.spec, a.added, CLOSER, a) for a in best.values() if not a.along]
-        polished = self._performed(ground, entry, again)
+        polished = self._perform_tasks(ground, entry, again)
         closer = {key(a.spec) for a in polished}  # (the budget may end before)
         return [*(a for a in answers if key(a.spec) not in closer), *polished]
 
-    def _performed(self, ground: Ground, entry: Entry, tasks: Sequence[Task], *, always: bool = False) -> list[Packed]:
+    def _perform_tasks(self, ground: Ground, entry: Entry, tasks: Sequence[Task], always: bool = False) -> list[Packed]:
         """Answers to tasks, whatever the budget with `always`; each look is remembered where it is its node's best."""
         answers = []
         with Crew(ground, self.jobs) as crew:
             for task, answer in self.budget.answers(crew, tasks, always):
                 if answer.failed:
-                    self.memo.setdefault(key(task.spec), broken(entry, task, answer))
+                    self.memo.setdefault(key(task.spec), failed_entry(entry, task, answer))
                     continue
-                remember(self.memo, entry, task, answer, answer.scored(ground.fit), self.policy)
+                remember(self.memo, entry, task, answer, answer.score_again(ground.fit), self.policy)
                 answers.append(answer)
         return answers
 
-    def _seen(self, answer: Packed) -> Scored:
+    def _score_of(self, answer: Packed) -> Scored:
         """Score of a look, whether it waits beside a full fit or not."""
-        return self.memo[key(answer.spec)].seen(answer)
+        return self.memo[key(answer.spec)].score_of_look(answer)
 
-    def _finish(self, ground: Ground, entry: Entry, looks: Sequence[Packed], sure: bool = False) -> None:
+    def _fit_best_looks(self, ground: Ground, entry: Entry, looks: Sequence[Packed], sure: bool = False) -> None:
         """Fit the looks that may win in full, the best first; then hand values back and judge all full children."""
         parent = entry.scored.done
-        gains = {key(a.spec): self._seen(a).done.gain_over(parent) for a in looks}
+        gains = {key(a.spec): self._score_of(a).done.gain_over(parent) for a in looks}
         by_score = sorted(looks, key=lambda a: -gains[key(a.spec)])
-        by_free_run = sorted(looks, key=lambda a: self._seen(a).rmse)
+        by_free_run = sorted(looks, key=lambda a: self._score_of(a).rmse)
         queue = list(dict.fromkeys([key(a.spec) for a in (*by_score[:1], *by_free_run[:1], *by_score)]))
         answers, freest = {key(a.spec): a for a in looks}, {key(a.spec) for a in by_free_run[:self.policy.finalists]}
         best, count = -np.inf, 0
         explained: Scored | None = None
         for name in queue:
             answer = answers[name]
-            if explained is not None and self._seen(answer).rmse > self.policy.nearly * explained.rmse:
+            if explained is not None and self._score_of(answer).rmse > self.policy.nearly * explained.rmse:
                 continue
             structural = depth(answer.spec) == 0 and better_base(self.memo, self.memo[name], self.policy)
             # A rough place of a disturbance costs innovations, but it takes most of the free run.
-            halves = name in freest and 2 * self._seen(answer).rmse <= entry.scored.rmse
-            freer = self._seen(answer).rmse * self.policy.better_base < entry.scored.rmse
+            halves = name in freest and 2 * self._score_of(answer).rmse <= entry.scored.rmse
+            freer = self._score_of(answer).rmse * self.policy.better_base < entry.scored.rmse
             late = count >= self.policy.finalists or gains[name] < max(0.0 if freer else best - self.policy.within, 0.0)
             # A look that gains nothing, and no free run either, is no lead.
             least = -self.policy.within if freer else 0.0
@@ -396,22 +396,22 @@ class Search:
                 continue
             # The best look is fitted even where the budget ended with the looks, so is the freest where it halves.
             always = not count or (halves and answer is by_free_run[0])
-            done = self._performed(ground, entry, [Task(answer.spec, answer.added, look=answer)], always=always)
+            done = self._perform_tasks(ground, entry, [Task(answer.spec, answer.added, look=answer)], always=always)
             count += not structural
             if done:
                 best = max(best, self.memo[name].scored.done.gain_over(parent))
-                if self.explained(self.memo[name]):
+                if self.is_explained(self.memo[name]):
                     explained = self.memo[name].scored
         for child in list(self.memo.values()):
-            if child.nearly(key(entry.spec), entry.scored, self.policy) and not self.explained(child):
-                self.settle(child)
+            if child.is_near_noise(key(entry.spec), entry.scored, self.policy) and not self.is_explained(child):
+                self.settle_node(child)
         self._hand_back(ground, entry)
         self._judge(entry)
 
-    def settle(self, entry: Entry) -> None:
+    def settle_node(self, entry: Entry) -> None:
         """Fit a node with effects once more, unless it is explained."""
-        if not entry.settled and entry.spec.effects and not self.explained(entry):
-            entry.scored = settled_again(entry.scored, entry.spec, self.seed, self.policy)
+        if not entry.settled and entry.spec.effects and not self.is_explained(entry):
+            entry.scored = settle_again(entry.scored, entry.spec, self.seed, self.policy)
         entry.settled = True
 
     def _hand_back(self, ground: Ground, entry: Entry) -> None:
@@ -422,14 +422,14 @@ class Search:
             entry.scored = from_children(ground, entry.spec, entry.scored, [e.scored for e in children])
 
     def _judge(self, entry: Entry) -> None:
-        base = next((e.scored for e in ranked(self.memo, self.policy) if not depth(e.spec)), None)
+        base = next((e.scored for e in rank_entries(self.memo, self.policy) if not depth(e.spec)), None)
         judge_children(self.memo, entry, self.policy, base, self.blurred)
 
     def only_noise(self, entry: Entry) -> bool:
         """True where an entry leaves noise of short memory, or is explained."""
-        return entry.scored.noise_alone or self.explained(entry)
+        return entry.scored.noise_alone or self.is_explained(entry)
 
-    def _carried(self, entry: Entry) -> bool:
+    def _noise_may_hide(self, entry: Entry) -> bool:
         """True where a free run is at the noise, or noise alone is left that walks or carries less than half of it.
 
         A positioner that hunts came out as coloured noise, with S 31 % off.
@@ -438,10 +438,10 @@ class Search:
         return (scored.white and scored.done.increments) or self._at_floor(scored) or (
             self.only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
 
-    def explained(self, entry: Entry) -> bool:
+    def is_explained(self, entry: Entry) -> bool:
         """True where white innovations are nearly all of the free run, or that is near the irreducible noise."""
         if entry.scored.white:
-            return entry.scored.explained(self.policy)
+            return entry.scored.is_explained(self.policy)
         # Tests for whiteness reject every model of a long record, and one whose command is rebuilt between samples.
         return (not entry.spec.held or self.loop.samples > 2 * self.policy.unit) and self._at_floor(entry.scored)
 

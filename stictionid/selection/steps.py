@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import DataError
-from ..fit.adequacy import adequate, with_one_noise
+from ..fit.adequacy import judge_adequacy, with_one_noise
 from ..fit.context import Run, process_numbers
 from ..fit.fit import Fitted, as_it_stands
 from ..fit.intervals.along_path import scatter_of
 from ..fit.options import Options
-from ..model.restore import described, rebuild_model
+from ..model.restore import described_segments, rebuild_model
 from ..process.rounded import is_coarse
 from ..record.intervals import Span, hull, intervals_withheld, united, with_ranges, without_intervals
 from ..record.loop import Loop
@@ -25,11 +25,11 @@ from .score import Scored
 _OPEN = 0.5
 
 
-def opened(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
+def open_last_model(loop: Loop, study: Study, seed: int) -> tuple[Run, Fitted]:
     """The study's last model on its record, ready for refits; DataError for an abstained study."""
     if not study.steps or not study.steps[-1].model:
         raise DataError("the study abstained, so there is no model to work on", study.verdict.reason)
-    piece, _ = described(loop, study.steps[-1].model)
+    piece, _ = described_segments(loop, study.steps[-1].model)
     model, values = rebuild_model(piece, study.steps[-1].model)
     options = Options(law=model.spec.law, seed=seed, intervals=study.with_intervals)
     run = Run(piece, find_range(piece), options, law=model.spec.law, rng=np.random.default_rng(seed),
@@ -42,7 +42,7 @@ def with_steps(study: Study, steps: tuple[Step, ...], after: Fitted) -> Study:
     if intervals_withheld(study.steps) or not study.with_intervals:
         steps = without_intervals(steps)
     steps = with_one_noise(steps)
-    holds, why = adequate(steps[-1], after.model.loop)
+    holds, why = judge_adequacy(steps[-1], after.model.loop)
     # The best model that holds these effects is now the last step.
     rows = tuple(replace(c, rmse=steps[-1].error.rmse) if c.effect in steps[-1].effects else c
                  for c in study.candidates)
@@ -55,7 +55,7 @@ def with_noise_of(study: Study, found: Scored) -> Study:
     steps = with_one_noise(study.steps, found.done.innovation_sd)
     if steps == study.steps:
         return study
-    holds, why = adequate(steps[-1], found.done.model.loop)
+    holds, why = judge_adequacy(steps[-1], found.done.model.loop)
     return replace(study, steps=steps, adequate=holds, adequate_reason=why)
 
 
@@ -81,7 +81,7 @@ def with_known_jump(found: Estimate, loop: Loop) -> Estimate:
     return replace(found, J_known=not open_)
 
 
-def reaching_to(found: Estimate, reach: Mapping[str, tuple[Span, ...]]) -> Estimate:
+def widen_to_equivalents(found: Estimate, reach: Mapping[str, tuple[Span, ...]]) -> Estimate:
     """The estimate with intervals of S and J that reach to those of the models that explain the record alike."""
     if not reach or found.S_interval is None or found.J_interval is None:
         return found

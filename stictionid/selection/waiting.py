@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from .entry import SWAP, Entry
-from .node import LAG, depth, key, physical
+from .node import LAG, depth, key, physical_effects
 from .policy import Policy
 
 Memo = Mapping[str, Entry]
 
 
-def ranked(memo: Memo, policy: Policy, *, tentative: bool = False) -> list[Entry]:
+def rank_entries(memo: Memo, policy: Policy, *, tentative: bool = False) -> list[Entry]:
     """The entries that passed all gates (or nearly, with `tentative`), best BIC first."""
     entries = [e for e in memo.values() if e.passed or (tentative and e.tentative)]
     reference = entries[0].scored.done
@@ -22,19 +22,19 @@ def ranked(memo: Memo, policy: Policy, *, tentative: bool = False) -> list[Entry
     return sorted(entries, key=lambda e: -gains[key(e.spec)])
 
 
-def waiting(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
+def nodes_to_ask(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
     """The nodes to ask: new bases by free run, then others by BIC.
 
     Beside a missing effect an autoregression hides which base is right; the free run does not. Bases that do not help
     alone come where nothing else is left: beside one of them another effect may. With `only_some` effects of the
     catalogue none can, so these bases are left out.
     """
-    whole = [e for e in ranked(memo, policy, tentative=True) if depth(e.spec) < policy.depth]
+    whole = [e for e in rank_entries(memo, policy, tentative=True) if depth(e.spec) < policy.depth]
     rest = [e for e in whole if not e.asked]
     if rest and rest[0].scored.only_noise(policy):
         return rest[:1]
-    free = [e for e in rest if depth(e.spec) and _frees(memo, e)]
-    if free or (rest and rest[0] is whole[0] and depth(whole[0].spec) and whole[0].scored.nearly(policy)):
+    free = [e for e in rest if depth(e.spec) and _halves_free_run(memo, e)]
+    if free or (rest and rest[0] is whole[0] and depth(whole[0].spec) and whole[0].scored.leaves_little(policy)):
         return [*free, *(e for e in rest if e not in free)]  # (nothing hides a base)
     unasked = [e for e in memo.values() if not e.asked and not e.failed and not depth(e.spec)]
     bases = [e for e in unasked if e.scored.full
@@ -43,10 +43,10 @@ def waiting(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
     # Bases whose free runs are about as good come by BIC; the free run of a walk tells nothing.
     bases.sort(key=lambda e: (e.scored.rmse > 2 * least and not e.scored.done.increments, _bic(e)))
     found = [*bases, *(e for e in rest if depth(e.spec) > 0)]
-    return found or ([] if only_some or ranked(memo, policy)[0].scored.white else sorted(unasked, key=_bic))
+    return found or ([] if only_some or rank_entries(memo, policy)[0].scored.white else sorted(unasked, key=_bic))
 
 
-def _frees(memo: Memo, entry: Entry) -> bool:
+def _halves_free_run(memo: Memo, entry: Entry) -> bool:
     """True where the free run of an entry is half of that of every base, or less."""
     bases = [e.scored.rmse for e in memo.values() if not depth(e.spec) and not e.failed and e.scored.full]
     return 2 * entry.scored.rmse <= min(bases, default=0.0)
@@ -63,9 +63,9 @@ def better_base(memo: Memo, entry: Entry, policy: Policy) -> bool:
 
 def other_structures(memo: Memo, entry: Entry, best: Entry, policy: Policy) -> list[Entry]:
     """Nodes of another process, lag or command with the effects of an entry, not far behind the best one."""
-    bare = {*physical(entry.spec)} - {LAG}
+    bare = {*physical_effects(entry.spec)} - {LAG}
     return [e for e in memo.values() if (e.what == LAG or e.op == SWAP)
-            and {*physical(e.spec)} - {LAG} == bare and not e.failed
+            and {*physical_effects(e.spec)} - {LAG} == bare and not e.failed
             and e.scored.done.gain_over(best.scored.done) > -policy.within]
 
 

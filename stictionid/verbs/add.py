@@ -5,8 +5,8 @@ from __future__ import annotations
 from ..errors import UsageError
 from ..record.loop import Finding, Loop
 from ..record.study import Study
-from ..selection.node import plain, variants
-from ..selection.run import resumed
+from ..selection.node import plain_name, variants
+from ..selection.run import resume_search
 from ..selection.score import is_noise
 from ..typing import Progress
 from .by_hand import asked_for, entered, needless, of_effects, rises, with_finding
@@ -24,9 +24,9 @@ def add(loop: Loop, study: Study, effect: str, *, seed: int = 0, prune: bool = F
     """
     tell = progress or (lambda text, share: None)
     names = variants(effect, loop)
-    on = resumed(loop, study, seed=seed, progress=progress)
+    on = resume_search(loop, study, seed=seed, progress=progress)
     have = on.fit.model.spec.effects
-    if any(plain(name) == plain(old) for name in names for old in have):
+    if any(plain_name(name) == plain_name(old) for name in names for old in have):
         raise UsageError(f"the model has {effect} already", "choose another effect; stictionid effects lists them")
     asked = asked_for(study)
     noise = next((n for n in (*names, *asked) if is_noise(n)), "") if is_noise(names[0]) or not prune else ""
@@ -54,5 +54,5 @@ def _worse(effect: str, before: Study, after: Study) -> Finding:
 def _superfluous(spare: tuple[str, ...], effect: str) -> Finding:
     """The finding on effects that were added by hand and that the newest one makes superfluous."""
     return Finding("superfluous", "warning",
-                   f"{', '.join(spare)} no longer helps beside {effect}: stictionid remove {plain(spare[0])} leaves it "
-                   "out", {"effects": list(spare)}, (), SOURCE)
+                   f"{', '.join(spare)} no longer helps beside {effect}: "
+                   f"stictionid remove {plain_name(spare[0])} leaves it out", {"effects": list(spare)}, (), SOURCE)

@@ -16,20 +16,20 @@ import numpy as np
 from ..effects import parse
 from ..errors import CannotTell, ModelError
 from ..fit.adequacy import carrier
-from ..fit.noise.completion import quick
-from ..model.restore import described, rebuild_model
+from ..fit.noise.completion import complete_quickly
+from ..model.restore import described_segments, rebuild_model
 from ..record.loop import Finding, Loop
 from ..record.preconditions import swing_of
 from ..record.study import Step, Study
-from ..selection.decide import Decision, decided, pruned
+from ..selection.decide import Decision, decide_answer, prune_effects
 from ..selection.entry import Entry
-from ..selection.ladder import ordered
-from ..selection.node import BASE_EFFECTS, key, physical, plain, shapes, with_effect
-from ..selection.run import Resumed, base_of, concluded, ladder_of, left_out, ranked, told
+from ..selection.ladder import order_ladder
+from ..selection.node import BASE_EFFECTS, key, physical_effects, plain_name, shapes_process, with_effect
+from ..selection.run import Resumed, add_decision, base_of, conclude_study, ladder_of, left_out_finding, rank_candidates
 from ..selection.score import is_noise
 from ..selection.search import Search
-from ..selection.steps import opened
-from ..verdict.detectable import detectable
+from ..selection.steps import open_last_model
+from ..verdict.detectable import detectable_sizes
 from ..verdict.from_position import from_position
 from ..verdict.judge import judge
 from ..verdict.severity import with_controller
@@ -45,7 +45,7 @@ def judged_anew(loop: Loop, study: Study, seed: int) -> Study:
 
     Raises DataError for an abstained study.
     """
-    run, fit = opened(loop, study, seed)
+    run, fit = open_last_model(loop, study, seed)
     main = study.estimate
     if main is not None:
         position = from_position(run.loop.longest_segment(), law=run.law, s_max=swing_of(run.loop, run.found),
@@ -73,12 +73,12 @@ def with_sizes(loop: Loop, study: Study) -> Study:
     """The study with the smallest size of every effect that was not named which its record would have shown."""
     if not study.candidates:
         return study
-    piece, _ = described(loop, study.steps[-1].model)
+    piece, _ = described_segments(loop, study.steps[-1].model)
     names = {c: c.effect + (f"@{c.variant}" if c.variant and c.variant in parse(c.effect)[0].variants else
                             f":{c.variant}" if c.variant else "") for c in study.candidates if not c.accepted}
     have = {parse(name)[0].name for name in study.steps[-1].effects}
-    sizes = detectable([n for c, n in names.items() if c.effect not in have],
-                       quick(*rebuild_model(piece, study.steps[-1].model)))
+    sizes = detectable_sizes([n for c, n in names.items() if c.effect not in have],
+                             complete_quickly(*rebuild_model(piece, study.steps[-1].model)))
     return replace(study, candidates=tuple(
         replace(c, detectable_from=sizes.get(names[c])) if c in names else c for c in study.candidates))
 
@@ -104,11 +104,11 @@ def entered(on: Resumed, names: Sequence[str], asked: Sequence[str]) -> Entry:
     search, here = on.search, on.here
     effect = parse(names[0])[0]
     found = _beside(search, here, names)
-    parts = [n for n in physical(here.spec) if plain(n) in BASE_EFFECTS and n not in asked]
-    if parts and (found is None or effect.slides or shapes(effect) or not search.only_noise(found)):
+    parts = [n for n in physical_effects(here.spec) if plain_name(n) in BASE_EFFECTS and n not in asked]
+    if parts and (found is None or effect.slides or shapes_process(effect) or not search.only_noise(found)):
         bare = here
         for part in parts:
-            bare = search.dropped(bare, part)
+            bare = search.drop_effect(bare, part)
         other = _beside(search, bare, names)
         if other is not None and (found is None or other.scored.done.gain_over(found.scored.done) > 0.0):
             found = other
@@ -123,8 +123,8 @@ def taken_out(on: Resumed, names: Sequence[str]) -> Entry:
     search, entry = on.search, on.here
     for name in names:
         known = frozenset(search.memo)
-        entry = search.dropped(entry, name)
-        if not physical(entry.spec) and key(entry.spec) not in known:
+        entry = search.drop_effect(entry, name)
+        if not physical_effects(entry.spec) and key(entry.spec) not in known:
             with suppress(CannotTell):
                 entry = search.root(on.run.fit(entry.spec))
     return entry
@@ -139,24 +139,25 @@ def of_effects(loop: Loop, on: Resumed, entry: Entry, *, keep: Sequence[str], as
     """
     search, study = on.search, on.study
     entry = _as_it_moved(search, entry)
-    stay = {plain(name) for name in keep}
-    found = decided(search, entry, tuple(n for n in physical(entry.spec) if plain(n) in stay))
-    if noise or found.noise in map(plain, gone):
+    stay = {plain_name(name) for name in keep}
+    found = decide_answer(search, entry, tuple(n for n in physical_effects(entry.spec) if plain_name(n) in stay))
+    if noise or found.noise in map(plain_name, gone):
         found = replace(found, noise=noise)
     before = tuple(dict.fromkeys(n for step in study.steps for n in step.model["effects"] if not is_noise(n)))
-    ladder = ordered(search, found.winner, base_of(study), before)
-    steps, fits = ladder_of(on.run, search, found, on.fit, ladder, study, left_out(found, study, gone))
+    ladder = order_ladder(search, found.winner, base_of(study), before)
+    steps, fits = ladder_of(on.run, search, found, on.fit, ladder, study, left_out_finding(found, study, gone))
     rose = rises(study, replace(study, steps=tuple(steps)))
     steps = _answered(on, found, steps, asked, rose)
-    after = concluded(told(on, study, found, ladder[0]), found, steps, fits)
+    after = conclude_study(add_decision(on, study, found, ladder[0]), found, steps, fits)
     if study.candidates:
-        after = with_sizes(loop, ranked(on, after, found, new))
+        after = with_sizes(loop, rank_candidates(on, after, found, new))
     return with_carrier(judged_anew(loop, after, search.seed)), found
 
 
 def with_finding(study: Study, finding: Finding, name: str = "") -> Study:
     """The study with one more finding on the step that added an effect, or on its last one."""
-    at = next((i for i, step in enumerate(study.steps) if name and step.added == plain(name)), len(study.steps) - 1)
+    at = next((i for i, step in enumerate(study.steps) if name and step.added == plain_name(name)),
+              len(study.steps) - 1)
     return replace(study, steps=tuple(replace(step, findings=(*step.findings, finding)) if i == at else step
                                       for i, step in enumerate(study.steps)))
 
@@ -168,14 +169,15 @@ def rises(before: Study, after: Study) -> bool:
 
 def needless(search: Search, found: Decision, newest: str, asked: Sequence[str]) -> tuple[str, ...]:
     """Effects asked for, but the newest one, that a search would leave out of the model."""
-    stay = tuple(n for n in physical(found.winner.spec) if plain(n) == plain(newest))
-    have = set(physical(found.winner.spec)) - set(physical(pruned(search, found.winner, stay).spec))
+    stay = tuple(n for n in physical_effects(found.winner.spec) if plain_name(n) == plain_name(newest))
+    needed = prune_effects(search, found.winner, stay)
+    have = set(physical_effects(found.winner.spec)) - set(physical_effects(needed.spec))
     return tuple(n for n in asked if n in have)
 
 
 def _beside(search: Search, entry: Entry, names: Sequence[str]) -> Entry | None:
     """The best node with one of some effects more, one that passes the gates first; None where no fit converged."""
-    search.ask(entry, names, sure=True)
+    search.ask_for(entry, names, sure=True)
     nodes = [search.memo.get(key(with_effect(entry.spec, name))) for name in names]
     full = [e for e in nodes if e is not None and e.scored.full and not e.failed]
     return max(full, key=lambda e: (e.passed, e.scored.done.gain_over(entry.scored.done)), default=None)
@@ -186,12 +188,12 @@ def _elsewhere(search: Search, entry: Entry, newest: Sequence[str]) -> Entry:
 
     Their place was chosen while the newest effect was missing.
     """
-    for name in physical(entry.spec):
+    for name in physical_effects(entry.spec):
         effect, at = parse(name)
         others = [f"{effect.name}@{v}" for v in effect.variants if v != at]
         if name in newest or not others or search.only_noise(entry):
             continue
-        other = _beside(search, search.dropped(entry, name), others)
+        other = _beside(search, search.drop_effect(entry, name), others)
         if other is not None and other.scored.done.gain_over(entry.scored.done) >= search.policy.alike:
             entry = other
     return entry
@@ -205,7 +207,7 @@ def _as_it_moved(search: Search, entry: Entry) -> Entry:
     """
     for command in search.commands:
         if command.between != entry.spec.between and not search.only_noise(entry):
-            other = search.instead(entry, replace(entry.spec, between=command.between, substeps=command.substeps))
+            other = search.fit_structure(entry, replace(entry.spec, between=command.between, substeps=command.substeps))
             if other is not None and other.scored.done.gain_over(entry.scored.done) >= search.policy.structure_margin:
                 entry = other
     return entry
@@ -213,9 +215,9 @@ def _as_it_moved(search: Search, entry: Entry) -> Entry:
 
 def _answered(on: Resumed, found: Decision, steps: Sequence[Step], asked: Sequence[str], rose: bool) -> list[Step]:
     """The steps of a ladder, those of effects asked for with the answer of the record."""
-    wanted, out = {plain(name) for name in asked}, [steps[0]]
+    wanted, out = {plain_name(name) for name in asked}, [steps[0]]
     for before, step in pairwise(steps):
-        for name in (n for n in _new(before, step) if plain(n) in wanted):
+        for name in (n for n in _new(before, step) if plain_name(n) in wanted):
             support = support_of(on.search, found.winner, name, rose)
             others = tuple(f for f in step.findings if f.code not in CODES)
             step = replace(step, supported=support.supported, findings=(support.finding, *others))

@@ -16,7 +16,7 @@ import numpy as np
 from .. import methods as method_room
 from .._version import __version__
 from ..errors import CannotTell
-from ..fit.adequacy import ADEQUATE, adequate, with_one_noise
+from ..fit.adequacy import ADEQUATE, judge_adequacy, with_one_noise
 from ..fit.context import Run, process_numbers
 from ..fit.fit import Fitted
 from ..fit.intervals.along_path import scatter_of
@@ -44,11 +44,11 @@ from ..record.study import (
     Verdict,
 )
 from ..selection.policy import Policy
-from ..selection.steps import reaching_to, with_known_jump
+from ..selection.steps import widen_to_equivalents, with_known_jump
 from ..typing import Progress
 from ..verdict import law_ranking
 from ..verdict.from_position import from_position
-from ..verdict.judge import ASK, UNANSWERED, capped, judge
+from ..verdict.judge import ASK, UNANSWERED, cap_verdict, judge
 from ..verdict.severity import with_controller
 from ..verdict.swing import meaning_of
 from .by_hand import with_carrier
@@ -104,7 +104,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
     except CannotTell as reason:
         return abstained(loop, found, options, reason)
     if outcome.verdict is not None:
-        return Study(made_by(options), data_record(loop, piece, notes), found, capped(outcome.verdict, loop), None,
+        return Study(made_by(options), data_record(loop, piece, notes), found, cap_verdict(outcome.verdict, loop), None,
                      command=options.command)
     near_fit = last = outcome.fits[-1]
     if view is not None:
@@ -114,7 +114,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
         outcome = replace(outcome, steps=without_intervals(outcome.steps))
         last = replace(last, intervals={}, pieces={})
     outcome = replace(outcome, steps=with_one_noise(outcome.steps))
-    holds, why = judged_by(outcome.unexplained, *adequate(outcome.steps[-1], piece))
+    holds, why = judged_by(outcome.unexplained, *judge_adequacy(outcome.steps[-1], piece))
     unit = loop.unit("output", "%")
     position = from_position(near.longest_segment(), law=run.law, s_max=swing_of(piece, found),
                              rng=np.random.default_rng(run.options.seed), fit=near_fit)
@@ -125,7 +125,7 @@ def identify(loop: Loop, *, options: Options | None = None, policy: Policy | Non
         return abstained(loop, found, options, CannotTell(unclear, _CLEARER, code="no-cycles"))
     estimate = _estimate(last, unit, outcome, position, options.intervals)
     estimate = with_ranges(estimate, outcome.steps) if options.intervals else estimate
-    estimate = with_known_jump(reaching_to(estimate, outcome.reach), piece)
+    estimate = with_known_jump(widen_to_equivalents(estimate, outcome.reach), piece)
     notes += rounding_left(piece, estimate)
     severity, swing = meaning_of(piece, estimate, last, verdict)
     severity = with_controller(severity, controller)

@@ -19,13 +19,13 @@ import numpy as np
 
 from ..effects import parse
 from ..fit.context import Run
-from ..fit.fit import Fitted, finish
-from ..fit.intervals.assemble import including
+from ..fit.fit import Fitted, finish_fit
+from ..fit.intervals.assemble import include_answer
 from ..fit.moves import with_start
 from ..fit.options import Options
 from ..methods.contract import Outcome
 from ..model.model import Model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..record.loop import Finding, Loop
 from ..record.oscillation import noise_of, reversals
 from ..record.study import Range, Step
@@ -129,9 +129,9 @@ def _polished(view: Excerpt, run: Run, fit: Fitted) -> Fitted:
     rows = view.polished(fit.model.parts)
     if rows == view.searched or not fit.intervals:
         return fit
-    model = bound(view.whole.cut(rows.start, rows.stop), fit.model.spec, s_max=run.s_max, period_s=run.period_s)
+    model = bind_model(view.whole.cut(rows.start, rows.stop), fit.model.spec, s_max=run.s_max, period_s=run.period_s)
     point = with_start(model, model.cube(model.vector(fit.best.values)[:, None]))
-    done = finish(model, point, model.costs(point), run.rng)
+    done = finish_fit(model, point, model.costs(point), run.rng)
     return replace(done, runs=fit.runs, agree=fit.agree, searched=fit.searched)
 
 
@@ -142,13 +142,14 @@ def _on_all(run: Run, fit: Fitted) -> Fitted:
     values = model.vector(fit.best.values)
     for segment, force in zip(loop.segments, model.forces, strict=True):
         head = loop.cut(segment.start, min(segment.stop, segment.start + SEARCHED))
-        start = bound(head, spec, s_max=run.s_max, period_s=run.period_s)
+        start = bind_model(head, spec, s_max=run.s_max, period_s=run.period_s)
         mine = start.cube(start.vector(fit.best.values)[:, None])
         values[force] = start.values(with_start(start, mine))[2, 0]
     if model.parts == 1:
         values = _broken_away(model, values, fit.intervals.get("S", (values[0], values[0])))
     best = model.evaluate(values)
-    return replace(fit, model=model, values=values, sse=best.sse, best=best, intervals=including(fit.intervals, best))
+    return replace(fit, model=model, values=values, sse=best.sse, best=best,
+                   intervals=include_answer(fit.intervals, best))
 
 
 def _broken_away(model: Model, values: FloatArray, within: tuple[float, float]) -> FloatArray:

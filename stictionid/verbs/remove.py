@@ -9,8 +9,8 @@ from ..errors import UsageError
 from ..record.loop import Finding, Loop
 from ..record.study import Study
 from ..selection.decide import best_without
-from ..selection.node import plain
-from ..selection.run import Resumed, resumed
+from ..selection.node import plain_name
+from ..selection.run import Resumed, resume_search
 from ..selection.score import is_noise
 from ..typing import Progress
 from .by_hand import asked_for, of_effects, taken_out, with_finding
@@ -28,7 +28,7 @@ def remove(loop: Loop, study: Study, effect: str, *, seed: int = 0, progress: Pr
     abstained study.
     """
     tell = progress or (lambda text, share: None)
-    on = resumed(loop, study, seed=seed, progress=progress)
+    on = resume_search(loop, study, seed=seed, progress=progress)
     gone = _named(effect, on.fit.model.spec.effects)
     tell(f"taking {gone[0]} out", 0.1)
     asked = tuple(name for name in asked_for(study) if name not in gone)
@@ -41,7 +41,7 @@ def remove(loop: Loop, study: Study, effect: str, *, seed: int = 0, progress: Pr
 def _named(effect: str, have: Sequence[str]) -> tuple[str, ...]:
     """The names under which the model has an effect; UsageError where it has none."""
     wanted, variant = parse(effect)
-    found = tuple(name for name in have if plain(name) == wanted.name and (not variant or name == effect))
+    found = tuple(name for name in have if plain_name(name) == wanted.name and (not variant or name == effect))
     if not found:
         raise UsageError(f"the model has no effect {effect}", "its effects: " + (", ".join(have) or "none"))
     return found
@@ -54,10 +54,10 @@ def _removed(on: Resumed, name: str, before: Study, after: Study) -> Finding:
     evidence = {"effect": name, "rmse_before": errors[0], "rmse_after": errors[1]}
     if is_noise(name):
         return Finding("removed", "info", said, evidence, (), SOURCE)
-    without = best_without(on.search, on.here, plain(name))
+    without = best_without(on.search, on.here, plain_name(name))
     worth = on.here.scored.done.gain_over(without.scored.done)
     asked = worth > _ASKED_FOR
     said += f", and it was worth {worth:.0f} BIC beyond noise, so the record "
     said += "asks for it" if asked else "does not ask for it"
     return Finding("removed", "warning" if asked else "info", said, {**evidence, "bic": worth},
-                   (plain(name),) if asked else (), SOURCE)
+                   (plain_name(name),) if asked else (), SOURCE)

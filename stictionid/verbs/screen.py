@@ -14,8 +14,8 @@ import numpy as np
 from .. import laws
 from ..errors import CannotTell
 from ..fit.context import Run
-from ..fit.moves import descended, search_model
-from ..fit.noise.prewhitening import whitened
+from ..fit.moves import descend_model, search_model
+from ..fit.noise.prewhitening import whiten_model
 from ..fit.options import Options
 from ..fit.starts.basins import basins, with_process
 from ..methods.option_check import check_options
@@ -26,7 +26,7 @@ from ..record.oscillation import find_range
 from ..record.preconditions import check
 from ..record.segments import chosen
 from ..record.study import Study, Verdict
-from ..verdict.judge import capped, compared
+from ..verdict.judge import cap_verdict, compare_with_free
 from .identify import abstained, data_record, made_by
 from .long_records import excerpt, looked_at
 
@@ -49,7 +49,7 @@ def screen(loop: Loop, *, options: Options | None = None) -> Study:
             piece, notes = view.loop, (*notes, looked_at(view))
         run = Run(piece, found, options, law=options.law or laws.DEFAULT, rng=np.random.default_rng(options.seed),
                   tell=lambda text, share: None)
-        verdict = capped(_verdict(run), loop)
+        verdict = cap_verdict(_verdict(run), loop)
     except CannotTell as reason:
         return abstained(loop, found, options, reason)
     return Study(made_by(options), data_record(loop, piece, notes), found, verdict, None, command=options.command)
@@ -62,8 +62,8 @@ def _verdict(run: Run) -> Verdict:
     if not np.isfinite(polished.costs[0]):
         raise CannotTell("no valve model moves under this command", "look at the trend with stictionid read",
                          code="valve-never-moves")
-    found = descended(model, polished.points[:_POLISHED])
+    found = descend_model(model, polished.points[:_POLISHED])
     values = model.values(found.points[:1])[:, 0]
-    quick = compared(run, whitened(model, values))
+    quick = compare_with_free(run, whiten_model(model, values))
     return replace(quick, reason=f"quick look: {quick.reason}", confidence=min(quick.confidence, _SUREST),
                    evidence={**quick.evidence, "S": float(values[0]), "J": float(values[1])})

@@ -11,8 +11,8 @@ from ..record.loop import Finding
 from ..record.tree import Gate
 from ..selection.decide import best_without
 from ..selection.entry import Entry
-from ..selection.gates import GAIN, LASTS, Edge, judged, margin_of
-from ..selection.node import BASE_EFFECTS, physical, plain
+from ..selection.gates import GAIN, LASTS, Edge, judge_edge, margin_of
+from ..selection.node import BASE_EFFECTS, physical_effects, plain_name
 from ..selection.score import Scored, is_noise, noise_name
 from ..selection.search import Search
 
@@ -39,10 +39,10 @@ def support_of(search: Search, winner: Entry, name: str, rose: bool = False) -> 
     if is_noise(name):
         return _of_noise(winner.scored, name, search)
     child, parent = _with_held(winner.scored), _with_held(_before(search, winner, name).scored)
-    without = best_without(search, winner, plain(name))
+    without = best_without(search, winner, plain_name(name))
     worth = winner.scored.done.gain_over(without.scored.done)
     margin = margin_of(name, search.policy, winner.scored.done)
-    gates = judged(Edge(name, child, parent, search.policy))
+    gates = judge_edge(Edge(name, child, parent, search.policy))
     lasts = any(g.name == LASTS for g in gates)
     failed = [g for g in gates if not g.passed and g.name != GAIN]
     if worth < margin and not lasts:
@@ -77,17 +77,17 @@ def _with_held(scored: Scored) -> Scored:
 
 def _before(search: Search, winner: Entry, name: str) -> Entry:
     """The best model without an effect that has no others than the winner, but for those of a base."""
-    mine = ({plain(n) for n in physical(winner.spec)} | BASE_EFFECTS) - {plain(name)}
-    search.dropped(winner, name)
+    mine = ({plain_name(n) for n in physical_effects(winner.spec)} | BASE_EFFECTS) - {plain_name(name)}
+    search.drop_effect(winner, name)
     less = [e for e in search.memo.values() if e.scored.full and not e.failed and
-            {plain(n) for n in physical(e.spec)} <= mine]
+            {plain_name(n) for n in physical_effects(e.spec)} <= mine]
     return max(less, key=lambda e: e.scored.done.gain_over(winner.scored.done))
 
 
 def _rival(winner: Entry, without: Entry) -> str:
     """The effect that a model has and the winner lacks; empty where there is none."""
-    have = {plain(name) for name in physical(winner.spec)} | BASE_EFFECTS
-    return next((name for name in physical(without.spec) if plain(name) not in have), "")
+    have = {plain_name(name) for name in physical_effects(winner.spec)} | BASE_EFFECTS
+    return next((name for name in physical_effects(without.spec) if plain_name(name) not in have), "")
 
 
 def _answer(failed: Sequence[Gate], worth: float, rose: bool) -> bool | None:

@@ -13,7 +13,7 @@ from ..fit.adequacy import said_rounding
 from ..fit.context import Run
 from ..fit.seen_command import full_over_rounded
 from ..fit.starts.intersample import surely_moves
-from ..process.controller_law import controller_law, followed_in_full
+from ..process.controller_law import controller_law, follows_in_full
 from ..process.controller_words import steps_in_words, steps_of, words_of
 from ..process.rounded import command_sd, is_coarse, step_of, unknown_step
 from ..record.controller import FINE, FULL, LEFT, REBUILT, ROUNDED, SEEN_ROUNDED, Controller
@@ -46,7 +46,7 @@ def command_of(piece: Loop, near: slice, run_of: Callable[[Loop], Run],
     if not is_coarse(here.loop, _LEAST * swing_of(here.loop, here.found)):
         use = "OP is used as recorded, with all the digits that it needs"
         return piece, law.controller, (_said(piece, law.controller, use, FINE),)
-    full = followed_in_full(piece, law)
+    full = follows_in_full(piece, law)
     gain = full_over_rounded(searched(full), here)
     rebuilt = gain > -alike
     # A command that the law knows hardly better than the record does makes slips early or late by chance, too.

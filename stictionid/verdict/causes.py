@@ -47,7 +47,7 @@ def looks_like(loop: Loop, free: Whitened, *, denied: bool = True) -> str:
     if moves and left <= _FOLLOWED:
         return "the loop moves because its setpoint does"
     signal = np.where(good, np.nan_to_num(loop.process_value), 0.0)
-    period, sine, cycle = steady(signal, good)
+    period, sine, cycle = steady_sine(signal, good)
     if sine >= _SINE:
         return (f"y is one steady sine of period {period * loop.step_s:.4g} s ({100 * sine:.0f} % of its variance): a "
                 "disturbance from elsewhere, or tuning at the stability limit, which a record in manual would tell")
@@ -62,7 +62,7 @@ def looks_like(loop: Loop, free: Whitened, *, denied: bool = True) -> str:
     return "what moves y is no steady oscillation: a disturbance that wanders, or noise"
 
 
-def steady(signal: FloatArray, good: BoolArray) -> tuple[float, float, float]:
+def steady_sine(signal: FloatArray, good: BoolArray) -> tuple[float, float, float]:
     """Period in samples of the strongest steady sine, its share of the variance, and the share with its multiples.
 
     Only good samples count. A wave whose phase wanders holds a small share, however narrow its band.

@@ -18,7 +18,7 @@ from ..effects.contract import Effect
 from ..errors import ModelError
 from ..fit.noise.completion import Refit
 from ..model.model import Model
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..numerics.narrow_band import shape
 from ..typing import FloatArray
 
@@ -32,7 +32,7 @@ _DELTA = 0.01
 _TIMES = (0.2, 0.35, 0.5, 0.65, 0.8)
 
 
-def detectable(names: Sequence[str], best: Refit) -> dict[str, str]:
+def detectable_sizes(names: Sequence[str], best: Refit) -> dict[str, str]:
     """For each effect the smallest size that would have been named beside a model, as "parameter from value unit"."""
     out = {}
     for name in names:
@@ -56,8 +56,8 @@ def _size(name: str, best: Refit) -> str | None:
         return _noise_size(effect, best)
     model = best.white_model()
     spec = replace(model.spec, effects=(*model.spec.effects, name))
-    wide = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s,
-                 residual=best.evaluated.left)
+    wide = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s,
+                      residual=best.evaluated.left)
     values = wide.vector(best.evaluated.values)
     directions = directions_of(model, best)
     good = model.weight > 0
@@ -94,7 +94,7 @@ def outputs(model: Model, values: FloatArray, sizes: FloatArray) -> tuple[FloatA
     return own[:, :, :k] @ sizes[:k], own
 
 
-def _left(change: FloatArray, directions: FloatArray, good: np.ndarray) -> FloatArray:
+def _energy_left(change: FloatArray, directions: FloatArray, good: np.ndarray) -> FloatArray:
     """Energies (P,) of changes (n, P) beyond what the base could undo."""
     masked = change * good[:, None]
     rest = masked - directions @ (directions.T @ masked)
@@ -117,7 +117,7 @@ def _linear_size(effect: Effect, name: str, wide: Model, values: FloatArray, dir
     n = wide.loop.samples
     before = 1 + sum(len(e.columns(trial[r], wide.context_of(o))) for e, r, o in
                      zip(wide.effects[:at], wide.effect_rows[:at], wide.options[:at], strict=True) if e.columns)
-    energy = _left(base[offsets[before]:offsets[before] + n], directions, good)
+    energy = _energy_left(base[offsets[before]:offsets[before] + n], directions, good)
     unit = float(np.median(np.sqrt(goal / np.maximum(energy, 1e-300))))
     if not np.isfinite(unit) or unit > 1e6:
         return None
@@ -144,7 +144,7 @@ def _searched_size(effect: Effect, name: str, wide: Model, values: FloatArray, d
             trial = values[:, None].repeat(sizes.size + 1, axis=1)
             trial[rows.start + i, 1:] = sizes
             output, _ = outputs(wide, trial, best.evaluated.own)
-            energy = _left(output[:, 1:] - output[:, :1], directions, good)
+            energy = _energy_left(output[:, 1:] - output[:, :1], directions, good)
             # From here on every larger size would have been seen, too.
             hidden = np.flatnonzero(~(energy >= goal))
             k = int(hidden[-1]) + 1 if hidden.size else 0
@@ -165,7 +165,7 @@ def _noise_size(effect: Effect, best: Refit) -> str | None:
     if effect.noise == "random-walk":
         ratio = np.geomspace(1e-5, 10.0, 400)
         gain = rows * np.log((1.0 + ratio**2 * rows / 6.0) / (1.0 + ratio + 0.5 * ratio**2))
-        return _first(gain, rows, 1, ratio * best.innovation_sd, "innovation_sd", "unit of y")
+        return _first_size(gain, rows, 1, ratio * best.innovation_sd, "innovation_sd", "unit of y")
     if effect.noise == "resonant":
         w = np.pi * (np.arange(4096) + 0.5) / 4096
         step = best.model.step_s
@@ -173,11 +173,11 @@ def _noise_size(effect: Effect, best: Refit) -> str | None:
         strength = np.geomspace(1e-3, 30.0, 200)
         f = shape(w, np.full(strength.size, 2.0 * np.pi * step / period), np.full(strength.size, 5.0), strength)
         gain = rows * (np.log(f.mean(axis=0)) - np.log(f).mean(axis=0))
-        return _first(gain, rows, 3, best.innovation_sd * np.sqrt(2.0 * strength), "amplitude", "unit of y")
+        return _first_size(gain, rows, 3, best.innovation_sd * np.sqrt(2.0 * strength), "amplitude", "unit of y")
     root = np.linspace(0.01, 0.98, 400)
-    return _first(-rows * np.log1p(-root**2), rows, 1, root, "root", "-")
+    return _first_size(-rows * np.log1p(-root**2), rows, 1, root, "root", "-")
 
 
-def _first(gain: FloatArray, rows: float, count: int, sizes: FloatArray, name: str, unit: str) -> str | None:
+def _first_size(gain: FloatArray, rows: float, count: int, sizes: FloatArray, name: str, unit: str) -> str | None:
     seen = np.flatnonzero(gain >= need(rows, count))
     return f"{name} from {sizes[seen[0]]:.2g} {unit}" if seen.size else None

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..fit.intervals.assemble import INTERVAL_THRESHOLD
-from ..fit.moves import descended, movable
+from ..fit.moves import descend_model, movable_parameters
 from ..fit.noise.prewhitening import Whitened, with_taps
-from ..model.segments import bound
+from ..model.segments import bind_model
 from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..typing import FloatArray
 
@@ -44,13 +44,13 @@ def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possib
     """The S that a record leaves possible, in the unit of the output; None where S is given."""
     known = sticking if sticking.innovation_sd <= free.innovation_sd else _sticking_in(free)
     model = known.model
-    if not movable(model)[0] or swing <= 0.0:
+    if not movable_parameters(model)[0] or swing <= 0.0:
         return None
     tops = []
     for share in RUNGS:
         points = model.cube(_starts(known, sticking, free, share * swing))
         tops.append(points[np.argsort(model.costs(points), kind="stable")[:_DESCENDED]])
-    found = descended(model, np.concatenate(tops), held=(0,), turns=_TURNS)
+    found = descend_model(model, np.concatenate(tops), held=(0,), turns=_TURNS)
     values = np.concatenate([model.values(found.points), known.values[:, None]], axis=1)
     S, cost = values[0], np.maximum(np.append(found.costs, model.costs(model.cube(known.values[:, None]))), 1e-300)
     loss = model.shared.rows * np.log(cost / cost.min())
@@ -65,7 +65,7 @@ def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possib
 def _sticking_in(free: Whitened) -> Whitened:
     """The model without friction as one with friction of size 0."""
     old = free.model
-    model = bound(old.loop, replace(old.spec, friction_free=False), s_max=old.s_max, period_s=old.period_s)
+    model = bind_model(old.loop, replace(old.spec, friction_free=False), s_max=old.s_max, period_s=old.period_s)
     return with_taps(model, model.vector(old.named(free.values)), np.asarray(old.spec.taps))
 
 
@@ -86,7 +86,7 @@ def _starts(known: Whitened, sticking: Whitened, free: Whitened, S: float) -> Fl
                     point[list(model.forces)] = force
                     points.append(point)
     found = np.stack(points, axis=1)
-    movers = movable(model) > 0
+    movers = movable_parameters(model) > 0
     clipped = np.clip(found, lows[:, None], highs[:, None])
     clipped[1] = np.clip(found[1], 0.0, highs[1] * clipped[0])
     return np.where(movers[:, None], clipped, own[:, None])

@@ -26,7 +26,7 @@ from ..effects import parse
 from ..fit.context import Run
 from ..fit.cross_validation import held_out_of
 from ..fit.fit import Fitted
-from ..fit.moves import descended, search_model
+from ..fit.moves import descend_model, search_model
 from ..fit.noise.prewhitening import (
     SETTLE,
     STARTS,
@@ -34,7 +34,7 @@ from ..fit.noise.prewhitening import (
     WORTH,
     Whitened,
     noise_taps,
-    whitened,
+    whiten_model,
     with_noise_of,
     with_taps,
     without_noise,
@@ -42,7 +42,7 @@ from ..fit.noise.prewhitening import (
 from ..fit.noise.whiteness import passes_tests
 from ..fit.starts.basins import process_grid
 from ..model.model import Model
-from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited
+from ..model.spec import FIRST_ORDER, INTEGRATOR, Spec, suited_effects
 from ..numerics.noise.heavy_tails import likelihood_ratio
 from ..numerics.varpro import SAME, axes
 from ..process.controller_law import usual_law
@@ -85,26 +85,27 @@ _SEEN = 0.9
 
 def judge(run: Run, fit: Fitted, loop: Loop, seen: PositionEstimate | None) -> Verdict:
     """The verdict on one fit of a loop, with its measured position if there is one."""
-    return capped(with_position(_from_process_value(run, fit), seen), loop)
+    return cap_verdict(with_position(_from_process_value(run, fit), seen), loop)
 
 
 def _from_process_value(run: Run, fit: Fitted) -> Verdict:
     """The verdict on one fit by y alone."""
     run.tell("comparing with a valve that does not stick", 0.85)
-    sticking = whitened(fit.model, fit.values)
+    sticking = whiten_model(fit.model, fit.values)
     if fit.model.spec.taps:
         # A model with a noise model is not fitted to the free run; without the noise model it may do better there.
         sticking = replace(sticking, rmse=min(sticking.rmse, without_noise(fit.model, fit.values)))
-    verdict = compared(run, sticking, float(fit.values[0]), fit.intervals.get("S", (0.0, 0.0))[1], fit.best.rmse)
+    verdict = compare_with_free(run, sticking, float(fit.values[0]), fit.intervals.get("S", (0.0, 0.0))[1],
+                                fit.best.rmse)
     clear = (verdict.evidence["likelihood_ratio"] >= _CLEAR
              and verdict.evidence["share_of_pv_variance"] >= _EXPLAINED)
-    if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _scattered(fit) \
+    if verdict.stiction == "stiction" and fit.agree < 2 <= fit.runs and not clear and _restarts_scatter(fit) \
             and run.options.test is None:
         return replace(verdict, stiction="undecided", confidence=0.3, reason=f"the restarts disagree; {verdict.reason}")
     return verdict
 
 
-def _scattered(fit: Fitted) -> bool:
+def _restarts_scatter(fit: Fitted) -> bool:
     """True where some restart ended at an S outside the interval of S.
 
     Restarts inside it differ by no more than the stated uncertainty: a flat valley, not another basin.
@@ -113,8 +114,8 @@ def _scattered(fit: Fitted) -> bool:
     return bool(((fit.searched[:, 0] < low) | (fit.searched[:, 0] > high)).any())
 
 
-def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float = 0.0,
-             error: float | None = None) -> Verdict:
+def compare_with_free(run: Run, sticking: Whitened, searched: float = 0.0, reach: float = 0.0,
+                      error: float | None = None) -> Verdict:
     """The verdict on one model with friction, completed with its noise model, against the best one without friction.
 
     `searched` is the S that a study states, `reach` the upper end of its interval, where there is one. `error` is its
@@ -122,7 +123,7 @@ def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float =
     """
     free = friction_free(run, sticking)
     sticking, free = with_noise_of(sticking, free), with_noise_of(free, sticking)
-    ratio, won, explained, drop, one_step = _measured(run, sticking, free)
+    ratio, won, explained, drop, one_step = _measure_evidence(run, sticking, free)
     gain = _held_out_gain(sticking, free)
     evidence: dict[str, Any] = {
         "rmse_without_friction": free.rmse, "rmse_with_friction": sticking.rmse, "share_of_pv_variance": explained,
@@ -137,7 +138,7 @@ def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float =
     if error is not None and f"{error:.4g}" != f"{sticking.rmse:.4g}":
         said = (f"the free-run error is {error:.4g}; quick fits without a noise model leave {sticking.rmse:.4g} with "
                 f"friction and {free.rmse:.4g} without")
-    said += f"; {_predicts(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
+    said += f"; {_prediction_words(one_step, won, gain)}; likelihood ratio {ratio:.0f}"
     walks = sticking.model.spec.increments and sticking.model.spec.process != INTEGRATOR
     answer, confidence = _answer(ratio, won, explained, drop, one_step, walks, by_hand=run.options.test is not None)
     if answer == "stiction" and ((gain is not None and not gain.share > 0.0) or (leaves and ratio < _CLEAR)):
@@ -156,7 +157,7 @@ def compared(run: Run, sticking: Whitened, searched: float = 0.0, reach: float =
         instead = looks_like(run.loop, free, denied=not claim.open)
         first = [f"the model without friction errs by {claim.errs:.2g} times its noise"] if claim.errs > _MANY else []
         quiet = (ratio < _CLEAN or won < _WON) and not in_free_run
-        if (quiet or not claim.open) and (answered := _answered(free)) < _CLEAN:
+        if (quiet or not claim.open) and (answered := _answering_gain(free)) < _CLEAN:
             swing = float(np.ptp(run.loop.output[run.loop.used]))
             answer, confidence, instead, claim = "undecided", 0.3, "", None
             # Of a model that is far from its noise an effect may be missing, with which y answers.
@@ -230,7 +231,7 @@ def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: fl
     return _Claim(bound, errs, ratio, "", min(sure, _CAPPED_FAR) if in_free_run or errs > _MANY else sure)
 
 
-def _answered(free: Whitened) -> float:
+def _answering_gain(free: Whitened) -> float:
     """Twice the log-likelihood by which y supports a process that answers the output; infinite with a given gain."""
     model = free.model
     if "gain" in model.spec.fixed:
@@ -263,7 +264,7 @@ def _held_out_gain(sticking: Whitened, free: Whitened) -> _Gain | None:
     return _Gain(1.0 - float(np.median(ratio)), int((ratio < 1.0).sum()), ratio.size)
 
 
-def _predicts(one_step: float, won: int, gain: _Gain | None) -> str:
+def _prediction_words(one_step: float, won: int, gain: _Gain | None) -> str:
     """The effect of friction on the prediction of the next sample, in words."""
     if gain is None:
         share, where, blocks = one_step, "the samples it was fitted to", _BLOCKS
@@ -288,7 +289,7 @@ def with_position(verdict: Verdict, seen: PositionEstimate | None) -> Verdict:
                    evidence={**known, "without_position": verdict.stiction})
 
 
-def capped(verdict: Verdict, loop: Loop) -> Verdict:
+def cap_verdict(verdict: Verdict, loop: Loop) -> Verdict:
     """The verdict, undecided where reading found a fault that forbids one: compressed, averaged, re-ranged, irregular.
     """
     why = next((f for f in loop.origin.findings if f.severity == "serious" or f.evidence.get("caps_verdict")), None)
@@ -319,7 +320,7 @@ def _answer(ratio: float, won: int, explained: float, drop: float, one_step: flo
     return "undecided", 0.4
 
 
-def _measured(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int, float, float, float]:
+def _measure_evidence(run: Run, sticking: Whitened, free: Whitened) -> tuple[float, int, float, float, float]:
     """Evidence for friction: likelihood ratio, blocks won, share of the variance of y explained, falls of both errors.
 
     Ratio and blocks use the one-step errors on common samples. The falls are shares of the free-run and one-step
@@ -347,8 +348,8 @@ def friction_free(run: Run, sticking: Whitened) -> Whitened:
     lag = () if spec.fixed else (LAG,)
     tried: list[Whitened] = []
     for process in dict.fromkeys((FIRST_ORDER, spec.process)):
-        bare = replace(spec, process=process, effects=(*suited(effects, process), *lag), friction_free=True, taps=(),
-                       increments=process == INTEGRATOR or (spec.increments and process == spec.process))
+        bare = replace(spec, process=process, effects=(*suited_effects(effects, process), *lag), friction_free=True,
+                       taps=(), increments=process == INTEGRATOR or (spec.increments and process == spec.process))
         held = replace(bare, between="hold", substeps=1)
         if spec.held:
             tried.append(_whitened_free(run, held, sticking, acts))
@@ -368,31 +369,31 @@ def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened, act
     a descent from the process and noise model of the moving one ends clearly worse. Where that descent leaves no doubt
     that the valve sticks its result is used: a full search would not change the answer.
     """
-    measured = _measured(run, sticking, moving)
+    measured = _measure_evidence(run, sticking, moving)
     if measured[0] < _CLEAN and _answer(*measured)[0] == "no stiction":
         return None
     taps = moving.model.spec.taps
     model = run.model(replace(spec, taps=taps))
     starts = moving.values[:, None].repeat(len(_EARLIER), axis=1)
     starts[4] = np.maximum(starts[4] - np.array(_EARLIER) * model.step_s, 0.0)
-    found = descended(model, model.cube(starts), turns=_GLANCE, settle=SETTLE)
+    found = descend_model(model, model.cube(starts), turns=_GLANCE, settle=SETTLE)
     near = with_taps(model, model.values(found.points[:1])[:, 0], np.asarray(taps))
     if near.innovation_sd > _NEAR * moving.innovation_sd:
         return None
-    if _measured(run, sticking, near)[0] < _NO_DOUBT:
+    if _measure_evidence(run, sticking, near)[0] < _NO_DOUBT:
         return _whitened_free(run, spec, sticking, acts)
     return replace(near, rmse=min(near.rmse, moving.rmse))
 
 
 def _whitened_free(run: Run, spec: Spec, sticking: Whitened, acts: float) -> Whitened:
     """The friction-free model, prewhitened and searched in turns: a wrong noise model would bend its process."""
-    model, values, near = _free(run, spec, sticking, acts)
+    model, values, near = _friction_free(run, spec, sticking, acts)
     best = with_taps(model, values, np.empty(0))
     for _ in range(TURNS):
         taps = noise_taps(best)
         if np.array_equal(taps, best.model.spec.taps):
             break
-        model, values, _ = _free(run, replace(spec, taps=tuple(taps)), sticking, acts, best.values, near)
+        model, values, _ = _friction_free(run, replace(spec, taps=tuple(taps)), sticking, acts, best.values, near)
         now = with_taps(model, values, taps)
         if now.innovation_sd > WORTH * best.innovation_sd:
             break
@@ -401,8 +402,8 @@ def _whitened_free(run: Run, spec: Spec, sticking: Whitened, acts: float) -> Whi
     return replace(best, rmse=min(best.rmse, without_noise(best.model, best.values))) if walks else best
 
 
-def _free(run: Run, spec: Spec, sticking: Whitened, acts: float, known: FloatArray | None = None,
-          near: FloatArray | None = None) -> tuple[Model, FloatArray, FloatArray]:
+def _friction_free(run: Run, spec: Spec, sticking: Whitened, acts: float, known: FloatArray | None = None,
+                   near: FloatArray | None = None) -> tuple[Model, FloatArray, FloatArray]:
     """The friction-free model of a spec, its best values (d,), and the best points (m, d) of its process grid.
 
     `acts` is the sign of its gain, 0 where that is not known.
@@ -416,23 +417,23 @@ def _free(run: Run, spec: Spec, sticking: Whitened, acts: float, known: FloatArr
     start[:3] = found[:3] = 0.0
     if known is not None and near is not None:
         starts = np.stack([model.cube(known[:, None])[0], near[model.costs(near).argmin()], found])
-        return model, _descended(model, starts, acts), near
+        return model, _descend_starts(model, starts, acts), near
     for rows in (model.rows_of(name) for name in model.names if name in sticking.model.names):
         start[rows] = found[rows]
     points, costs = process_grid(search_model(model), start)
     points = points[np.argsort(costs, kind="stable")[:_NEAREST]]
     # The process of the sticking model, too: what another process does better is not friction's.
-    return model, _descended(model, np.concatenate([points[list(STARTS)], found[None]]), acts), points
+    return model, _descend_starts(model, np.concatenate([points[list(STARTS)], found[None]]), acts), points
 
 
-def _descended(model: Model, starts: FloatArray, acts: float) -> FloatArray:
+def _descend_starts(model: Model, starts: FloatArray, acts: float) -> FloatArray:
     """The best values (d,) of descents from several starts (k, d), with a gain of the sign `acts` where one has it."""
-    first = descended(model, starts, turns=_GLANCE, settle=SETTLE)
+    first = descend_model(model, starts, turns=_GLANCE, settle=SETTLE)
     # The other starts have come to the same optimum or are far from it.
     other = (first.costs > first.costs[0] * (1.0 + SETTLE)) & (first.costs < _RIVAL * first.costs[0])
     other[0] = True
     if acts:
         signed = np.array([acts * model.evaluate(v).gain > 0.0 for v in model.values(first.points).T])
         other = other & signed if (other & signed).any() else signed if signed.any() else other
-    ends = model.values(descended(model, first.points[other]).points)
+    ends = model.values(descend_model(model, first.points[other]).points)
     return next((v for v in ends.T if acts * model.evaluate(v).gain > 0.0), ends[:, 0])

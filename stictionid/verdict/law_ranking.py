@@ -51,7 +51,8 @@ def rank(fits: Mapping[str, tuple[Step, Fitted]], *, period: int) -> Ranking:
     errors = {name: _error(step) for name, (step, _) in fits.items()}
     order = sorted(fits, key=lambda name: (errors[name], name != PREFERRED, name))
     best = order[0]
-    alike = tuple(n for n in order if n == best or _alike(fits[best][1], fits[n][1], errors[best], errors[n], period))
+    alike = tuple(n for n in order if n == best
+                  or _errors_alike(fits[best][1], fits[n][1], errors[best], errors[n], period))
     tied = PREFERRED in fits and errors[PREFERRED] <= (1.0 + ALIKE_SHARE) * errors[best]
     keep = PREFERRED if tied else best
     laws = tuple(LawResult(n, fits[n][1].best.values["S"], fits[n][1].best.values["J"],
@@ -63,7 +64,7 @@ def _error(step: Step) -> float:
     return step.error.best if step.error.rmse_holdout is None else step.error.rmse_holdout
 
 
-def _alike(best: Fitted, other: Fitted, best_error: float, other_error: float, period: int) -> bool:
+def _errors_alike(best: Fitted, other: Fitted, best_error: float, other_error: float, period: int) -> bool:
     if other_error <= (1.0 + ALIKE_SHARE) * best_error:
         return True
     counted = (best.best.counted > 0) & (other.best.counted > 0)

@@ -157,7 +157,7 @@ def with_plan(study: Study, loop: Loop | None, *, op_limits: Limits | None = Non
     if old is not None:
         op_limits = op_limits or (None if "op" in old.assumed else old.op_limits)
         pv_limits = pv_limits or (None if "pv" in old.assumed else old.pv_limits)
-    return study if loop is None else replace(study, planned_test=_planned(study, loop, answers, op_limits, pv_limits))
+    return study if loop is None else replace(study, planned_test=_plan_for(study, loop, answers, op_limits, pv_limits))
 
 
 def _answers(study: Study) -> tuple[ValveAnswer, ...]:
@@ -176,15 +176,15 @@ def _answers(study: Study) -> tuple[ValveAnswer, ...]:
     return tuple(found[:_MOST_ANSWERS])
 
 
-def _planned(study: Study, loop: Loop, answers: tuple[ValveAnswer, ...], op_limits: Limits | None,
-             pv_limits: Limits | None) -> PlannedTest:
+def _plan_for(study: Study, loop: Loop, answers: tuple[ValveAnswer, ...], op_limits: Limits | None,
+              pv_limits: Limits | None) -> PlannedTest:
     e, step = study.estimate, study.steps[-1]
     assert e is not None
     u, y = loop.output[loop.driven], loop.process_value[loop.used]
     start, level = float(f"{u.mean():.3g}"), float(y.mean())
     assumed = tuple(name for name, given in (("op", op_limits), ("pv", pv_limits)) if given is None)
-    op = op_limits or ((0.0, 100.0) if e.unit == "%" and 0.0 <= start <= 100.0 else _wide(u))
-    pv = pv_limits or _wide(y)
+    op = op_limits or ((0.0, 100.0) if e.unit == "%" and 0.0 <= start <= 100.0 else _wide_limits(u))
+    pv = pv_limits or _wide_limits(y)
     for name, (low, high), now in (("--op-limits", op, start), ("--pv-limits", pv, level)):
         if not low < now < high:
             raise UsageError(f"{name} {low:g},{high:g} do not hold the mean of the record, {now:.4g}",
@@ -193,19 +193,19 @@ def _planned(study: Study, loop: Loop, answers: tuple[ValveAnswer, ...], op_limi
     lasting = noise / max(abs(1.0 + sum(step.model.get("taps", ()))), 1e-9)
     sizes = (noise, lasting) if step.model.get("increments") else (lasting, 0.0)
     plant = _Plant(e, loop.step_s, step.error.best, *sizes)
-    plan = PlannedTest(answers, start, (), 0.0, 0.0, 0.0, NEEDED, op, pv, assumed, otherwise=_otherwise(study, loop))
+    plan = PlannedTest(answers, start, (), 0.0, 0.0, 0.0, NEEDED, op, pv, assumed, otherwise=_other_record(study, loop))
     gentlest = np.inf
     for hold_s, moves in _candidates(plant, answers):
         parts = min(round(hold_s / loop.step_s), _PARTS)
         output, part_s = np.repeat([start, *(start + np.cumsum(moves))], parts), hold_s / parts
-        lanes = np.concatenate([plant.lanes(_varied(e, a)) for a in answers], axis=1)
+        lanes = np.concatenate([plant.lanes(_vary_answer(e, a)) for a in answers], axis=1)
         way = _ends(e.gain, e.gain_interval)[1] * plant.responses(output, part_s, lanes)
         ends, reach = start + np.cumsum(moves), float(np.abs(way).max())
-        sign = next((s for s in (1, -1) if _within(start + s * (ends - start), op) and
-                     _within(level + s * way, pv, _NOISE * step.error.best)), 0)
+        sign = next((s for s in (1, -1) if _within_limits(start + s * (ends - start), op) and
+                     _within_limits(level + s * way, pv, _NOISE * step.error.best)), 0)
         if not sign and reach >= gentlest:
             continue
-        ratio = _least(plant, answers, output, part_s)
+        ratio = _least_ratio(plant, answers, output, part_s)
         if ratio < NEEDED:
             continue
         if sign:
@@ -221,7 +221,7 @@ def _planned(study: Study, loop: Loop, answers: tuple[ValveAnswer, ...], op_limi
 def _candidates(plant: _Plant, answers: Sequence[ValveAnswer]) -> list[tuple[float, FloatArray]]:
     """Hold in s and moves (m,) of every test that is tried, the shortest first, of equally long ones the smallest."""
     e, S = plant.estimate, max(a.S for a in answers)
-    back = _BREAKS * max(S for a in answers for S, _ in _varied(e, a))
+    back = _BREAKS * max(S for a in answers for S, _ in _vary_answer(e, a))
     decades = range(math.floor(math.log10(S / _FINEST)), math.ceil(math.log10(_LARGEST * S)) + 1)
     sizes = [x for d in decades for r in _ROUND if S / _FINEST <= (x := r * 10.0**d) <= _LARGEST * S]
     lag, dead = sum(e.time_constants_s), max(e.dead_time_s, *(e.dead_time_interval or (0.0,)))
@@ -251,7 +251,7 @@ def _round_up(seconds: float, step_s: float) -> float:
     return math.ceil(math.ceil(seconds / unit - 1e-9) * unit / step_s - 1e-9) * step_s
 
 
-def _varied(e: Estimate, answer: ValveAnswer) -> list[tuple[float, float]]:
+def _vary_answer(e: Estimate, answer: ValveAnswer) -> list[tuple[float, float]]:
     """S and J of an answer, and its S at both ends of the interval as far as that is believed; J in proportion."""
     if answer.S == 0.0 or e.S_interval is None:
         return [(answer.S, answer.J)]
@@ -266,14 +266,14 @@ def _ends(value: float, interval: tuple[float, float] | None) -> tuple[float, fl
     return low * value, high * value
 
 
-def _least(plant: _Plant, answers: Sequence[ValveAnswer], output: FloatArray, part_s: float) -> float:
+def _least_ratio(plant: _Plant, answers: Sequence[ValveAnswer], output: FloatArray, part_s: float) -> float:
     """Least expected likelihood ratio of two answers; 0 where friction would explain too little of PV.
 
     A valve that follows has to deny a small S as well.
     """
     least = np.inf
     for true, other in permutations(answers, 2):
-        truth = plant.lanes(_varied(plant.estimate, true) if other.S == 0.0 else [(true.S, true.J)])
+        truth = plant.lanes(_vary_answer(plant.estimate, true) if other.S == 0.0 else [(true.S, true.J)])
         rivals = plant.lanes([(other.S, other.J)], wide=True)
         if true.S == 0.0:
             S = _DENIED * float(np.ptp(output))
@@ -288,17 +288,17 @@ def _least(plant: _Plant, answers: Sequence[ValveAnswer], output: FloatArray, pa
     return least
 
 
-def _within(values: FloatArray, limits: Limits, margin: float = 0.0) -> bool:
+def _within_limits(values: FloatArray, limits: Limits, margin: float = 0.0) -> bool:
     return bool(limits[0] <= values.min() - margin and values.max() + margin <= limits[1])
 
 
-def _wide(signal: FloatArray) -> Limits:
+def _wide_limits(signal: FloatArray) -> Limits:
     """Limits assumed for a signal (n,): its mean and twice its span in the record."""
     half = 0.5 * _ALLOWED * float(np.ptp(signal))
     return float(f"{signal.mean() - half:.4g}"), float(f"{signal.mean() + half:.4g}")
 
 
-def _otherwise(study: Study, loop: Loop) -> str:
+def _other_record(study: Study, loop: Loop) -> str:
     """The record that would do where no test is possible: its length, or its sampling, in words."""
     ratio = float(study.verdict.evidence.get("likelihood_ratio") or 0.0)
     length_s, period_s = float(loop.driven.sum()) * loop.step_s, study.range.period_median_s

@@ -50,7 +50,7 @@ def severity(loop: Loop, estimate: Estimate, residual: FloatArray, position: Flo
     words = sorted({band(low), band(estimate.S), band(high)}, key=[w for _, w in BANDS].index)
     law = usual_law(loop, held=held)
     sd = float(np.std(loop.process_value[loop.used]))
-    after = None if law is None else _repaired(loop, estimate, law, without_gaps(loop, residual))
+    after = None if law is None else _repair_valve(loop, estimate, law, without_gaps(loop, residual))
     if after is not None:
         y, u = after
         sd_after = float(np.std(y[loop.used]))
@@ -87,8 +87,8 @@ def _travel(position: FloatArray) -> float:
     return float(np.abs(np.diff(position)).sum())
 
 
-def _repaired(loop: Loop, estimate: Estimate, law: Controller,
-              residual: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+def _repair_valve(loop: Loop, estimate: Estimate, law: Controller,
+                  residual: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """y and u (n,) of the same loop with a valve that follows its command; PI law, process and residual unchanged."""
     assert loop.setpoint is not None
     y_known = bridged(loop.process_value)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..fit.fit import Fitted
-from ..model.parts import joined, parts_of
+from ..model.parts import join_parts, parts_of
 from ..process.controller_law import usual_law
 from ..record.controller import Controller
 from ..record.loop import Loop, bridged
@@ -42,7 +42,7 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
     outside = {p.name: np.where(best.counted > 0, p.curve, np.nan)[rows] for p in parts
                if p.name not in (Share.VALVE, Share.START)}
     found = severity(piece, estimate, np.sum(list(outside.values()), axis=0), best.stem[rows], held=held)
-    own = Swing(tuple(Share(p.name, p.share) for p in joined(parts)), reason=found.statement)
+    own = Swing(tuple(Share(p.name, p.share) for p in join_parts(parts)), reason=found.statement)
     law = usual_law(piece, held=held)
     if found.pv_sd_repaired is None or law is None:
         return found, own

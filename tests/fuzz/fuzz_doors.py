@@ -77,9 +77,9 @@ def _models(data: bytes) -> None:
 
     from stictionid.fit.noise.bias_correction import noise_of
     from stictionid.historian import read
-    from stictionid.model.segments import bound
+    from stictionid.model.segments import bind_model
     from stictionid.model.spec import Spec
-    from stictionid.numerics.autoregression import irreducible
+    from stictionid.numerics.autoregression import irreducible_error
     from stictionid.record.oscillation import find_range
     from stictionid.record.preconditions import check, swing_of, time_scale_s
     from stictionid.record.segments import chosen
@@ -90,13 +90,13 @@ def _models(data: bytes) -> None:
     found = find_range(piece)
     check(piece, found)
     for spec in _SPECS:
-        model = bound(piece, Spec(**spec), s_max=swing_of(piece, found), period_s=time_scale_s(piece, found))
+        model = bind_model(piece, Spec(**spec), s_max=swing_of(piece, found), period_s=time_scale_s(piece, found))
         values = model.values(np.full((1, model.space.size), 0.5))[:, 0]
         e = model.evaluate(values)
         if not math.isfinite(e.sse) or not np.isfinite(model.costs_of(values[:, None])).all():
             raise Broken(f"no cost of {spec}")
         taps = noise_of(model, e, np.array([1.0, -1.0]) if model.spec.increments else np.ones(1), 8)
-        floor = irreducible(model.context.process_value, e.position_means, model.good(), 1, piece.starts)
+        floor = irreducible_error(model.context.process_value, e.position_means, model.good(), 1, piece.starts)
         if not np.isfinite(taps).all() or not (floor is None or math.isfinite(floor)):
             raise Broken(f"noise of {spec}: {taps}, {floor}")
 

@@ -16,7 +16,7 @@ from ...process.controller_law import POINT_90
 from ...record.study import Scatter
 from ...typing import FloatArray
 from ..fit import Fitted, held_out_cost
-from .assemble import INTERVAL_LEVEL, including, margin_of
+from .assemble import INTERVAL_LEVEL, include_answer, margin_of
 from .smooth import GAIN
 
 # Draws behind the intervals, and the fewest strokes that show how much a force scatters.
@@ -26,7 +26,7 @@ _DRAWS, _FEWEST_STROKES = 400, 5
 _ERRORS = (4.0, 2.0, 2.0)
 
 
-def finished_along(model: Model, values: FloatArray, *, last: bool = True) -> Fitted:
+def finish_along(model: Model, values: FloatArray, *, last: bool = True) -> Fitted:
     """A model along its paths as a fit for a step of a study, with intervals where it is the `last` one."""
     best = model.evaluate(values)
     point = model.cube(values[:, None])
@@ -34,7 +34,7 @@ def finished_along(model: Model, values: FloatArray, *, last: bool = True) -> Fi
                   _intervals(model, values, best) if last else {}, values[None, :2])
 
 
-def moved(model: Model, values: FloatArray) -> float | None:
+def share_moved(model: Model, values: FloatArray) -> float | None:
     """Share of the slips that PV moved or added; None where the law placed them all."""
     paths = model.spec.paths
     return None if paths is None else Settled(model, values, paths, np.nan).moved
@@ -81,14 +81,14 @@ def _intervals(model: Model, values: FloatArray, best: Evaluated) -> dict[str, t
     tails = 50.0 * (1.0 - INTERVAL_LEVEL), 50.0 * (1.0 + INTERVAL_LEVEL)
     found = {name: tuple(np.percentile(row, tails).tolist()) for name, row in
              zip([*best.values, GAIN], [*drawn, gains], strict=True)}
-    found = including(found, best)
+    found = include_answer(found, best)
     margin = margin_of(model, best)
-    margins = {"S": margin, "J": float(np.hypot(margin, _attenuated(model, values) * values[1]))}
+    margins = {"S": margin, "J": float(np.hypot(margin, _attenuated_share(model, values) * values[1]))}
     return found | {name: (max(found[name][0] - margin, 0.0), found[name][1] + margin)
                     for name, margin in margins.items()}
 
 
-def _attenuated(model: Model, values: FloatArray) -> float:
+def _attenuated_share(model: Model, values: FloatArray) -> float:
     """Share of J that the error of the command may have added or taken.
 
     Only strokes of different height tell J from the gain, and a stroke goes from one wrong command to another. Errors

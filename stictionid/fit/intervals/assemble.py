@@ -14,15 +14,15 @@ from ...model.model import Model
 from ...model.spec import Evaluated
 from ...model.unseen_command import between_samples
 from ...numerics.autoregression import autocovariance
-from ...numerics.gauss_newton import normals_at, principal
+from ...numerics.gauss_newton import normals_at, principal_axes
 from ...process.controller_law import POINT_90
 from ...process.rounded import command_sd
 from ...record.intervals import GAP, Span, united
 from ...typing import FloatArray, IntArray
-from ..moves import descended, longest_first, movable, spreads
+from ..moves import descend_model, longest_first, movable_parameters, spreads
 from ..plateau import extremes
 from .jumps import over_jumps
-from .profile import reached, spread_over
+from .profile import reach_ends, spread_over
 from .smooth import GAIN, smooth_intervals
 from .thresholds import plateaus, ridges
 
@@ -55,8 +55,8 @@ def region(model: Model, top: FloatArray, rng: np.random.Generator,
     `known` (k, d) are points that a narrower model does not exclude.
     """
     if known is not None:
-        known = descended(model, known, held=(0, 1, *model.forces), turns=4, settle=1e-3).points
-    cube, cost, S, tried = widened(model, *cloud(model, top, rng, known))
+        known = descend_model(model, known, held=(0, 1, *model.forces), turns=4, settle=1e-3).points
+    cube, cost, S, tried = widen_cloud(model, *cloud(model, top, rng, known))
     best = model.evaluate(model.values(cube[[cost.argmin()]])[:, 0])
     found = intervals_of(model, cube, cost, float(cost.min()), best, S)
     return found, pieces_of(model, cube, cost, best, tried, found)
@@ -70,11 +70,11 @@ def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
     Under a held command a second cloud keeps the break-away (S, initial force) fixed: its plateau is far narrower than
     the rest.
     """
-    free = movable(model) > 0
+    free = movable_parameters(model) > 0
     looks = np.concatenate([top[None], *([] if known is None else [known]), _rays(model, top)])
-    around = [_adapted(model, top, free, rng)]
+    around = [_adapt_cloud(model, top, free, rng)]
     if model.spec.held:
-        around.append(_adapted(model, top, free & ~_of_break_away(model), rng))
+        around.append(_adapt_cloud(model, top, free & ~_of_break_away(model), rng))
     return (np.concatenate([looks, *(cube for cube, _ in around)]),
             np.concatenate([model.costs(looks), *(cost for _, cost in around)]))
 
@@ -84,8 +84,8 @@ def _of_break_away(model: Model) -> NDArray[np.bool_]:
     return np.isin(np.arange(model.space.size), (0, *model.forces))
 
 
-def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
-            steps_only: bool = False) -> tuple[FloatArray, FloatArray, Span | None, FloatArray]:
+def widen_cloud(model: Model, cube: FloatArray, cost: FloatArray, *,
+                steps_only: bool = False) -> tuple[FloatArray, FloatArray, Span | None, FloatArray]:
     """A cloud (k, d) and its costs (k,) with points added as far as S and J reach; and the interval of S in steps.
 
     Last come the slip jumps (m,) at which everything else was searched anew (jumps.py). With `steps_only` only these
@@ -102,7 +102,7 @@ def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
     along = ridges(model, cube[cost.argmin()]) if steps is not None and not steps_only else np.empty((0, len(cube[0])))
     if len(along):
         cube, cost = np.concatenate([cube, along]), np.append(cost, model.costs(along))
-    ratio = _possible(model, cube, cost)
+    ratio = _possible_ratio(model, cube, cost)
     far = extremes(model, cube[cost.argmin()], ratio * float(cost.min()))
     if len(far):
         cube, cost = np.concatenate([cube, far]), np.append(cost, model.costs(far))
@@ -111,15 +111,15 @@ def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
         whole = over_jumps(model, cube[cost.argmin()], ratio)
         if whole is not None:
             tried, cube, cost = whole.J, np.concatenate([cube, whole.points]), np.concatenate([cost, whole.costs])
-            ratio = _possible(model, cube, cost)
-        cube, cost = reached(model, cube, cost, ratio, (0, 1) if steps is None else (1,))
+            ratio = _possible_ratio(model, cube, cost)
+        cube, cost = reach_ends(model, cube, cost, ratio, (0, 1) if steps is None else (1,))
     if steps is None:
         return cube, cost, None, tried
     rows = INTERVAL_THRESHOLD / np.log(ratio)
     low, high = steps.interval(rows, INTERVAL_LEVEL)
     if model.spec.taps:
         # The likelihood of each plateau is that under noise taps which other plateaus would move.
-        ends = steps.possible(rows, _threshold(model))
+        ends = steps.possible_span(rows, _threshold(model))
         low, high = min(low, ends[0]), max(high, ends[1])
     if len(far):
         met = model.values(far)[0]
@@ -132,12 +132,12 @@ def widened(model: Model, cube: FloatArray, cost: FloatArray, *,
 
 def outline(model: Model, cube: FloatArray, cost: FloatArray) -> FloatArray:
     """A few of the points (k, d) that are not excluded: the best in each part of the range of S and of J."""
-    at = np.flatnonzero(cost <= _possible(model, cube, cost) * cost.min())
+    at = np.flatnonzero(cost <= _possible_ratio(model, cube, cost) * cost.min())
     values = model.values(cube[at])
     return cube[at[np.unique(np.concatenate([spread_over(values[i], cost[at], _OUTLINE) for i in (0, 1)]))]]
 
 
-def _possible(model: Model, cube: FloatArray, cost: FloatArray) -> float:
+def _possible_ratio(model: Model, cube: FloatArray, cost: FloatArray) -> float:
     """Ratio to the least cost up to which a point is not excluded."""
     rows = innovation_rows(model, model.evaluate(model.values(cube[[cost.argmin()]])[:, 0]))
     return float(np.exp(INTERVAL_THRESHOLD / rows))
@@ -155,21 +155,21 @@ def _rays(model: Model, top: FloatArray) -> FloatArray:
     a second set of rays keeps the break-away (S, initial force) fixed, since slopes across its plateau mean little. A
     wide ladder in both directions finds where the cost leaves each ray.
     """
-    free = np.flatnonzero(movable(model) > 0)
+    free = np.flatnonzero(movable_parameters(model) > 0)
     normal = normals_at(model.residuals, top[None], free, np.full((1, free.size), _RAY_DIFFERENCE))[0][0]
-    directions = [*np.eye(top.size)[free], *_following(normal, free, top.size)]
+    directions = [*np.eye(top.size)[free], *_following_directions(normal, free, top.size)]
     held = ~_of_break_away(model)[free]
     if model.spec.held and held.any() and not held.all():
-        directions += _following(normal[np.ix_(held, held)], free[held], top.size)
+        directions += _following_directions(normal[np.ix_(held, held)], free[held], top.size)
     ladder = np.concatenate([-_RAY_LADDER, _RAY_LADDER])
     points = top + ladder[:, None, None] * np.array(directions)
     inside = ((points >= 0.0) & (points <= 1.0)).all(axis=2)
     return points[inside]
 
 
-def _following(normal: FloatArray, free: IntArray, size: int) -> list[FloatArray]:
+def _following_directions(normal: FloatArray, free: IntArray, size: int) -> list[FloatArray]:
     """Directions (size,) along which one of the `free` parameters moves by 1 and the others follow at least cost."""
-    values, vectors, scale = principal(normal)
+    values, vectors, scale = principal_axes(normal)
     spread = (vectors / np.maximum(values, 1e-9 * values[-1] + 1e-30)) @ vectors.T / scale / scale[:, None]
     found = []
     for j in range(free.size):
@@ -179,8 +179,8 @@ def _following(normal: FloatArray, free: IntArray, size: int) -> list[FloatArray
     return found
 
 
-def _adapted(model: Model, top: FloatArray, free: NDArray[np.bool_],
-             rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def _adapt_cloud(model: Model, top: FloatArray, free: NDArray[np.bool_],
+                 rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Points (k, d) around `top` in its free parameters, and their costs; redrawn from the spread of the best."""
     columns = np.flatnonzero(free)
     d = columns.size
@@ -216,7 +216,7 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
                  S: tuple[float, float] | None = None, *, rough: bool = False) -> dict[str, tuple[float, float]]:
     """Smallest and largest value of each parameter among points that the likelihood ratio does not exclude.
 
-    The interval of `S` may be known already (`widened`). `rough` intervals are for a model that is not the last one.
+    `widen_cloud` may know the interval of `S` already. `rough` intervals are for a model that is not the last one.
     """
     rows, least = innovation_rows(model, best), max(best_cost, 1e-300)
     keep = cost <= least * float(np.exp(_threshold(model) / rows))
@@ -229,7 +229,7 @@ def intervals_of(model: Model, cube: FloatArray, cost: FloatArray, best_cost: fl
     if S is not None:
         found["S"] = S
     # The answer itself is never excluded, even where the search for its interval found a better point.
-    found = including(found, best)
+    found = include_answer(found, best)
     margin = margin_of(model, best)
     return found | {name: (max(found[name][0] - margin, 0.0), found[name][1] + margin) for name in ("S", "J")}
 
@@ -248,7 +248,7 @@ def pieces_of(model: Model, cube: FloatArray, cost: FloatArray, best: Evaluated,
     return {"J": tuple((float(a), float(b)) for a, b in pieces)} if len(pieces) > 1 else {}
 
 
-def including(intervals: dict[str, tuple[float, float]], best: Evaluated) -> dict[str, tuple[float, float]]:
+def include_answer(intervals: dict[str, tuple[float, float]], best: Evaluated) -> dict[str, tuple[float, float]]:
     """Intervals widened where they leave out the answer; a model run on its record may."""
     answer = {**best.values, GAIN: best.gain}
     return {name: (min(low, answer[name]), max(high, answer[name])) for name, (low, high) in intervals.items()}

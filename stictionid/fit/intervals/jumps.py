@@ -14,7 +14,7 @@ import numpy as np
 
 from ...model.model import Model
 from ...typing import BoolArray, FloatArray
-from ..moves import descended, first_force, movable
+from ..moves import descend_model, first_force, movable_parameters
 from ..starts.same_slips import with_same_slips
 from .profile import Mover
 
@@ -38,11 +38,11 @@ class Jumps:
     points: FloatArray
     costs: FloatArray
 
-    def possible(self, limit: float) -> BoolArray:
+    def possible_jumps(self, limit: float) -> BoolArray:
         """Mask (m,) of the slip jumps whose cost is at most a limit."""
         return self.costs <= limit
 
-    def joined(self, other: Jumps) -> Jumps:
+    def merge_best(self, other: Jumps) -> Jumps:
         """Both profiles in one, at every slip jump the better point."""
         J = np.concatenate([self.J, other.J])
         order = np.lexsort((np.concatenate([self.costs, other.costs]), J))
@@ -55,22 +55,23 @@ def over_jumps(model: Model, point: FloatArray, ratio: float) -> Jumps | None:
     """The profile beside a point (d,); a J is possible within a ratio to the least cost. None where J can't be moved.
     """
     best = float(model.costs(point[None])[0])
-    if not model.spec.held or model.law.one_parameter or not movable(model)[:2].all() or not 0.0 < best < np.inf:
+    if not model.spec.held or model.law.one_parameter or not movable_parameters(model)[:2].all() \
+            or not 0.0 < best < np.inf:
         return None
     values = model.values(point[None])[:, 0]
     top = model.space.parameters[1].high
     goals = np.unique(np.append(values[0] * np.geomspace(_LEAST, top, _GRID), values[1]))
-    found = _polished(model, goals, _starts(model, values, goals, _SHIFTS), best)
-    found = found.joined(Jumps(values[1:2], point[None], np.array([best])))
+    found = _polish_goals(model, goals, _starts(model, values, goals, _SHIFTS), best)
+    found = found.merge_best(Jumps(values[1:2], point[None], np.array([best])))
     for _ in range(_ROUNDS):
         least = float(found.costs.min())
-        inside = found.possible(ratio * least)
+        inside = found.possible_jumps(ratio * least)
         ends = np.flatnonzero(inside[1:] != inside[:-1])
         if not ends.size:
             break
         goals = np.unique(np.geomspace(found.J[ends], found.J[ends + 1], _BETWEEN + 2)[1:-1])
         near = model.values(found.points[np.unique([ends, ends + 1])])
-        found = found.joined(_polished(model, goals, _moved(model, near, goals), least))
+        found = found.merge_best(_polish_goals(model, goals, _move_jumps(model, near, goals), least))
     return found
 
 
@@ -78,16 +79,16 @@ def _starts(model: Model, values: FloatArray, goals: FloatArray, shifts: range) 
     """Values (d, k) of valves for every slip jump: with the same slips, and with all other numbers as they are."""
     path = model.positions(values[:, None])[:, 0]
     alike = [with_same_slips(model, values, path, rests=rests, shifts=shifts, jumps=goals) for rests in (True, False)]
-    return np.concatenate([*alike, _moved(model, values[:, None], goals)], axis=1)
+    return np.concatenate([*alike, _move_jumps(model, values[:, None], goals)], axis=1)
 
 
-def _moved(model: Model, values: FloatArray, goals: FloatArray) -> FloatArray:
+def _move_jumps(model: Model, values: FloatArray, goals: FloatArray) -> FloatArray:
     """Values (d, k) of points (d, p) with J moved to each goal, S as it is or moved along."""
     trial = Mover(model, values[:, 0])(values, 1, goals)
     return trial.reshape(len(trial), -1)
 
 
-def _polished(model: Model, goals: FloatArray, trial: FloatArray, best: float) -> Jumps:
+def _polish_goals(model: Model, goals: FloatArray, trial: FloatArray, best: float) -> Jumps:
     """The best points of every goal (m,) among values (d, k) whose J is one of the goals, polished with J held."""
     costs = model.costs_of(trial)
     which = np.abs(trial[1] - goals[:, None]).argmin(axis=0)
@@ -100,31 +101,32 @@ def _polished(model: Model, goals: FloatArray, trial: FloatArray, best: float) -
     points, which = model.cube(np.concatenate(starts, axis=1)), np.concatenate(mine)
     costs = model.costs(points)
     near = costs <= _FAR * best
-    points, costs = _down(model, points, costs, near)
+    points, costs = _descend_near(model, points, costs, near)
     rows, free = model.shared.rows, min(best, float(costs.min(initial=np.inf)))
     near = costs <= free * np.exp(_NEAR / rows)
     if near.any():
-        scanned = _scanned(model, points[near])
-        points[near], costs[near] = _down(model, scanned, model.costs(scanned), np.ones(len(scanned), bool))
+        scanned = _scan_stickband(model, points[near])
+        points[near], costs[near] = _descend_near(model, scanned, model.costs(scanned), np.ones(len(scanned), bool))
     order = np.lexsort((costs, which))
     order = order[np.unique(which[order], return_index=True)[1]]
     return Jumps(goals[which[order]], points[order], costs[order])
 
 
-def _down(model: Model, points: FloatArray, costs: FloatArray, near: BoolArray) -> tuple[FloatArray, FloatArray]:
+def _descend_near(model: Model, points: FloatArray, costs: FloatArray,
+                  near: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Points (k, d) and costs (k,), those that are `near` after a descent with the valve held."""
     points, costs, at = points.copy(), costs.copy(), np.flatnonzero(near)
     if not at.size:
         return points, costs
     # Descents come back best first: the held numbers tell which is which.
     held = (0, 1, *model.forces)
-    found = descended(model, points[at], held=held, turns=_TURNS, settle=_SETTLED)
+    found = descend_model(model, points[at], held=held, turns=_TURNS, settle=_SETTLED)
     keys = [np.lexsort(x[:, held].T) for x in (points[at], found.points)]
     points[at[keys[0]]], costs[at[keys[0]]] = found.points[keys[1]], found.costs[keys[1]]
     return points, costs
 
 
-def _scanned(model: Model, points: FloatArray) -> FloatArray:
+def _scan_stickband(model: Model, points: FloatArray) -> FloatArray:
     """Points (k, d) with the best S of a fine ladder, J in % and the first slip as they are, then the best start force.
     """
     values = model.values(points)

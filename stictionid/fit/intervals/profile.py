@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...model.model import Model
 from ...typing import FloatArray
-from ..moves import descended, movable
+from ..moves import descend_model, movable_parameters
 
 # Rungs beyond the possible values, as shares of S: for S and for J. Under a held command those of S are close together.
 # Another optimum lies one sample of dead time away, and its step may be as narrow as their distance. The best of a few
@@ -29,20 +29,20 @@ _OUTERMOST, _OVER = 3, 3
 _SMOOTH_RUNGS = 4
 
 
-def reached(model: Model, cube: FloatArray, cost: FloatArray, ratio: float,
-            which: tuple[int, ...] = (0, 1)) -> tuple[FloatArray, FloatArray]:
+def reach_ends(model: Model, cube: FloatArray, cost: FloatArray, ratio: float,
+               which: tuple[int, ...] = (0, 1)) -> tuple[FloatArray, FloatArray]:
     """Points (k, d) and costs (k,) with points added where S and J are least and most within `ratio` of the least cost.
 
     `which` selects the parameters: 0 for S, 1 for J.
     """
-    numbers = [i for i in which if movable(model)[i]]
+    numbers = [i for i in which if movable_parameters(model)[i]]
     if model.law.one_parameter:
         numbers = [i for i in numbers if i == 0]
     move = Mover(model, model.values(cube[[cost.argmin()]])[:, 0])
     excluded = {(number, sign): np.inf * sign for number in numbers for sign in (-1, 1)}
     for _ in range(_ROUNDS if model.spec.held else _SMOOTH_ROUNDS):
         for number in numbers:
-            points, costs, targets = _outwards(move, cube, cost, ratio, number, excluded)
+            points, costs, targets = _move_outwards(move, cube, cost, ratio, number, excluded)
             cube, cost = np.concatenate([cube, points]), np.concatenate([cost, costs])
             values = model.values(cube)[number]
             possible = values[cost <= ratio * cost.min()]
@@ -54,8 +54,8 @@ def reached(model: Model, cube: FloatArray, cost: FloatArray, ratio: float,
     return cube, cost
 
 
-def _outwards(move: Mover, cube: FloatArray, cost: FloatArray, ratio: float, number: int,
-              excluded: dict[tuple[int, int], float]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _move_outwards(move: Mover, cube: FloatArray, cost: FloatArray, ratio: float, number: int,
+                   excluded: dict[tuple[int, int], float]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Points (k, d), costs and targets of one parameter, beyond both ends of its possible values so far."""
     model = move.model
     at = np.flatnonzero(cost <= ratio * cost.min())
@@ -83,7 +83,7 @@ def _outwards(move: Mover, cube: FloatArray, cost: FloatArray, ratio: float, num
         found.append(near[np.argsort(-sign * model.values(near)[number], kind="stable")[:_OUTERMOST]])
         targets.append(goal)
     held = (0, *model.forces) if number == 0 else (0, 1, *model.forces)
-    polished = descended(model, np.concatenate(parts), held=held, turns=3, settle=1e-3)
+    polished = descend_model(model, np.concatenate(parts), held=held, turns=3, settle=1e-3)
     plain = np.concatenate(found)
     return (np.concatenate([polished.points, plain]), np.concatenate([polished.costs, model.costs(plain)]),
             np.concatenate(targets))
@@ -126,10 +126,10 @@ class Mover:
         move = goal[:, None] - values[number]
         trial[number] += move
         ways = [trial]
-        if not model.law.one_parameter and movable(model)[:2].all():
+        if not model.law.one_parameter and movable_parameters(model)[:2].all():
             ways.append(trial.copy())
             ways[1][1 - number] += move
-        if number == 0 and self.pace > 0.0 and movable(model)[4]:
+        if number == 0 and self.pace > 0.0 and movable_parameters(model)[4]:
             for way in ways[:]:
                 ways.append(way.copy())
                 ways[-1][4] -= move / self.pace

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...model.model import Model
-from ...numerics.gauss_newton import beside, principal, quotients, sides
+from ...numerics.gauss_newton import principal_axes, quotients, sides, trial_points
 from ...numerics.varpro import SAME, axes
 from ...typing import FloatArray, IntArray
-from ..moves import movable
+from ..moves import movable_parameters
 from .profile import spread_over
 
 # Step of the differences as a share of the range, and parts of each parameter's range where slopes are taken; fewer
@@ -41,9 +41,10 @@ def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: fl
     intervals end where the slopes say, without a look at the cost there. The result is empty where the valve barely
     moves, so that it never does beside any of the points.
     """
-    names, movers = list(model.named(np.zeros(model.space.size))), movable(model) > 0
+    names, movers = list(model.named(np.zeros(model.space.size))), movable_parameters(model) > 0
     wanted = [j for j in np.flatnonzero(movers).tolist() if j not in (0, 1, *model.forces)]
-    slopes = _Slopes.at(model, cube, cost, limit, _asked(cube, cost, wanted, _ROUGH_PARTS if rough else _PARTS))
+    slopes = _Slopes.at(model, cube, cost, limit,
+                        _points_for_slopes(cube, cost, wanted, _ROUGH_PARTS if rough else _PARTS))
     if slopes is None:
         return {}
     low, high = slopes.ends(wanted, rough=rough)
@@ -54,7 +55,7 @@ def smooth_intervals(model: Model, cube: FloatArray, cost: FloatArray, limit: fl
         found[names[j]] = tuple(model.values(both)[j].tolist())
     if GAIN not in model.spec.fixed:
         # A slip jump half as large goes with a gain twice as large, which slopes do not know.
-        met = _residuals_and_gains(model, _outermost(cube, (1, *wanted)))[1]
+        met = _residuals_and_gains(model, _outermost_points(cube, (1, *wanted)))[1]
         found[GAIN] = (min(low[-1], float(met.min())), max(high[-1], float(met.max())))
     return found
 
@@ -83,10 +84,10 @@ class _Slopes:
     def at(cls, model: Model, cube: FloatArray, cost: FloatArray, limit: float, asked: IntArray) -> _Slopes | None:
         """The slopes at the points `asked`; None where beside each of them the valve never moves."""
         held = (0, *model.forces) if model.spec.held else ()
-        free = np.array([j for j in np.flatnonzero(movable(model)).tolist() if j not in held], int)
+        free = np.array([j for j in np.flatnonzero(movable_parameters(model)).tolist() if j not in held], int)
         f, points, costs = free.size, cube[asked], cost[asked]
         apart = np.full((len(points), f), _DIFFERENCE)
-        r, gains = _residuals_and_gains(model, beside(points, free, apart)[0])
+        r, gains = _residuals_and_gains(model, trial_points(points, free, apart)[0])
         r, gains = r.reshape(-1, len(points), 2 * f + 1), gains.reshape(len(points), -1)
         moves = np.isfinite(r).all(axis=(0, 2))
         if not moves.any():
@@ -94,7 +95,7 @@ class _Slopes:
         points, costs, r, gains, apart = points[moves], costs[moves], r[:, moves], gains[moves], apart[moves]
         weights = sides(r, points[:, free], apart)
         slopes = quotients(r, *weights)
-        values, vectors, size = principal(np.einsum("nkf,nkg->kfg", slopes, slopes))
+        values, vectors, size = principal_axes(np.einsum("nkf,nkg->kfg", slopes, slopes))
         spread = (vectors / np.maximum(values, 1e-9 * values[:, -1:] + 1e-30)[:, None]) @ np.swapaxes(vectors, 1, 2)
         spread = spread / (size[:, :, None] * size[:, None, :])
         gradient = np.einsum("nkf,nk->kf", slopes, r[:, :, 0])
@@ -113,11 +114,12 @@ class _Slopes:
         reaches = np.array([signs * room * reach for _, reach, _ in lines])
         if not rough:
             ways = np.array([(signs * room)[..., None] * way for _, _, way in lines])
-            reaches = self._allowed(numbers, middles, reaches, ways)
+            reaches = self._allowed_reaches(numbers, middles, reaches, ways)
         ends = middles + reaches
         return ends[:, 0].min(axis=1).tolist(), ends[:, 1].max(axis=1).tolist()
 
-    def _allowed(self, numbers: list[int], middles: FloatArray, reaches: FloatArray, ways: FloatArray) -> FloatArray:
+    def _allowed_reaches(self, numbers: list[int], middles: FloatArray, reaches: FloatArray,
+                         ways: FloatArray) -> FloatArray:
         """The reaches (parameter, side, point) as far as the cost on the way allows.
 
         The first look is at all ends, the next at those that then go furthest. The cost is taken for a parabola through
@@ -161,13 +163,13 @@ class _Slopes:
         return [*lines, (self.gain, reach, way / reach[:, None])]
 
 
-def _asked(cube: FloatArray, cost: FloatArray, wanted: Iterable[int], parts: int) -> IntArray:
+def _points_for_slopes(cube: FloatArray, cost: FloatArray, wanted: Iterable[int], parts: int) -> IntArray:
     """Indices (m,) of the points at which slopes are taken: the best in each part of the range of every parameter."""
     return np.unique(np.concatenate([[int(cost.argmin())],
                                      *(spread_over(cube[:, j], cost, parts) for j in (0, 1, *wanted))]))
 
 
-def _outermost(cube: FloatArray, numbers: Iterable[int]) -> FloatArray:
+def _outermost_points(cube: FloatArray, numbers: Iterable[int]) -> FloatArray:
     """The points (m, d) of `cube` (k, d) with the least and the most of each parameter in `numbers`."""
     return cube[np.unique([at for j in numbers for at in (cube[:, j].argmin(), cube[:, j].argmax())])]
 

@@ -24,7 +24,7 @@ from ...model.model import Model
 from ...numerics.gauss_newton import slopes_at
 from ...numerics.jit import LANES
 from ...typing import FloatArray
-from ..moves import descended, movable
+from ..moves import descend_model, movable_parameters
 from .profile import Mover
 
 # Samples of dead time looked at either way, and steps of S for the move of the command in one sample. Third: range of S
@@ -71,7 +71,7 @@ class Plateaus:
         low, high = np.interp(0.5 + np.array([-0.5, 0.5]) * level, share / share[-1], edges)
         return float(low), float(high)
 
-    def possible(self, rows: float, threshold: float) -> tuple[float, float]:
+    def possible_span(self, rows: float, threshold: float) -> tuple[float, float]:
         """The least and the most S of a plateau within `threshold` of the best one's likelihood, ends included."""
         S = self.S[rows * np.log(self.cost / self.cost.min()) <= threshold]
         return float(S.min()), float(S.max())
@@ -80,14 +80,14 @@ class Plateaus:
 def plateaus(model: Model, point: FloatArray) -> Plateaus | None:
     """The plateaus beside an optimum (d,); None where S is given or no slip shows the speed of the command."""
     best = float(model.costs(point[None])[0])
-    if not (model.spec.held and movable(model)[0] and 0.0 < best < np.inf):
+    if not (model.spec.held and movable_parameters(model)[0] and 0.0 < best < np.inf):
         return None
-    first = _scanned(model, point, best, (-1, 0, 1))
+    first = _scan_beside(model, point, best, (-1, 0, 1))
     if first is None:
         return None
     scans = [first]
     # From one sample of dead time to the next: slopes at one optimum know little of a distant one.
-    for sign in (-1, 1) if movable(model)[4] else ():
+    for sign in (-1, 1) if movable_parameters(model)[4] else ():
         now, lost = first, False
         for _ in range(_SAMPLES):
             beside = now.samples == sign
@@ -99,7 +99,7 @@ def plateaus(model: Model, point: FloatArray) -> Plateaus | None:
                 break
             lost = bool(loses > _POSSIBLE)
             at = np.flatnonzero(beside)[now.costs[beside].argmin()]
-            further = _scanned(model, now.points[at], best, (0, sign))
+            further = _scan_beside(model, now.points[at], best, (0, sign))
             if further is None:
                 break
             scans.append(now := further)
@@ -118,9 +118,9 @@ def ridges(model: Model, point: FloatArray) -> FloatArray:
     """
     columns = [c for effect, rows in zip(model.effects, model.effect_rows, strict=True) if effect.friction
                for c in range(rows.start, rows.stop)]
-    columns = [c for c in (1, *columns) if columns and movable(model)[c]]
+    columns = [c for c in (1, *columns) if columns and movable_parameters(model)[c]]
     values = model.values(point[None])[:, 0]
-    scan = _Scan(model, values, Mover(model, values), point) if columns and movable(model)[0] else None
+    scan = _Scan(model, values, Mover(model, values), point) if columns and movable_parameters(model)[0] else None
     best, found = float(model.costs(point[None])[0]), [np.empty((0, point.size))]
     for column, sign in product(columns if scan is not None else (), (-1.0, 1.0)):
         pace, width, lost = 0.0, _RIDGE_FIRST, 0
@@ -131,8 +131,9 @@ def ridges(model: Model, point: FloatArray) -> FloatArray:
             trial = point[None].repeat(_RIDGE_LANES, axis=0)
             trial[:, column] = goal
             assert scan is not None
-            beside = scan.started(trial, values[0] * (1.0 + rung * (pace + width * np.linspace(-1, 1, len(trial)))))
-            costs = scan.followed(beside)
+            S = values[0] * (1.0 + rung * (pace + width * np.linspace(-1, 1, len(trial))))
+            beside = scan.match_start(trial, S)
+            costs = scan.costs_when_followed(beside)
             at = int(costs.argmin())
             if _ratio(model, costs[at], best) < _POSSIBLE + _FURTHER:
                 # Take the middle of the plateau: the next rung needs its direction.
@@ -144,7 +145,7 @@ def ridges(model: Model, point: FloatArray) -> FloatArray:
             else:
                 lost += 1
     starts = np.concatenate(found)
-    return descended(model, starts, held=(0, *model.forces), turns=_TURNS, settle=_SETTLED).points if len(
+    return descend_model(model, starts, held=(0, *model.forces), turns=_TURNS, settle=_SETTLED).points if len(
         starts) else starts
 
 
@@ -176,22 +177,22 @@ class _Scanned:
         return out
 
 
-def _scanned(model: Model, point: FloatArray, best: float, samples: tuple[int, ...]) -> _Scanned | None:
+def _scan_beside(model: Model, point: FloatArray, best: float, samples: tuple[int, ...]) -> _Scanned | None:
     """The scan beside a point (d,), costs compared with `best`; None where no slip shows the speed of the command."""
     values = model.values(point[None])[:, 0]
     move = Mover(model, values)
     if not move.pace > 0.0:
         return None
     scan = _Scan(model, values, move, point)
-    lanes = scan.lanes(samples if movable(model)[4] else (0,))
+    lanes = scan.lanes(samples if movable_parameters(model)[4] else (0,))
     cost = scan.costs(lanes)
     for _ in range(2):
-        more = scan.between(lanes, _ratio(model, cost, best))
+        more = scan.lanes_between(lanes, _ratio(model, cost, best))
         if not more.shape[1]:
             break
         lanes, cost = np.concatenate([lanes, more], axis=1), np.concatenate([cost, scan.costs(more)])
     order = np.lexsort(lanes)
-    return scan.polished(lanes[:, order], _ratio(model, cost[order], best), best)
+    return scan.polish_possible(lanes[:, order], _ratio(model, cost[order], best), best)
 
 
 class _Scan:
@@ -200,7 +201,7 @@ class _Scan:
     def __init__(self, model: Model, values: FloatArray, move: Mover, point: FloatArray) -> None:
         self.model, self.values, self.move = model, values, move
         self.held = (0, *model.forces)
-        free = np.flatnonzero(movable(model) > 0)
+        free = np.flatnonzero(movable_parameters(model) > 0)
         free = free[~np.isin(free, self.held)]
         self.basis = np.zeros((model.loop.samples, 0))
         if free.size:
@@ -219,16 +220,16 @@ class _Scan:
         found = []
         for k in samples:
             late = np.arange(min(k, 0) - _FIRST, max(k, 0) + _FIRST + 1)
-            rough = self._even(k, _FINE // 8)
+            rough = self._even_values(k, _FINE // 8)
             if not rough.size:
                 continue
             grid = np.stack([g.ravel() for g in np.meshgrid(rough, [k], late, indexing="ij")])
             least = self.costs(grid).reshape(rough.size, late.size).min(axis=0)
-            fine = self._even(k, _FINE)
+            fine = self._even_values(k, _FINE)
             found.append(np.stack([fine, np.full(fine.size, k), np.full(fine.size, late[least.argmin()])]))
         return np.concatenate(found, axis=1)
 
-    def _even(self, k: int, steps: int) -> FloatArray:
+    def _even_values(self, k: int, steps: int) -> FloatArray:
         """Values of S for a dead time k samples shorter, `steps` of them per move of the command in one sample."""
         axis = self.model.space.parameters[0]
         ends = np.sort(np.array(_PACES) * k) + np.array([-0.5, 0.5])
@@ -253,7 +254,7 @@ class _Scan:
             trial[row] = np.clip(side * (1.0 - lack / fs), -1.0, 1.0)
         return self.model.cube(trial)
 
-    def started(self, points: FloatArray, S: FloatArray) -> FloatArray:
+    def match_start(self, points: FloatArray, S: FloatArray) -> FloatArray:
         """Points (m, d) with another S (m,) and the same output change until the first break-away."""
         trial = self.model.values(points)
         trial[1] *= S / trial[0]
@@ -266,9 +267,9 @@ class _Scan:
 
     def costs(self, lanes: FloatArray) -> FloatArray:
         """Costs (m,) of lanes (3, m) once the smooth parameters have followed."""
-        return self.followed(self.points(lanes))
+        return self.costs_when_followed(self.points(lanes))
 
-    def followed(self, points: FloatArray) -> FloatArray:
+    def costs_when_followed(self, points: FloatArray) -> FloatArray:
         """Costs (m,) of points (m, d) once the smooth parameters have followed."""
         out = np.empty(len(points))
         for a in range(0, len(points), LANES):
@@ -283,17 +284,17 @@ class _Scan:
 
         The cost has steps in J where the valve stops and goes.
         """
-        if self.model.law.one_parameter or not movable(self.model)[1]:
+        if self.model.law.one_parameter or not movable_parameters(self.model)[1]:
             return self.points(lanes)
         trial = []
         for share in _JUMPS:
             values = self.values.copy()
             values[1] *= share
             trial.append(self.points(lanes, values))
-        which = self.followed(np.concatenate(trial)).reshape(len(trial), -1).argmin(axis=0)
+        which = self.costs_when_followed(np.concatenate(trial)).reshape(len(trial), -1).argmin(axis=0)
         return np.stack(trial)[which, np.arange(which.size)]
 
-    def between(self, lanes: FloatArray, ratio: FloatArray) -> FloatArray:
+    def lanes_between(self, lanes: FloatArray, ratio: FloatArray) -> FloatArray:
         """Further lanes (3, m) between neighbours of which one is possible and the other differs."""
         order = np.lexsort(lanes)
         lanes, ratio = lanes[:, order], ratio[order]
@@ -305,7 +306,7 @@ class _Scan:
         more[0] += (np.diff(lanes[0])[at, None] * part).ravel()
         return more
 
-    def polished(self, lanes: FloatArray, ratio: FloatArray, best: float) -> _Scanned:
+    def polish_possible(self, lanes: FloatArray, ratio: FloatArray, best: float) -> _Scanned:
         """The scan with the costs of the possible plateaus replaced by those that a descent finds."""
         new = (lanes[1:, 1:] != lanes[1:, :-1]).any(axis=0) | (np.abs(np.diff(ratio)) > _ALIKE)
         plateau = np.concatenate([[0], np.cumsum(new)])
@@ -320,7 +321,7 @@ class _Scan:
         starts = self._with_jump(lanes[:, middles])
         for k in np.unique(lanes[1, middles]):
             mine = np.flatnonzero(lanes[1, middles] == k)
-            found = descended(self.model, starts[mine], held=self.held, turns=_TURNS, settle=_SETTLED)
+            found = descend_model(self.model, starts[mine], held=self.held, turns=_TURNS, settle=_SETTLED)
             # Descents come back best first; their S is unchanged.
             to, back = mine[np.argsort(starts[mine, 0], kind="stable")], np.argsort(found.points[:, 0], kind="stable")
             points[to], costs[to] = found.points[back], found.costs[back]

@@ -16,10 +16,10 @@ import numpy as np
 
 from ...model.model import Model
 from ...model.spec import Evaluated
-from ...numerics.autoregression import autocovariance, autoregression, filtered
-from ...numerics.gauss_newton import beside, quotients, sides
+from ...numerics.autoregression import autocovariance, autoregression, filter_residual
+from ...numerics.gauss_newton import quotients, sides, trial_points
 from ...typing import FloatArray
-from ..moves import movable
+from ..moves import movable_parameters
 
 # Step of the differences for the slopes, as a share of the range; share of the largest slope below which one is
 # ignored.
@@ -34,14 +34,15 @@ def noise_of(model: Model, evaluated: Evaluated, polynomial: FloatArray, largest
     `polynomial` is the prewhitening applied before the noise is estimated (differences), the leading 1 included.
     """
     starts, counted = model.loop.starts, evaluated.counted > 0
-    signal, good = filtered(evaluated.residual, counted, polynomial, starts)
+    signal, good = filter_residual(evaluated.residual, counted, polynomial, starts)
     first = autoregression(signal, good, largest, starts, long=True)
     if not first.size:
         return first
-    columns = np.stack([filtered(x, counted, polynomial, starts)[0] for x in slopes_of(model, evaluated).T], axis=1)
+    columns = np.stack([filter_residual(x, counted, polynomial, starts)[0] for x in slopes_of(model, evaluated).T],
+                       axis=1)
     whole = np.concatenate([[1.0], first])
-    innovation, rows = filtered(signal, good, whole, starts)
-    white = np.stack([filtered(x, good, whole, starts)[0] for x in columns.T], axis=1)[rows]
+    innovation, rows = filter_residual(signal, good, whole, starts)
+    white = np.stack([filter_residual(x, good, whole, starts)[0] for x in columns.T], axis=1)[rows]
     size = np.linalg.norm(white, axis=0)
     used = size > _NOTHING * size.max(initial=0.0)
     _, values, axes = np.linalg.svd(white[:, used] / size[used], full_matrices=False)
@@ -59,10 +60,10 @@ def noise_of(model: Model, evaluated: Evaluated, polynomial: FloatArray, largest
 def slopes_of(model: Model, evaluated: Evaluated) -> FloatArray:
     """Slopes (n, c) of a model's y in its smooth parameters, those that stay linear among them."""
     values = model.vector(evaluated.values)
-    free = np.flatnonzero(movable(model) > 0)
+    free = np.flatnonzero(movable_parameters(model) > 0)
     free = free[~np.isin(free, (0, *model.forces))]
     point, step = model.cube(values[:, None]), np.full((1, free.size), _DIFFERENCE)
-    trial = beside(point, free, step)[0]
+    trial = trial_points(point, free, step)[0]
     base, offsets = model.responses(model.values(trial), filtered=False)
     own = model.own_columns(base, offsets)
     # A second lag of 0 has no transient, but has one beside 0: it stands last.

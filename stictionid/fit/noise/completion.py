@@ -13,18 +13,18 @@ import numpy as np
 
 from ...effects import noises_in
 from ...model.model import Model
-from ...model.segments import bound
+from ...model.segments import bind_model
 from ...model.spec import BASE, Evaluated, Spec
 from ...model.unseen_command import between_samples
-from ...numerics.autoregression import autoregression, filtered
+from ...numerics.autoregression import autoregression, filter_residual
 from ...numerics.narrow_band import NUMBERS, Resonance, resonance
 from ...numerics.population import refine
-from ...paths.likelihood import possible
-from ...paths.settle import ROUNDS, Settled, annealed, settled
+from ...paths.likelihood import path_possible
+from ...paths.settle import ROUNDS, Settled, settle_from_other_valves, settle_path
 from ...process.rounded import command_sd
 from ...typing import BoolArray, FloatArray
 from ..fit import polish_smooth
-from ..moves import descended, search_model, spreads, with_start
+from ..moves import descend_model, search_model, spreads, with_start
 from ..starts.basins import along_ridge
 from .whiteness import noise_alone, passes_tests
 
@@ -80,7 +80,7 @@ class Refit:
     @property
     def spec(self) -> Spec:
         """The model's spec with the noise model in it."""
-        taps = tuple(_joined(self.own, self.taps)[1:].tolist())
+        taps = tuple(_join_polynomials(self.own, self.taps)[1:].tolist())
         return replace(self.model.spec, taps=taps, increments=self.increments)
 
     def white_model(self) -> Model:
@@ -88,9 +88,9 @@ class Refit:
         spec = self.spec
         if spec == self.model.spec:
             # An effect that follows y follows the model's own y, whatever the search used.
-            return self.model.guided(self.evaluated.guide) if self.model.follows_y else self.model
-        return bound(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
-                     residual=self.evaluated.left)
+            return self.model.follow_guide(self.evaluated.guide) if self.model.follows_y else self.model
+        return bind_model(self.model.loop, spec, s_max=self.model.s_max, period_s=self.model.period_s,
+                          residual=self.evaluated.left)
 
     @property
     def noise_alone(self) -> bool:
@@ -143,8 +143,8 @@ def at_noise(refit: Refit) -> bool:
     return not has_noise(refit.model.spec) and refit.evaluated.rmse <= _WHITE * refit.noise_error
 
 
-def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
-          rng: np.random.Generator | None = None) -> Refit:
+def complete_quickly(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
+                     rng: np.random.Generator | None = None) -> Refit:
     """The model as it is, completed with a noise model of its residual but not refitted to it.
 
     An integrator that is fitted to the differences of y is completed in levels, too, and the better one is kept.
@@ -152,7 +152,7 @@ def quick(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, orde
     found = _as_it_is(model, values, noise, order, rng)
     if not _has_levels(model, noise):
         return found
-    return better(found, _as_it_is(_in_levels(model, found.evaluated), values, noise, order, rng))
+    return better_refit(found, _as_it_is(_in_levels(model, found.evaluated), values, noise, order, rng))
 
 
 def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
@@ -164,7 +164,7 @@ def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, ord
     return _refit(model, values, evaluated, ar, increments, own, count)
 
 
-def banded(done: Refit) -> Refit | None:
+def complete_with_band(done: Refit) -> Refit | None:
     """A completed model with a band of wandering phase as its noise; None where none lasts longer than its cycle."""
     found = replace(_as_it_is(done.model, done.values, RESONANT), prior=done.prior)
     band = _band_of(done.model, done.evaluated, np.ones(1), None)
@@ -181,17 +181,17 @@ def _has_levels(model: Model, noise: str) -> bool:
 
 
 def _in_levels(model: Model, evaluated: Evaluated) -> Model:
-    return bound(model.loop, replace(model.spec, increments=False, taps=()), s_max=model.s_max,
-                 period_s=model.period_s, residual=evaluated.left)
+    return bind_model(model.loop, replace(model.spec, increments=False, taps=()), s_max=model.s_max,
+                      period_s=model.period_s, residual=evaluated.left)
 
 
-def better(found: Refit, other: Refit) -> Refit:
+def better_refit(found: Refit, other: Refit) -> Refit:
     """The better of two completed models by BIC on common samples."""
     return other if other.gain_over(found) > 0.0 else found
 
 
-def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, *,
-             noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER, descent: bool = False) -> Refit:
+def complete_model(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, *,
+                   noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER, descent: bool = False) -> Refit:
     """The model with a noise model for its residual, refitted in prewhitened form where there is one.
 
     With `descent` the refit is a descent in the model's basin, a fifth of the work of a population.
@@ -200,17 +200,17 @@ def complete(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.
     differences, and the autoregression is that of the differences. Prewhitening of the process fit is kept and
     extended. The model of an integrator is completed in levels, too, and the better one is kept.
     """
-    found = _completed(model, values, pool, rng, noise, order, descent)
+    found = _complete_in_form(model, values, pool, rng, noise, order, descent)
     if not _has_levels(model, noise):
         return found
     level = _in_levels(model, found.evaluated)
-    near = descended(level, level.cube(level.vector(found.model.named(found.values))[:, None]))
-    return better(found, _completed(level, level.values(near.points[:1])[:, 0], None, rng, noise, order,
-                                    descent))
+    near = descend_model(level, level.cube(level.vector(found.model.named(found.values))[:, None]))
+    return better_refit(found, _complete_in_form(level, level.values(near.points[:1])[:, 0], None, rng, noise, order,
+                                                 descent))
 
 
-def _completed(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, noise: str,
-               order: int, descent: bool) -> Refit:
+def _complete_in_form(model: Model, values: FloatArray, pool: FloatArray | None, rng: np.random.Generator, noise: str,
+                      order: int, descent: bool) -> Refit:
     first = _as_it_is(model, values, noise, order, rng)
     increments, own, ar = first.increments, own_taps(model.spec), first.taps
     if ar.size == 0 and increments == model.spec.increments and not has_noise(model.spec):
@@ -218,16 +218,16 @@ def _completed(model: Model, values: FloatArray, pool: FloatArray | None, rng: n
     best: Refit | None = None
     evaluated, count = first.evaluated, first.noise_numbers
     for _ in range(_COMPLETIONS):
-        taps = tuple(_joined(own, ar)[1:].tolist())
-        white = bound(model.loop, replace(model.spec, taps=taps, increments=increments), s_max=model.s_max,
-                      period_s=model.period_s, residual=evaluated.left)
+        taps = tuple(_join_polynomials(own, ar)[1:].tolist())
+        white = bind_model(model.loop, replace(model.spec, taps=taps, increments=increments), s_max=model.s_max,
+                           period_s=model.period_s, residual=evaluated.left)
         starts = [values]
         if pool is not None and best is None:
             starts += [white.vector({**model.named(values), **dict(zip(BASE, base, strict=True))}) for base in pool[1:]]
         coarse = search_model(white)
         cube = with_start(coarse, coarse.cube(np.array(starts).T))
         if descent:
-            found = descended(coarse, cube, turns=_TURNS, settle=_GLANCED)
+            found = descend_model(coarse, cube, turns=_TURNS, settle=_GLANCED)
         else:
             found = refine(coarse.costs, cube, rng, spread=spreads(coarse, 0.5), rounds=40, population=14,
                            settle=_SETTLED)
@@ -244,27 +244,27 @@ def _completed(model: Model, values: FloatArray, pool: FloatArray | None, rng: n
         best = now
         ar, count = _taps(model, evaluated, increments, order, own, noise, rng)
     assert best is not None
-    return best if noise != AUTOREGRESSIVE or has_noise(model.spec) else _plainer(model, best)
+    return best if noise != AUTOREGRESSIVE or has_noise(model.spec) else _prefer_plain(model, best)
 
 
-def _plainer(model: Model, found: Refit) -> Refit:
+def _prefer_plain(model: Model, found: Refit) -> Refit:
     """The better by BIC of a refit in prewhitened form and the model without prewhitening, polished from there.
 
     Errors of a process that was not settled look like noise. Prewhitened for them a model may settle, but it keeps a
     noise model that is no longer needed. Under one with a root near 1 it loses its level.
     """
-    again = descended(model, model.cube(model.vector(found.model.named(found.values))[:, None]))
-    return better(found, _as_it_is(model, model.values(again.points[:1])[:, 0]))
+    again = descend_model(model, model.cube(model.vector(found.model.named(found.values))[:, None]))
+    return better_refit(found, _as_it_is(model, model.values(again.points[:1])[:, 0]))
 
 
-def _joined(own: tuple[float, ...], ar: FloatArray) -> FloatArray:
+def _join_polynomials(own: tuple[float, ...], ar: FloatArray) -> FloatArray:
     """The product of two prewhitening polynomials, the leading 1 included."""
     return np.convolve(np.concatenate([[1.0], own]), np.concatenate([[1.0], ar]))
 
 
 def _whitening(own: tuple[float, ...], ar: FloatArray, increments: bool) -> FloatArray:
     """The polynomial in the lag that turns errors into innovations, the leading 1 included."""
-    polynomial = _joined(own, ar)
+    polynomial = _join_polynomials(own, ar)
     return np.convolve(polynomial, [1.0, -1.0]) if increments else polynomial
 
 
@@ -278,8 +278,8 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
     polynomial = np.concatenate([[1.0], own])
     if increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
-    residual = model.landed(evaluated.residual)
-    signal, good = filtered(residual, evaluated.counted > 0, polynomial, model.loop.starts)
+    residual = model.take_out_landings(evaluated.residual)
+    signal, good = filter_residual(residual, evaluated.counted > 0, polynomial, model.loop.starts)
     if noise == RESONANT:
         found = _band_of(model, evaluated, polynomial, rng)
         return (found.taps, NUMBERS - 1) if found else (np.empty(0), 0)
@@ -290,7 +290,7 @@ def _taps(model: Model, evaluated: Evaluated, increments: bool, order: int, own:
 def _band_of(model: Model, evaluated: Evaluated, polynomial: FloatArray,
              rng: np.random.Generator | None) -> Resonance | None:
     """The band in a residual that a polynomial has filtered."""
-    signal, good = filtered(evaluated.residual, evaluated.counted > 0, polynomial, model.loop.starts)
+    signal, good = filter_residual(evaluated.residual, evaluated.counted > 0, polynomial, model.loop.starts)
     part = model.loop.longest
     signal, good = signal[part], good[part]
     if model.pace >= _SPARSE:
@@ -301,26 +301,28 @@ def _band_of(model: Model, evaluated: Evaluated, polynomial: FloatArray,
 def _refit(model: Model, values: FloatArray, evaluated: Evaluated, ar: FloatArray, increments: bool,
            own: tuple[float, ...], numbers: int) -> Refit:
     polynomial = _whitening(own, ar, increments)
-    innovation, good = filtered(model.landed(evaluated.residual), evaluated.counted > 0, polynomial, model.loop.starts)
+    innovation, good = filter_residual(model.take_out_landings(evaluated.residual), evaluated.counted > 0, polynomial,
+                                       model.loop.starts)
     good &= ~model.starting(polynomial.size)
     count = model.space.size - len(model.spec.fixed) + len(evaluated.own) + model.shared.freedom + numbers
     return Refit(model, values, evaluated, ar, increments, innovation, good, count, numbers, own)
 
 
-def restored(model: Model, values: FloatArray, taps: FloatArray, *, own: tuple[float, ...], increments: bool,
-             numbers: int, prior: float = 0.0) -> Refit:
+def restore_refit(model: Model, values: FloatArray, taps: FloatArray, *, own: tuple[float, ...], increments: bool,
+                  numbers: int, prior: float = 0.0) -> Refit:
     """A refit restored from its stored values: one run of the model, no search."""
     return replace(_refit(model, values, model.evaluate(values), taps, increments, own, numbers), prior=prior)
 
 
-def likelier(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, anew: bool = False) -> Refit:
+def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_valves: bool = False) -> Refit:
     """A completed model along the slips that PV shows, where that is likelier than a force that never changes.
 
-    In `rounds` the values are fitted along them, too, also from other `starts` (d,), and with `anew` from other valves
-    where that leaves more than white noise. White innovations without a noise model ask for nothing.
+    The values are fitted along them in `rounds`, from the model's own values and from other `starts` (d,). With
+    `other_valves` they are also sought from other valves, where more than white noise is left. White innovations
+    without a noise model ask for nothing.
     """
     begin = done.model.spec.paths
-    if (begin is None and not done.taps.size and done.white) or not possible(done.model, done.values):
+    if (begin is None and not done.taps.size and done.white) or not path_possible(done.model, done.values):
         return done
     own = tuple(done.own)
     hidden = between_samples(done.model, done.evaluated)
@@ -330,38 +332,41 @@ def likelier(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, anew: bool 
     def along(taps: tuple[float, ...], settles: Callable[[Model], list[Settled]]) -> Refit:
         spec = replace(done.model.spec, taps=taps, increments=done.increments, paths=None)
         loop, s_max, period_s, left = done.model.loop, done.model.s_max, done.model.period_s, done.evaluated.left
-        found = min(settles(bound(loop, spec, s_max=s_max, period_s=period_s, residual=left)), key=lambda s: s.deviance)
-        free = bound(loop, replace(spec, taps=own, paths=found.paths), s_max=s_max, period_s=period_s, residual=left)
+        found = min(settles(bind_model(loop, spec, s_max=s_max, period_s=period_s, residual=left)),
+                    key=lambda s: s.deviance)
+        free = bind_model(loop, replace(spec, taps=own, paths=found.paths), s_max=s_max, period_s=period_s,
+                          residual=left)
         now = _as_it_is(free, found.values)
         return replace(now, prior=found.prior, parameters=now.parameters + 1)
 
-    found = along(own, lambda model: [settled(model, values, error=error, hidden=hidden, rounds=rounds, begin=begin,
-                                              most=most) for values in (done.values, *starts)])
+    found = along(own, lambda model: [settle_path(model, values, error=error, hidden=hidden, rounds=rounds, begin=begin,
+                                                  most=most) for values in (done.values, *starts)])
     # (a model along slips whose chance is not known yet has no likelihood)
-    best = found if begin is not None and not done.prior else _placed(done, found)
-    if anew and not (best.white and at_noise(best)):
-        best = _placed(best, along(own, lambda model: annealed(model, best.values, error, hidden, most)))
+    best = found if begin is not None and not done.prior else _prefer_placed(done, found)
+    if other_valves and not (best.white and at_noise(best)):
+        best = _prefer_placed(best, along(own, lambda model: settle_from_other_valves(
+            model, best.values, error, hidden, most)))
     if rounds == ROUNDS and best is not done and best.taps.size:
         # Errors of slips in the wrong place look like noise of long memory: its numbers are those along the path.
-        taps = tuple(_joined(own, best.taps)[1:].tolist())
-        best = better(best, along(taps, lambda model: [
-            settled(model, best.values, error=error, hidden=hidden, begin=best.model.spec.paths)]))
+        taps = tuple(_join_polynomials(own, best.taps)[1:].tolist())
+        best = better_refit(best, along(taps, lambda model: [
+            settle_path(model, best.values, error=error, hidden=hidden, begin=best.model.spec.paths)]))
     if best is done:
         return done
     # At values that are right the law alone may place every slip.
-    model = bound(done.model.loop, replace(best.model.spec, paths=None), s_max=done.model.s_max,
-                  period_s=done.model.period_s, residual=best.evaluated.left)
-    return better(best, _as_it_is(model, best.values))
+    model = bind_model(done.model.loop, replace(best.model.spec, paths=None), s_max=done.model.s_max,
+                       period_s=done.model.period_s, residual=best.evaluated.left)
+    return better_refit(best, _as_it_is(model, best.values))
 
 
-def _placed(before: Refit, found: Refit) -> Refit:
+def _prefer_placed(before: Refit, found: Refit) -> Refit:
     """The better of a model and one along slips that PV placed, if these leave little more than noise.
 
     What an effect would explain is no noise: there a path bends to the missing effect, and its likelihood says
     nothing. On a loop with a stop it halved the free run, with a slip jump of 6 % for 2.5.
     """
     explains = found.evaluated.rmse <= NEARLY * found.noise_error
-    return better(before, found) if explains else before
+    return better_refit(before, found) if explains else before
 
 
 def block_gains(before: Refit, after: Refit, good: BoolArray) -> FloatArray:

@@ -15,23 +15,23 @@ from dataclasses import replace
 import numpy as np
 
 from ...effects import parse
-from ...numerics.varpro import SAME, axes, coloured
+from ...numerics.varpro import SAME, axes, colour_noise
 from ...typing import FloatArray
 from .completion import Refit
 
 
-def drawn(done: Refit, rng: np.random.Generator) -> FloatArray:
+def draw_residual(done: Refit, rng: np.random.Generator) -> FloatArray:
     """A residual (n,) drawn from the innovations of a model through its noise model, linked across short gaps."""
     model = done.model
     pool = done.innovation[done.good]
     rows = np.flatnonzero(model.good()) if model.pace > 1.0 else np.arange(done.innovation.size)
     white = rng.choice(pool - pool.mean(), rows.size)
     out = np.zeros(done.innovation.size)
-    out[rows] = coloured(white, done.white_model().taps)
+    out[rows] = colour_noise(white, done.white_model().taps)
     return out
 
 
-def imitated(done: Refit, name: str, draws: int, rng: np.random.Generator) -> bool:
+def noise_imitates(done: Refit, name: str, draws: int, rng: np.random.Generator) -> bool:
     """True where a disturbance leaves as small a share of one of so many draws of a model's noise as of its residual.
 
     The disturbance is the best of the effect's guesses, at the output.
@@ -39,7 +39,7 @@ def imitated(done: Refit, name: str, draws: int, rng: np.random.Generator) -> bo
     shapes: dict[bytes, FloatArray] = {}
     seen = _share_left(done, name, np.nan_to_num(done.evaluated.residual), shapes)
     known = dict(shapes)
-    return any(_share_left(done, name, drawn(done, rng), dict(known)) <= seen for _ in range(draws))
+    return any(_share_left(done, name, draw_residual(done, rng), dict(known)) <= seen for _ in range(draws))
 
 
 def _share_left(done: Refit, name: str, residual: FloatArray, shapes: dict[bytes, FloatArray]) -> float:

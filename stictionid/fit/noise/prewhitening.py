@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...model.model import Model
-from ...model.segments import bound
+from ...model.segments import bind_model
 from ...model.spec import INTEGRATOR, Evaluated
-from ...numerics.autoregression import filtered
+from ...numerics.autoregression import filter_residual
 from ...typing import BoolArray, FloatArray
-from ..moves import descended, search_model
+from ..moves import descend_model, search_model
 from ..starts.basins import along_ridge, process_grid
 from .bias_correction import noise_of
 
@@ -53,7 +53,7 @@ class Whitened:
         return float(np.sqrt(np.mean(self.innovation[self.good] ** 2)))
 
 
-def whitened(model: Model, values: FloatArray) -> Whitened:
+def whiten_model(model: Model, values: FloatArray) -> Whitened:
     """A model at its optimum (d,), completed with the autoregression that its residual asks for, refitted with it."""
     best = with_taps(model, values, np.asarray(model.spec.taps))
     rmse = best.rmse
@@ -61,9 +61,10 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
         taps = noise_taps(best)
         if np.array_equal(taps, best.model.spec.taps):
             break
-        white = bound(model.loop, replace(model.spec, taps=tuple(taps)), s_max=model.s_max, period_s=model.period_s)
+        white = bind_model(model.loop, replace(model.spec, taps=tuple(taps)), s_max=model.s_max,
+                           period_s=model.period_s)
         start = white.cube(best.values[:, None])
-        found = descended(white, np.concatenate([start, _elsewhere(white, start[0])]), settle=SETTLE)
+        found = descend_model(white, np.concatenate([start, _starts_elsewhere(white, start[0])]), settle=SETTLE)
         now = with_taps(white, white.values(found.points[:1])[:, 0], taps)
         if now.innovation_sd > WORTH * best.innovation_sd:
             break
@@ -71,7 +72,7 @@ def whitened(model: Model, values: FloatArray) -> Whitened:
     return replace(best, rmse=rmse)
 
 
-def _elsewhere(white: Model, point: FloatArray) -> FloatArray:
+def _starts_elsewhere(white: Model, point: FloatArray) -> FloatArray:
     """Starts (k, d) with the valve of a point (d,) and another process, or another dead time and break-away.
 
     The free run may have taken a coloured disturbance for the process, from where no descent leads back.
@@ -87,8 +88,8 @@ def with_noise_of(w: Whitened, other: Whitened) -> Whitened:
     taps, spec = np.asarray(other.model.spec.taps), w.model.spec
     if spec.increments != other.model.spec.increments or np.array_equal(taps, spec.taps):
         return w
-    model = bound(w.model.loop, replace(spec, taps=tuple(taps)), s_max=w.model.s_max, period_s=w.model.period_s)
-    found = descended(model, model.cube(w.values[:, None]), settle=SETTLE)
+    model = bind_model(w.model.loop, replace(spec, taps=tuple(taps)), s_max=w.model.s_max, period_s=w.model.period_s)
+    found = descend_model(model, model.cube(w.values[:, None]), settle=SETTLE)
     now = with_taps(model, model.values(found.points[:1])[:, 0], taps)
     return replace(now, rmse=w.rmse) if now.innovation_sd < w.innovation_sd else w
 
@@ -99,8 +100,8 @@ def without_noise(model: Model, values: FloatArray) -> float:
     A first order is fitted in levels: differences, in which a walk is fitted, say nothing of them.
     """
     spec = replace(model.spec, taps=(), increments=model.spec.increments and model.spec.process == INTEGRATOR)
-    white = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
-    found = descended(white, white.cube(values[:, None]))
+    white = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
+    found = descend_model(white, white.cube(values[:, None]))
     return white.evaluate(white.values(found.points[:1])[:, 0]).rmse
 
 
@@ -116,6 +117,6 @@ def with_taps(model: Model, values: FloatArray, taps: FloatArray) -> Whitened:
     polynomial = np.concatenate([[1.0], taps])
     if model.spec.increments:
         polynomial = np.convolve(polynomial, [1.0, -1.0])
-    innovation, good = filtered(e.residual, e.counted > 0, polynomial, model.loop.starts)
+    innovation, good = filter_residual(e.residual, e.counted > 0, polynomial, model.loop.starts)
     good &= ~model.starting(polynomial.size)
     return Whitened(model, values, e, e.rmse, innovation, good, taps.size)

@@ -19,7 +19,7 @@ import numpy as np
 
 from ...effects import get, leaving, parse
 from ...model.spec import INTEGRATOR
-from ...numerics.autoregression import chi_square_z, filtered
+from ...numerics.autoregression import chi_square_z, filter_residual
 from ...numerics.spectrum import bands_of, lines_of
 from ...record.study import BUT_FOR
 from ...record.unexplained import Answer, Curve, Unexplained
@@ -58,7 +58,7 @@ class _Group:
         return Curve(*(tuple(x.tolist()) for x in (at, value, value - wide, value + wide)))
 
 
-def unexplained(done: Refit, tried: Collection[str] = ()) -> Unexplained | None:
+def unexplained_shape(done: Refit, tried: Collection[str] = ()) -> Unexplained | None:
     """The shape of what a completed model misses; None where its innovations are white, or answer next to nothing.
 
     A group of past signals must explain SHARE of the innovations' variance, beyond chance at LEVEL over all groups.
@@ -67,7 +67,7 @@ def unexplained(done: Refit, tried: Collection[str] = ()) -> Unexplained | None:
     return None if done.white else shape_of(done, tried)
 
 
-def said_missing(shape: Unexplained) -> str:
+def missing_words(shape: Unexplained) -> str:
     """The sentence about a model that leaves this shape."""
     return (f"none of the models tried explains this record: {shape.statement}; the innovations of the best one fail "
             f"the joint test at {100.0 * LEVEL:g} %")
@@ -100,20 +100,22 @@ def shape_of(done: Refit, tried: Collection[str] = ()) -> Unexplained | None:
     unit = level / max(float(level.std()), 1e-300)
     t, place = np.linspace(-1.0, 1.0, level.size), (position - position.mean()) / max(float(position.std()), 1e-300)
     level_of, gain_of = [t, t**2, t**3], [t * unit, t**2 * unit]
-    found = {VALVE: _regressed(done, rows, _responses(moves, lags)),
-             DIRECTION: _regressed(done, rows, _responses(np.abs(moves), lags[::2])),
-             VALUE: _regressed(done, rows, [unit**2, unit**3, unit * place]),
-             TIME: _regressed(done, rows, [*level_of, *gain_of])}
+    found = {VALVE: _regress_innovations(done, rows, _responses(moves, lags)),
+             DIRECTION: _regress_innovations(done, rows, _responses(np.abs(moves), lags[::2])),
+             VALUE: _regress_innovations(done, rows, [unit**2, unit**3, unit * place]),
+             TIME: _regress_innovations(done, rows, [*level_of, *gain_of])}
     telling = {to: g for to, g in found.items() if g.z > _LIMIT and g.share >= SHARE}
     if not telling:
         return None
     named = max(telling, key=lambda to: telling[to].share)
     share = telling[named].share
-    if named == TIME and _regressed(done, rows, gain_of).share > _regressed(done, rows, level_of).share:
+    if named == TIME and \
+            _regress_innovations(done, rows, gain_of).share > _regress_innovations(done, rows, level_of).share:
         named = DRIFT
     seconds = lags * step_s
     step = found[VALVE].curve(seconds)
-    two = _regressed(done, rows, [*_responses(np.maximum(moves, 0.0), lags), *_responses(np.minimum(moves, 0.0), lags)])
+    two = _regress_innovations(done, rows,
+                               [*_responses(np.maximum(moves, 0.0), lags), *_responses(np.minimum(moves, 0.0), lags)])
     up, down = np.split(np.eye(2 * lags.size), 2)
     slope = (np.eye(lags.size)[1:] - np.eye(lags.size)[:-1]) / np.diff(lags)[:, None]
     f, power = lines_of(e.residual[model.loop.longest], (e.counted > 0)[model.loop.longest], step_s)
@@ -135,10 +137,10 @@ def shape_of(done: Refit, tried: Collection[str] = ()) -> Unexplained | None:
         _pieces(done, rows, model.loop.time_s, quantiles=False), bands_of(f, power))
 
 
-def _regressed(done: Refit, rows: np.ndarray, columns: Sequence[FloatArray]) -> _Group:
+def _regress_innovations(done: Refit, rows: np.ndarray, columns: Sequence[FloatArray]) -> _Group:
     """The innovations on columns (n,) that passed the same filter; the mean is taken out of both."""
     counted, starts = done.evaluated.counted > 0, done.model.loop.starts
-    x = np.stack([filtered(c, counted, done.polynomial, starts)[0] for c in columns], axis=1)[rows]
+    x = np.stack([filter_residual(c, counted, done.polynomial, starts)[0] for c in columns], axis=1)[rows]
     x, y = x - x.mean(axis=0), done.innovation[rows] - done.innovation[rows].mean()
     scale = np.linalg.norm(x, axis=0)
     scale[scale == 0.0] = 1.0
@@ -173,7 +175,7 @@ def _pieces(done: Refit, rows: np.ndarray, signal: FloatArray, *, quantiles: boo
         np.linspace(among.min(), among.max(), _PIECES + 1)
     which = np.clip(np.searchsorted(edges, signal, side="right") - 1, 0, _PIECES - 1)
     have = [k for k in range(_PIECES) if (which[rows] == k).any()]
-    group = _regressed(done, rows, [(which == k).astype(np.float64) for k in have])
+    group = _regress_innovations(done, rows, [(which == k).astype(np.float64) for k in have])
     at = np.array([float(among[which[rows] == k].mean()) for k in have])
     return group.curve(at, np.eye(len(have)) - 1.0 / len(have))
 

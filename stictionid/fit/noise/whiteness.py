@@ -17,7 +17,7 @@ import numpy as np
 
 from ...effects import parse
 from ...model.model import Model
-from ...numerics.autoregression import autocovariance, chi_square_z, filtered, linked, ljung_box
+from ...numerics.autoregression import autocovariance, chi_square_z, filter_residual, link_samples, ljung_box
 from ...record.loop import bridged
 from ...typing import BoolArray, FloatArray
 
@@ -42,14 +42,14 @@ def noise_alone(model: Model, taps: FloatArray, position: FloatArray, innovation
     random `walk` has an infinite memory, so only its innovations are tested: a step is an outlier in them, a ramp their
     mean.
     """
-    if not walk and remembers(taps):
+    if not walk and has_long_memory(taps):
         return False
     if walk and abs(_mean(innovation[good])) > NormalDist().inv_cdf(1.0 - 0.5 * _LEVEL):
         return False
     return passes_tests(model, np.concatenate([[1.0], taps]), taps.size, position, innovation, good)
 
 
-def remembers(taps: FloatArray) -> bool:
+def has_long_memory(taps: FloatArray) -> bool:
     """True for an autoregression (p,) of so long a memory that it may be a disturbance."""
     return bool(np.abs(np.roots(np.concatenate([[1.0], taps]))).max(initial=0.0) > _SHORT)
 
@@ -66,17 +66,18 @@ def passes_tests(model: Model, polynomial: FloatArray, order: int, position: Flo
         return False
     move = np.diff(position, prepend=position[0])
     move[list(model.loop.starts)] = 0.0
-    before = [_later(move, k) for k in range(1, _MOVES + 1)]
-    curved = [*_curved(model, position), *before, *(np.abs(m) for m in before)]
+    before = [_delay_signal(move, k) for k in range(1, _MOVES + 1)]
+    curved = [*_curved_terms(model, position), *before, *(np.abs(m) for m in before)]
     stretch = np.minimum(np.arange(e.size) * _STRETCHES // e.size, _STRETCHES - 1)
     loud = [*(np.abs(m) for m in before), *((stretch == s).astype(np.float64) for s in range(1, _STRETCHES))]
-    found = (_correlated(model, order, e, good), _followed(e, good, _positions(model, polynomial, position)),
-             _followed(e, good, curved), _followed(e**2, good, loud), _heavy(e[good]),
+    found = (_autocorrelation_test(model, order, e, good),
+             _explained_share(e, good, _positions(model, polynomial, position)),
+             _explained_share(e, good, curved), _explained_share(e**2, good, loud), _excess_kurtosis(e[good]),
              *_tags(model, polynomial, e, good))
     return max(found) < _LIMIT and not _line(e)
 
 
-def _correlated(model: Model, order: int, e: FloatArray, good: BoolArray) -> float:
+def _autocorrelation_test(model: Model, order: int, e: FloatArray, good: BoolArray) -> float:
     """Joint test of the autocorrelations over one period, as a normal value."""
     rows = int(good.sum())
     lags = int(np.clip(model.period_s / (model.step_s * model.pace), _FEWEST, min(_MOST, rows // 10)))
@@ -90,7 +91,7 @@ def _tags(model: Model, polynomial: FloatArray, e: FloatArray, good: BoolArray) 
     known = {option for name in model.names for effect, option in (parse(name),) if "extra" in effect.needs}
     tags = (loop.extras[tag] for tag in loop.moving_extras if tag not in known)
     filled = (np.where(np.isfinite(x), x, np.nanmean(x)) for x in tags)
-    found = [_followed(e, good, _positions(model, polynomial, x)) for x in filled]
+    found = [_explained_share(e, good, _positions(model, polynomial, x)) for x in filled]
     if len(found) < 2:
         return found
     # One test for all tags, by the chance that the best of so many comes as far.
@@ -100,19 +101,22 @@ def _tags(model: Model, polynomial: FloatArray, e: FloatArray, good: BoolArray) 
 
 def _positions(model: Model, polynomial: FloatArray, position: FloatArray) -> list[FloatArray]:
     """Past positions over one period, passed through the filter that made the errors innovations."""
-    links = linked(model.good(), model.loop.starts)
+    links = link_samples(model.good(), model.loop.starts)
     white = (np.convolve(position - position.mean(), polynomial)[:position.size] if links is None else
              position - position.mean())
     longest = max(int(np.clip(model.period_s / model.step_s, 2, 60)), 2)
-    found = [_later(white, k) for k in np.unique(np.round(np.linspace(1, longest, _POSITIONS)).astype(int)).tolist()]
+    lags = np.unique(np.round(np.linspace(1, longest, _POSITIONS)).astype(int))
+    found = [_delay_signal(white, k) for k in lags.tolist()]
     # Beside missing PV a filter goes from one sample that counts to the next, and so must what it is compared with.
-    return found if links is None else [filtered(x, model.good(), polynomial, model.loop.starts)[0] for x in found]
+    if links is None:
+        return found
+    return [filter_residual(x, model.good(), polynomial, model.loop.starts)[0] for x in found]
 
 
-def _curved(model: Model, position: FloatArray) -> list[FloatArray]:
+def _curved_terms(model: Model, position: FloatArray) -> list[FloatArray]:
     """Squares and products of the position and y before, and the course of time."""
     y = bridged(model.loop.process_value - np.nanmean(model.loop.process_value))
-    before, level, t = _later(position - position.mean(), 1), _later(y, 1), np.linspace(-1.0, 1.0, y.size)
+    before, level, t = _delay_signal(position - position.mean(), 1), _delay_signal(y, 1), np.linspace(-1.0, 1.0, y.size)
     return [before**2, before * level, level**2, t, t**2, t**3, before * t]
 
 
@@ -128,12 +132,12 @@ def _line(e: FloatArray) -> bool:
     return chance < _LEVEL
 
 
-def _heavy(e: FloatArray) -> float:
+def _excess_kurtosis(e: FloatArray) -> float:
     """Kurtosis beyond a normal distribution's, as a normal value."""
     return (float(np.mean(e**4)) / float(np.mean(e**2)) ** 2 - 3.0) / float(np.sqrt(24.0 / e.size))
 
 
-def _followed(signal: FloatArray, good: BoolArray, columns: list[FloatArray]) -> float:
+def _explained_share(signal: FloatArray, good: BoolArray, columns: list[FloatArray]) -> float:
     """The share of a signal (n,) that columns (n,) explain, as a normal value: rows times the share is χ² under chance.
     """
     x, y = np.stack(columns, axis=1)[good], signal[good]
@@ -147,6 +151,6 @@ def _followed(signal: FloatArray, good: BoolArray, columns: list[FloatArray]) ->
     return chi_square_z(y.size * share, float(u.shape[1]))
 
 
-def _later(x: FloatArray, lag: int) -> FloatArray:
+def _delay_signal(x: FloatArray, lag: int) -> FloatArray:
     """A signal (n,) delayed by `lag` samples."""
     return np.concatenate([np.full(lag, x[0]), x[:-lag]])

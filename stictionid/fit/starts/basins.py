@@ -20,17 +20,17 @@ from ..moves import (
     FORCES,
     as_held,
     beginning,
-    descended,
+    descend_model,
     first_distinct,
-    lifted,
+    lift_points,
     longest_piece,
     neutral_point,
     spreads,
-    thinned,
+    thin_model,
     thinning,
     with_start,
 )
-from .continuation import LEAST_S, SPARSE_PACE, even, open_bank, open_costs
+from .continuation import LEAST_S, SPARSE_PACE, even_steps, open_bank, open_costs
 
 GROUPS = 3
 _PARTICLES, _ROUNDS, _SCOUTS = 20, 12, 300
@@ -80,7 +80,7 @@ def basins(model: Model, rng: np.random.Generator, *, groups: int = GROUPS) -> F
 
 def _one_step_cost(model: Model) -> Callable[[FloatArray], FloatArray]:
     """The ARX cost (P,) of points (P, 3) of S, J and initial force in the unit cube, on the thinned record."""
-    model = thinned(model, thinning(model))
+    model = thin_model(model, thinning(model))
     costs, neutral = valve_costs(model), neutral_point(model)[None, 3:]
     return lambda cube: costs(model.values(np.concatenate([cube, neutral.repeat(len(cube), 0)], axis=1)))
 
@@ -223,7 +223,7 @@ def _shifted_pieces(model: Model, values: FloatArray, shifts: int) -> list[tuple
     return [(float(c.min()), int(c.argmin())) for c in costs]
 
 
-def roamed(model: Model, rng: np.random.Generator) -> FloatArray:
+def roam_free_run(model: Model, rng: np.random.Generator) -> FloatArray:
     """Starting points from swarms on the free-run cost itself, where drift or wrong dynamics mislead the ARX cost.
 
     The command is held, as in `basins`.
@@ -234,7 +234,7 @@ def roamed(model: Model, rng: np.random.Generator) -> FloatArray:
     return found.points[first_distinct(found.points, _ROAMERS)]
 
 
-def grown(model: Model, rng: np.random.Generator) -> FloatArray:
+def grow_starts(model: Model, rng: np.random.Generator) -> FloatArray:
     """Starting points (k, d) for records whose ARX cost is all noise: a scan of a tenth, polished on longer parts.
 
     An integrator adds up its slips. On a whole record its basin is as narrow as one slip in a wrong sample (0.2 % of S
@@ -244,13 +244,13 @@ def grown(model: Model, rng: np.random.Generator) -> FloatArray:
     """
     if len(model.pieces) > 1:
         at = longest_piece(model)
-        return lifted(model, at, grown(model.pieces[at], rng))
+        return lift_points(model, at, grow_starts(model.pieces[at], rng))
     points, kept = np.empty((0, model.space.size)), _GROWN_KEPT
     for share in _GROWTH:
         least = model.skip + int(_GROWN_PERIODS * model.period_s / model.step_s)
         part = beginning(model, max(int(share * model.loop.samples), least))
         known = with_start(part, points) if len(points) else _scan(part, rng)
-        near = descended(part, known, turns=6).points[:kept]
+        near = descend_model(part, known, turns=6).points[:kept]
         last = refine(part.costs, near, rng, spread=spreads(part, 0.4), rounds=30, population=14, settle=1e-3)
         points = np.concatenate([last.points, near])
         points = points[first_distinct(points, 2 * kept, 0.004)]
@@ -264,7 +264,7 @@ def _scan(model: Model, rng: np.random.Generator) -> FloatArray:
     scanned = [0, 1, 2, *(i for effect, rows in zip(model.effects, model.effect_rows, strict=True)
                           if effect.friction is not None
                           for i in range(rows.start, rows.stop))]
-    points[:, scanned] = (rng.random(len(scanned)) + np.outer(np.arange(_SCAN), even(len(scanned)))) % 1.0
+    points[:, scanned] = (rng.random(len(scanned)) + np.outer(np.arange(_SCAN), even_steps(len(scanned)))) % 1.0
     values = model.values(points)
     lag, dead = model.space.parameters[3:5]
     # A lag delays, too: a short one and half samples of dead time stand for all.

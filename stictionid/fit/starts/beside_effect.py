@@ -13,14 +13,14 @@ import numpy as np
 from ...effects import built_in, parse
 from ...effects.contract import Effect, Place
 from ...model.model import Model
-from ...model.segments import bound
+from ...model.segments import bind_model
 from ...model.spec import BASE, INTEGRATOR, SOFT, Spec
 from ...typing import FloatArray
 from ..fit import Fitted
 from ..moves import first_distinct, neutral_point, search_model, with_start
 from ..noise.completion import own_taps
-from .basins import basins, grown, with_process
-from .continuation import distinct, grown_valves
+from .basins import basins, grow_starts, with_process
+from .continuation import distinct_points, grown_valves
 
 # Basins of the base that refits start from: from swarms, and from a search on growing parts of the record.
 _SWARMED, _GROWN = 2, 2
@@ -59,10 +59,9 @@ def resting_valves(model: Model, rng: np.random.Generator, *, sometimes: bool = 
 
     def bare(law: str, effects: tuple[str, ...]) -> Model:
         soft = spec.process == INTEGRATOR
-        return search_model(bound(model.loop, Spec(law=law, process=spec.process, effects=effects, between=spec.between,
-                                                   substeps=spec.substeps, increments=soft, taps=SOFT if soft else (),
-                                                   fixed=spec.fixed, guides=spec.guides),
-                                  s_max=model.s_max, period_s=model.period_s))
+        plain = Spec(law=law, process=spec.process, effects=effects, between=spec.between, substeps=spec.substeps,
+                     increments=soft, taps=SOFT if soft else (), fixed=spec.fixed, guides=spec.guides)
+        return search_model(bind_model(model.loop, plain, s_max=model.s_max, period_s=model.period_s))
 
     slides = bare(spec.law, (*lags, RESTING))
     names = () if always else (RESTING,)
@@ -71,7 +70,7 @@ def resting_valves(model: Model, rng: np.random.Generator, *, sometimes: bool = 
     valves = [slides.named(column) for column in slides.values(found).T]
     if always:
         law = bare(_RESTS_ALWAYS, lags)
-        valves += [{**law.named(column), **_RESTS} for column in law.values(grown(law, rng)).T]
+        valves += [{**law.named(column), **_RESTS} for column in law.values(grow_starts(law, rng)).T]
     return valves
 
 
@@ -80,22 +79,22 @@ def starting_pool(model: Model, values: FloatArray, rng: np.random.Generator) ->
     spec = Spec(law=model.spec.law, process=model.spec.process, between=model.spec.between,
                 substeps=model.spec.substeps, increments=model.spec.increments, taps=own_taps(model.spec),
                 fixed=model.spec.fixed, guides=model.spec.guides)
-    base = bound(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
+    base = bind_model(model.loop, spec, s_max=model.s_max, period_s=model.period_s)
     # Swarms on the one-step error, and a search that assumes no process: they fail on different records.
-    plain = undisturbed(base, model, values)
+    plain = take_out_disturbances(base, model, values)
     far = np.concatenate([basins(plain, rng)[:_SWARMED], grown_valves(plain, (), rng)[:_GROWN]])
     fresh = base.values(with_process(base, far))[:len(BASE)].T
     friction = tuple(x.name for x in model.effects if x.friction is not None)
     if friction:
         # A valve that rests has other basins than one that slides.
-        own = bound(model.loop, replace(spec, effects=friction), s_max=model.s_max, period_s=model.period_s)
-        plain = undisturbed(own, model, values)
+        own = bind_model(model.loop, replace(spec, effects=friction), s_max=model.s_max, period_s=model.period_s)
+        plain = take_out_disturbances(own, model, values)
         found = with_process(own, grown_valves(plain, friction, rng)[:_GROWN])
         fresh = np.concatenate([own.values(found)[:len(BASE)].T, fresh])
     return np.concatenate([values[None, :len(BASE)], fresh])
 
 
-def undisturbed(model: Model, before: Model, values: FloatArray) -> Model:
+def take_out_disturbances(model: Model, before: Model, values: FloatArray) -> Model:
     """A model without its linear effects, on the record less the disturbances of `before` at values (d,).
 
     A search that assumes no process knows no disturbances either: a sine that is already known would mislead it.
@@ -105,12 +104,12 @@ def undisturbed(model: Model, before: Model, values: FloatArray) -> Model:
         return model
     loop = model.loop
     rest = loop.process_value - before.disturbance(values, before.evaluate(values).own)
-    return bound(replace(loop, process_value=rest),
-                 replace(model.spec, effects=tuple(name for name in model.spec.effects if name not in known)),
-                 s_max=model.s_max, period_s=model.period_s)
+    return bind_model(replace(loop, process_value=rest),
+                      replace(model.spec, effects=tuple(name for name in model.spec.effects if name not in known)),
+                      s_max=model.s_max, period_s=model.period_s)
 
 
-def changes(name: str) -> bool:
+def changes_friction(name: str) -> bool:
     """True where an effect is friction that changes along the record."""
     return parse(name)[0].profile is not None
 
@@ -129,7 +128,7 @@ def open_valves(model: Model, name: str, fit: Fitted, rng: np.random.Generator) 
     benchmarks/plants under a held command, with a valve that rests and another effect on it: 30 valves are found, and
     27 where the speed is searched, too. Under a command that moves 17 of 36 are, and 24 with the speed.
     """
-    plain = undisturbed(model, fit.model, fit.values)
+    plain = take_out_disturbances(model, fit.model, fit.values)
     names = [n for n in plain.names if n in (name, RESTING)]
     known = {n: v for n, v in fit.best.values.items() if n.partition(":")[0] not in names}
     if plain.spec.held and len(names) > 1:
@@ -140,7 +139,7 @@ def open_valves(model: Model, name: str, fit: Fitted, rng: np.random.Generator) 
     return with_process(model, model.cube(np.stack([model.vector(n) for n in named], axis=1)))
 
 
-def across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray:
+def valves_across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray:
     """The best few valves (count, d) around a point (d,) with its process fixed, distinct in S.
 
     Break-away, slip jump and effect trade against each other. The cost has a step for every sample at which the valve
@@ -158,7 +157,7 @@ def across(model: Model, point: FloatArray, name: str, count: int) -> FloatArray
     trial = model.cube(grid)
     trial[:, rows] = np.clip(trial[:, rows] + moves[E.ravel()], 0.0, 1.0)
     order = np.argsort(model.costs(trial), kind="stable")
-    return trial[order[distinct(S.ravel()[order, None], count, 1.5 * _ACROSS_STEP)]]
+    return trial[order[distinct_points(S.ravel()[order, None], count, 1.5 * _ACROSS_STEP)]]
 
 
 def guessed_valves(model: Model, name: str, guesses: FloatArray, known: FloatArray) -> FloatArray:
@@ -191,4 +190,4 @@ def stickbands(model: Model, point: FloatArray) -> FloatArray:
     grid[0], grid[1] = values[0] * S, values[1] * J
     trial = with_start(model, model.cube(grid))
     order = np.argsort(model.costs(trial), kind="stable")
-    return trial[order[distinct(S[order, None], _STICKBANDS, 1.5 * _ACROSS_STEP)]]
+    return trial[order[distinct_points(S[order, None], _STICKBANDS, 1.5 * _ACROSS_STEP)]]

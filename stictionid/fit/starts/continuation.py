@@ -34,7 +34,16 @@ from ...numerics.population import refine
 from ...process.intersample import CORNER
 from ...process.linear import Dynamics, free_run
 from ...typing import BoolArray, FloatArray
-from ..moves import OPEN_SUBSTEPS, beginning, lifted, longest_piece, neutral_point, search_model, thinned, thinning
+from ..moves import (
+    OPEN_SUBSTEPS,
+    beginning,
+    lift_points,
+    longest_piece,
+    neutral_point,
+    search_model,
+    thin_model,
+    thinning,
+)
 from .reparametrised import as_valves, ridge_of
 
 # Lags in periods; the longest one is that of the high pass, too. A process as slow as the high pass needs a lag beside
@@ -78,7 +87,7 @@ def open_bank(model: Model, direction: float = 0.0) -> LagBank:
     longest = int(np.clip(_LONGEST * model.period_s / model.step_s, 1, 60))
     ladder = np.unique(np.round(np.geomspace(1, longest + 1, _DELAYS) - 1).astype(int))
     lags = _lags_s(model)
-    return LagBank(_quick(model), model.good() & ~model.starting(), lags, lags[0],
+    return LagBank(_quick_part(model), model.good() & ~model.starting(), lags, lags[0],
                    ladder[ladder <= model.skip].tolist(), step_s=model.step_s, parts=model.parts, direction=direction)
 
 
@@ -97,7 +106,7 @@ def open_costs(model: Model, part: LagBank, values: FloatArray) -> FloatArray:
     return out
 
 
-def _quick(model: Model) -> FloatArray:
+def _quick_part(model: Model) -> FloatArray:
     """The part of y (n,) that the high pass of the bank lets through."""
     y = model.context.process_value - model.context.process_value[0]
     alone = np.array(_lags_s(model)[:1])
@@ -116,19 +125,19 @@ def grown_valves(model: Model, names: Sequence[str], rng: np.random.Generator,
     at = longest_piece(model)
     piece = model.pieces[at]
     whole = search_model(piece, OPEN_SUBSTEPS) if piece.spec.between == CORNER else search_model(piece)
-    small = thinned(whole, thinning(whole))
+    small = thin_model(whole, thinning(whole))
     shift = model.head - small.head
     rows = (model.rows_of(name) for name in names)
     columns = [0, 1, model.forces[at], *(i for r in rows for i in range(r.start, r.stop))]
     middle = neutral_point(small) if known is None else small.cube(model.of(at, known[:, None]))[0]
     own = [2 if c == model.forces[at] else c - (shift if c >= model.head else 0) for c in columns]
-    points = _once(small, own, middle, rng)
+    points = _grow_once(small, own, middle, rng)
     found = middle[None].repeat(len(points), axis=0)
     found[:, own] = points
     found = as_valves(small, found)[0] if _along_ridge(small, own) else found
     # Ranges depend on the grid.
     found = piece.cube(np.stack([piece.vector(small.named(column)) for column in small.values(found).T], axis=1))
-    return found if len(model.pieces) == 1 else lifted(model, at, found)
+    return found if len(model.pieces) == 1 else lift_points(model, at, found)
 
 
 def _along_ridge(model: Model, own: list[int]) -> bool:
@@ -137,8 +146,8 @@ def _along_ridge(model: Model, own: list[int]) -> bool:
     return along is not None and along[1].start in own
 
 
-def _once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """The points of `_grown`, cached by question: a further lag, or another process, needs the same valves.
+def _grow_once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """The points of `_grow_points`, cached by question: a further lag, or another process, needs the same valves.
 
     The generator ends in the state that the search leaves, and what it took is told to the tally as the answer of a
     question, so that no result depends on the cache.
@@ -146,13 +155,13 @@ def _once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Gener
     key = _question(model, own, middle, rng)
     if key in _known:
         points, rng.bit_generator.state, took = _known[key]
-        tally.answered(key, took)
+        tally.note_answer(key, took)
         return points
-    before = tally.spent()
-    points = _grown(model, own, middle, rng)
-    took = tally.spent() - before
+    before = tally.samples_spent()
+    points = _grow_points(model, own, middle, rng)
+    took = tally.samples_spent() - before
     tally.take_back(before)
-    tally.answered(key, took)
+    tally.note_answer(key, took)
     _known[key] = points, rng.bit_generator.state, took
     while len(_known) > _REMEMBERED:
         _known.pop(next(iter(_known)), None)
@@ -160,7 +169,7 @@ def _once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Gener
 
 
 def _question(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> str:
-    """A fingerprint of all inputs of `_grown`."""
+    """A fingerprint of all inputs of `_grow_points`."""
     context, spec = model.context, model.spec
     stems = [name for name, effect in zip(model.names, model.effects, strict=True) if effect.friction or effect.run]
     fixed = [middle[model.rows_of(name)].tolist() for name in stems]
@@ -178,7 +187,7 @@ def _question(model: Model, own: list[int], middle: FloatArray, rng: np.random.G
     return found.hexdigest()
 
 
-def _grown(small: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _grow_points(small: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
     """The best points (k, columns) of the whole record, from one part of it to the next."""
     ridge = _along_ridge(small, own)
     banks: dict[int, tuple[Model, LagBank]] = {}
@@ -216,13 +225,13 @@ def _through_parts(small: Model, cost_of: Callable[[int], Callable[[FloatArray],
     points = np.empty((0, scanned))
     rounds = _SLOWER if _changes(small) else _ROUNDS
     # A record may begin at rest, so a part also has its share of the energy of y.
-    happened = np.cumsum(_quick(small) ** 2)
+    happened = np.cumsum(_quick_part(small) ** 2)
     for share, kept in parts:
         rows = max(int(share * small.loop.samples), small.skip + int(_SHORTEST * small.period_s / small.step_s),
                    int(np.searchsorted(happened, share * happened[-1])) + 1)
         cost = cost_of(min(rows, small.loop.samples))
-        points = (_polished(cost, points, share, kept, rounds, rng) if len(points) else
-                  _first(cost, scanned, kept, rng))
+        points = (_polish_part(cost, points, share, kept, rounds, rng) if len(points) else
+                  _scan_first_part(cost, scanned, kept, rng))
     return points
 
 
@@ -246,38 +255,39 @@ def _parts(model: Model, periods: float, growth: float) -> list[tuple[float, int
     return list(zip(np.geomspace(first, 1.0, count).tolist(), left.tolist(), strict=True))
 
 
-def _polished(cost: Callable[[FloatArray], FloatArray], points: FloatArray, share: float, kept: int, rounds: int,
-              rng: np.random.Generator) -> FloatArray:
+def _polish_part(cost: Callable[[FloatArray], FloatArray], points: FloatArray, share: float, kept: int, rounds: int,
+                 rng: np.random.Generator) -> FloatArray:
     """The best distinct points (kept, columns) of one part of the record, from those of the part before."""
     found = refine(cost, points, rng, spread=_WIDE if share <= _SHORT else _FINE, rounds=rounds,
                    population=_POPULATION, settle=_SETTLED)
-    return found.points[_diverse(found.points, kept, _NEAR)]
+    return found.points[_diverse_points(found.points, kept, _NEAR)]
 
 
-def _first(cost: Callable[[FloatArray], FloatArray], scanned: int, kept: int, rng: np.random.Generator) -> FloatArray:
+def _scan_first_part(cost: Callable[[FloatArray], FloatArray], scanned: int, kept: int,
+                     rng: np.random.Generator) -> FloatArray:
     """The best distinct points (kept, columns) of an even scan of the first part."""
     count = _SCAN * (scanned - 2)
-    points = (rng.random(scanned) + np.outer(np.arange(count), even(scanned))) % 1.0
+    points = (rng.random(scanned) + np.outer(np.arange(count), even_steps(scanned))) % 1.0
     points = points[np.argsort(cost(points), kind="stable")[:count // 4]]
-    return points[_diverse(points, kept, _APART)]
+    return points[_diverse_points(points, kept, _APART)]
 
 
-def _diverse(points: FloatArray, count: int, apart: float) -> list[int]:
+def _diverse_points(points: FloatArray, count: int, apart: float) -> list[int]:
     """Indices of points (k, columns), best first: half of the `count` are the best, the others the best of each band.
 
     With the process open a small valve follows its command, and y follows that through any process. So a short part of
     a record may show nothing of the right valve, whose stickband is larger.
     """
-    best = distinct(points, count - count // 2, apart)
+    best = distinct_points(points, count - count // 2, apart)
     band = np.digitize(points[:, 0], _BANDS_OF_S)
     others: list[tuple[int, int]] = []
     for rows in (np.flatnonzero(band == b) for b in range(len(_BANDS_OF_S) + 1)):
-        found = rows[distinct(points[rows], count // 2, apart)]
+        found = rows[distinct_points(points[rows], count // 2, apart)]
         others += enumerate(i for i in found.tolist() if all(np.abs(points[i] - points[j]).max() > apart for j in best))
     return sorted([*best, *(i for _, i in sorted(others)[:count - len(best)])])
 
 
-def even(dimensions: int) -> FloatArray:
+def even_steps(dimensions: int) -> FloatArray:
     """Steps (d,) of an even sequence: powers of the root of x^(d+1) = x + 1 (Roberts 2018)."""
     root = 2.0
     for _ in range(60):
@@ -285,7 +295,7 @@ def even(dimensions: int) -> FloatArray:
     return root ** -np.arange(1.0, dimensions + 1)
 
 
-def distinct(points: FloatArray, count: int, apart: float) -> list[int]:
+def distinct_points(points: FloatArray, count: int, apart: float) -> list[int]:
     """Indices of the first points (k, d), at most `count`, that lie apart by this share of the range."""
     kept: list[int] = []
     for i, point in enumerate(points):

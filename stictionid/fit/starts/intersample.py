@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...model.model import Model
-from ...model.segments import bound
+from ...model.segments import bind_model
 from ...model.spec import Spec
 from ...numerics.population import Found
 from ...process.intersample import CORNER
@@ -21,7 +21,7 @@ from ...process.scan import ran_with_samples
 from ...record.loop import Loop, bridged
 from ...record.oscillation import noise_of
 from ...typing import FloatArray
-from ..moves import descended, search_model, with_start
+from ..moves import descend_model, search_model, with_start
 
 # Parts of a sampling interval when the command moves between samples.
 SUBSTEPS = 8
@@ -68,10 +68,11 @@ def may_move(loop: Loop) -> bool:
     A noisy command has no corners to find. Rounding is no such noise.
     """
     u = loop.output[loop.driven]
-    return _beyond(noise_of(u), step_of(loop.output)) < _ROUGH * float(np.ptp(u)) and not ran_with_samples(loop)
+    noise = _noise_beyond_rounding(noise_of(u), step_of(loop.output))
+    return noise < _ROUGH * float(np.ptp(u)) and not ran_with_samples(loop)
 
 
-def _beyond(noise: float, step: float) -> float:
+def _noise_beyond_rounding(noise: float, step: float) -> float:
     """The noise of a command beyond that of its rounding to a step, uniform in each."""
     return float(np.sqrt(max(noise**2 - step**2 / 12.0, 0.0)))
 
@@ -89,7 +90,7 @@ def surely_moves(loop: Loop) -> bool:
     fastest, noise_of_y = np.sort(np.abs(np.diff(u, 3))), noise_of(y)
     noise = float(np.mean(fastest[:int(_MOSTLY * fastest.size)])) / _MEAN / np.sqrt(20.0)
     step = step_of(loop.output)
-    beyond = _beyond(noise, step)
+    beyond = _noise_beyond_rounding(noise, step)
     rounded = 2.0 * beyond < noise
     expected = swings[0] * noise_of_y / swings[1]
     unseen = noise < _UNSEEN * expected
@@ -143,16 +144,16 @@ def as_moving(spec: Spec) -> Spec:
     return replace(spec, between=CORNER, substeps=SUBSTEPS)
 
 
-def moved(held: Model, values: FloatArray, moving: Spec) -> Found:
+def let_command_move(held: Model, values: FloatArray, moving: Spec) -> Found:
     """The result of a short descent with a command that moves between samples, from values (d,) found with a held one.
     """
     spec = held.spec
-    model = search_model(_moving(held, replace(moving, process=spec.process, increments=spec.increments,
-                                               taps=spec.taps)))
+    model = search_model(_moving_model(held, replace(moving, process=spec.process, increments=spec.increments,
+                                                     taps=spec.taps)))
     starts = values[:, None].repeat(3, axis=1)
     starts[4] = np.maximum(starts[4] + model.step_s * np.array([0.0, 0.5, 1.0]), 0.0)
-    return descended(model, with_start(model, model.cube(starts)), turns=QUICK_TURNS, settle=QUICK_SETTLE)
+    return descend_model(model, with_start(model, model.cube(starts)), turns=QUICK_TURNS, settle=QUICK_SETTLE)
 
 
-def _moving(held: Model, spec: Spec) -> Model:
-    return bound(held.loop, spec, s_max=held.s_max, period_s=held.period_s, residual=held.context.residual)
+def _moving_model(held: Model, spec: Spec) -> Model:
+    return bind_model(held.loop, spec, s_max=held.s_max, period_s=held.period_s, residual=held.context.residual)

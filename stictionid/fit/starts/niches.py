@@ -17,10 +17,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...model.model import Model
-from ...numerics.population import Found, refine, together
+from ...numerics.population import Found, join_found, refine
 from ...typing import FloatArray
 from ..moves import behind_valve, spreads, with_start
-from .continuation import distinct
+from .continuation import distinct_points
 from .reparametrised import as_natural, as_valves
 
 # Points that survive, neighbours drawn about each, those that get a process, and those that get a polish.
@@ -46,14 +46,14 @@ _CROSS_S, _CROSS_J, _CROSS_GROWTH, _CROSS_SHARE = (-0.25, 0.12), (-0.25, 0.4), (
 _CROSS_OTHER, _CROSS_APART = 0.03, 0.01
 
 
-def herded(model: Model, points: FloatArray, rng: np.random.Generator, patience: int = PATIENCE) -> Found:
+def evolve_points(model: Model, points: FloatArray, rng: np.random.Generator, patience: int = PATIENCE) -> Found:
     """Points (k, d) of the unit cube, evolved as a population by the model's cost; the best distinct ones, best first.
 
     The strategy ends after `patience` turns without a gain. Neighbours are drawn along the natural numbers of the valve
     (see reparametrised.py), where it has any. Wrong where the right basin is further from all points than a tenth of
     the range.
     """
-    herd = _distinct(Found(points, model.costs(points), 0))
+    herd = _distinct_niches(Found(points, model.costs(points), 0))
     spread = spreads(model)
     spread[list(model.forces)] = _FORCE
 
@@ -74,7 +74,7 @@ def herded(model: Model, points: FloatArray, rng: np.random.Generator, patience:
                             turns=_DESCENT, settle=_WORTH)
         last = refine(cost, as_natural(model, near.points[:_POLISHED]), rng, spread=spreads(model, 0.3), rounds=40,
                       population=14, settle=_SETTLED)
-        herd = _distinct(together(herd, replace(last, points=as_valves(model, last.points)[0])))
+        herd = _distinct_niches(join_found(herd, replace(last, points=as_valves(model, last.points)[0])))
         left = patience if herd.costs[0] < best * (1.0 - _WORTH) else left - 1
         best = min(best, float(herd.costs[0]))
         if not left:
@@ -107,7 +107,7 @@ def beyond_rest(model: Model, point: FloatArray, rng: np.random.Generator) -> Fl
     cube = model.cube(np.clip(drawn, low[:, None], high[:, None]))
     cube = with_start(model, cube[np.argsort(model.costs(cube), kind="stable")[:_STARTED]])
     cube = cube[np.argsort(model.costs(cube), kind="stable")]
-    return cube[distinct(cube[:, :2], _CROSSED, _CROSS_APART)]
+    return cube[distinct_points(cube[:, :2], _CROSSED, _CROSS_APART)]
 
 
 def _leap(model: Model, drawn: FloatArray, rng: np.random.Generator) -> None:
@@ -118,7 +118,7 @@ def _leap(model: Model, drawn: FloatArray, rng: np.random.Generator) -> None:
     drawn[np.arange(len(drawn))[:, None], np.arange(count), which] = rng.random((len(drawn), count))
 
 
-def _distinct(found: Found) -> Found:
+def _distinct_niches(found: Found) -> Found:
     """The best points that lie apart, best first."""
     kept: list[int] = []
     for i in np.argsort(found.costs, kind="stable").tolist():

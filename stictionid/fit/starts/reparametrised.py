@@ -83,7 +83,7 @@ def _swing(model: Model) -> float:
     return model.space.parameters[0].high / max(effect.reach for effect in model.effects)
 
 
-def followed(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
+def follow_ridge(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
     """Points (k, d) followed along the model's curve of equal cost, best first; without such a curve they stay.
 
     Scans narrow down; each is followed by the process of the best valves and a polish, as long as the cost falls.
@@ -95,9 +95,9 @@ def followed(model: Model, points: FloatArray, rng: np.random.Generator) -> Foun
         return Found(points, costs, 0)
     near = _with_process(model, points)
     for turn, reach in enumerate(_REACHES):
-        scanned = np.concatenate([near, *(_scanned(model, p, reach) for p in near[:_KEPT if turn == 0 else 1])])
+        scanned = np.concatenate([near, *(_scan_valves(model, p, reach) for p in near[:_KEPT if turn == 0 else 1])])
         near = _with_process(model, scanned)[:_KEPT]
-        last = _polished(model, near, rng)
+        last = _polish_points(model, near, rng)
         worth = last.costs[0] < costs[0] * (1.0 - _WORTH)
         if last.costs[0] < costs[0]:
             near = last.points
@@ -113,7 +113,7 @@ def _with_process(model: Model, points: FloatArray) -> FloatArray:
     return behind_valve(model, with_start(model, points), slice(0, 0), turns=_TURNS, settle=_SETTLE).points
 
 
-def _scanned(model: Model, point: FloatArray, reach: tuple[float, float, float]) -> FloatArray:
+def _scan_valves(model: Model, point: FloatArray, reach: tuple[float, float, float]) -> FloatArray:
     """The best valves (k, d) of an even scan about a point (d,), distinct in slip and effect."""
     ridge = ridge_of(model)
     assert ridge is not None
@@ -142,7 +142,7 @@ def _scanned(model: Model, point: FloatArray, reach: tuple[float, float, float])
     return cube[kept]
 
 
-def _polished(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
+def _polish_points(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
     """Points (k, d) polished along the natural numbers, best first."""
 
     def cost(natural: FloatArray) -> FloatArray:

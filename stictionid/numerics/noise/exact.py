@@ -170,12 +170,12 @@ class Record:
         out *= np.exp(0.5 * total / rows)
         return out, rows * float(np.log(max(sse, 1e-300) / rows)) + float(total)
 
-    def fitted(self, noise: Noise) -> Fitted:
+    def with_likelihood(self, noise: Noise) -> Fitted:
         """The noise model with its -2 log L and BIC."""
         deviance = self.innovations(noise)[1]
         return Fitted(noise, deviance, deviance + noise.numbers * float(np.log(max(self.rows, 2))))
 
-    def polished(self, noise: Noise, rounds: int = _ROUNDS) -> Fitted:
+    def polish_noise(self, noise: Noise, rounds: int = _ROUNDS) -> Fitted:
         """The noise model of the same kind and order that Gauss-Newton on the exact likelihood finds from here."""
         build = _builder(noise)
         z = _coordinates(noise)
@@ -194,7 +194,7 @@ class Record:
             fall = 0.0
             for _ in range(6):
                 steep = square + np.diag(damping * np.diag(square) + 1e-12 * np.trace(square) + 1e-300)
-                trial = _inside(z - np.clip(np.linalg.solve(steep, down), -2.0, 2.0), noise)
+                trial = _clip_inside(z - np.clip(np.linalg.solve(steep, down), -2.0, 2.0), noise)
                 now, value = self.innovations(build(trial))
                 if value < deviance:
                     fall, z, r, deviance = deviance - value, trial, now, value
@@ -203,7 +203,7 @@ class Record:
                 damping = max(10.0 * damping, 1e-3)
             if fall < _SETTLED:
                 break
-        return self.fitted(build(z))
+        return self.with_likelihood(build(z))
 
 
 def _reflections(taps: FloatArray) -> FloatArray:
@@ -240,10 +240,10 @@ def _coordinates(noise: Noise) -> FloatArray:
         z = np.append(z, _logit(noise.theta))
     elif group == MEASURED:
         z = np.append(z, [_logit(noise.rho), _logit(noise.theta / noise.rho)])
-    return _inside(z, noise)
+    return _clip_inside(z, noise)
 
 
-def _inside(z: FloatArray, noise: Noise) -> FloatArray:
+def _clip_inside(z: FloatArray, noise: Noise) -> FloatArray:
     order = len(noise.taps)
     return np.concatenate([np.clip(z[:order], -_FARTHEST, _FARTHEST), np.clip(z[order:], -_FARTHEST_PAIR,
                                                                               _FARTHEST_PAIR)])
@@ -268,7 +268,7 @@ def group_of(noise: Noise) -> str:
     return WALK if noise.walks else AUTOREGRESSION if noise.cancels else MEASURED
 
 
-def resized(noise: Noise, order: int) -> Noise:
+def resize_order(noise: Noise, order: int) -> Noise:
     """The noise model with another order of A: further reflections are small, superfluous ones are dropped."""
     reflections = _reflections(np.array(noise.taps))[:order]
     return replace(noise, taps=_taps(np.concatenate([reflections, np.full(order - reflections.size, 0.05)])))

@@ -13,9 +13,9 @@ import numpy as np
 
 from ...typing import BoolArray, FloatArray
 from ..autoregression import Starts
-from .exact import DIFFERENCES, Fitted, Record, group_of, resized
+from .exact import DIFFERENCES, Fitted, Record, group_of, resize_order
 from .family import AUTOREGRESSION, MEASURED, WALK, Noise
-from .survey import surveyed
+from .survey import survey_noise
 
 LARGEST_ORDER = 8
 # BIC that a random walk must gain over the best stationary noise: at most 1 % false in 1,500 samples, by
@@ -34,7 +34,7 @@ _BETTER, _AWAY, _AWAY_WITH_GAPS = 1e-6, (-1, 1), (-1, 1, 2)
 _NEAR, _NEAR_WITH_GAPS = 20.0, 60.0
 
 
-def _climbed(record: Record, starts: list[Fitted], largest: int, goal: float) -> Fitted:
+def _climb_orders(record: Record, starts: list[Fitted], largest: int, goal: float) -> Fitted:
     """The best order of one group: polished from the best of the survey, then from its neighbours.
 
     Its neighbours are left out where the polished one is far behind the BIC `goal`.
@@ -42,7 +42,7 @@ def _climbed(record: Record, starts: list[Fitted], largest: int, goal: float) ->
     away, near = (_AWAY, _NEAR) if record.whole else (_AWAY_WITH_GAPS, _NEAR_WITH_GAPS)
     have = {len(f.noise.taps): f for f in starts}
     first = min(starts, key=lambda f: f.bic)
-    best = record.polished(first.noise)
+    best = record.polish_noise(first.noise)
     tried = {len(first.noise.taps)}
     while best.bic < goal + near:
         at = len(best.noise.taps)
@@ -52,10 +52,10 @@ def _climbed(record: Record, starts: list[Fitted], largest: int, goal: float) ->
         found = []
         for order in orders:
             tried.add(order)
-            start = record.fitted(resized(best.noise, order))
+            start = record.with_likelihood(resize_order(best.noise, order))
             if order in have:
                 start = min(start, have[order], key=lambda f: f.deviance)
-            found.append(record.polished(start.noise))
+            found.append(record.polish_noise(start.noise))
         now = min(found, key=lambda f: f.bic)
         if not now.bic < best.bic - _BETTER:
             break
@@ -63,7 +63,7 @@ def _climbed(record: Record, starts: list[Fitted], largest: int, goal: float) ->
     return best
 
 
-def _crossed(record: Record, best: Fitted, other: Noise, largest: int, goal: float) -> Fitted:
+def _cross_groups(record: Record, best: Fitted, other: Noise, largest: int, goal: float) -> Fitted:
     """The better of a group's best fit and what the best noise of another group leads to."""
     group = group_of(best.noise)
     near = Noise(other.taps)
@@ -71,10 +71,10 @@ def _crossed(record: Record, best: Fitted, other: Noise, largest: int, goal: flo
         near = replace(other, rho=1.0 if group == WALK else 1.0 - _SLOW / record.rows)
         if near.theta >= near.rho:
             return best
-    start = record.fitted(near)
+    start = record.with_likelihood(near)
     if not start.bic < best.bic + _CROSSED:
         return best
-    return min(best, _climbed(record, [start], largest, goal), key=lambda f: f.bic)
+    return min(best, _climb_orders(record, [start], largest, goal), key=lambda f: f.bic)
 
 
 def fits_of(residual: FloatArray, good: BoolArray, starts: Starts = (0,), *,
@@ -92,22 +92,23 @@ def fits_of(residual: FloatArray, good: BoolArray, starts: Starts = (0,), *,
     if record.y.size > _SEARCHED:
         searched = _part(record)
     groups: dict[str, list[Fitted]] = {}
-    for (group, _), noise in surveyed(searched, largest).items():
-        fitted = searched.fitted(noise)
+    for (group, _), noise in survey_noise(searched, largest).items():
+        fitted = searched.with_likelihood(noise)
         if np.isfinite(fitted.bic):
             groups.setdefault(group, []).append(fitted)
     best: dict[str, Fitted] = {}
     for group in sorted(groups, key=lambda group: min(f.bic for f in groups[group])):
         goal = min((f.bic for f in best.values()), default=np.inf)
-        best[group] = _climbed(searched, groups[group], largest, goal)
+        best[group] = _climb_orders(searched, groups[group], largest, goal)
     for group, other in ((WALK, MEASURED), (MEASURED, WALK), (AUTOREGRESSION, MEASURED), (AUTOREGRESSION, WALK)):
         if group in best and other in best:
-            best[group] = _crossed(searched, best[group], best[other].noise, largest, min(f.bic for f in best.values()))
+            best[group] = _cross_groups(searched, best[group], best[other].noise, largest,
+                                        min(f.bic for f in best.values()))
     walks = [best.pop(group) for group in (WALK, DIFFERENCES) if group in best]
     if walks:
         best[WALK] = min(walks, key=lambda f: f.bic)
     if searched is not record:
-        best = {group: record.polished(fitted.noise, 3) for group, fitted in best.items()}
+        best = {group: record.polish_noise(fitted.noise, 3) for group, fitted in best.items()}
     return best
 
 

@@ -64,7 +64,7 @@ def log_between(low: FloatArray, high: FloatArray) -> FloatArray:
     return out
 
 
-def between(low: FloatArray, high: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+def moments_between(low: FloatArray, high: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
     """Mean and mean square of N(0, width^2) between low and high, which is above."""
     a, b = low / width, np.maximum(high, low + 1e-9 * width) / width
     # Far into a tail, and between ends that nearly meet, the density falls exponentially from the end next to 0.

@@ -85,7 +85,7 @@ def _pairs(rows: int) -> FloatArray:
     return np.array(pairs)
 
 
-def surveyed(record: Record, largest: int) -> dict[tuple[str, int], Noise]:
+def survey_noise(record: Record, largest: int) -> dict[tuple[str, int], Noise]:
     """The best noise model of each group and order of A by an approximate likelihood."""
     pairs = _pairs(record.rows)
     best: dict[tuple[str, int], tuple[float, Noise]] = {}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...model.parts import joined, parts_of
-from ...model.restore import described, rebuild_model
+from ...model.parts import join_parts, parts_of
+from ...model.restore import described_segments, rebuild_model
 from ...record.loop import Loop
 from ...record.study import Step, Study
 from ...record.swing import Share
@@ -22,9 +22,9 @@ _FIXED = {Share.VALVE: "model", Share.START: "sp", Share.NOISE: "residual"}
 
 def contributions(study: Study, step: Step, loop: Loop) -> Picture:
     """Parts of y in the model of one step: curves about their mean, named with their shares."""
-    piece, rows = described(loop, step.model)
+    piece, rows = described_segments(loop, step.model)
     model, values = rebuild_model(piece, step.model)
-    parts = joined(parts_of(model, values))
+    parts = join_parts(parts_of(model, values))
     at = np.concatenate([np.arange(r.start, r.stop) for r in rows])
     window = study_pictures.window(study, loop)
     shown = (at >= window.start) & (at < window.stop) if ((at >= window.start) & (at < window.stop)).any() \

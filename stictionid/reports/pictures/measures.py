@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...numerics.autoregression import linked
+from ...numerics.autoregression import link_samples
 from ...record.loop import Loop, bridged
 from ...record.study import Study
 from ...typing import BoolArray, FloatArray
@@ -66,8 +66,8 @@ def unused(loop: Loop) -> tuple[Stretch, ...]:
 def passed(loop: Loop) -> BoolArray:
     """Samples (n,) without a PV that lie between two of a slower tag."""
     missing = np.isnan(loop.process_value)
-    links = linked(loop.used, loop.starts) if missing.any() else None
-    return np.zeros(loop.samples, bool) if links is None else missing & links.between()
+    links = link_samples(loop.used, loop.starts) if missing.any() else None
+    return np.zeros(loop.samples, bool) if links is None else missing & links.gap_samples()
 
 
 def joined(loop: Loop, values: FloatArray) -> FloatArray:
