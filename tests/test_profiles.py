@@ -67,7 +67,7 @@ def test_no_valve_that_does_as_well_lies_outside(fitted) -> None:
     S, J = (np.linspace(2 * low - high, 2 * high - low, 31) for low, high in (wide["S"], wide["J"]))
     grid = best[:, None].repeat(S.size * J.size, axis=1)
     grid[0], grid[1] = S.repeat(J.size), np.tile(J, S.size)
-    found = descend_model(model, model.cube(grid), held=(0, 1), turns=3)
+    found = descend_model(model, model.cube(grid), fixed=(0, 1), turns=3)
     alike = model.values(found.points[found.costs <= limit])
     assert alike.shape[1] > 20
     for i, (name, margin) in enumerate(margins.items()):
@@ -114,7 +114,7 @@ def test_a_step_one_sample_of_dead_time_away_is_found(fitted) -> None:
     wrong = values.copy()
     wrong[0] -= Mover(model, values).pace * model.step_s
     wrong[4] += model.step_s
-    near = descend_model(model, with_start(model, model.cube(wrong[:, None])), held=(0, 2))
+    near = descend_model(model, with_start(model, model.cube(wrong[:, None])), fixed=(0, 2))
     assert near.costs[0] > 1.05 * cost.min()
     steps = plateaus(model, near.points[0])
     assert steps is not None
@@ -189,7 +189,7 @@ def test_s_moves_along_with_an_effect_that_has_a_share_in_the_thresholds() -> No
     model = Model(loop, Spec(effects=("slip-overshoot",)), s_max=found.s_max, period_s=found.period_median_s)
     true = {"S": 4.0, "J": 1.5, "initial_residual_force": 0.0, "time_constant_s": 10.0, "dead_time_s": 2.0,
             "slip-overshoot:overshoot": 1.7}
-    top = descend_model(model, with_start(model, model.cube(model.vector(true)[:, None])), held=(0, 2)).points[0]
+    top = descend_model(model, with_start(model, model.cube(model.vector(true)[:, None])), fixed=(0, 2)).points[0]
     # Off the truth by what the thresholds do not see, and everything else following.
     along = ridges(model, top)
     S, best = model.values(along)[0], float(model.costs(top[None])[0])
@@ -230,7 +230,7 @@ def test_the_process_numbers_reach_as_far_as_their_profiles_allow(fitted) -> Non
             for share, possible in ((0.7, True), (1.4, False)):
                 values = np.array(list(best.values.values()))[:, None]
                 values[at] = middle + side * share * half
-                ends = descend_model(model, model.cube(values), held=(0, *model.forces, at))
+                ends = descend_model(model, model.cube(values), fixed=(0, *model.forces, at))
                 assert (ends.costs[0] <= limit) == possible, (name, side, share)
     low, high = found["gain"]
     assert low <= truth["gain"] <= high
@@ -285,5 +285,5 @@ def test_ends_that_the_slopes_put_elsewhere_are_where_the_cost_allows_them(fitte
         for share, possible in ((0.9, True), (1.5, False)):
             values = best.copy()
             values[3] = best[3] + share * (end - best[3])
-            ends = descend_model(model, model.cube(values), held=(0, *model.forces, 3))
+            ends = descend_model(model, model.cube(values), fixed=(0, *model.forces, 3))
             assert (ends.costs[0] <= limit) == possible, (end, share)

@@ -226,7 +226,7 @@ def polish_smooth(model: Model, point: FloatArray) -> tuple[FloatArray, float]:
     The plateau of S is narrower than that of any other parameter. With S fixed, J, the process and the effects settle
     in a smooth cost.
     """
-    found = descend_model(model, point[None], held=(0, *model.forces))
+    found = descend_model(model, point[None], fixed=(0, *model.forces))
     return found.points[0], float(found.costs[0])
 
 
@@ -323,8 +323,8 @@ def _best_beside(model: Model, found: Found) -> Found:
     for _ in range(_BESIDE_TURNS):
         starts = found.points[:1].repeat(len(_BESIDE), axis=0)
         starts[:, 4] = np.clip(starts[:, 4] + np.array(_BESIDE) * part / (dead.high - dead.low), 0.0, 1.0)
-        shifted = descend_model(model, starts, held=(4,), turns=2, settle=1e-2).points[:_BESIDE_KEPT]
-        shifted = descend_model(model, shifted, held=(4,), turns=3, settle=1e-2).points
+        shifted = descend_model(model, starts, fixed=(4,), turns=2, settle=1e-2).points[:_BESIDE_KEPT]
+        shifted = descend_model(model, shifted, fixed=(4,), turns=3, settle=1e-2).points
         more = descend_model(model, shifted[:2], turns=40)
         if not more.costs[0] < found.costs[0] * (1.0 - _SETTLED):
             break

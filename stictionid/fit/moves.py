@@ -198,11 +198,11 @@ def _thin_segments(model: Model, every: int) -> Model:
                       command=np.concatenate([part.context.command for part in parts]))
 
 
-def descend_model(model: Model, starts: FloatArray, *, held: tuple[int, ...] = (), turns: int = 20,
+def descend_model(model: Model, starts: FloatArray, *, fixed: tuple[int, ...] = (), turns: int = 20,
                   settle: float = 1e-5) -> Found:
-    """Starts (k, d) of a model polished by descent, in all parameters that may move but those `held`; best first."""
+    """Starts (k, d) of a model polished by descent, in all parameters that may move but those `fixed`; best first."""
     spread = _DIFFERENCE * movable_parameters(model)
-    spread[list(held)] = 0.0
+    spread[list(fixed)] = 0.0
     return descend(partial(model.residuals, lent=True), model.costs, starts, spread=spread, turns=turns, settle=settle)
 
 
@@ -214,7 +214,7 @@ def behind_valve(model: Model, starts: FloatArray, own: slice, *, turns: int, se
     """
     free = {3, 4, *range(own.start, own.stop)}
     held = tuple(i for i in range(model.space.size) if i not in free)
-    return descend_model(model, starts, held=held, turns=turns, settle=settle)
+    return descend_model(model, starts, fixed=held, turns=turns, settle=settle)
 
 
 def movable_parameters(model: Model) -> FloatArray:

@@ -1,10 +1,10 @@
-"""Starts for an effect that says where its valves lie: an even scan of a few periods, polished on longer parts.
+"""Starts for an effect that says where its valves lie: an even grid on a few periods, polished on longer parts.
 
-Valve, process and effect are scanned together, because the process of a model without the effect is wrong as well. Most
-of the many local minima of the first part fail on the next one; each part leaves fewer points. On a whole record a slip
-that comes or fails puts the rest out of step, and the basin is a thousandth wide. Measured on 14 loops whose positioner
-integrates (plants/beyond.py, seed 47000): within 2 % of the true S in all of them, two of these after a second search.
-(With twice the points; with today's 7 of 8 are named, seed 41008.) Source: docs/method.md, section 6.3.
+The grid spans valve, process and effect together, because the process of a model without the effect is wrong as well.
+Most of the many local minima of the first part fail on the next one; each part leaves fewer points. On a whole record a
+slip that comes or fails puts the rest out of step, and the basin is a thousandth wide. Measured on 14 loops whose
+positioner integrates (plants/beyond.py, seed 47000): within 2 % of the true S in all of them, two of these after a
+second search. (With twice the points; with today's 7 of 8 are named, seed 41008.) Source: docs/method.md, section 6.3.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from ..typing import FloatArray
 from .moves import as_held, beginning, descend_model, lift_points, longest_piece, spreads, thin_model, thinning
 from .starts.continuation import distinct_points, even_steps
 
-# Points of the scan, periods of the first part, growth of the parts, and points that the first and the last leave.
+# Points of the grid, periods of the first part, growth of the parts, and points that the first and the last leave.
 _SCAN, _PERIODS, _GROWTH, _LEFT = 60_000, 3.0, 1.6, (120, 8)
-# Best points of the scan that get a descent, for each that the first part leaves; their distance, and that of points
+# Best points of the grid that get a descent, for each that the first part leaves; their distance, and that of points
 # that are kept (shares of a range).
 _DESCENDED, _APART, _NEAR = 4, 0.03, 0.004
 _TURNS, _ROUNDS, _POPULATION, _SPREAD, _SETTLED = 6, 20, 14, 0.4, 1e-3
@@ -41,7 +41,7 @@ _SEARCHES, _OUT_OF_STEP, _PROMISING = 3, 1.6, 0.5
 _AGREE = 0.05
 # Periods from which a part that is no better than without the effect ends a search.
 _ENOUGH = 8.0
-# Candidates of the scan that are evaluated at once.
+# Candidates of the grid that are evaluated at once.
 _BLOCK = 10_000
 # Number of answers that are kept. The seeds of a search are fixed, so that no answer depends on what was asked before.
 _REMEMBERED = 16
@@ -178,7 +178,7 @@ def _scatter_points(model: Model, name: str, points: FloatArray, rng: np.random.
 
 
 def _scan_values(part: Model, name: str, values: FloatArray, left: int, rng: np.random.Generator) -> FloatArray:
-    """The best distinct points of an even scan over the values that the effect proposes, each after a descent."""
+    """The best distinct points of an even grid over the values that the effect proposes, each after a descent."""
     scan, rows = parse(name)[0].scan, part.rows_of(name)
     assert scan is not None
     asked = [0, 1, part.forces[0], 3, 4, *range(rows.start, rows.stop)]

@@ -5,7 +5,7 @@ friction f_d and start e(0) unchanged, moves the valve in the very same way. A s
 that move nothing there are the null space of the slopes of the residuals: f_s, and with an effect on the friction its
 part in f_s. Beside them e(0) belongs to it where the first slip hides it.
 
-All other numbers descend with these held: a descent in S and J alone moves f_s as well, and stops at the first step of
+All other numbers descend with these fixed: a descent in S and J alone moves f_s as well, and stops at the first step of
 the cost. Then the numbers of the null space take the middle of their plateau, which has the smallest expected error.
 
 The e(0) of the first slip has an optimum for every sample and direction of that slip, so that it is sought on a ladder.
@@ -75,7 +75,7 @@ def extremes(model: Model, point: FloatArray, limit: float) -> FloatArray:
     """Points (k, d) far from one (d,) in S and in J whose cost is at most `limit`, all other numbers following.
 
     They lie along the curvature of the likelihood on one plateau, and at the ends of that plateau. A cloud drawn beside
-    another optimum holds none of them, and a scan of S that holds what follows it ends before them.
+    another optimum holds none of them, and a grid of S with the other numbers fixed ends before them.
     """
     cost = float(model.costs(point[None])[0])
     if not (movable_parameters(model)[0] and 0.0 < cost <= limit):

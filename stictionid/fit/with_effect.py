@@ -37,12 +37,12 @@ _LIKELY, _APART = 4, 0.01
 _LOOK = 25
 # Further polishes go on while each lowers the cost by this share, at most _TURNS times.
 _WORTH, _TURNS = 0.01, 4
-# Fine scans of S for the interval that all slips allow: reach either way (share), points, and slip jumps tried.
+# Fine grids of S for the interval that all slips allow: reach either way (share), points, and slip jumps tried.
 _THRESHOLD_REACH, _THRESHOLDS = (0.02, 0.003), 241
 _THRESHOLD_J = np.array([0.95, 1.0, 1.06])
 # Polishes on the model's own y, for effects that follow it.
 _FOLLOWED = 3
-# Points of a population that are moved into the interval of S that all slips allow; turns of scans along a curve of
+# Points of a population that are moved into the interval of S that all slips allow; turns of grids along a curve of
 # equal cost.
 _HERDED, _RIDGED = 2, 4
 # Share of the range of its speed from which a valve that re-sticks rests at every scan.
@@ -84,7 +84,7 @@ def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Genera
     """The model with effect `name` added, searched far enough to decide on a full refit.
 
     Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. An effect on
-    the valve also gets a scan of all valves beside the known process, and with `far` a search on growing parts that
+    the valve also gets a grid of all valves with the known process, and with `far` a search on growing parts that
     assumes none. `valves` (k, d) are values of such valves found before; each gets a process that fits it. Without
     `polish` the search ends after a descent, an eighth of the work.
     """
@@ -128,7 +128,7 @@ def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Genera
 
 
 def polish_look(found: Scouted, name: str, rng: np.random.Generator) -> Scouted:
-    """A first look polished with a population, and beside its curve of equal cost; as it is where it gains nothing."""
+    """A first look polished with a population, and one step along its curve of equal cost; else unchanged."""
     coarse, effect = found.coarse, parse(name)[0]
     if not found.gain > _PROMISING:
         return found
@@ -147,9 +147,9 @@ def polish_look(found: Scouted, name: str, rng: np.random.Generator) -> Scouted:
 
 
 def likeliest_point(found: Scouted, done: Refit) -> FloatArray:
-    """Values (d,) of the likeliest point of a look, polished, under the noise that its best one leaves, `done`.
+    """Values (d,) of the point of a look that is likeliest under the noise model of its best point, `done`; polished.
 
-    Beside a missing effect errors in levels are far from white, and tell least of a valve.
+    While an effect is missing, the free-run error is far from white and tells little of the valve.
     """
     white = done.white_model()
     named = (found.coarse.named(column) for column in found.coarse.values(found.points).T)
@@ -169,11 +169,11 @@ def widen_by(fit: Fitted, name: str) -> tuple[Model, Model]:
 
 
 def out_of_basin(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
-    """An evolution strategy about points (k, d), one beyond the rest of a drifting valve, and scans along a curve.
+    """An evolution strategy about points (k, d), one beyond the rest of a drifting valve, and grids along a curve.
 
-    The strategy takes longer for effects on the valve whose innovations are not white: each was fitted while something
-    was missing, and slips a sample late, for a dead time a sample short, then look like one more effect. Along a curve
-    of equal cost a population spreads step by step; a scan covers more of it at once.
+    The strategy runs longer for effects on the valve whose innovations are not white. They were fitted while something
+    was missing. Slips a sample late, with a dead time a sample short, then look like one more effect. Along a curve of
+    equal cost a population spreads step by step; a grid covers more of it at once.
     """
     valve = any(map(on_valve, model.effects))
     patience = ALONE if valve and not complete_quickly(model, model.values(points[:1])[:, 0]).white else PATIENCE
@@ -277,7 +277,7 @@ def at_thresholds(model: Model, point: FloatArray, rng: np.random.Generator) -> 
 
 
 def look_along(fit: Fitted, name: str) -> Refit:
-    """One effect added to a fit along its path: from its neutral value and its guesses, the path settled anew."""
+    """One effect added to a fit along its path, from its neutral value and its guesses; the path is then settled."""
     model, _ = widen_by(fit, name)
     effect, option = parse(name)
     here = model.vector(fit.best.values)

@@ -80,8 +80,8 @@ def deviance(model: Model, values: FloatArray, paths: Paths) -> FloatArray:
 def likeliest_slips(model: Model, values: FloatArray, now: Paths) -> Paths:
     """The likeliest slips of every segment at values (d,), sought from the model along the paths `now`.
 
-    What the beam's process lacks (a lag that differs by direction, effects behind the valve) is taken from the model
-    along `now`: its prediction is right for paths near to it.
+    The beam's process lacks a lag that differs by direction, and effects behind the valve. Their part of y comes from
+    the model along `now`, which is right for paths near to it.
     """
     along = model.along(now)
     found = along.evaluate(values)
@@ -95,7 +95,7 @@ def likeliest_slips(model: Model, values: FloatArray, now: Paths) -> Paths:
 def landing_at(model: Model, values: FloatArray, paths: Paths, gain: float) -> Paths:
     """The paths with the error of a landing, which is that of the command; `gain` is in units of the noise.
 
-    The differences of an integrator under softened differences hide it.
+    A model fitted to differences of y does not show that error.
     """
     ratio = abs(gain) * paths.error
     told = 0.0 < ratio < np.inf and not model.spec.increments

@@ -80,9 +80,9 @@ class Settled:
 
     @property
     def moved(self) -> float:
-        """Share of the slips (0 to 1) that a break-away force of exactly f_s would not have given there.
+        """Share of the slips (0 to 1) that a valve with a break-away force of exactly f_s would make at other samples.
 
-        A stem that still rests at the end, and would not, counts as one.
+        A stem that rests at the end of the path, where that valve would have slipped, counts as one slip.
         """
         count, strokes = 0, self.strokes()
         for stroke in strokes:
@@ -103,8 +103,8 @@ def settle_path(model: Model, values: FloatArray, *, error: float = 0.0, hidden:
     """The model settled from values (d,); without `rounds` only the path is sought, and the values stay.
 
     `error` is that of the command, and `hidden` widens the bound of the scatter, both in %. A path to `begin` with may
-    belong to another S: f_s does not show along it. The result is never less likely than the start by the law. A path
-    that still leaves `most` after a round, in the unit of y, bends to what is missing: it gets no further one.
+    belong to another S, because it does not fix f_s. The result is never less likely than the path of the law. A path
+    that still leaves the error `most` after a round, in the unit of y, lacks an effect and gets no further round.
     """
     model = model.along(None)
     low, high = bounds(model, values, hidden)
@@ -135,8 +135,8 @@ def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.
                              most: float = np.inf) -> list[Settled]:
     """The model settled from other valves than that of values (d,), with a scatter that shrinks from a large one.
 
-    With a large scatter no path is impossible, and the cost is smooth in S: a start may be half off. Where even such
-    paths leave more than `most`, in the unit of y, no valve explains the record.
+    With a large scatter every path is possible and the cost is smooth in S, so S may start at half its value. Where
+    even such paths leave more than the error `most`, in the unit of y, no valve explains the record.
     """
     model = model.along(None)
     best, process = settle_path(model, values, error=error, hidden=hidden, most=most), values
@@ -148,7 +148,7 @@ def settle_from_other_valves(model: Model, values: FloatArray, error: float = 0.
                         for share in _OTHER_VALVES), key=lambda s: s.deviance)
         if min(one.left for one in found) > most:
             break
-        # With so large a scatter the starts meet, and the best ones are worth the way down.
+        # With so large a scatter the starts end in few optima. Only the best go on to smaller scatters.
         for width in narrower:
             found = [_settle_within(one, width) for one in found[:_BEST]]
         now = min((settle_path(model, one.values, error=error, hidden=hidden, most=most) for one in found),
@@ -211,8 +211,8 @@ def _with_scatter(found: Settled, low: float, high: float) -> Settled:
 def _at_force(found: Settled, reach: float = 0.0) -> Settled:
     """The same path with the likeliest break-away force: S and J move together, so that f_d stays.
 
-    Expectation and maximisation takes small steps where a force is known to a whole step of the command. The forces
-    tried `reach` so far either way in %, or one scatter.
+    Expectation and maximisation takes small steps where a force is known to a whole step of the command only. The
+    forces tried lie up to `reach` in % either way, or up to one scatter.
     """
     model, values = found.model, found.values
     if model.law.one_parameter or not _free_parameters(model)[:2].all():

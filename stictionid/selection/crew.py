@@ -71,13 +71,13 @@ def _fork_pool(jobs: int, ground: Ground) -> ProcessPoolExecutor | None:
 
 @dataclass(slots=True)
 class Budget:
-    """Evaluations that a search may spend, those that it spent, and the nodes that were left unasked."""
+    """Evaluations that a search may spend, those that it spent, and the nodes that it did not expand."""
 
     # Evaluations allowed, and samples that count as one.
     allowed: float
     unit: int
     spent: int = 0
-    # Those spent on answers that were found when the budget had ended, and the most for the one that is asked now.
+    # Evaluations spent after the budget on late answers, and the limit of `spent` for the answer in work.
     apart: int = 0
     until: float = 0.0
     unasked: list[str] = field(default_factory=list)
@@ -91,36 +91,36 @@ class Budget:
 
     @property
     def share(self) -> float:
-        """Evaluations spent over those allowed, late answers left out; last questions are asked up to twice that."""
+        """Evaluations spent over those allowed, late answers left out; last questions may raise it to 2."""
         return (self.spent - self.apart) / self.allowed
 
     @contextmanager
     def allow_late_answer(self) -> Iterator[None]:
-        """Half the budget for an answer that was found when the budget had ended; nothing once as much went to such."""
+        """Allow half the budget more for a best node found at its end; nothing once such answers took a budget."""
         before, self.until = self.spent, self.spent + self.allowed / 2 if self.apart < self.allowed else 0.0
         yield
         self.apart, self.until = self.apart + self.spent - before, 0.0
 
     @contextmanager
     def allow_last_question(self) -> Iterator[None]:
-        """A whole budget for one last question, whatever was spent before; it takes few looks."""
+        """Allow a whole budget for one last question, whatever was spent before; it takes few looks."""
         before, self.spent = self.spent, 0
         yield
         self.spent += before
 
     def note_unasked(self, names: Iterable[str]) -> None:
-        """Note nodes that are left unasked, each once."""
+        """Note nodes that the search does not come to, each once."""
         self.unasked += [name for name in dict.fromkeys(names) if name not in self.unasked]
 
     def answers(self, crew: Crew, tasks: Sequence[Task], always: bool = False) -> Iterator[tuple[Task, Packed]]:
-        """Tasks with their answers as long as the budget lasts, or `always`; the others are left unasked."""
+        """Tasks with their answers while the budget lasts, or `always`; the remaining nodes are noted as unasked."""
         answers = iter(crew.map(tasks))
         for i, task in enumerate(tasks):
             if self.over and not always:
                 self.note_unasked(key(left.spec) for left in tasks[i:])
                 return
             answer = next(answers)
-            # What several tasks ask is searched once.
+            # A search that several tasks share counts once.
             fresh = {q: samples for q, samples in answer.questions.items() if q not in self.questions}
             self.questions |= fresh.keys()
             self.spent += answer.spent + sum(fresh.values()) // self.unit

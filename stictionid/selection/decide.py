@@ -1,4 +1,4 @@
-"""The decision after a search: winner pruned, equivalents, ranking, and what the effects asked do not explain.
+"""The decision after a search: the winner without needless effects, its equivalents, the ranking, and what is missing.
 
 Source: docs/method.md, section 11.
 """
@@ -38,7 +38,7 @@ from .search import Search
 class Decision:
     """The answer of a search: the winner, the name of its noise, its equivalents, and what is missing in words.
 
-    `shape` is that of what is missing, where the winner's innovations answer valve, signals or time.
+    `shape` is that of what is missing, where the winner's innovations depend on the valve, the signals or time.
     `unseen` is True where the course of the output between samples is unknown and the winner leaves more than noise.
     `reach` holds the pieces of S and J that the equivalents do not exclude.
     """
@@ -53,13 +53,13 @@ class Decision:
 
 
 def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, spans: bool = True) -> Decision:
-    """The best node pruned, with the noise to name, its equivalents, and what the effects asked do not explain.
+    """The best node without needless effects, the noise to name, the equivalents, and what is missing.
 
-    Effects to `keep` are never pruned. Without `spans` no intervals of equivalents are sought.
+    Effects to `keep` are never left out. Without `spans` no intervals of equivalents are sought.
     """
     winner = _winner(search, best, keep)
     while winner.op == ADD and not winner.passed and winner.what not in keep and winner.parent in search.memo:
-        # What was pruned let an effect pass that its own node does not show.
+        # The last effect passed its gates only beside an effect that was left out since.
         winner = search.memo[winner.parent]
     done = winner.scored.done
     unseen = (search.blurred and winner.spec.between != DECIMATED
@@ -67,7 +67,7 @@ def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, span
     ids = {name: i for i, name in enumerate(search.memo)}
     alike = equivalents(search, winner)
     tried = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and e.parent == key(winner.spec)}
-    # The command between samples and a stem with mass err a little: noise that carries hardly any of it may be that.
+    # A command rebuilt between samples and a stem with mass err a little, so hardly any noise needs no name.
     little = winner.scored.is_explained(search.policy)
     noise = "" if little else noise_name(winner.scored, search.policy, slow=search.slow)
     band = winner.scored.band if noise == NARROW else None
@@ -75,7 +75,7 @@ def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, span
     shape = None if unseen or white else unexplained_shape(done, tried)
     noise = "" if shape is not None else noise
     if unseen and noise == COLOURED:
-        noise = ""  # (slips that unseen scans made early or late look the same)
+        noise = ""  # (slips placed early or late by unseen scans look like coloured noise)
     return Decision(winner, noise, tuple(as_equivalent(e, ids[key(e.spec)], winner) for e in alike),
                     missing_reason(winner, white, unseen, shape, slow=search.slow and not noise,
                                    unasked=_effects_unasked(search, winner)), unseen, shape,
@@ -83,13 +83,13 @@ def decide_answer(search: Search, best: Entry, keep: Sequence[str] = (), *, span
 
 
 def _winner(search: Search, best: Entry, keep: Sequence[str]) -> Entry:
-    """The best node settled and pruned, with simpler effects and an integrator where these do as well."""
+    """The best node refitted and without needless effects; simpler effects or an integrator where these do as well."""
     search.settle_node(best)
     return _prefer_integrator(search, simplify_effects(search, prune_effects(search, best, keep), keep))
 
 
 def _effects_unasked(search: Search, winner: Entry) -> list[str]:
-    """Effects of the catalogue that a search has asked for beside no model, though the record may hold them."""
+    """Effects of the catalogue that no model of the search was asked for, though the record may hold them."""
     asked = {parse(e.what)[0].name for e in search.memo.values() if e.op == ADD and not e.failed}
     open_ = [name for last in (False, True) for name in additions(winner.spec, search.loop, search.only, last=last)]
     return sorted({parse(name)[0].name for name in open_} - asked)
@@ -126,9 +126,9 @@ def _prefer_integrator(search: Search, winner: Entry) -> Entry:
 
 
 def prune_effects(search: Search, winner: Entry, keep: Sequence[str] = ()) -> Entry:
-    """The winner without each effect whose loss costs less than its margin, one after the other.
+    """The winner without the effects whose loss costs less BIC than their margin, taken out one after the other.
 
-    Under another process or command an effect may not be needed, so nodes known without it count, too.
+    An effect may be needless under another process or command, so known nodes of those without it are tried, too.
     """
     while True:
         cheap: list[tuple[float, Entry]] = []
@@ -144,21 +144,24 @@ def prune_effects(search: Search, winner: Entry, keep: Sequence[str] = ()) -> En
 
 
 def _explains_little(search: Search, winner: Scored, without: Scored, name: str) -> bool:
-    """True where a model leaves more than noise and does hardly better than one `without` an effect.
+    """True where an effect explains so little that it may only stand in for something the model lacks.
 
-    What the model lacks may be the reason for so little. In a record slower than the scan that holds beside noise
-    alone, too: slips come early or late there, and a few numbers more put some of them right. So an effect must lower
-    the least free-run error clearly; a sharper one-step error may be chance. A lag must show either, and so must a
-    rest, even beside noise alone: what moved between the samples looks like one.
+    A model that leaves more than noise lacks something, and any effect may explain a little of that. So the effect must
+    lower the free-run error or the one-step error clearly. A lag or a rest need not.
 
-    An effect is asked last because nothing else helps, and its many courses help a little beside what is missing. So it
-    must leave noise: a positioner stood for a slew limit at 8 times the noise and 12 times the stickband.
+    Records slower than the controller's scan hide when the valve slips. Extra parameters then fit slip times by chance,
+    even where only noise is left. There an effect must lower the least free-run error by the factor `freer`. A lag must
+    lower either error clearly. So must a rest, even where only noise is left, because a command that moved between the
+    samples looks like a rest.
+
+    An effect that is asked last has many shapes, of which one often helps a little. So the model with it must leave
+    noise. One positioner imitated a slew limit with 8 times the noise and 12 times the stickband.
     """
     policy, names = search.policy, plain_name(name) not in BASE_EFFECTS
     if parse(name)[0].asked_last and not (winner.noise_alone or winner.leaves_little(policy)):
         return True
     if names and search.slow:
-        return least_free_run(without, winner) <= policy.nearly * winner.rmse
+        return least_free_run(without, winner) <= policy.freer * winner.rmse
     if not (names or search.slow) or (winner.needs_no_noise_model(policy) and name != RESTING):
         return False
     freer = without.rmse > policy.better_base * winner.rmse
@@ -167,10 +170,10 @@ def _explains_little(search: Search, winner: Scored, without: Scored, name: str)
 
 
 def _loss(winner: Scored, without: Entry, name: str) -> float:
-    """BIC that a model costs by losing an effect; of a disturbance at most what it costs beside a narrow band.
+    """BIC that the winner loses without an effect; for a disturbance at most the loss to a model with a narrow band.
 
-    A band of wandering phase looks like a sine for a few cycles, and an autoregression does not hold it. A sine that
-    halves the free run keeps its phase.
+    A narrow band, whose phase wanders, looks like a sine for a few cycles, and an autoregression does not explain it. A
+    sine that halves the free-run error keeps its phase, so it is not compared with a band.
     """
     loss = winner.done.gain_over(without.scored.done)
     wandering = parse(name)[0].columns is not None and winner.rmse > without.scored.rmse / 2
@@ -183,17 +186,19 @@ def _known_nodes_without(search: Search, winner: Entry, name: str) -> list[Entry
 
     A node with more than twice the free-run error is left out: an autoregression may hide what the effect explains.
     """
-    rest = set(physical_effects(winner.spec)) - {name}
-    return [e for e in search.memo.values() if e.passed and not e.failed and set(physical_effects(e.spec)) <= rest
+    others = set(physical_effects(winner.spec)) - {name}
+    return [e for e in search.memo.values() if e.passed and not e.failed and set(physical_effects(e.spec)) <= others
             and (e.spec.process, e.spec.between) != (winner.spec.process, winner.spec.between)
             and e.scored.rmse <= 2 * winner.scored.rmse]
 
 
 def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
-    """Nodes that do as well as the winner, are no wider, don't contain it, and pass the same gates; best first.
+    """Nodes that explain the record as well as the winner, best first.
 
-    A sliding valve whose slip jump exceeds its stickband needs a friction below zero. One that rests then counts as
-    equivalent up to the full margin. The other kind of valve counts, whatever its gates, where its S or J is another.
+    An equivalent passed its gates, has at most one parameter more than the winner, and does not contain the winner. Its
+    BIC lies within `alike` of the winner's. The margin takes the place of `alike` for a resting valve, where the winner
+    slides with a slip jump larger than its stickband: that needs a friction below zero. The other kind of valve counts
+    whatever its gates say, where its S or J differs.
     """
     done, found = winner.scored.done, []
     mine = set(physical_effects(winner.spec))
@@ -204,7 +209,7 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
         if e is winner or e.failed or not e.scored.full or not (other or (e.op != DROP and e.passed)):
             continue
         near = search.policy.margin if odd and RESTING in theirs else search.policy.alike
-        # (Where the winner's disturbance is left out, noise of long memory may hide it: that explains nothing.)
+        # (Noise of long memory may absorb a disturbance of the winner that the node lacks: that explains nothing.)
         hides = theirs < mine and e.scored.rmse >= 2 * winner.scored.rmse
         if e.scored.done.parameters <= done.parameters + 1 and (other or not mine < theirs) and not hides \
                 and done.gain_over(e.scored.done) < near:
@@ -213,15 +218,16 @@ def equivalents(search: Search, winner: Entry) -> tuple[Entry, ...]:
 
 
 def _same_valve(winner: Entry, other: Entry) -> bool:
-    """True for two kinds of valve with one S and J: one that hardly rests slides."""
+    """True for two kinds of valve with the same S and J: a resting valve that hardly rests is a sliding one."""
     a, b = (e.scored.done.evaluated.values for e in (winner, other))
     return abs(a["S"] - b["S"]) <= AGREE_S * a["S"] and abs(a["J"] - b["J"]) <= AGREE_J * a["S"]
 
 
 def reach_of(search: Search, alike: Sequence[Entry]) -> dict[str, tuple[Span, ...]]:
-    """Pieces of S and J that equivalents, the best first, do not exclude; empty without equivalents.
+    """Pieces of S and J that the equivalents, the best first, do not exclude; empty without equivalents.
 
-    Those beyond the number of finalists, and those whose model breaks down beside its optimum, give their points.
+    An equivalent gives its intervals. It gives its point alone where it ranks behind the finalists, or where its model
+    breaks down near its optimum.
     """
     spans: dict[str, list[Span]] = {"S": [], "J": []}
     for i, entry in enumerate(alike):
@@ -258,7 +264,7 @@ def candidates(search: Search, found: Decision, named: Sequence[str], study: Stu
 
     The gain is that of the best model that holds the effect over the best one without it, both completed with noise.
     `stated` holds the errors of nodes that are steps of the study, `doubt` the reason why the winner's effects are not
-    named. Where an effect ends above its parent, its search is unfinished: at its neutral value it does as well.
+    named. An effect that ends with a worse BIC than its parent counts as neutral, because its search is unfinished.
     """
     of_base = {plain_name(n) for n in study.steps[0].model.get("effects", ())}
     present = {plain_name(n) for n in study.steps[-1].effects} - of_base
@@ -298,7 +304,7 @@ def _gain_over(entry: Entry, other: Entry) -> float:
 
 
 def _entry_or_parent(search: Search, entry: Entry, name: str) -> Entry:
-    """The entry, or its parent where that does better without the effect that the entry adds."""
+    """The entry, or its parent where the parent has the better BIC without the effect that the entry adds."""
     parent = search.memo.get(entry.parent or "") if entry.op == ADD and plain_name(entry.what) == name else None
     return entry if parent is None or parent.failed or _gain_over(entry, parent) >= 0.0 else parent
 
@@ -368,7 +374,7 @@ def _errors_of(entry: Entry, stated: Mapping[str, ErrorSummary]) -> ErrorSummary
 
 def _noise_row(search: Search, found: Decision, named: Sequence[str],
                stated: Mapping[str, ErrorSummary]) -> tuple[Candidate, ...]:
-    """The noise model of the answer as a candidate of its own, where it has a name. Beyond itself it gains nothing."""
+    """The noise model of the answer as a candidate of its own, where it has a name. Its gain beyond noise is 0."""
     name, done = found.noise or noise_name(found.winner.scored, search.policy), found.winner.scored.done
     if not name:
         return ()

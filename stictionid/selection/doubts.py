@@ -1,10 +1,11 @@
-"""Answers that another valve may show as well, one that rests for one that slides or the other way; drifts they lack.
+"""Checks whether a resting valve explains the record as well as a sliding one, and whether a disturbance is missing.
 
-Between samples of a command that moves, both look alike. A slip jump beyond the stickband needs a friction below zero:
-the valve rests, or one that slides jumps past its place. So it may where nothing is named and the free run is far from
-its innovations. PV of a steady cycle shows when the valve slips and hardly more: the other valve may slip at the same
-samples, with a stickband and a dead time of its own that no search beside the first one comes near. Which measurement
-would settle what looks alike is said in words of the effects' own files.
+Both kinds of valve look alike under a command that moves between samples. A slip jump larger than the stickband needs a
+kinetic friction below zero. Then the valve rests after each slip, or it slides and overshoots its place. An answer
+without effects whose free-run error is far above its innovations raises the same doubt. PV of a steady cycle shows
+little more than the samples at which the valve slips. The other kind of valve may slip at the same samples, with
+another stickband and dead time. No search near the first answer finds these values, so they are computed from the
+slips.
 """
 
 from __future__ import annotations
@@ -35,21 +36,25 @@ from .score import Scored, complete_as_is, complete_with_noise
 
 
 def doubts_valve(entry: Entry, policy: Policy, *, lasting: bool) -> bool:
-    """True for a slip jump beyond the stickband; with budget `lasting`, also for a base far from its innovations."""
+    """True for a slip jump larger than the stickband.
+
+    While the budget is `lasting`, also true for a base whose free-run error is far above its innovations.
+    """
     return jumps_past(entry) or (lasting and entry.spec.held and not depth(entry.spec)
                                  and not entry.scored.leaves_little(policy))
 
 
 def jumps_past(entry: Entry) -> bool:
-    """True for a slip jump beyond the stickband."""
+    """True for a slip jump larger than the stickband."""
     values = entry.scored.done.evaluated.values
     return values["J"] > values["S"]
 
 
 def least_cost(name: str, without: Entry, policy: Policy) -> float:
-    """BIC that an effect must cost to stay: its margin, or less than nothing for some rests.
+    """BIC that the model must lose without an effect for the effect to stay: the effect's margin.
 
-    A valve that slides (`without` the rest) with a slip jump beyond its stickband must beat one that rests.
+    A rest stays even where the model gains by leaving it out, by up to the margin. This holds where the sliding valve
+    (`without` the rest) has a slip jump larger than its stickband, because that needs a friction below zero.
     """
     if plain_name(name) == RESTING and jumps_past(without):
         return -policy.margin
@@ -57,14 +62,17 @@ def least_cost(name: str, without: Entry, policy: Policy) -> float:
 
 
 def judge_drop(name: str, without: Entry, before: Scored, policy: Policy) -> tuple[Gate, ...]:
-    """The gate of an odd valve that came from one that rests and does not do clearly better; empty for others."""
+    """The gate of a sliding valve whose slip jump exceeds its stickband; empty for any other.
+
+    It fails where the resting valve that it came from explains the record about as well.
+    """
     least, cost = least_cost(name, without, policy), before.done.gain_over(without.scored.done)
     return (Gate("rest", False, "its slip jump exceeds its stickband: a valve that rests does as well"),) \
         if least < 0.0 and cost >= least else ()
 
 
 def lasting_disturbances(memo: Mapping[str, Entry], entry: Entry) -> list[str]:
-    """Disturbances that last beside other nodes and that a node which leaves more than noise lacks."""
+    """Disturbances that passed the gate `lasts` on other nodes and that this node lacks; none where it leaves noise."""
     have = {plain_name(name) for name in physical_effects(entry.spec)}
     names = dict.fromkeys(e.what for e in memo.values() if e.lasts and e.passed and plain_name(e.what) not in have)
     return [] if entry.scored.noise_alone else list(names)
@@ -81,10 +89,11 @@ def resting_values(done: Refit, name: str) -> dict[str, float]:
 
 def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, only: frozenset[str] | None, seed: int,
                    policy: Policy, *, better: bool) -> bool:
-    """True where nodes with the slips of an entry were put in the memo: those that come near and are better than known.
+    """Fit nodes whose valve slips at the samples of an entry; True where one was put in the memo.
 
-    With `better` they must gain as much as a change of structure does, and leave white innovations. Far from the noise
-    the slips are not known either.
+    A node is kept where it explains about as much as the entry, and more than the memo's fit of that node. With
+    `better` it must gain as much as a change of structure and leave white innovations. An entry far from the noise is
+    skipped: its slips are not known well enough.
     """
     if not entry.scored.leaves_little(policy):
         return False
@@ -101,7 +110,7 @@ def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, o
         if known is not None and (own or known.op == ROOT):
             known.scored = scored
             if own:
-                # (from a better point the way may go on)
+                # (the better fit has other slips, so that its neighbours are fitted once more)
                 add_same_slips(memo, entry, loop, only, seed, policy, better=better)
                 break
             continue
@@ -113,9 +122,10 @@ def add_same_slips(memo: MutableMapping[str, Entry], entry: Entry, loop: Loop, o
 
 
 def specs_with_same_slips(entry: Entry, loop: Loop, only: frozenset[str] | None) -> list[Spec]:
-    """The nodes that slips of an entry may belong to: itself, the other kind of valve, and both with a further lag.
+    """The entry's node and the other kind of valve, and both with a further lag unless the innovations are white.
 
-    The lag is left out where the entry is white. Empty where the record or the node has no second kind of valve.
+    The list is empty where no second kind of valve is possible: the command moves between samples, S or J is given, or
+    another effect acts on the valve.
     """
     spec, model, soft = entry.spec, entry.scored.done.model, entry.scored.done.increments
     others = [e for n, e in zip(model.names, model.effects, strict=True) if on_valve(e) and n != RESTING]
@@ -150,10 +160,10 @@ def fit_same_slips(entry: Entry, spec: Spec, seed: int, policy: Policy, least: f
                                 jumps=values[1] * JUMPS)
         if not trial.shape[1]:
             return None
-        # The best of every dead time: with a lag that is not settled the right one does no better at first.
+        # The best start of every dead time goes on: before the lag has converged the right one is not yet better.
         order = np.lexsort((white.costs_of(trial), trial[4]))
         best_of = order[np.unique(trial[4, order], return_index=True)[1]]
-        found = descend_model(white, white.cube(trial[:, best_of]), held=(0, *white.forces))
+        found = descend_model(white, white.cube(trial[:, best_of]), fixed=(0, *white.forces))
         if not np.isfinite(found.costs[0]):
             return None
         best = white.values(settle_on_plateau(white, found.points[0])[None])[:, 0]
@@ -167,7 +177,7 @@ def fit_same_slips(entry: Entry, spec: Spec, seed: int, policy: Policy, least: f
 
 
 def deciding_measurement(name: str, rivals: tuple[str, ...]) -> str:
-    """One test in words that tells an effect from its rivals; empty where nothing rivals it."""
+    """The measurement that tells an effect from its rivals, in the words of their files; empty without rivals."""
     mine = parse(name)[0]
     for rival in rivals:
         other = parse(rival)[0]

@@ -27,7 +27,7 @@ class Entry:
     op: str = ROOT
     what: str = ""
     look: Packed | None = None
-    # Score of a look that waits beside a full fit to be fitted itself.
+    # Score of a look that is kept beside a full fit, until it is fitted in full itself.
     glimpse: Scored | None = None
     gates: tuple[Gate, ...] = ()
     # True where looks were taken from the node.
@@ -50,9 +50,11 @@ class Entry:
         return any(g.name == LASTS for g in self.gates)
 
     def credit(self, memo: Mapping[str, Entry], policy: Policy) -> float:
-        """BIC by which disturbances that the noise of other nodes hides make an entry better than its score says.
+        """BIC to add to an entry's score before nodes are ranked.
 
-        Each is worth its margin. Slips past their place cost theirs where a valve that rests passed, too: it is common.
+        A disturbance that passed the gate `lasts` counts at least its margin, because the noise of other nodes absorbs
+        it. Slip overshoot costs its margin if a resting valve also passed the gates: resting valves are far more
+        common.
         """
         credit, entry, met = 0.0, self, set[str]()
         while entry.op != DROP and (name := entry.parent or "") in memo and name not in met:
@@ -69,18 +71,19 @@ class Entry:
 
     @property
     def tentative(self) -> bool:
-        """True for a full fit that fails only where what is beside it may tell: no answer, but a node to ask.
+        """True for a full fit that is no answer, but that may become one together with a further effect.
 
-        Unknown scans may explain as much, and so may one slip of an integrator. A missing load bends the free run of
-        another base more than its slips do.
+        It fails only the gate of unknown scans, or only that of a single slip of an integrator. A base may also fail
+        only the gate of the free run, which a missing load bends.
         """
         failed = [g.name for g in self.gates if not g.passed]
         return self.scored.full and (failed in ([SCANS], [SLIP]) or (failed == [FREE_RUN] and not depth(self.spec)))
 
     def is_near_noise(self, parent: str, before: Scored, policy: Policy) -> bool:
-        """True for a full child of a node (its key and score) that gains, and nearly is the noise, but is not settled.
+        """True for a full child of a node (its key and score) that is worth another fit.
 
-        Its innovations are white, or its free run has no noise model; that model carries a little of the free run.
+        It gains over the node, its free-run error is close to its innovations, and it was not fitted again yet. Its
+        innovations are white, or it needs no noise model.
         """
         scored = self.scored
         return (self.parent == parent and scored.full and not self.failed and not self.settled
@@ -89,7 +92,7 @@ class Entry:
 
 
 def last_passed(memo: Mapping[str, Entry], entry: Entry) -> Entry:
-    """The last entry up to this one that passed every gate; of a circle, where two are parents of each other, any."""
+    """The nearest ancestor that passed every gate, or the entry itself; any of two that are parents of each other."""
     met = {key(entry.spec)}
     while not entry.passed and (name := entry.parent or "") in memo and name not in met:
         met.add(name)
@@ -98,23 +101,23 @@ def last_passed(memo: Mapping[str, Entry], entry: Entry) -> Entry:
 
 
 def new_entry(parent: Entry, task: Task, scored: Scored, look: Packed | None = None) -> Entry:
-    """Memory of the node that a task leads to from its parent."""
+    """The entry of the node that a task leads to from its parent."""
     return Entry(task.spec, scored, key(parent.spec), ADD if task.added else SWAP,
                  task.added or what_of(task.spec, parent.spec), look=look)
 
 
 def failed_entry(parent: Entry, task: Task, answer: Packed) -> Entry:
-    """Memory of an edge whose fit failed."""
+    """The entry of an edge whose fit failed."""
     return replace(new_entry(parent, task, parent.scored), failed=answer.failed,
                    gates=(Gate("fit", False, answer.failed),))
 
 
 def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer: Packed, scored: Scored,
              policy: Policy) -> None:
-    """Put an answer in the memo where it is better than what is known of its node.
+    """Put an answer in the memo where it is better than the fit that its node has there.
 
-    A look never replaces a full fit, but waits beside it where its free run is clearly better: another basin. A node
-    that passed keeps the edge by which it did.
+    A look never replaces a full fit. A look whose free run is clearly better may lie in another basin, so it is kept
+    beside the fit to be fitted in full. A node that passed its gates keeps the edge by which it passed.
     """
     name, known = key(task.spec), memo.get(key(task.spec))
     if known is not None and not known.failed:
@@ -135,7 +138,7 @@ def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer
 
 
 def judge_children(memo: Mapping[str, Entry], entry: Entry, policy: Policy, base: Scored | None, blurred: bool) -> None:
-    """Give every full child of a node its gates; `base` is the best model without an effect beyond the base.
+    """Test every full child of a node by its gates; `base` is the best model without an effect beyond the base.
 
     `blurred` is True where the output was computed between the samples, too.
     """

@@ -54,7 +54,7 @@ class Edge:
     rest_gain: float = 0.0
     # True where the output was computed between the samples, too.
     blurred: bool = False
-    # True where the parent fails a gate that what is beside it may settle: unknown scans, or one slip of an integrator.
+    # True for a parent that fails one gate, and that may pass together with a further effect (`Entry.tentative`).
     tentative: bool = False
     # The last node before that passed every gate, where it is not the parent.
     sound: Scored | None = None
@@ -78,7 +78,7 @@ class Edge:
 
     @property
     def freed(self) -> bool:
-        """True where the parent needs a random walk, which hides errors in any block, and the child no noise model."""
+        """True where the parent needs a random walk, which hides errors in any block, but the child no noise model."""
         return (self.parent.done.increments and self.child.free_run_at_noise
                 and self.child.rmse < self.parent.rmse)
 
@@ -89,23 +89,23 @@ class Edge:
 
     @property
     def before(self) -> Scored:
-        """The parent; for a tentative one the last node before it that passed, so that both effects count together."""
+        """The parent, or its last ancestor that passed where the parent is tentative: both effects count together."""
         return self.sound if self.tentative and self.sound is not None else self.parent
 
     @property
     def another_valve(self) -> bool:
-        """True for a valve that rests instead of sliding and leaves noise: a few slips may tell the two.
+        """True for a child whose valve rests instead of sliding, and that leaves noise: a few slips may tell the two.
 
-        The command must be known. Beside something else that is missing a rest may imitate it.
+        The command must be known, and nothing else may be missing, because a rest may imitate what is missing.
         """
         return plain_name(self.name) == RESTING and not self.blurred and self.child.done.model.spec.held \
             and self.child.needs_no_noise_model(self.policy)
 
     @property
     def by_forces(self) -> bool:
-        """True where the break-away forces of the parent's path alone tell the effect, by its margin.
+        """True where the likelihood of the break-away forces alone rises by the effect's margin.
 
-        Their chances are independent from stroke to stroke. The one-step errors beside them hardly differ.
+        The forces are independent from stroke to stroke. The one-step errors of both models hardly differ then.
         """
         return self.parent.done.prior - self.child.done.prior >= self.margin
 
@@ -140,7 +140,7 @@ def _is_there(edge: Edge) -> str:
 def _check_blocks(edge: Edge) -> str:
     """Reject an effect that does not lower the one-step error in most blocks of the record, nor halves the free run.
 
-    Beside a model far from the noise a limit that the stem meets in two blocks may cost a little in another one.
+    An effect that halves the free-run error may cost a little in one block, such as a limit met in two other blocks.
     """
     if edge.local or edge.freed or edge.by_forces or edge.another_valve \
             or (edge.halved and not edge.child.done.increments):
@@ -158,8 +158,8 @@ def _check_blocks(edge: Edge) -> str:
 def _held_out(edge: Edge) -> str:
     """Reject an effect that predicts held-out blocks no better.
 
-    An autoregression whitens the errors of a parent far from the noise. So an effect that takes half of the held-out
-    free run may predict a single block worse.
+    An autoregression whitens the errors of a parent far from the noise. So an effect that halves the held-out free-run
+    error may predict a single block worse.
     """
     after, before = edge.child.held, edge.parent.held
     far = not edge.child.done.increments and after is not None and before is not None \
@@ -185,11 +185,11 @@ def lowers_held_out_error(after: Held | None, before: Held | None, policy: Polic
 def _check_strokes(edge: Edge) -> str:
     """Reject an effect on the valve whose gain comes from a few strokes, by chance among all effects asked.
 
-    Rounding, an unseen scan or a stem with mass makes single slips early or late, and a few numbers more of a valve put
-    some of them right. That lowers the free run by little, unless an integrator adds it up, or scans are unseen. A rest
-    has a name of its own for single slips.
+    Rounding, an unseen scan or a stem with mass makes single slips early or late. A few more parameters of the valve
+    correct some of them by chance. That lowers the free-run error by little, unless scans are unseen or an integrator
+    adds up the slips. A rest is exempt, because it is told by single slips.
     """
-    freer = (edge.child.rmse * edge.policy.nearly <= edge.parent.rmse and not edge.blurred
+    freer = (edge.child.rmse * edge.policy.freer <= edge.parent.rmse and not edge.blurred
              and edge.child.done.model.spec.process != INTEGRATOR)
     if not on_valve(parse(edge.name)[0]) or plain_name(edge.name) in BASE_EFFECTS \
             or edge.freed or edge.by_forces or freer:
@@ -200,14 +200,14 @@ def _check_strokes(edge: Edge) -> str:
 
 
 def chance_limit(policy: Policy) -> float:
-    """Standard errors that one of all effects exceeds by chance with the probability of the policy."""
+    """Standard errors that the best of all effects exceeds by chance with the probability of the policy."""
     return NormalDist().inv_cdf(1.0 - min(policy.chance, 1.0) / len(catalogue()))
 
 
 def _free_run(edge: Edge) -> str:
     """Reject an effect that makes the free run worse, unless the noise of the child alone implies that error.
 
-    A walk implies any error. It excuses none where the parent needs no walk.
+    A random walk implies any error. It excuses an error only where the parent needs a random walk, too.
     """
     child, before = edge.child, min(edge.parent.rmse, (edge.sound or edge.parent).rmse)
     excused = edge.parent.done.increments if child.done.increments else child.white
@@ -219,7 +219,7 @@ def _free_run(edge: Edge) -> str:
 def _in_range(edge: Edge) -> str:
     """Reject a signal effect or disturbance that ended at a limit of its range that is not its neutral value.
 
-    Friction effects may: their far ends are laws of their own, such as a valve that rests at every sample.
+    A friction effect may end there: its far limit is a law of its own, such as a valve that rests at every sample.
     """
     effect, done = parse(edge.name)[0], edge.child.done
     if effect.friction is not None:
@@ -233,11 +233,11 @@ def _in_range(edge: Edge) -> str:
 
 
 def _check_slip(edge: Edge) -> str:
-    """Reject a step or ramp of an integrator that may be one slip in the wrong place, which adds up to one.
+    """Reject a step or ramp of an integrator that one slip in the wrong place may imitate, because slips add up.
 
-    It is believed only where it explains more than one slip, or the free run with it is at the noise. Under a held
-    command coloured noise of short memory will do: then no slip is wrong. A command that moves between the samples
-    hides where the valve slips. An effect beside a step not believed yet is judged together with it.
+    The effect passes where it explains more than one slip, or where the free-run error is at the noise. Under a held
+    command noise of short memory will do, because then no slip is wrong. A command that moves between the samples hides
+    when the valve slips. An effect added to a tentative step is tested together with the step.
     """
     child = edge.child
     names = child.done.model.spec.effects if edge.tentative else (edge.name,)
@@ -251,8 +251,8 @@ def _check_slip(edge: Edge) -> str:
 def _check_kick(edge: Edge) -> str:
     """Reject a step near a setpoint move that kicked an output which moves between samples.
 
-    The valve may have stopped elsewhere: what the output did just before and after lies between the samples. It stays
-    there until its next slip, so that such a stop explains neither a walk nor a shift through the rest of the record.
+    The record does not show the output just before and after the kick, so the valve may have stopped elsewhere. It
+    stays there until its next slip. So a wrong stop explains neither a random walk nor a shift that lasts longer.
     """
     done = edge.child.done
     if edge.beyond_slip or (edge.parent.done.increments and not done.increments and edge.halved):
@@ -275,7 +275,8 @@ def _check_kick(edge: Edge) -> str:
 def _beyond_rest(edge: Edge) -> str:
     """Reject a drift of friction, or an effect asked last, that explains hardly more than a valve that rests.
 
-    Under a held command a drifting valve rests, and so does one that an inner loop moves slowly.
+    Under a held command a resting valve imitates both: a valve whose friction drifts, and one that an inner loop moves
+    slowly.
     """
     effect = parse(edge.name)[0]
     if (effect.profile is None and not effect.asked_last) or not edge.child.done.model.spec.held:
@@ -288,9 +289,9 @@ def _beyond_rest(edge: Edge) -> str:
 def _check_friction(edge: Edge) -> str:
     """Reject an effect of friction or process beside a valve that might as well follow its command.
 
-    Without friction y answers its command at the period of the loop alone: any process with that gain and phase will
-    do, and an inverse response may be the controller turned round. A random walk leaves nothing to compare.
-    A sinusoid is compared with such a process by its gain, unless the command between the samples is unknown.
+    Without friction the command excites the process at the period of the loop alone. Any process with the right gain
+    and phase there explains y, and an inverse response may be the controller seen in reverse. A random walk leaves
+    nothing to compare. A sinusoid passes by its gain, unless the command between the samples is unknown.
     """
     effect, child = parse(edge.name)[0], edge.child
     swings = edge.blurred and any(p.name == "period_s" for p in effect.parameters)
@@ -301,16 +302,19 @@ def _check_friction(edge: Edge) -> str:
 
 
 def _beyond_scans(edge: Edge) -> str:
-    """Reject an effect that helps little under an unknown course of the output, and leaves more than noise.
+    """Reject an effect that helps little where the output between samples is unknown and more than noise is left.
 
-    Unknown scans make single slips early or late, which an autoregression whitens as well as noise. Numbers of the
-    valve put many of them right. So the gain must come from most strokes, with the strokes as its draws and the numbers
-    paid for. Unpaid, what only this gate refused on 38 clean building loops had at most 2.1 standard errors, and true
-    effects on seven others had 5.4 to 15. An effect off the valve that halves the free run explains more than slips,
-    too, and so does one without which the free run walks. A rest or a lag must do so: strokes of a valve that slides
-    between the samples look like those of a rest.
-    Beside an effect that fails here both together must. A better base than the parent sets the measure: scans that were
-    taken wrong look like an effect beside a wrong base.
+    Unknown scans make single slips early or late, which an autoregression whitens as it does noise. Parameters of the
+    valve correct many of them by chance. So most strokes must carry the gain, with the parameters paid for. Unpaid, the
+    effects that only this gate refused on 38 clean building loops had at most 2.1 standard errors. True effects on
+    seven others had 5.4 to 15.
+
+    An effect off the valve also passes where it halves the free-run error, or where the parent needs a random walk and
+    the child no noise model. A rest or a lag must do one of these. Strokes do not tell a rest, because a valve that
+    slides between the samples makes the same ones.
+
+    An effect added to a tentative parent is tested together with it. A base that is better than the parent takes the
+    parent's place, because wrongly assumed scans look like an effect of a wrong base.
     """
     child, parent, names = edge.child, edge.before, plain_name(edge.name) not in BASE_EFFECTS
     if edge.base is not None and names and edge.base.done.gain_over(parent.done) > 0.0:
@@ -328,8 +332,9 @@ def _beyond_scans(edge: Edge) -> str:
 def outlasts_noise(name: str, child: Scored, parent: Scored, policy: Policy) -> bool:
     """True for a disturbance that takes half of the free run or more, where the parent's noise seldom imitates one.
 
-    A noise model of long memory holds any slow disturbance, so that the one-step error gains nothing by its name. Yet
-    no draw of that noise may look so much like it, of as many as the policy's chance asks for.
+    A noise model of long memory absorbs any slow disturbance, so the one-step error gains nothing by the effect. The
+    effect counts where no draw of that noise looks as much like the disturbance as the residual does. The policy's
+    chance sets the number of draws.
     """
     if parse(name)[0].columns is None or parent.noise_alone or 2 * child.rmse > parent.rmse:
         return False
@@ -353,8 +358,9 @@ SHORT = {GAIN: "gains too little", "there": "ends where it vanishes", "blocks": 
 def judge_edge(edge: Edge) -> tuple[Gate, ...]:
     """All gates of an edge, with the reasons of those that it does not pass.
 
-    A disturbance that lasts passes those of the one-step error, with one gate more that says so. An integrator adds up
-    slips that unseen scans made early or late, as no draw of its noise does: there it must explain more than a slip.
+    A disturbance that outlasts the noise passes the gates of gain and held-out blocks; the gate `lasts` says so. An
+    integrator adds up slips that unseen scans made early or late, and no draw of noise does so. There the disturbance
+    must also explain more than one slip.
     """
     gates = tuple(Gate(name, not why, why) for name, gate in GATES for why in (gate(edge),))
     failed = {g.name for g in gates if not g.passed}

@@ -35,10 +35,10 @@ def order_ladder(search: Search, winner: Entry, base: Sequence[str] = (),
     """The winner's effects in the order of their gain, and specification and values (d,) of every rung, the base first.
 
     Effects of the `base` are in every rung. Those with a `given` order keep it, and come before the others. A rung is
-    the node as the search met it, or the winner without the later effects, polished. A first order has levels in every
-    rung: only the step that names a walk is fitted in differences. An integrator has differences, because the errors of
-    wrong slips add up, and so has a lag of many periods. Its last rung has levels where the winner leaves next to
-    nothing but noise in them.
+    the node that the search fitted, or the winner without the later effects, polished. A first-order process is fitted
+    to levels of y in every rung; only the step that names a random walk is fitted to differences. An integrator is
+    fitted to differences, because errors of wrong slips add up, and so is a lag of many periods. The last rung of an
+    integrator is fitted to levels where the winner, fitted so, leaves hardly more than noise.
     """
     left = [name for name in physical_effects(winner.spec) if name not in base]
     order: list[str] = []
@@ -84,7 +84,7 @@ def _rung(search: Search, winner: Entry, spec: Spec) -> tuple[Spec, FloatArray, 
 
 
 def fit_rung(model: Model, values: FloatArray, rng: np.random.Generator, *, last: bool, spans: bool = True) -> Fitted:
-    """A rung with its last polish and errors; the `last` one with intervals, too, unless it shall have no `spans`."""
+    """A rung with its last polish and errors; the `last` one also gets intervals, unless `spans` is False."""
     if model.spec.paths is not None:
         return finish_along(model, values, last=last and spans)
     if last:
@@ -100,11 +100,11 @@ def step_of(run: Run, fit: Fitted, added: str | None, findings: Sequence[Finding
 
 
 def in_colour(model: Model, values: FloatArray, scored: Scored) -> Rung:
-    """A first order in levels under the autoregression of its residual; as it is where the residual is white.
+    """A first-order process refitted under the autoregression of its residual; unchanged for a white residual.
 
-    Least squares take a coloured residual for white and bend process and slips to it, whether that colour has a name
-    or not. The values of the completed node are a start, too. An integrator has its errors in differences already. A
-    noise model with a root near 1 may lose the level: then the free run says so, and the model stays as it is.
+    Least squares assume a white residual. A coloured one distorts process and slips, whether its noise is named or not.
+    The refit starts from the given values and from those of the completed node. An integrator is fitted to differences
+    already. A noise model with a root near 1 may lose the level; a refit that doubles the free-run error is discarded.
     """
     if model.spec.paths is not None:
         return scored.done.spec, scored.done.values
@@ -118,7 +118,7 @@ def in_colour(model: Model, values: FloatArray, scored: Scored) -> Rung:
 
 
 def with_levels(run: Run, fit: Fitted, rng: np.random.Generator) -> Fitted:
-    """A fit under a noise model without a name, its intervals as wide as levels of y alone would have them, too.
+    """A fit under a noise model without a name, its intervals widened to those of a fit without that noise model.
 
     Innovations of a wrong model are far smaller than its error, so that intervals from them alone would be too narrow.
     """
@@ -130,7 +130,7 @@ def with_levels(run: Run, fit: Fitted, rng: np.random.Generator) -> Fitted:
 
 
 def with_noise(done: Refit, name: str, spec: Spec) -> Model:
-    """The model of a node with the noise that completes it as an effect of its own."""
+    """The model of a node with its noise model as an effect of its own."""
     full = replace(done.spec, effects=(*physical_effects(spec), name))
     return bind_model(done.model.loop, full, s_max=done.model.s_max, period_s=done.model.period_s,
                       residual=done.evaluated.left)

@@ -63,14 +63,14 @@ from .score import WALKING, Scored, complete_as_is, complete_with_noise
 _SECOND_LAG = f"{LAG}:{parse(LAG)[0].parameters[0].name}"
 # Points of a look on a part of the record that are polished on all of it.
 _CARRIED = 2
-# Stages of a task: searches for valves and for those that rest sometimes; a look from what is known, and one from new
-# valves, too; then a look polished.
+# Stages of a task: a search for valves, and one for valves that rest at some speeds only; a look that starts from known
+# values, and one that also starts from new valves; the polish of a look.
 VALVES, SPEEDS, NEAR, FAR, CLOSER = "valves", "speeds", "near", "far", "closer"
 
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """Parent in its search form, starts (k, 5), seed and policy, which all tasks of one expansion share."""
+    """The fit of a parent node, starts (k, 5), seed and policy: what all tasks of one expansion share."""
 
     fit: Fitted
     pool: FloatArray
@@ -98,14 +98,14 @@ class Task:
 
     @property
     def for_valves(self) -> list[Task]:
-        """The searches for valves of the child: two for a held one that rests and has no other effect on it."""
+        """The searches for valves of the child: two where the command is held and a rest is its only valve effect."""
         rests_only = self.spec.held and valve_effects(self.spec) == [RESTING]
         return [replace(self, stage=stage) for stage in (VALVES, SPEEDS)[:1 + rests_only]]
 
 
 @dataclass(frozen=True, slots=True)
 class Packed:
-    """A look or a fit without its arrays, small enough to travel; `failed` says why there is none."""
+    """A look or a fit without its arrays, small enough to pass between processes; `failed` says why there is none."""
 
     spec: Spec
     added: str = ""
@@ -124,21 +124,21 @@ class Packed:
     full: bool = False
     failed: str = ""
     spent: int = 0
-    # Searches that other tasks may ask for as well, with the samples that each took.
+    # Searches that several tasks share, with the samples that each took.
     questions: Mapping[str, int] = field(default_factory=dict)
     # Named values of the valves that a search for valves found.
     valves: tuple[dict[str, float], ...] = ()
 
     @property
     def along(self) -> bool:
-        """True for a look beside slips that PV placed, also where the law alone places those of the child.
+        """True for a look at a parent with a path, also where the child's own slips follow the law.
 
-        Such a look has a fit, but no points that a search could go on from.
+        Such a look has a fit, but no points from which a search could continue.
         """
         return self.model_spec is not None and self.points is None
 
     def score_again(self, fit: Fitted) -> Scored:
-        """The fit with its arrays again; one run of the model, no search."""
+        """The score of the fit, its arrays rebuilt by one run of the model without a search."""
         assert self.model_spec is not None and self.values is not None and self.taps is not None
         before = fit.model
         model = bind_model(before.loop, self.model_spec, s_max=before.s_max, period_s=before.period_s,
@@ -149,15 +149,18 @@ class Packed:
 
 
 def edge_adding(spec: Spec, name: str) -> Task:
-    """The edge that adds an effect to a node, in levels where a walk may stand for that effect."""
+    """The edge that adds an effect to a node.
+
+    The child is fitted to levels of y where a random walk, fitted to differences, may imitate the effect.
+    """
     soft = spec.increments and WALKING not in parse(name)[0].confused_with
     return Task(node(with_effect(spec, name), soft=soft), name)
 
 
 def keep_followed_tags(ground: Ground, tasks: Sequence[Task]) -> list[Task]:
-    """The tasks, of those that ask for a tag only the few whose tag the residual follows best, however little.
+    """The tasks; of those that add a tag only the few whose tag correlates best with the residual.
 
-    A wrong base may hide its source, so that no threshold keeps a tag out.
+    A wrong base may hide the source of a disturbance, so there is no least correlation.
     """
     seen = {}
     for task in tasks:
@@ -174,7 +177,7 @@ def keep_followed_tags(ground: Ground, tasks: Sequence[Task]) -> list[Task]:
 def edges(spec: Spec, loop: Loop, only: Iterable[str] | None, commands: Iterable[Spec]) -> list[Task]:
     """The edges of a node: effects of the catalogue (or of `only` these), the other process, other commands."""
     tasks = [edge_adding(spec, name) for name in additions(spec, loop, only)]
-    # Beside effects the valve is known; without any its basin may lie elsewhere under another process or command.
+    # A node with effects has a known valve. Without any, another process or command may need a valve far from it.
     stage = NEAR if physical_effects(spec) else FAR
     if not spec.fixed:
         tasks.append(Task(other_process(spec), stage=stage))
@@ -183,7 +186,7 @@ def edges(spec: Spec, loop: Loop, only: Iterable[str] | None, commands: Iterable
 
 
 def perform_task(ground: Ground, task: Task) -> Packed:
-    """The answer to one task; one whose numbers break down says so."""
+    """The answer to one task; it says so where the numbers of a fit break down."""
     before = tally.samples_spent()
     tally.answers()
     try:
@@ -198,17 +201,17 @@ def perform_task(ground: Ground, task: Task) -> Packed:
 
 def pool_of(fit: Fitted, seed: int) -> FloatArray:
     """Starting values (k, 5) of the base for all children of a node."""
-    # With one generator for all nodes, those that know the same disturbances have the same valves.
+    # All nodes use one generator, so that nodes with the same disturbances start from the same valves.
     return starting_pool(fit.model, fit.values, rng_of(seed, "pool", 0))
 
 
 def rng_of(seed: int, name: str, stage: int) -> np.random.Generator:
-    """A random generator of a task, whatever ran before it."""
+    """The random generator of a task; it does not depend on the tasks before."""
     return np.random.default_rng([seed, stage, zlib.crc32(name.encode())])
 
 
 def _match_form(ground: Ground, task: Task) -> Ground:
-    """The ground in levels where a task has them and its parent has differences."""
+    """The ground, its parent refitted to levels of y where the child is fitted to levels and the parent is not."""
     fit = ground.fit
     if not task.added or fit.model.spec.increments == task.spec.increments:
         return ground
@@ -263,21 +266,21 @@ def _polish_look(ground: Ground, task: Task) -> Packed:
     done, before = (complete_as_is(found.model, values) for values in (found.values, look.values))
     points = found.points[:8]
     if before.gain_over(done) > 0.0:
-        # (less in levels, but more under the noise)
+        # (the polished valve is better in levels only, not under the noise model)
         done, own = before, found.coarse.cube(_values_on_coarse(found, look.values)[:, None])
         points = np.concatenate([own, points])
     return _pack_answer(task, done, points=points, cost=found.cost, gain=found.gain)
 
 
 def _open_rng(ground: Ground, task: Task) -> np.random.Generator:
-    """A generator for valves with no process assumed: one question for each set of effects on the valve."""
+    """A generator for valves with no process assumed, the same for nodes with the same effects on the valve."""
     return rng_of(ground.seed, f"{FAR} {' + '.join(valve_effects(task.spec))} {task.spec.between}", 1)
 
 
 def _valves(ground: Ground, task: Task) -> Packed:
-    """Valves that may rest, of the child's kind, found on growing parts of the record: once for each kind and record.
+    """Resting valves of the child's kind, found on growing parts of the record.
 
-    An integrator adds up its slips, so that a valve found on a part misses slips of the rest.
+    An integrator adds up its slips, so a valve found on a short part may miss slips in the others.
     """
     model, policy = ground.fit.model, ground.policy
     samples = policy.fit_samples if task.spec.process == INTEGRATOR else \
@@ -294,7 +297,7 @@ def _valves(ground: Ground, task: Task) -> Packed:
 
 
 def _beginning(fit: Fitted, samples: int) -> Fitted:
-    """The fit on the first samples of its longest segment, where the record has twice as many or more."""
+    """The fit on the first samples of its longest segment; the fit itself where that has less than twice as many."""
     model = fit.model
     at = longest_piece(model)
     piece = model.pieces[at].loop
@@ -305,12 +308,12 @@ def _beginning(fit: Fitted, samples: int) -> Fitted:
 
 
 def _part_to_search(fit: Fitted, spec: Spec, policy: Policy) -> Fitted:
-    """The fit on the part of a long record that a search needs: all of it where an effect acts at a place of it."""
+    """The fit on the part of a long record that a search needs: all of it where an effect acts at one place."""
     return fit if any(is_local(parse(name)[0]) for name in spec.effects) else _beginning(fit, policy.fit_samples)
 
 
 def _polish_on_all(found: Scouted, fit: Fitted, name: str) -> Scouted:
-    """A look that was taken on the beginning of a long record, polished on all of it."""
+    """A look that was found on the beginning of a long record, polished on all of it."""
     model, coarse = widen_by(fit, name)
     here = fit.model.named(fit.values)
     vectors = [coarse.vector({**here, **found.coarse.named(column)})
@@ -337,7 +340,7 @@ def _look(ground: Ground, task: Task, rng: np.random.Generator) -> Scouted:
     valves = [coarse.vector({**here, **{n: v for n, v in named.items() if n in BASE or n.partition(":")[0] in mine}})
               for named in known]
     far = task.stage == FAR
-    # Nodes with the same effects on the valve have the same valves, which are searched once for a record.
+    # Nodes with the same effects on the valve share one search for valves.
     return scout_effect(ground.fit, task.added, ground.pool, _open_rng(ground, task) if far else rng,
                         valves=np.array(valves).reshape(-1, coarse.space.size), far=far, polish=False)
 
@@ -350,7 +353,7 @@ def _look_at_process(ground: Ground, task: Task, rng: np.random.Generator) -> Sc
     values = np.stack([coarse.vector({**known, **dict(zip(BASE, base, strict=True))}) for base in ground.pool], axis=1)
     starts = with_process(coarse, coarse.cube(values))
     if task.spec.process == INTEGRATOR and _SECOND_LAG in known:
-        # Of two lags the long one is the integrator; the other stays.
+        # The integrator takes the place of the longer of two lags; the other one stays.
         values[3] = known[_SECOND_LAG]
         starts = np.concatenate([coarse.cube(values), starts])
     if task.stage != NEAR:
@@ -409,7 +412,7 @@ def _fit_in_full(ground: Ground, task: Task) -> Packed:
     done = complete_with_noise(model, values, ground.pool, rng, ground.policy)
     first = complete_as_is(model, look.values)
     if first.gain_over(done) > 0.0:
-        # A fit that ends worse than its look went to another valve, which leaves less in levels.
+        # A fit that ends worse than its look has moved to another valve, with a smaller error in levels only.
         done = better_refit(done, complete_with_noise(model, first.values, ground.pool, rng, ground.policy))
     return replace(_pack_answer(task, done, cost=cost), held=held_out(done), full=True)
 

@@ -99,12 +99,12 @@ def drop_from(spec: Spec, names: Iterable[str]) -> Spec:
 
 
 def slips_like_rests(spec: Spec) -> str:
-    """The effect of a node whose slips a valve that rests may show as well; empty where it has none."""
+    """The effect of a node whose slips a resting valve may imitate; empty where it has none."""
     return next((name for name in physical_effects(spec) if parse(name)[0].natural is not None), "")
 
 
 def other_process(spec: Spec) -> Spec:
-    """The node with an integrator for a first order, or the other way without what only an integrator has."""
+    """The node with an integrator in place of a first-order lag, or the reverse; effects that don't suit it go."""
     process = FIRST_ORDER if spec.process == INTEGRATOR else INTEGRATOR
     return node(replace(spec, process=process, effects=suited_effects(spec.effects, process), guides=()))
 
@@ -123,8 +123,8 @@ def variants(effect: str, loop: Loop) -> tuple[str, ...]:
 def additions(spec: Spec, loop: Loop, only: Iterable[str] | None = None, *, last: bool = False) -> tuple[str, ...]:
     """Names under which effects of the catalogue (or of `only` these) may be added to a node, noise models left out.
 
-    Beside a valve that rests no effect is asked for that only a sliding one shows, nor the other way round. Those that
-    are asked for `last` are left out, or are the only ones.
+    A resting valve gets no effect that only a sliding valve can show, and a valve with such an effect gets no rest.
+    With `last` the result holds only the effects that are asked last, otherwise only the others.
     """
     have = {plain_name(name) for name in physical_effects(spec)}
     slides = any(parse(name)[0].slides for name in have)
@@ -144,7 +144,7 @@ def by_tag(spec: Spec, loop: Loop, only: Iterable[str] | None) -> tuple[str, ...
 
 
 def leaking_process(spec: Spec) -> Spec | None:
-    """A first order with a further lag for an integrator: one that leaks has a long lag and its own; None elsewhere."""
+    """A first-order process with a further lag for a leaking integrator, one lag being long; None elsewhere."""
     if spec.process != INTEGRATOR or LAG in spec.effects or spec.fixed:
         return None
     return node(with_effect(other_process(spec), LAG), soft=spec.increments)

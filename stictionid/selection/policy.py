@@ -52,8 +52,9 @@ class Policy:
     edge: float = _number(0.01, "1", "distance from neutral, of the range, where a limit is allowed", _PLANTS)
     drift_alone: float = _number(0.05, "1", "share of its gain that a drift must have beyond a rest", _PLANTS)
     endless_lag: float = _number(3.0, "periods", "time constant from which an integrator is asked for", _PLANTS)
-    nearly: float = _number(1.3, "1", "free run over innovations, or over that of a model that explains, that one more "
-                            "fit may close; its fall that names in a slow record, and that no chance makes", _PLANTS)
+    nearly: float = _number(1.3, "1", "free run over the noise, or over a model that explains, worth one more fit",
+                            _PLANTS)
+    freer: float = _number(1.3, "1", "fall of the free run that slips placed early or late do not make", _PLANTS)
     beyond_scans: float = _number(0.1, "1", "fall of the one-step error beyond unknown scans between samples", _PLANTS)
     kick_samples: float = _number(3.0, "samples", "distance of a step from a setpoint move", _PLANTS)
     chance: float = _number(0.01, "1", "chance of a false name, by bootstrap, strokes and draws of noise", _METHOD,

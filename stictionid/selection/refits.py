@@ -1,4 +1,4 @@
-"""Full fits of a node that is known: without one of its effects, from its children's values, or once more.
+"""Full fits of a known node: without one of its effects, from the values of its children, or once more.
 
 Source: docs/method.md, section 11.
 """
@@ -28,10 +28,10 @@ from .score import Scored, complete_as_is, complete_with_noise
 
 def refit_in_full(model: Model, values: FloatArray, rng: np.random.Generator, *,
                   beside: bool = False) -> tuple[Model, FloatArray, float]:
-    """A model, its values (d,) and cost, fitted in full from values found beside other effects.
+    """A model, its values (d,) and cost, fitted in full from values that another set of effects gave.
 
-    A slip a sample late looks like noise. With `beside`, under a held command, a population in neighbouring basins puts
-    it right; a polish stops at the first sample.
+    A slip that is a sample late looks like noise, and a polish does not move it. With `beside`, under a held command, a
+    population also searches the neighbouring basins, which moves it.
     """
     coarse = search_model(model)
     points = with_start(coarse, coarse.cube(values[:, None]))
@@ -44,7 +44,7 @@ def refit_in_full(model: Model, values: FloatArray, rng: np.random.Generator, *,
 def fit_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, policy: Policy) -> Refit:
     """A node without one of its effects (`spec`), fitted from its own values.
 
-    An effect of the base gets a fit in full: it bent the valve while an effect was missing.
+    Without an effect of the base the node gets a full fit, because that effect distorted the valve.
     """
     model = bind_model(fit.model.loop, spec, s_max=fit.model.s_max, period_s=fit.model.period_s, residual=fit.best.left)
     values = model.vector(fit.model.named(fit.values))
@@ -59,7 +59,7 @@ def fit_without(fit: Fitted, spec: Spec, name: str, rng: np.random.Generator, po
 
 
 def from_children(ground: Ground, spec: Spec, parent: Scored, children: Sequence[Scored]) -> Scored:
-    """A node fitted from the values and from the paths of its children, where one of these fits is better."""
+    """A node refitted from the values and from the paths of its children; unchanged where no refit is better."""
     found = _hand_back_values(ground.fit, children, ground.policy)
     done = found and complete_with_noise(*found, ground.pool, rng_of(ground.seed, key(spec), 1), ground.policy)
     for better in (done, _hand_back_path(parent, spec, children, ground.policy)):
@@ -69,9 +69,9 @@ def from_children(ground: Ground, spec: Spec, parent: Scored, children: Sequence
 
 
 def _hand_back_values(fit: Fitted, children: Sequence[Scored], policy: Policy) -> tuple[Model, FloatArray] | None:
-    """A node's model and values (d,) from those of its children, polished or as they are; None where none is better.
+    """A node's model and values (d,) from those of its children, polished or not; None where none is better.
 
-    A node in differences of y is tried in levels, too.
+    A node fitted to differences of y is also fitted to levels.
     """
     known, before, best = fit.model.named(fit.values), complete_as_is(fit.model, fit.values), None
     levels = node(fit.model.spec)
@@ -79,7 +79,7 @@ def _hand_back_values(fit: Fitted, children: Sequence[Scored], policy: Policy) -
         starts = np.stack([model.vector({n: v for n, v in c.done.model.named(c.done.values).items()
                                          if n in known}) for c in children], axis=1)
         cube = model.cube(starts)
-        # A descent in the free run may leave a basin that only the innovations show.
+        # A descent on the free-run error may leave a basin that only the innovations show, so both points are tried.
         for values in model.values(np.concatenate([descend_model(model, cube).points[:1], cube])).T:
             found = complete_as_is(model, values)
             if found.gain_over(before) > policy.better_fit:
@@ -90,7 +90,7 @@ def _hand_back_values(fit: Fitted, children: Sequence[Scored], policy: Policy) -
 def _hand_back_path(parent: Scored, spec: Spec, children: Sequence[Scored], policy: Policy) -> Refit | None:
     """A node of a spec settled from the path and the values of its best child; None where no child has a better path.
 
-    A path is found from the values of a node, and a parent in another basin looks exactly like a missing effect.
+    A path depends on the values that it was found from. So a parent in another basin looks like a missing effect.
     """
     found = [c.done for c in children if c.done.model.spec.paths is not None
              and c.done.gain_over(parent.done) > policy.better_fit]

@@ -109,7 +109,7 @@ def resume_search(loop: Loop, study: Study, *, seed: int, jobs: int = 1, policy:
 
 
 def add_decision(on: Resumed, study: Study, found: Decision, order: Sequence[str]) -> Study:
-    """The study with what a decision says beside its model: tree, equivalents, and what is missing."""
+    """The study with the tree, the equivalents and the missing effects of a decision; its model stays."""
     search = on.search
     for entry in on.looked:
         search.memo.setdefault(key(entry.spec), entry)
@@ -130,14 +130,14 @@ def rank_candidates(on: Resumed, study: Study, found: Decision, named: Sequence[
 
 
 def conclude_study(study: Study, found: Decision, steps: Sequence[Step], fits: Sequence[Fitted]) -> Study:
-    """The study with the ladder of a decision: the end of every way to the same effects."""
+    """The study with the ladder of a decision; search, `add` and `remove` end here, so that they agree."""
     after = _widen_estimate(with_steps(study, tuple(steps), fits[-1]), found)
     adequate, why = judged_by(found.shape, after.adequate, after.adequate_reason)
     return replace(after, adequate=adequate, adequate_reason=why)
 
 
 def _widen_estimate(study: Study, found: Decision) -> Study:
-    """The study whose intervals of S and J reach to the models that explain the record alike."""
+    """The study with intervals of S and J widened to those of the equivalents."""
     estimate = study.estimate
     if estimate is None:
         return study
@@ -161,7 +161,7 @@ def unseen_scans(run: Run) -> bool:
 
 
 def commands_of(run: Run) -> tuple[Spec, ...]:
-    """The ways in which the command may have gone between samples; none where the record tells."""
+    """The possible courses of the command between samples; none where the record shows it."""
     loop, o = run.loop, run.options
     if o.between != "auto" or surely_moves(loop) or surely_scanned(loop):
         return ()
@@ -171,8 +171,8 @@ def commands_of(run: Run) -> tuple[Spec, ...]:
 def _replant(search: Search, run: Run, study: Study, fit: Fitted, policy: Policy) -> tuple[Entry, ...]:
     """Put the models of a study's steps and of its tree in the memo of a search.
 
-    Nodes with effects that were looked at only, and those that failed, are returned instead: in the memo a search would
-    not ask for them again. Bases are not asked for again.
+    Nodes with effects that only had a look, and those that failed, are returned instead: in the memo the search would
+    not look at them again. Bases that only had a look are put in the memo, so they are not looked at again.
     """
     search.root(fit)
     looked: list[Entry] = []
@@ -287,7 +287,7 @@ def _is_rung(run: Run, step: Step, spec: Spec) -> bool:
 
 
 def left_out_finding(found: Decision, study: Study, but: Sequence[str] = ()) -> tuple[Finding, ...]:
-    """The finding on effects of the study that the ladder leaves out, some taken out by hand apart."""
+    """The finding on effects of the study that the ladder leaves out, other than those taken out by hand (`but`)."""
     had = {plain_name(name) for name in study.steps[-1].effects}
     have = {plain_name(name) for name in physical_effects(found.winner.spec)} | ({found.noise} - {""})
     gone, new = sorted(had - have - {plain_name(name) for name in but}), sorted(have - had)

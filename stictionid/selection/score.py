@@ -71,7 +71,7 @@ class Scored:
 
     @cached_property
     def by_pv(self) -> bool:
-        """True where PV moved more slips than a model of its own leaves to it: a missing effect may be the reason."""
+        """True where PV moved so many slips of the path that a missing effect may be the reason."""
         return (share_moved(self.done.model, self.done.values) or 0.0) > MOST_MOVED
 
     @cached_property
@@ -83,7 +83,7 @@ class Scored:
 
     @cached_property
     def band(self) -> Refit | None:
-        """The model as it stands with a band of wandering phase as its noise; None where none outlasts its cycle."""
+        """The model with narrow-band noise, not refitted; None where the band's phase wanders within one cycle."""
         return complete_with_band(self.done)
 
     @cached_property
@@ -93,39 +93,39 @@ class Scored:
 
     @cached_property
     def noise_alone(self) -> bool:
-        """True where the innovations are white, and the noise model remembers too shortly to be a disturbance."""
+        """True where the innovations are white, and the noise model's memory is too short for a disturbance."""
         return self.done.noise_alone
 
     def needs_no_noise_model(self, policy: Policy) -> bool:
-        """True where the innovations are nearly all of the free run."""
+        """True where the free-run error is hardly larger than the innovations."""
         return self.rmse <= policy.carried * self.done.noise_error
 
     def is_explained(self, policy: Policy) -> bool:
-        """True where white innovations are left that are nearly all of the free run."""
+        """True where the innovations are white and the free-run error is hardly larger."""
         return self.white and self.needs_no_noise_model(policy)
 
     def only_noise(self, policy: Policy) -> bool:
-        """True where noise of short memory is left, or white innovations that are nearly all of the free run."""
+        """True where the model leaves only noise of short memory, or is explained."""
         return self.noise_alone or self.is_explained(policy)
 
     def leaves_little(self, policy: Policy) -> bool:
-        """True where a noise model carries only a little of the free run."""
+        """True where the free-run error is at most `nearly` times the noise."""
         return self.rmse <= policy.nearly * self.done.noise_error
 
     def acts_as_integrator(self, policy: Policy) -> bool:
-        """True for a first order whose lag is many periods long: an integrator but for its level."""
+        """True for a first-order process whose lag is many periods long, so that it acts as an integrator."""
         done = self.done
         return done.model.spec.process == FIRST_ORDER and \
             done.evaluated.values["time_constant_s"] >= policy.endless_lag * done.model.period_s
 
     @property
     def free_run_at_noise(self) -> bool:
-        """True where the noise model carries next to nothing."""
+        """True where the residual needs no noise model at all."""
         return not self.done.taps.size and not self.done.increments
 
 
 def complete_as_is(model: Model, values: FloatArray) -> Refit:
-    """The model as it is, completed with the better of an autoregression and a walk, not refitted to it."""
+    """The model completed with the better of an autoregression and a random walk, not refitted to it."""
     found = complete_quickly(model, values)
     walk = _as_walk(model, found)
     return place_slips(found if walk is None else better_refit(found, complete_quickly(*walk)), rounds=0)
@@ -142,7 +142,7 @@ def complete_with_noise(model: Model, values: FloatArray, pool: FloatArray, rng:
     walk = _as_walk(found.model, found)
     if walk is None or not has_long_memory(found.taps):
         return found
-    # So slow a noise may have moved the valve into another basin.
+    # Noise of long memory may have moved the valve into another basin, so differences are fitted as well.
     softened = place_slips(complete_model(*walk, pool, rng, descent=True), found.values)
     gain = softened.gain_over(found)
     return softened if gain > policy.alike or (gain > -policy.alike and _noise(softened).walks) else found
@@ -165,9 +165,9 @@ def _noise(done: Refit) -> Noise:
 
 
 def least_free_run(scored: Scored, beside: Scored) -> float:
-    """The free-run error of a node, in the unit of y, fitted to that alone from its own point and that of another node.
+    """The least free-run error of a node, in the unit of y, fitted from its own values and from those of another node.
 
-    Under a noise model a fit gives up some of it.
+    A node is fitted together with its noise model, and then its free-run error is larger than it need be.
     """
     done = scored.done
     model = bind_model(done.model.loop, replace(done.model.spec, increments=False, taps=()), s_max=done.model.s_max,
@@ -190,9 +190,9 @@ def beyond_noise(done: Refit) -> float:
 
 
 def _averages_dominate(done: Refit) -> bool:
-    """True where averages over two periods, or two lags, carry more than half of the free-run error.
+    """True where averages over two periods, or two lags, hold more than half of the squared free-run error.
 
-    A slip is wrong until the next one, and its error dies with the lag.
+    The error of a single wrong slip is shorter: it ends with the next slip and decays with the lag.
     """
     e, longest = done.evaluated, max(done.model.period_s, done.evaluated.values["time_constant_s"])
     width = max(round(2 * longest / done.model.step_s), 1)
@@ -207,16 +207,18 @@ def _averages_dominate(done: Refit) -> bool:
 def noise_name(scored: Scored, policy: Policy, *, slow: bool = False) -> str:
     """The name of the noise under the free run; empty for white noise, or for less than the margin.
 
-    The errors of an integrator's slips add up, so that a noise of long memory has a name there only where it walks
-    fast: a sample tells half of the walk or more (1 - theta), and its innovations are white. In benchmarks/plants true
-    walks had a theta of 0.43, slips of clean loops 0.79 to 1. A lag of many periods is that of an integrator. A
-    resonance of more than one cycle is a narrow band. An autoregression can't whiten a band under white noise, so other
-    innovations than white ones name a band only. The band must gain the margin over the autoregression, which resonates
-    or leaves what the band whitens.
+    An integrator adds up the errors of its slips, which looks like noise of long memory. Such noise is named there only
+    for a fast random walk: 1 - theta is half or more, and the innovations are white. In benchmarks/plants true walks
+    had a theta of 0.43, slips of clean loops 0.79 to 1. A first-order process with a lag of many periods counts as an
+    integrator.
 
-    In a record that is `slow` against the scan slips come early or late, which looks like noise of short memory. A walk
-    that outlasts several of them is named there, a band of more than two cycles, and noise of short memory; the
-    innovations must be white.
+    A resonance that lasts more than one cycle is a narrow band. An autoregression can't whiten a band under white
+    noise. So innovations that are not white allow the name of a band only. The band must gain the margin over the
+    autoregression, and either the autoregression resonates or the band's innovations are white.
+
+    `slow` is True for a record slower than the controller's scan. Its slips are placed early or late, which looks like
+    noise of short memory. There the innovations must be white for any name. A random walk must outlast several slips,
+    and a band two cycles.
     """
     done = scored.done
     e, starts = done.evaluated, done.model.loop.starts
@@ -262,7 +264,7 @@ def is_noise(name: str) -> bool:
 def point_in_search_form(scored: Scored, spec: Spec) -> Fitted:
     """The node's point in its search form, ready for looks at its children."""
     done = scored.done
-    # Slips that PV placed stay where little is left to explain; elsewhere they bend to the missing effect.
+    # Slips that PV placed are kept where little is left to explain. Elsewhere they would fit the missing effect.
     paths = done.model.spec.paths if done.evaluated.rmse <= NEARLY * done.noise_error else None
     model = bind_model(done.model.loop, replace(node(spec, soft=done.increments), paths=paths),
                        s_max=done.model.s_max, period_s=done.model.period_s, residual=done.evaluated.left)

@@ -59,27 +59,27 @@ class Search:
     commands: tuple[Spec, ...] = ()
     memo: dict[str, Entry] = field(default_factory=dict)
     valves: dict[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
-    # Nodes without one effect, by node, effect and innovations: the decision asks for the same ones several times.
+    # Nodes with one effect taken out, by node, effect and innovations: the decision needs the same ones several times.
     drops: dict[tuple[str, str, float], Entry] = field(default_factory=dict)
-    # Answers beside which the other kind of valve was asked for.
+    # Answers for which the other kind of valve was searched.
     rested: set[str] = field(default_factory=set)
-    # False once slips that PV places were sought from other valves.
+    # False once the search has placed slips from other valves.
     may_anneal: bool = True
     budget: Budget = field(init=False)
     # True where the record is slower than the controller's scan.
     slow: bool = False
-    # True where the output was computed between the samples, too, in a way that they do not show.
+    # True where the controller also moved the output between the samples, which the record does not show.
     blurred: bool = False
     # Irreducible noise in the unit of y for a completed model; None where the record is too short.
     floor: Callable[[Refit], float | None] = lambda done: None
 
     def __post_init__(self) -> None:
-        # A record longer than those that looks search on gets more.
+        # A record longer than the part that looks search on gets a larger budget.
         longer = float(np.sqrt(max(self.loop.samples / self.policy.fit_samples, 1.0)))
         self.budget = Budget(self.policy.budget * longer, self.policy.unit)
 
     def root(self, fit: Fitted) -> Entry:
-        """A fit made elsewhere as a root of the search; the better one of two fits of one node."""
+        """Add a fit made before the search as a root; of two fits of one node the better one stays."""
         spec, before = node(fit.model.spec), fit.model
         model = bind_model(before.loop, spec, s_max=before.s_max, period_s=before.period_s, residual=fit.best.left)
         values = model.vector(fit.best.values)
@@ -99,7 +99,7 @@ class Search:
         if everything and not self.best().asked:
             self.expand(self.best())
         if (tags := by_tag(self.best().spec, self.loop, self.only)) and not self.at_end(self.best()):
-            # A tag that explains the record is measured: nothing else need be asked.
+            # A tag is measured: where one explains the record, no other effect is asked for.
             self.ask_for(self.best(), tags)
         while key((best := self._expand_until_done()).spec) not in self.rested:
             self.rested.add(key(best.spec))
@@ -109,7 +109,7 @@ class Search:
                 self.ask_for(*doubted)
         base = next(iter(self.memo.values()))
         late = additions(base.spec, self.loop, self.only, last=True) if self.only is None else ()
-        if late and not self.slow and self.budget.share < 2 and not self._noise_may_hide(best):
+        if late and not self.slow and self.budget.share < 2 and not self._is_carried_by_noise(best):
             self.ask_for(base, late, beside=best)
             best = self._expand_until_done()
         return best
@@ -140,8 +140,8 @@ class Search:
     def at_end(self, entry: Entry) -> bool:
         """True where an entry's free run is white noise, or it was expanded and leaves white innovations.
 
-        An autoregression that whitens everything is no reason to stop before that: it may stand for a disturbance. Nor
-        are slips that PV moved.
+        White innovations alone are no reason to stop before that: the autoregression may stand for a disturbance, and
+        slips that PV moved for a missing effect.
         """
         scored = entry.scored
         return (scored.white and scored.free_run_at_noise and not scored.by_pv) or (
@@ -152,11 +152,11 @@ class Search:
         return rank_entries(self.memo, self.policy)[0]
 
     def expand(self, entry: Entry) -> None:
-        """Look at every edge of a node, fit what may win in full, hand values back; ask again in another basin."""
+        """Look at every edge of a node, fit the best looks in full, hand values back; repeat in a better basin."""
         entry.asked, before = True, entry.scored.done
         ground, tasks = self._open_node(entry, "expanding")
         if not any(on_valve(effect) for effect in ground.fit.model.effects):
-            # A valve that rests is as common as one that slides, and its basin is far from there.
+            # A valve that rests is as common as one that slides, and its basin is far from that of a sliding one.
             self._search_valves(ground, [t for t in tasks if t.added == RESTING])
         self._fit_best_looks(ground, entry, self._look_at_tasks(ground, entry, tasks))
         self._drop_needless()
@@ -169,7 +169,7 @@ class Search:
             entry.asked = False
 
     def _open_node(self, entry: Entry, words: str) -> tuple[Ground, list[Task]]:
-        """A node as the ground of looks, and its edges; `words` say for which."""
+        """The ground that the looks of a node share, and the node's edges; `words` tell the progress."""
         self.tell(f"{words} {' + '.join(entry.spec.effects) or 'the base'}", min(self.budget.share, 1.0))
         fit = point_in_search_form(entry.scored, entry.spec)
         ground = Ground(fit, pool_of(fit, self.seed), self.seed, self.policy, self.valves)
@@ -177,11 +177,11 @@ class Search:
 
     def ask_for(self, entry: Entry, names: Sequence[str], *, changes: bool = False, beside: Entry | None = None,
                 beyond: Entry | None = None, sure: bool = False) -> None:
-        """Ask beside a node for effects that are not fitted yet, and with `changes` for those of structure.
+        """Add effects that are not fitted yet to a node, one at a time; with `changes` change its structure, too.
 
-        A search that begins with parts of the record ends where it does not leave less than another node, `beside`.
-        With `beyond` only looks better than that node are fitted, and the budget holds as it does with `changes`. Where
-        it is `sure` that an effect enters, its best look is fitted in full whatever it gains.
+        Where `beside` is given, a growing-window search stops as soon as its residual exceeds that of `beside`. With
+        `beyond` only looks better than that node are fitted. Without `changes` or `beyond` the search gets a budget of
+        its own. Where it is `sure` that an effect enters, its best look is fitted in full whatever it gains.
         """
         ground, tasks = self._open_node(entry, f"asking for {names[0]} beside")
         if beside is not None:
@@ -196,19 +196,19 @@ class Search:
             self._fit_best_looks(ground, entry, looks, sure)
 
     def _try_same_slips(self, entry: Entry, *, better: bool = False) -> None:
-        """Put nodes with the slips of an entry in the memo, the other kind of valve too (see `add_same_slips`)."""
+        """Fit both kinds of valve with the slips of an entry, and put them in the memo (see `add_same_slips`)."""
         if add_same_slips(self.memo, entry, self.loop, self.only, self.seed, self.policy, better=better):
             self._judge(entry)
 
     def _anneal_slips(self, entry: Entry) -> None:
-        """Seek slips that PV places from other valves, too, where a base leaves more than noise; once for a record."""
+        """Place the slips of a base that leaves more than noise from other valves, once for a record."""
         if self.may_anneal and not depth(entry.spec) and not self.at_end(entry):
             self.may_anneal, done = False, place_slips(entry.scored.done, other_valves=True)
             if done.gain_over(entry.scored.done) > self.policy.better_fit:
                 entry.scored, entry.asked = Scored(done, True, held_out(done)), False
 
     def _find_doubt(self, entry: Entry) -> tuple[Entry, tuple[str, ...]] | None:
-        """A node and effects to ask for beside it, once: an answer may be another valve, or lack a drift; or None."""
+        """A node and effects to add to it where the answer may be another valve or lack a disturbance; else None."""
         spec = entry.spec
         if self.budget.share >= 2:
             return None
@@ -224,7 +224,7 @@ class Search:
             return None
         if RESTING in additions(spec, self.loop, self.only):
             return entry, (RESTING,)
-        # Under a command that moves a valve that rests may be one that slides and goes past its place.
+        # Under a command that moves between samples a valve with slip overshoot looks like one that rests.
         if RESTING not in spec.effects or (spec.held and self.only_noise(entry)):
             return None
         slides = self.drop_effect(entry, RESTING)
@@ -232,12 +232,12 @@ class Search:
         return (slides, names) if names else None
 
     def _ask_structures(self, entry: Entry) -> None:
-        """Ask beside every process, lag and command for a valve that rests: two changes may show only together."""
+        """Add a rest to the node of every process, lag and command: two changes may help only together."""
         queue, seen = [entry], {key(entry.spec)}
         while queue and not self.budget.over and not self.only_noise(self.best()):
             base = queue.pop(0)
             if base is not entry and RESTING in additions(base.spec, self.loop, self.only):
-                # The valves found without a further lag will do: most of them were found without a process.
+                # Valves found without a further lag serve here, too: most were found with no process assumed.
                 kind, known = (kind_of(with_effect(x, RESTING)) for x in (base.spec, drop_from(base.spec, (LAG,))))
                 if known in self.valves:
                     self.valves.setdefault(kind, self.valves[known])
@@ -247,16 +247,16 @@ class Search:
             seen |= found.keys()
 
     def fit_integrator(self, entry: Entry) -> Entry | None:
-        """A node with an integrator for a lag of many periods, which has no level; None where no lag is so long.
+        """The node with an integrator in place of a lag of many periods; None where no lag is so long.
 
-        A further lag is then the integrator's own. Beside such a lag effects imitate what the level leaves.
+        The level of so long a lag leaves an error that effects may imitate; an integrator has none.
         """
         if entry.spec.fixed or not entry.scored.acts_as_integrator(self.policy):
             return None
         return self.fit_structure(entry, other_process(drop_from(entry.spec, (LAG,))))
 
     def fit_structure(self, entry: Entry, spec: Spec) -> Entry | None:
-        """The node of another structure beside an entry, fitted in full; None where its fit failed."""
+        """The node of another structure, fitted in full from an entry; None where its fit failed."""
         task = Task(spec)
         if self._needs_fit(task):
             ground, _ = self._open_node(entry, "asking for another structure beside")
@@ -267,7 +267,7 @@ class Search:
         return None if found.failed else found
 
     def _ask_instead_of_lag(self, entry: Entry) -> None:
-        """Look at effects on the process in the place of a further lag: beside it they begin far off."""
+        """Look at effects on the process in place of a further lag; added to it they start far off."""
         if LAG not in entry.spec.effects or self.only is not None or self.only_noise(self.best()):
             return
         bare = self.drop_effect(entry, LAG)
@@ -275,7 +275,7 @@ class Search:
             self.ask_for(bare, names, beyond=entry)
 
     def _drop_needless(self) -> None:
-        """Drop what the best node has from its base and no longer needs: a rest found while an effect was missing."""
+        """Drop a lag or rest of the base that the best node no longer needs: it stood in for a missing effect."""
         best = self.best()
         for name in BASE_EFFECTS.intersection(best.spec.effects):
             if depth(best.spec) and not self.only_noise(best):
@@ -294,7 +294,7 @@ class Search:
         spec = node(drop_from(entry.spec, (name,)), soft=entry.scored.done.increments)
         known = self.memo.get(key(spec))
         if known is not None and known.scored.full and entry.op == ADD and entry.parent == key(spec):
-            return known  # it was polished from this entry's values when they were handed back
+            return known  # (the hand-back has polished it from this entry's values)
         done = fit_without(point_in_search_form(entry.scored, entry.spec), spec, name, rng_of(self.seed, key(spec), 2),
                            self.policy)
         if known is not None and not known.failed and known.scored.done.gain_over(done) > 0.0:
@@ -309,7 +309,7 @@ class Search:
 
     def _search_valves(self, ground: Ground, tasks: Sequence[Task]) -> None:
         """Find the valves of every kind that is not known yet, on growing parts of the record."""
-        tasks = tasks if ground.fit.model.spec.paths is None else ()  # (beside a path looks go along it)
+        tasks = tasks if ground.fit.model.spec.paths is None else ()  # (looks at a model with a path need no valves)
         asked = [question for t in tasks if kind_of(t.spec) not in self.valves for question in t.for_valves]
         with Crew(ground, self.jobs) as crew:
             for task, answer in self.budget.answers(crew, asked):
@@ -326,16 +326,16 @@ class Search:
         return tasks
 
     def _needs_fit(self, task: Task) -> bool:
-        """True for a node that is not fitted in full, nor known from an earlier search to be worth no fit."""
+        """True for a node without a full fit that no earlier search has looked at and rejected."""
         known = self.memo.get(key(task.spec))
         return known is None or (not known.scored.full and (known.look is not None or bool(known.failed)))
 
     def _look_at_tasks(self, ground: Ground, entry: Entry, tasks: Sequence[Task]) -> list[Packed]:
-        """Looks at tasks, the most promising effects polished: the best by score and by free run.
+        """Looks at tasks; the best effects by score and by free-run error are polished.
 
-        Effects off the valve come first, then those on it by twos, then changes of structure. As long as no look comes
-        near the noise, and the innovations are not white, the latter two are also searched from new valves, with no
-        process assumed.
+        Effects off the valve come first, then those on the valve two at a time, then changes of structure. The latter
+        two also start from new valves, with no process assumed. They stop doing so once a look comes near the noise or
+        the innovations are white.
         """
         tasks = keep_followed_tags(ground, tasks)
         answers: list[Packed] = []
@@ -356,7 +356,7 @@ class Search:
         return [*(a for a in answers if key(a.spec) not in closer), *polished]
 
     def _perform_tasks(self, ground: Ground, entry: Entry, tasks: Sequence[Task], always: bool = False) -> list[Packed]:
-        """Answers to tasks, whatever the budget with `always`; each look is remembered where it is its node's best."""
+        """Answers to tasks, each put in the memo where it is its node's best; `always` ignores the budget."""
         answers = []
         with Crew(ground, self.jobs) as crew:
             for task, answer in self.budget.answers(crew, tasks, always):
@@ -368,11 +368,11 @@ class Search:
         return answers
 
     def _score_of(self, answer: Packed) -> Scored:
-        """Score of a look, whether it waits beside a full fit or not."""
+        """Score of a look, also of one that is kept beside a full fit."""
         return self.memo[key(answer.spec)].score_of_look(answer)
 
     def _fit_best_looks(self, ground: Ground, entry: Entry, looks: Sequence[Packed], sure: bool = False) -> None:
-        """Fit the looks that may win in full, the best first; then hand values back and judge all full children."""
+        """Fit the best looks in full, hand their values back, and test all full children by their gates."""
         parent = entry.scored.done
         gains = {key(a.spec): self._score_of(a).done.gain_over(parent) for a in looks}
         by_score = sorted(looks, key=lambda a: -gains[key(a.spec)])
@@ -386,15 +386,15 @@ class Search:
             if explained is not None and self._score_of(answer).rmse > self.policy.nearly * explained.rmse:
                 continue
             structural = depth(answer.spec) == 0 and better_base(self.memo, self.memo[name], self.policy)
-            # A rough place of a disturbance costs innovations, but it takes most of the free run.
+            # A disturbance placed roughly has large innovations, but it halves the free-run error.
             halves = name in freest and 2 * self._score_of(answer).rmse <= entry.scored.rmse
             freer = self._score_of(answer).rmse * self.policy.better_base < entry.scored.rmse
             late = count >= self.policy.finalists or gains[name] < max(0.0 if freer else best - self.policy.within, 0.0)
-            # A look that gains nothing, and no free run either, is no lead.
+            # A look that lowers neither BIC nor the free-run error is not fitted.
             least = -self.policy.within if freer else 0.0
             if ((late and count) or gains[name] < least) and not structural and not halves and (count or not sure):
                 continue
-            # The best look is fitted even where the budget ended with the looks, so is the freest where it halves.
+            # The best look is fitted even after the budget, and so is the one of least free-run error if it halves it.
             always = not count or (halves and answer is by_free_run[0])
             done = self._perform_tasks(ground, entry, [Task(answer.spec, answer.added, look=answer)], always=always)
             count += not structural
@@ -415,7 +415,7 @@ class Search:
         entry.settled = True
 
     def _hand_back(self, ground: Ground, entry: Entry) -> None:
-        """Polish the parent from the values of each full child: a wrong basin looks exactly like a missing effect."""
+        """Polish the parent from the values of each full child, because a wrong basin looks like a missing effect."""
         children = [e for e in self.memo.values() if e.parent == key(entry.spec) and e.scored.full and not e.failed
                     and e.spec.process == entry.spec.process and e.spec.between == entry.spec.between]
         if children:
@@ -429,17 +429,17 @@ class Search:
         """True where an entry leaves noise of short memory, or is explained."""
         return entry.scored.noise_alone or self.is_explained(entry)
 
-    def _noise_may_hide(self, entry: Entry) -> bool:
-        """True where a free run is at the noise, or noise alone is left that walks or carries less than half of it.
+    def _is_carried_by_noise(self, entry: Entry) -> bool:
+        """True where the noise explains the free-run error: a walk with white innovations, its floor, or short memory.
 
-        A positioner that hunts came out as coloured noise, with S 31 % off.
+        A noise of short memory may make up half of the error: a hunting positioner passed for one, with S 31 % off.
         """
         scored = entry.scored
         return (scored.white and scored.done.increments) or self._at_floor(scored) or (
             self.only_noise(entry) and scored.rmse <= 2 * scored.done.innovation_sd)
 
     def is_explained(self, entry: Entry) -> bool:
-        """True where white innovations are nearly all of the free run, or that is near the irreducible noise."""
+        """True where the innovations are white and the free-run error hardly larger, or near the irreducible noise."""
         if entry.scored.white:
             return entry.scored.is_explained(self.policy)
         # Tests for whiteness reject every model of a long record, and one whose command is rebuilt between samples.

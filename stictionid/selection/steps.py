@@ -51,7 +51,7 @@ def with_steps(study: Study, steps: tuple[Step, ...], after: Fitted) -> Study:
 
 
 def with_noise_of(study: Study, found: Scored) -> Study:
-    """The study whose noise is bounded by the innovations of a search's answer, too, and judged by it."""
+    """The study with its noise also bounded by the innovations of a search's answer, and its adequacy judged anew."""
     steps = with_one_noise(study.steps, found.done.innovation_sd)
     if steps == study.steps:
         return study
@@ -75,14 +75,14 @@ def estimate(study: Study, fit: Fitted) -> Estimate | None:
 
 
 def with_known_jump(found: Estimate, loop: Loop) -> Estimate:
-    """The estimate with J marked as unknown where more than half of it is open, or rounding withholds its interval."""
+    """The estimate with J marked as unknown where its interval is wider than half of J, or withheld for rounding."""
     span = found.J_interval
     open_ = is_coarse(loop, found.S) if span is None else span[1] - span[0] > _OPEN * found.J
     return replace(found, J_known=not open_)
 
 
 def widen_to_equivalents(found: Estimate, reach: Mapping[str, tuple[Span, ...]]) -> Estimate:
-    """The estimate with intervals of S and J that reach to those of the models that explain the record alike."""
+    """The estimate with intervals of S and J widened to the pieces `reach` of the equivalents."""
     if not reach or found.S_interval is None or found.J_interval is None:
         return found
     S = united([*(found.S_pieces or (found.S_interval,)), *reach["S"]])

@@ -15,7 +15,7 @@ Memo = Mapping[str, Entry]
 
 
 def rank_entries(memo: Memo, policy: Policy, *, tentative: bool = False) -> list[Entry]:
-    """The entries that passed all gates (or nearly, with `tentative`), best BIC first."""
+    """The entries that passed all gates, and with `tentative` also the tentative ones, best BIC first."""
     entries = [e for e in memo.values() if e.passed or (tentative and e.tentative)]
     reference = entries[0].scored.done
     gains = {key(e.spec): e.scored.done.gain_over(reference) + e.credit(memo, policy) for e in entries}
@@ -23,26 +23,26 @@ def rank_entries(memo: Memo, policy: Policy, *, tentative: bool = False) -> list
 
 
 def nodes_to_ask(memo: Memo, policy: Policy, *, only_some: bool) -> list[Entry]:
-    """The nodes to ask: new bases by free run, then others by BIC.
+    """The nodes to expand next, in order: new bases by free-run error, then the others by BIC.
 
-    Beside a missing effect an autoregression hides which base is right; the free run does not. Bases that do not help
-    alone come where nothing else is left: beside one of them another effect may. With `only_some` effects of the
-    catalogue none can, so these bases are left out.
+    While an effect is missing, an autoregression hides which base is right; the free-run error shows it. Structure
+    changes that do not help alone are expanded last: one may help together with an effect. They are left out where the
+    search may use `only_some` effects of the catalogue.
     """
     whole = [e for e in rank_entries(memo, policy, tentative=True) if depth(e.spec) < policy.depth]
-    rest = [e for e in whole if not e.asked]
-    if rest and rest[0].scored.only_noise(policy):
-        return rest[:1]
-    free = [e for e in rest if depth(e.spec) and _halves_free_run(memo, e)]
-    if free or (rest and rest[0] is whole[0] and depth(whole[0].spec) and whole[0].scored.leaves_little(policy)):
-        return [*free, *(e for e in rest if e not in free)]  # (nothing hides a base)
+    queue = [e for e in whole if not e.asked]
+    if queue and queue[0].scored.only_noise(policy):
+        return queue[:1]
+    free = [e for e in queue if depth(e.spec) and _halves_free_run(memo, e)]
+    if free or (queue and queue[0] is whole[0] and depth(whole[0].spec) and whole[0].scored.leaves_little(policy)):
+        return [*free, *(e for e in queue if e not in free)]  # (no missing effect hides a base)
     unasked = [e for e in memo.values() if not e.asked and not e.failed and not depth(e.spec)]
     bases = [e for e in unasked if e.scored.full
              and ((not only_some and e is whole[0]) or better_base(memo, e, policy))]
     least = min((e.scored.rmse for e in bases), default=0.0)
-    # Bases whose free runs are about as good come by BIC; the free run of a walk tells nothing.
+    # Bases with similar free-run errors are ordered by BIC. Under a random walk the free-run error tells nothing.
     bases.sort(key=lambda e: (e.scored.rmse > 2 * least and not e.scored.done.increments, _bic(e)))
-    found = [*bases, *(e for e in rest if depth(e.spec) > 0)]
+    found = [*bases, *(e for e in queue if depth(e.spec) > 0)]
     return found or ([] if only_some or rank_entries(memo, policy)[0].scored.white else sorted(unasked, key=_bic))
 
 

@@ -23,7 +23,7 @@ from ..typing import FloatArray
 RUNGS = np.geomspace(0.01, 1.0, 15)
 """Values of S as shares of the output's swing; a valve with more than its swing never moves."""
 _JUMPS, _FORCES = (0.0, 0.3, 0.7, 1.0), (-0.9, -0.5, 0.0, 0.5, 0.9)
-# Dead times tried, in samples less than that of the model without friction: a valve that rests comes late by itself.
+# Dead times tried, in samples less than that of the model without friction: a resting valve is late by itself.
 _EARLIER = (0.0, 1.0, 3.0, 8.0)
 # Best starts of a rung that are descended, and turns of the descent.
 _DESCENDED, _TURNS = 4, 6
@@ -50,7 +50,7 @@ def largest_possible(sticking: Whitened, free: Whitened, swing: float) -> Possib
     for share in RUNGS:
         points = model.cube(_starts(known, sticking, free, share * swing))
         tops.append(points[np.argsort(model.costs(points), kind="stable")[:_DESCENDED]])
-    found = descend_model(model, np.concatenate(tops), held=(0,), turns=_TURNS)
+    found = descend_model(model, np.concatenate(tops), fixed=(0,), turns=_TURNS)
     values = np.concatenate([model.values(found.points), known.values[:, None]], axis=1)
     S, cost = values[0], np.maximum(np.append(found.costs, model.costs(model.cube(known.values[:, None]))), 1e-300)
     loss = model.shared.rows * np.log(cost / cost.min())

@@ -55,11 +55,19 @@ from .causes import looks_like
 from .excluded import largest_possible
 
 _BLOCKS = 5
-# Likelihood ratio and blocks won above which friction is in the record, and ratio below which nothing speaks for it.
-# Then the share of the variance of y that friction must explain, or, for a clear ratio, the share by which the one-step
-# error must fall, or the share of the free-run error: of a small S beside a large disturbance it explains most of that.
-_STICKS, _CLEAN, _WON = 40.0, 15.0, 4
-_EXPLAINED, _CLEAR, _CLEAR_DROP, _MOST_OF_THE_ERROR = 0.03, 200.0, 0.08, 0.5
+# Likelihood ratio from which friction is in the record, and ratio below which nothing speaks for it. Unit: 2 log L.
+_STICKS, _CLEAN = 40.0, 15.0
+# Blocks of five in which friction must lower the error.
+_WON = 4
+# Share of the variance of y that friction must explain. Unit: 1.
+_EXPLAINED = 0.03
+# Likelihood ratio that is clear: a fall of the one-step error may then take the place of that share. Unit: 2 log L.
+_CLEAR = 200.0
+# Share by which the one-step error must then fall. Unit: 1.
+_CLEAR_DROP = 0.08
+# Share by which a fall of the free-run error takes its place at any ratio: a small S beside a large disturbance
+# explains little of the variance, but most of the error. Unit: 1.
+_MOST_OF_THE_ERROR = 0.5
 # Below these shares of the variance and of the free-run error friction explains nothing that matters.
 _NOTHING, _NOTHING_DROP = 0.02, 0.05
 # Number of the grid's best processes that are compared again under a noise model.
@@ -131,7 +139,7 @@ def compare_with_free(run: Run, sticking: Whitened, searched: float = 0.0, reach
         "one_step_drop": one_step, "likelihood_ratio": ratio, "blocks_won": won, "blocks": _BLOCKS,
         "effects": [effect.name for effect in sticking.model.effects],
         "held_out_gain": None if gain is None else gain.share, "held_out_won": None if gain is None else gain.won}
-    # A free run that leaves y errs by more than y moves: a disturbance, not the valve, then makes the difference.
+    # A free-run error larger than the scatter of y comes from a disturbance, which then makes the difference.
     leaves = free.rmse > float(np.std(run.used_y()))
     said = (f"friction lowers the quick-fit error from {free.rmse:.4g} to {sticking.rmse:.4g}" if drop > 0 else
             f"friction does not lower the quick-fit error ({sticking.rmse:.4g} with it, {free.rmse:.4g} without)")
@@ -160,7 +168,7 @@ def compare_with_free(run: Run, sticking: Whitened, searched: float = 0.0, reach
         if (quiet or not claim.open) and (answered := _answering_gain(free)) < _CLEAN:
             swing = float(np.ptp(run.loop.output[run.loop.used]))
             answer, confidence, instead, claim = "undecided", 0.3, "", None
-            # Of a model that is far from its noise an effect may be missing, with which y answers.
+            # A model far from its noise may lack an effect that would make y depend on the output.
             evidence |= {"answered": answered} | ({} if first else {"code": UNANSWERED})
             said = (f"y does not answer the output, which moves over {swing:.3g} {run.loop.unit('output', '%')} "
                     f"(likelihood ratio {answered:.0f}, {_CLEAN:.0f} are needed): a valve whose stickband is about as "
@@ -169,7 +177,7 @@ def compare_with_free(run: Run, sticking: Whitened, searched: float = 0.0, reach
             first += [claim.open] if claim.open else []
         said = "; ".join([*first, said])
     if claim is not None and claim.bound is not None:
-        # One statement on S: where the one-step errors exclude less than all of its interval, the interval is it.
+        # The reason states one limit of S: the interval's, where the one-step errors exclude less than the interval.
         evidence["S_excluded_above"] = above = max(claim.bound, searched, reach)
         said += f"; S above {above:.2g} {run.loop.unit('output', '%')} is excluded"
     if instead:
@@ -218,7 +226,7 @@ def _claim(run: Run, sticking: Whitened, free: Whitened, ratio: float, reach: fl
                          free.good)
     errs = 1.0 if white else free.rmse / max(free.innovation_sd, 1e-300)
     lack = ""
-    # A model that leaves most of y without the valve's part denies nothing that predicts better.
+    # A friction-free model that leaves most of y unexplained can't deny a friction that predicts better.
     poor = free.rmse**2 > _POOR * float(np.var(run.used_y()))
     if ratio >= (_CLEAN if poor else _STICKS):
         lack = f"some friction predicts y better than none (likelihood ratio {ratio:.0f})"
@@ -283,7 +291,7 @@ def with_position(verdict: Verdict, seen: PositionEstimate | None) -> Verdict:
     said = (f"the measured position rests and jumps: by it alone S is {seen.S:.4g}, J {seen.J:.4g}, and the law leaves "
             f"{seen.rmse:.3g} where a position in proportion to the output leaves {seen.rmse_proportional:.3g}; from "
             f"the process value alone: {verdict.stiction}, {verdict.reason}")
-    # A valve that is seen to stick leaves no other cause to name.
+    # A measured position that shows sticking is the cause: no other one is named.
     known = {name: value for name, value in verdict.evidence.items() if name != "looks_like"}
     return replace(verdict, stiction="stiction", confidence=_SEEN, reason=said,
                    evidence={**known, "without_position": verdict.stiction})
@@ -303,18 +311,18 @@ def _answer(ratio: float, won: int, explained: float, drop: float, one_step: flo
             walks: bool = False, *, by_hand: bool = False) -> tuple[str, float]:
     """The answer "stiction" or "undecided", and its confidence, from the evidence.
 
-    Where y `walks` the free run is the walk's, and the prediction alone speaks for friction. In a test `by_hand` the
-    steps of the test make the variance of y, so that friction needs no share of it.
+    Where y `walks` the free-run error is that of the random walk, and only the prediction counts. In a test `by_hand`
+    the steps of the test make the variance of y, so that friction needs no share of it.
     """
     explained = 0.0 if walks else explained
-    # A model whose free run drifts away (slips of an integrator add up) may still predict a step well, and so may one
-    # that takes a slip for the edge of a disturbance: that proves no valve.
+    # A model may predict single samples well although its free run drifts away, as slips of an integrator add up. So
+    # may a model that takes the edge of a disturbance for a slip. Neither proves friction.
     enough = (explained >= _EXPLAINED or drop >= _MOST_OF_THE_ERROR
               or ((walks or ratio >= _CLEAR) and one_step >= _CLEAR_DROP and drop >= _NOTHING_DROP)
               or (by_hand and drop >= _NOTHING_DROP))
     if ratio >= _STICKS and won >= _WON and enough:
         sure = 0.6 + 0.4 * float(1.0 - np.exp(-(ratio - _STICKS) / 150.0))
-        # Where the prediction alone speaks for friction, a sine or a neighbour's cycle may be taken for slips.
+        # A model may take a sine or a neighbour's cycle for slips, where only the prediction speaks for friction.
         alone = explained < _EXPLAINED and drop < _MOST_OF_THE_ERROR
         return "stiction", min(sure, _CAPPED_FAR) if alone else sure
     return "undecided", 0.4
@@ -331,7 +339,7 @@ def _measure_evidence(run: Run, sticking: Whitened, free: Whitened) -> tuple[flo
     ratio = likelihood_ratio(a, b)
     won = sum(float(b[p] @ b[p]) > float(a[p] @ a[p]) for p in np.array_split(np.arange(a.size), _BLOCKS))
     variance = float(np.var(run.used_y()))
-    # A free run that leaves y is no rival: no valve at all leaves only the scatter of y.
+    # The free-run error of the friction-free model counts as no more than the scatter of y, which a constant leaves.
     rmse = min(free.rmse, float(np.sqrt(variance)))
     explained = (rmse**2 - sticking.rmse**2) / variance if variance else 0.0
     drop = 1.0 - sticking.rmse / rmse if rmse else 0.0
@@ -341,8 +349,8 @@ def _measure_evidence(run: Run, sticking: Whitened, free: Whitened) -> tuple[flo
 def friction_free(run: Run, sticking: Whitened) -> Whitened:
     """The best model without friction: first order or the structure of the sticking one, whichever predicts better."""
     spec, law = sticking.model.spec, usual_law(run.loop.longest_segment(), held=sticking.model.spec.held)
-    # A command that moves with y between samples predicts y by the controller's law turned round: a gain of the wrong
-    # sign. That is no process.
+    # A command that moves with y between samples predicts y by the controller's law in reverse, with a gain of the
+    # wrong sign. That is no process.
     acts = 0.0 if law is None or law.gain * sticking.evaluated.gain <= 0.0 else float(np.sign(law.gain))
     effects = tuple(name for name in spec.effects if parse(name)[0].kind != "F" and name != LAG)
     lag = () if spec.fixed else (LAG,)
@@ -363,11 +371,11 @@ def friction_free(run: Run, sticking: Whitened) -> Whitened:
 
 
 def _held_beside(run: Run, spec: Spec, moving: Whitened, sticking: Whitened, acts: float) -> Whitened | None:
-    """The friction-free rival with a held command beside the searched one with a moving command, or None if it is none.
+    """The friction-free model with a held command, where the search ran with a moving one; None where it can't matter.
 
-    It is no rival where friction has lost already, since another rival can only take more from it. Nor is it one where
-    a descent from the process and noise model of the moving one ends clearly worse. Where that descent leaves no doubt
-    that the valve sticks its result is used: a full search would not change the answer.
+    It can't where friction has lost already, since another rival only takes more from it. Nor can it where a descent
+    from the process and noise model of the moving command ends clearly worse. Where the descent leaves no doubt that
+    the valve sticks, its result is returned, because a full search would not change the answer.
     """
     measured = _measure_evidence(run, sticking, moving)
     if measured[0] < _CLEAN and _answer(*measured)[0] == "no stiction":
@@ -422,7 +430,7 @@ def _friction_free(run: Run, spec: Spec, sticking: Whitened, acts: float, known:
         start[rows] = found[rows]
     points, costs = process_grid(search_model(model), start)
     points = points[np.argsort(costs, kind="stable")[:_NEAREST]]
-    # The process of the sticking model, too: what another process does better is not friction's.
+    # The process of the sticking model is a start, too, so that a better process is not counted as friction.
     return model, _descend_starts(model, np.concatenate([points[list(STARTS)], found[None]]), acts), points
 
 

@@ -54,7 +54,7 @@ def meaning_of(loop: Loop, estimate: Estimate, fit: Fitted, verdict: Verdict) ->
         reason = ("not told: by this model a perfect valve would make PV scatter about its setpoint by "
                   f"{causes.sd_perfect:.3g} instead of {causes.sd:.3g}, so that the model fails in the closed loop")
     if reason:
-        # Only a valve that is denied leaves the cause to what the record looks like.
+        # Another cause by the look of the record is named only where the valve is denied.
         known = other if other and verdict.stiction == "no stiction" else reason
         return replace(found, pv_sd_repaired=None, share_of_pv_variance=None, travel_per_day_repaired=None,
                        statement=reason), replace(own, reason=known)
@@ -76,7 +76,7 @@ def _causes(loop: Loop, estimate: Estimate, law: Controller, own: Swing, outside
     shares = {name: float((a[good] - a[good].mean()) @ (left - left.mean())) / left.size / power
               for name, a in answers.items()}
     valve = 1.0 - float(np.var(left)) / power
-    # The noise is no swing: whether the swing goes on is judged by the rest.
+    # The noise is no swing: the other parts decide whether the swing goes on.
     swing = 1.0 - shares[Share.NOISE]
     lasting = 1.0 - valve / swing if swing > 0.0 else 1.0
     return Swing(own.parts, (Share(Share.VALVE, valve), *(Share(name, share) for name, share in shares.items())),

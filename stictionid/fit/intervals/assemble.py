@@ -55,7 +55,7 @@ def region(model: Model, top: FloatArray, rng: np.random.Generator,
     `known` (k, d) are points that a narrower model does not exclude.
     """
     if known is not None:
-        known = descend_model(model, known, held=(0, 1, *model.forces), turns=4, settle=1e-3).points
+        known = descend_model(model, known, fixed=(0, 1, *model.forces), turns=4, settle=1e-3).points
     cube, cost, S, tried = widen_cloud(model, *cloud(model, top, rng, known))
     best = model.evaluate(model.values(cube[[cost.argmin()]])[:, 0])
     found = intervals_of(model, cube, cost, float(cost.min()), best, S)

@@ -2,7 +2,7 @@
 
 The likelihood of J may have a ridge, on which J times the gain is constant, and valleys apart. A search outwards from
 the optimum ends at the first slip that moves by a sample. So every J of a grid gets the valves that slip at the same
-samples (starts/same_slips.py), with other dead times, too. Those that come near are polished with J held, in the start
+samples (starts/same_slips.py), with other dead times, too. Those that come near are polished with J fixed, in the start
 force and S as well. The ends of what is possible are then divided further.
 """
 
@@ -23,7 +23,7 @@ from .profile import Mover
 _GRID, _LEAST, _SHIFTS = 36, 0.02, range(-4, 5)
 # Starts polished at every J, and the multiple of the least cost up to which one is.
 _STARTS, _FAR = 2, 4.0
-# Twice the log-likelihood that a J may lose for a scan of its S and start force, shares of S in it, and start forces.
+# Twice the log-likelihood that a J may lose for a grid of its S and start force, shares of S in it, and start forces.
 _NEAR, _BANDS, _FORCES = 60.0, np.linspace(-0.006, 0.006, 49), np.linspace(0.01, 0.99, 33)
 # Values between a possible and an excluded J, and rounds of them.
 _BETWEEN, _ROUNDS = 6, 2
@@ -89,7 +89,7 @@ def _move_jumps(model: Model, values: FloatArray, goals: FloatArray) -> FloatArr
 
 
 def _polish_goals(model: Model, goals: FloatArray, trial: FloatArray, best: float) -> Jumps:
-    """The best points of every goal (m,) among values (d, k) whose J is one of the goals, polished with J held."""
+    """The best points of every goal (m,) among values (d, k) whose J is one of the goals, polished with J fixed."""
     costs = model.costs_of(trial)
     which = np.abs(trial[1] - goals[:, None]).argmin(axis=0)
     starts, mine = [], []
@@ -114,13 +114,13 @@ def _polish_goals(model: Model, goals: FloatArray, trial: FloatArray, best: floa
 
 def _descend_near(model: Model, points: FloatArray, costs: FloatArray,
                   near: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Points (k, d) and costs (k,), those that are `near` after a descent with the valve held."""
+    """Points (k, d) and costs (k,), those that are `near` after a descent with the valve fixed."""
     points, costs, at = points.copy(), costs.copy(), np.flatnonzero(near)
     if not at.size:
         return points, costs
-    # Descents come back best first: the held numbers tell which is which.
+    # Descents come back best first: the fixed numbers tell which is which.
     held = (0, 1, *model.forces)
-    found = descend_model(model, points[at], held=held, turns=_TURNS, settle=_SETTLED)
+    found = descend_model(model, points[at], fixed=held, turns=_TURNS, settle=_SETTLED)
     keys = [np.lexsort(x[:, held].T) for x in (points[at], found.points)]
     points[at[keys[0]]], costs[at[keys[0]]] = found.points[keys[1]], found.costs[keys[1]]
     return points, costs

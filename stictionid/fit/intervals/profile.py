@@ -83,7 +83,7 @@ def _move_outwards(move: Mover, cube: FloatArray, cost: FloatArray, ratio: float
         found.append(near[np.argsort(-sign * model.values(near)[number], kind="stable")[:_OUTERMOST]])
         targets.append(goal)
     held = (0, *model.forces) if number == 0 else (0, 1, *model.forces)
-    polished = descend_model(model, np.concatenate(parts), held=held, turns=3, settle=1e-3)
+    polished = descend_model(model, np.concatenate(parts), fixed=held, turns=3, settle=1e-3)
     plain = np.concatenate(found)
     return (np.concatenate([polished.points, plain]), np.concatenate([polished.costs, model.costs(plain)]),
             np.concatenate(targets))

@@ -1,7 +1,7 @@
 """Plateaus of the cost along S under a held command: location, and least cost of each with all else following.
 
 A held command makes the cost a step function of S. A valve that breaks away one sample later, with a dead time one
-sample shorter, does nearly as well. Its plateau may be twenty times narrower than the distance to it. A fine scan of S
+sample shorter, does nearly as well. Its plateau may be twenty times narrower than the distance to it. A fine grid of S
 at every such dead time finds them all. The slopes at the optimum give what the smooth parameters (J, process, effects)
 would still gain. A descent removes the part of a residual that lies in their span. Only plateaus that come out as
 possible get a descent.
@@ -30,7 +30,7 @@ from .profile import Mover
 # Samples of dead time looked at either way, and steps of S for the move of the command in one sample. Third: range of S
 # for a dead time k samples shorter, in such moves, from the first to the second number times k plus half a move.
 _SAMPLES, _FINE, _PACES = 3, 64, (0.6, 1.4)
-# Twice the log-likelihood ratio beyond which a plateau is excluded, and the error that a scan may add to it. Then the
+# Twice the log-likelihood ratio beyond which a plateau is excluded, and the error that a grid may add to it. Then the
 # ratio of neighbours on one plateau, and the most plateaus that get a descent. Slopes know little of distant plateaus:
 # the best _FAR of every dead time get a descent in any case.
 _POSSIBLE, _FURTHER, _ALIKE, _MOST = 8.0, 8.0, 0.5, 10
@@ -145,7 +145,7 @@ def ridges(model: Model, point: FloatArray) -> FloatArray:
             else:
                 lost += 1
     starts = np.concatenate(found)
-    return descend_model(model, starts, held=(0, *model.forces), turns=_TURNS, settle=_SETTLED).points if len(
+    return descend_model(model, starts, fixed=(0, *model.forces), turns=_TURNS, settle=_SETTLED).points if len(
         starts) else starts
 
 
@@ -156,7 +156,7 @@ def _ratio(model: Model, cost: FloatArray | float, best: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class _Scanned:
-    """One scan: lanes (3, m) and their loss (m,); points (k, d) after descent, costs, samples of dead time less."""
+    """One grid search: lanes (3, m) and their loss (m,); points (k, d) after descent, costs, dead time less."""
 
     lanes: FloatArray
     ratio: FloatArray
@@ -178,7 +178,7 @@ class _Scanned:
 
 
 def _scan_beside(model: Model, point: FloatArray, best: float, samples: tuple[int, ...]) -> _Scanned | None:
-    """The scan beside a point (d,), costs compared with `best`; None where no slip shows the speed of the command."""
+    """The grid search beside a point (d,), against `best`; None where no slip shows the speed of the command."""
     values = model.values(point[None])[:, 0]
     move = Mover(model, values)
     if not move.pace > 0.0:
@@ -215,7 +215,7 @@ class _Scan:
     def lanes(self, samples: tuple[int, ...]) -> FloatArray:
         """Lanes (3, m): S, samples by which the dead time is shorter, samples by which the first slip is later.
 
-        The first slip comes at a speed of the command of its own, so a coarse scan finds its sample.
+        The first slip comes at a speed of the command of its own, so a coarse grid finds its sample.
         """
         found = []
         for k in samples:
@@ -307,7 +307,7 @@ class _Scan:
         return more
 
     def polish_possible(self, lanes: FloatArray, ratio: FloatArray, best: float) -> _Scanned:
-        """The scan with the costs of the possible plateaus replaced by those that a descent finds."""
+        """The grid search with the costs of the possible plateaus replaced by those that a descent finds."""
         new = (lanes[1:, 1:] != lanes[1:, :-1]).any(axis=0) | (np.abs(np.diff(ratio)) > _ALIKE)
         plateau = np.concatenate([[0], np.cumsum(new)])
         least = np.full(plateau[-1] + 1, np.inf)
@@ -321,7 +321,7 @@ class _Scan:
         starts = self._with_jump(lanes[:, middles])
         for k in np.unique(lanes[1, middles]):
             mine = np.flatnonzero(lanes[1, middles] == k)
-            found = descend_model(self.model, starts[mine], held=self.held, turns=_TURNS, settle=_SETTLED)
+            found = descend_model(self.model, starts[mine], fixed=self.held, turns=_TURNS, settle=_SETTLED)
             # Descents come back best first; their S is unchanged.
             to, back = mine[np.argsort(starts[mine, 0], kind="stable")], np.argsort(found.points[:, 0], kind="stable")
             points[to], costs[to] = found.points[back], found.costs[back]

@@ -33,7 +33,7 @@ LARGEST_ORDER = 24
 # Rounds of noise model and refit; the second rarely matters.
 _COMPLETIONS = 2
 BLOCKS = 5
-# Samples from one PV to the next from which a spectrum is taken of those that are there.
+# Mean number of samples from one PV to the next from which a spectrum skips the missing ones.
 _SPARSE = 1.5
 # Relative fall of the cost below which a refit in prewhitened form has settled; the same and the turns of a descent.
 _SETTLED, _GLANCED, _TURNS = 1e-4, 1e-3, 8
@@ -41,7 +41,7 @@ _SETTLED, _GLANCED, _TURNS = 1e-4, 1e-3, 8
 _WHITE = 1.1
 # A free run that leaves at most this multiple of its innovations leaves little more than noise.
 NEARLY = 1.3
-# A path that leaves this multiple of that after a round comes no nearer in further ones.
+# Multiple of that error from which a path gets no further rounds.
 _HOPELESS = 2.0
 # Standard deviation of a command between two samples, as a share of its move.
 _HALF = 0.5
@@ -145,7 +145,7 @@ def at_noise(refit: Refit) -> bool:
 
 def complete_quickly(model: Model, values: FloatArray, *, noise: str = AUTOREGRESSIVE, order: int = LARGEST_ORDER,
                      rng: np.random.Generator | None = None) -> Refit:
-    """The model as it is, completed with a noise model of its residual but not refitted to it.
+    """The model completed with a noise model of its residual, not refitted to it.
 
     An integrator that is fitted to the differences of y is completed in levels, too, and the better one is kept.
     """
@@ -165,7 +165,7 @@ def _as_it_is(model: Model, values: FloatArray, noise: str = AUTOREGRESSIVE, ord
 
 
 def complete_with_band(done: Refit) -> Refit | None:
-    """A completed model with a band of wandering phase as its noise; None where none lasts longer than its cycle."""
+    """A completed model with narrow-band noise; None where the phase of every band wanders within one cycle."""
     found = replace(_as_it_is(done.model, done.values, RESONANT), prior=done.prior)
     band = _band_of(done.model, done.evaluated, np.ones(1), None)
     return found if band is not None and band.coherence > 1.0 else None
@@ -174,8 +174,8 @@ def complete_with_band(done: Refit) -> Refit | None:
 def _has_levels(model: Model, noise: str) -> bool:
     """True where a model is fitted to differences of y only to help the search.
 
-    Errors of slips add up in an integrator, so differences show the valve. White noise on y hides in them whatever is
-    slow; once nothing is missing the level shows it.
+    Errors of slips add up in an integrator, so differences show the valve better. White noise on y then hides slow
+    disturbances. Once nothing is missing, levels show them.
     """
     return model.spec.increments and noise in (AUTOREGRESSIVE, RESONANT) and not has_noise(model.spec)
 
@@ -250,8 +250,8 @@ def _complete_in_form(model: Model, values: FloatArray, pool: FloatArray | None,
 def _prefer_plain(model: Model, found: Refit) -> Refit:
     """The better by BIC of a refit in prewhitened form and the model without prewhitening, polished from there.
 
-    Errors of a process that was not settled look like noise. Prewhitened for them a model may settle, but it keeps a
-    noise model that is no longer needed. Under one with a root near 1 it loses its level.
+    Errors of a process that has not converged look like noise. A prewhitened refit may converge, but it keeps the noise
+    model, which is then needless. A noise model with a root near 1 also loses the level.
     """
     again = descend_model(model, model.cube(model.vector(found.model.named(found.values))[:, None]))
     return better_refit(found, _as_it_is(model, model.values(again.points[:1])[:, 0]))
@@ -341,19 +341,19 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
 
     found = along(own, lambda model: [settle_path(model, values, error=error, hidden=hidden, rounds=rounds, begin=begin,
                                                   most=most) for values in (done.values, *starts)])
-    # (a model along slips whose chance is not known yet has no likelihood)
+    # (without the prior of its slips a model along a path has no likelihood to compare)
     best = found if begin is not None and not done.prior else _prefer_placed(done, found)
     if other_valves and not (best.white and at_noise(best)):
         best = _prefer_placed(best, along(own, lambda model: settle_from_other_valves(
             model, best.values, error, hidden, most)))
     if rounds == ROUNDS and best is not done and best.taps.size:
-        # Errors of slips in the wrong place look like noise of long memory: its numbers are those along the path.
+        # Slips in the wrong place look like noise of long memory, so the noise model is estimated along the path.
         taps = tuple(_join_polynomials(own, best.taps)[1:].tolist())
         best = better_refit(best, along(taps, lambda model: [
             settle_path(model, best.values, error=error, hidden=hidden, begin=best.model.spec.paths)]))
     if best is done:
         return done
-    # At values that are right the law alone may place every slip.
+    # At the right values the law may place every slip by itself.
     model = bind_model(done.model.loop, replace(best.model.spec, paths=None), s_max=done.model.s_max,
                        period_s=done.model.period_s, residual=best.evaluated.left)
     return better_refit(best, _as_it_is(model, best.values))
@@ -362,8 +362,8 @@ def place_slips(done: Refit, *starts: FloatArray, rounds: int = ROUNDS, other_va
 def _prefer_placed(before: Refit, found: Refit) -> Refit:
     """The better of a model and one along slips that PV placed, if these leave little more than noise.
 
-    What an effect would explain is no noise: there a path bends to the missing effect, and its likelihood says
-    nothing. On a loop with a stop it halved the free run, with a slip jump of 6 % for 2.5.
+    While an effect is missing, a path fits slips to the error of that effect, and its likelihood says nothing. On a
+    loop with a stop it halved the free-run error, with a slip jump of 6 % for 2.5 %.
     """
     explains = found.evaluated.rmse <= NEARLY * found.noise_error
     return better_refit(before, found) if explains else before

@@ -36,12 +36,12 @@ GROUPS = 3
 _PARTICLES, _ROUNDS, _SCOUTS = 20, 12, 300
 _DELAYS = 6
 _ROAMERS, _ROAM_ROUNDS = 1, 25
-# Valves of an even scan, and how many of them get a polish. Then the one lag in samples and the longest dead time in
+# Valves of an even grid, and how many of them get a polish. Then the one lag in samples and the longest dead time in
 # periods.
 _SCAN, _SCAN_KEPT, _SCAN_LAG, _SCAN_DEAD = 20000, 96, 0.4, 0.25
 # Shares of the record in a growing search, points polished on each, and periods in the shortest part.
 _GROWTH, _GROWN_KEPT, _GROWN_PERIODS = (0.1, 0.2, 0.4, 0.7, 1.0), 16, 2.0
-# The scan along the curve of equal cost: points and span in S (share), and dead time in samples either way. Then the
+# The grid along the curve of equal cost: points and span in S (share), and dead time in samples either way. Then the
 # slip jumps, as shares of S (None: the point's own).
 _RIDGE_POINTS, _RIDGE_S, _RIDGE_SAMPLES = 161, 0.12, 5
 _RIDGE_J = (None, 0.3, 0.9)
@@ -235,10 +235,10 @@ def roam_free_run(model: Model, rng: np.random.Generator) -> FloatArray:
 
 
 def grow_starts(model: Model, rng: np.random.Generator) -> FloatArray:
-    """Starting points (k, d) for records whose ARX cost is all noise: a scan of a tenth, polished on longer parts.
+    """Starting points (k, d) for records whose ARX cost is all noise: a grid on a tenth, polished on longer parts.
 
     An integrator adds up its slips. On a whole record its basin is as narrow as one slip in a wrong sample (0.2 % of S
-    after 80 slips), and swarms miss it. On a tenth it is ten times as wide. An even scan of valves with every dead time
+    after 80 slips), and swarms miss it. On a tenth it is ten times as wide. An even grid of valves with every dead time
     finds it there, and each longer part polishes the points of the shorter one. On a Karnopp valve of itptd, held, at
     1 % noise, 28 of 32 seeds find it. Of several segments the longest is used.
     """
@@ -258,7 +258,7 @@ def grow_starts(model: Model, rng: np.random.Generator) -> FloatArray:
 
 
 def _scan(model: Model, rng: np.random.Generator) -> FloatArray:
-    """The best distinct points (k, d) of an even scan of the valve, the best dead time with each."""
+    """The best distinct points (k, d) of an even grid of the valve, the best dead time with each."""
     points = neutral_point(model)[None].repeat(_SCAN, axis=0)
     # S, J and the start, and what an effect does to the friction: where it vanishes there is no such valve to find.
     scanned = [0, 1, 2, *(i for effect, rows in zip(model.effects, model.effect_rows, strict=True)

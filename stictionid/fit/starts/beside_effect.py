@@ -24,13 +24,13 @@ from .continuation import distinct_points, grown_valves
 
 # Basins of the base that refits start from: from swarms, and from a search on growing parts of the record.
 _SWARMED, _GROWN = 2, 2
-# A scan across valves: shares of S, of J as a share of S, and steps of the effect (shares of its range).
+# A grid across valves: shares of S, of J as a share of S, and steps of the effect (shares of its range).
 _ACROSS_STEP = 0.01
 _ACROSS_S = 1.0 + _ACROSS_STEP * np.arange(-16, 17)
 _ACROSS_J, _ACROSS_EFFECT = np.array([0.7, 0.85, 1.0, 1.15, 1.35]), np.array([-0.1, -0.04, -0.015, 0.015, 0.04, 0.1])
-# A scan for another S of a valve that rests: shares of S and of J.
+# A grid for another S of a valve that rests: shares of S and of J.
 _BAND_S, _BAND_J = np.exp(0.004 * np.arange(-30, 31)), np.array([0.97, 0.985, 1.0, 1.015, 1.03])
-# A scan of every valve with each guess of an effect: S from this share of its limit, J as shares of S, and number of S.
+# A grid of every valve with each guess of an effect: S from this share of its limit, J as shares of S, and number of S.
 # Then valves that get a start of their own, and valves kept, apart in S or J by a share.
 _ALL_S, _ALL_J, _ALL_STEPS = 0.08, np.array([0.1, 0.3, 0.5, 0.7, 0.9, 1.1]), 40
 _ALL_STARTED, _ALL_KEPT, _ALL_APART = 12, 2, 0.02
@@ -161,7 +161,7 @@ def valves_across(model: Model, point: FloatArray, name: str, count: int) -> Flo
 
 
 def guessed_valves(model: Model, name: str, guesses: FloatArray, known: FloatArray) -> FloatArray:
-    """The best few valves (k, d) of an even scan, each with the best guess of the effect; the process is a known one.
+    """The best few valves (k, d) of an even grid, each with the best guess of the effect; the process is a known one.
 
     A missing effect bends S and J far, but the process little: values `known` (d,) are those of the model so far.
     """

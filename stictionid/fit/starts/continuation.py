@@ -1,8 +1,8 @@
-"""Basins of a valve with effects: an even scan of a short part of the record, polished on longer parts.
+"""Basins of a valve with effects: an even grid on a short part of the record, polished on longer parts.
 
 A valve that misses one break-away of a held command is out of step for long. On a whole record the right S, J and size
 lie in a narrow basin: half a per cent in each of four or five parameters. No swarm meets it. On a few cycles the basin
-is ten times as wide: a scan finds it, and every longer part polishes the points of the shorter one.
+is ten times as wide: a grid finds it, and every longer part polishes the points of the shorter one.
 
 The process is left open. A candidate's position goes through a high pass and a few lags, whose sum imitates any
 process of first or second order. The best of a ladder of delays counts. The high pass removes from y what is slower
@@ -53,7 +53,7 @@ from .reparametrised import as_valves, ridge_of
 # longer than so many samples, a slower one. Delays tried, up to this share of a period.
 LAGS, _SPARSE, SPARSE_PACE = (0.25, 0.15, 0.06, 0.02), (0.7, 0.2, 0.06, 0.015), 1.25
 _DELAYS, _LONGEST = 6, 0.4
-# Points of the first scan for each searched parameter beyond two. For each search periods of the shortest part and the
+# Points of the first grid for each searched parameter beyond two. For each search periods of the shortest part and the
 # factor from one part to the next: two under a held command, one under a command that moves. Then the points that the
 # first and the last part leave.
 _SCAN, _HELD, _MOVING, _LEFT = 12_000, ((3.0, 2.0), (8.0, 2.0)), ((5.0, 2.0),), (32, 8)
@@ -66,7 +66,7 @@ _SHORTEST = 2.0
 _BANDS_OF_S = (0.2, 0.35, 0.55, 0.75)
 # Below this share of S_max a valve follows its command, and with it, in the closed loop, y. Unit: 1.
 LEAST_S = 0.1
-# Distance between points that are kept: of the scan, and of what was polished. Share of the range.
+# Distance between points that are kept: of the grid, and of what was polished. Share of the range.
 _APART, _NEAR = 0.03, 0.004
 # Rounds of a polish, and where friction changes along the record, which is two parameters more. Its population.
 _ROUNDS, _SLOWER, _POPULATION, _SETTLED = 16, 24, 12, 1e-3
@@ -265,7 +265,7 @@ def _polish_part(cost: Callable[[FloatArray], FloatArray], points: FloatArray, s
 
 def _scan_first_part(cost: Callable[[FloatArray], FloatArray], scanned: int, kept: int,
                      rng: np.random.Generator) -> FloatArray:
-    """The best distinct points (kept, columns) of an even scan of the first part."""
+    """The best distinct points (kept, columns) of an even grid on the first part."""
     count = _SCAN * (scanned - 2)
     points = (rng.random(scanned) + np.outer(np.arange(count), even_steps(scanned))) % 1.0
     points = points[np.argsort(cost(points), kind="stable")[:count // 4]]

@@ -53,9 +53,13 @@ _ROUNDED = 8.0
 _CLIPPED, _FEW = 5.0, 100
 # Share of the largest change up to which the middle one is that of straight lines between corners.
 _LINES = 1e-6
-# Corners make up less than a fifth of a command. Share of its third differences, the smallest, that shows its permanent
-# noise, the mean of as many of normal noise, and the share of resting samples above which neither shows.
-_MOSTLY, _MEAN, _RESTS = 0.8, 0.5586, 0.5
+# Share of the third differences of a command that measure its noise. The largest fifth is left out, because it may come
+# from corners. Unit: 1.
+_NOT_CORNERS = 0.8
+# Mean of the smallest 80 % of the absolute values of normal noise. Unit: its standard deviation.
+_MEAN_OF_NORMAL = 0.5586
+# Share of samples without a change of the command above which its noise can't be measured. Unit: 1.
+_UNCHANGED = 0.5
 # Fewer samples give no useful quantile.
 _FEWEST = 20
 # A short descent: its turns, and the fall of the cost at which it has settled.
@@ -80,15 +84,15 @@ def _noise_beyond_rounding(noise: float, step: float) -> float:
 def surely_moves(loop: Loop) -> bool:
     """True where the command certainly moved between samples: it has none of the sample-to-sample noise of y.
 
-    No controller made such a command of these samples. False where y has no noise, and where the command is
-    compressed, or rests for half of the record.
+    No controller computes such a command from these samples. False where y has no noise, where the command is
+    compressed, and where it does not change in half of the samples.
     """
     u, y = loop.output[loop.used], loop.process_value[loop.used]
     swings = float(np.ptp(u)), float(np.ptp(y))
-    if u.size < _FEWEST or not min(swings) > 0.0 or float(np.mean(np.diff(u) == 0.0)) > _RESTS:
+    if u.size < _FEWEST or not min(swings) > 0.0 or float(np.mean(np.diff(u) == 0.0)) > _UNCHANGED:
         return False
     fastest, noise_of_y = np.sort(np.abs(np.diff(u, 3))), noise_of(y)
-    noise = float(np.mean(fastest[:int(_MOSTLY * fastest.size)])) / _MEAN / np.sqrt(20.0)
+    noise = float(np.mean(fastest[:int(_NOT_CORNERS * fastest.size)])) / _MEAN_OF_NORMAL / np.sqrt(20.0)
     step = step_of(loop.output)
     beyond = _noise_beyond_rounding(noise, step)
     rounded = 2.0 * beyond < noise

@@ -3,7 +3,7 @@
 A stem that overshoots by K - 1 slips when the command has swung by S - (K - 1) J. That swing is known to a part in a
 thousand, K and the slip hardly, and S and J only together with them. In S, J and K the points of nearly equal cost form
 an oblique curve a thousandth wide. The cost has a step for every slip that comes a sample early or late, so that no
-polish follows it. In the effect's natural numbers (see `effects.contract`) the curve is straight. An even scan crosses
+polish follows it. In the effect's natural numbers (see `effects.contract`) the curve is straight. An even grid crosses
 the steps, and the process changes smoothly from valve to valve. Measured on 9 scanned loops that a search along S and J
 missed, two seeds each: 14 of 18 end at the noise. Source: docs/method.md, section 6.3; He and Wang 2010.
 """
@@ -18,11 +18,11 @@ from ...numerics.population import Found, refine
 from ...typing import BoolArray, FloatArray
 from ..moves import behind_valve, spreads, with_start
 
-# Scans around a valve, from a first one to one between the samples that all slips allow. Each has a reach of the swing,
+# Grids around a valve, from a first one to one between the samples that all slips allow. Each has a reach of the swing,
 # of the slip (factor) and of the effect (share of its range). Then the points of each axis.
 _REACHES = ((0.006, 1.35, 0.3), (0.003, 1.15, 0.15), (0.0015, 1.3, 0.1), (0.001, 1.05, 0.05))
 _POINTS = (41, 7, 25)
-# Valves of a scan that get a process of their own and a polish, costs looked at, and distance in slip (share) and
+# Valves of a grid that get a process of their own and a polish, costs looked at, and distance in slip (share) and
 # effect.
 _KEPT, _LOOKED, _SLIP_APART, _EFFECT_APART = 3, 1000, 0.08, 0.04
 _TURNS, _SETTLE = 6, 1e-3
@@ -86,7 +86,7 @@ def _swing(model: Model) -> float:
 def follow_ridge(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
     """Points (k, d) followed along the model's curve of equal cost, best first; without such a curve they stay.
 
-    Scans narrow down; each is followed by the process of the best valves and a polish, as long as the cost falls.
+    Grids narrow down; each is followed by the process of the best valves and a polish, as long as the cost falls.
     """
     costs = model.costs(points)
     order = np.argsort(costs, kind="stable")
@@ -114,7 +114,7 @@ def _with_process(model: Model, points: FloatArray) -> FloatArray:
 
 
 def _scan_valves(model: Model, point: FloatArray, reach: tuple[float, float, float]) -> FloatArray:
-    """The best valves (k, d) of an even scan about a point (d,), distinct in slip and effect."""
+    """The best valves (k, d) of an even grid about a point (d,), distinct in slip and effect."""
     ridge = ridge_of(model)
     assert ridge is not None
     natural, rows = ridge
