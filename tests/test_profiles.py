@@ -239,7 +239,7 @@ def test_the_process_numbers_reach_as_far_as_their_profiles_allow(fitted) -> Non
             given = Model(model.loop, Spec(fixed={"gain": best.gain + side * share * 0.5 * (high - low)}),
                           s_max=model.s_max, period_s=model.period_s)
             ends = descend_model(given, given.cube(np.array(list(best.values.values()))[:, None]),
-                                 held=(0, *model.forces))
+                                 fixed=(0, *model.forces))
             assert (ends.costs[0] <= limit) == possible, (side, share)
 
 

@@ -57,7 +57,7 @@ def refit_with_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.G
 
 
 def carrier(done: Refit, name: str, before: Model) -> Model:
-    """The model that a study stores after a refit: a noise model enters as a step of its own, never with an effect."""
+    """The model that a study stores after a refit; a noise model is a step of its own, never part of an effect's."""
     effects = tuple(dict.fromkeys((*before.spec.effects, name)))
     if parse(name)[0].noise is not None or has_noise(before.spec):
         spec = replace(done.spec, effects=effects)

@@ -1,6 +1,6 @@
 """Irreducible noise of a study, and the judgement of its models against it: one number for all steps.
 
-The free linear model of a step and its one-step error bound the noise from above, so the least of them all is the best
+The free linear model of a step and its one-step error bound the noise from above. The least of all bounds is the best
 estimate. A step that the record does not support bounds nothing.
 """
 

@@ -82,7 +82,7 @@ class Run:
             before: tuple[FloatArray, FloatArray] | None = None) -> Fitted:
         """Search, restarts and last polish of one model; CannotTell where no candidate valve moves.
 
-        The intervals are left to `fit.reaching`, since most fitted models are not the last one.
+        The intervals are left to `fit.widen_intervals`, since most fitted models are not the last one.
         """
         model = self.model(spec)
         points, costs = search(model, self.rng, starts=starts, before=before)

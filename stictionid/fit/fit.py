@@ -63,7 +63,7 @@ _BESIDE, _BESIDE_TURNS, _BESIDE_KEPT = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """The best values (d,) of a model, the agreement of its restarts, and the rest of what a study's step reports."""
+    """The best values (d,) of a model, the agreement of its restarts, and what else a step of a study reports."""
 
     model: Model
     values: FloatArray
@@ -280,7 +280,7 @@ def _gain(model: Model, cost: float, other: float) -> float:
 def widen_intervals(fit: Fitted, rng: np.random.Generator, *, steps_only: bool = False) -> Fitted:
     """A fit finished without `reach`, its intervals now as wide as the cost allows for S and J.
 
-    With `steps_only` only the steps of S under a held command are looked at, for a wider model that looks at the rest.
+    With `steps_only` only the steps of S under a held command are looked at, for a wider model that does the others.
     Where one of these steps does better than the fit, the answer moves there.
     """
     if fit.around is None:
@@ -314,7 +314,7 @@ def include_intervals(fit: Fitted, intervals: Mapping[str, Span], pieces: Mappin
 def _best_beside(model: Model, found: Found) -> Found:
     """The best minimum (1, d) among those a few parts of a sample of dead time away.
 
-    The rebuilt command is known on a grid of parts of a sample, so each part of dead time may hold a minimum of its
+    The rebuilt command is known on a grid of parts of a sample. So each part of dead time may hold a minimum of its
     own.
     """
     dead, part = model.space.parameters[4], model.step_s / model.spec.substeps

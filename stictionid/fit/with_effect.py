@@ -84,9 +84,9 @@ def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Genera
     """The model with effect `name` added, searched far enough to decide on a full refit.
 
     Starts are the neutral effect in the model so far and guesses of the effect in all basins of the pool. An effect on
-    the valve also gets a grid of all valves with the known process, and with `far` a search on growing parts that
-    assumes none. `valves` (k, d) are values of such valves found before; each gets a process that fits it. Without
-    `polish` the search ends after a descent, an eighth of the work.
+    the valve also gets a grid of all valves with the known process. With `far` it gets a search on growing parts that
+    assumes no process. `valves` (k, d) are values of such valves found before; each gets a process that fits it.
+    Without `polish` the search ends after a descent, an eighth of the work.
     """
     model, coarse = widen_by(fit, name)
     spec = model.spec
@@ -169,7 +169,7 @@ def widen_by(fit: Fitted, name: str) -> tuple[Model, Model]:
 
 
 def out_of_basin(model: Model, points: FloatArray, rng: np.random.Generator) -> Found:
-    """An evolution strategy about points (k, d), one beyond the rest of a drifting valve, and grids along a curve.
+    """Points in other basins: from an evolution strategy, beyond the limit of a drifting valve, and on a curve.
 
     The strategy runs longer for effects on the valve whose innovations are not white. They were fitted while something
     was missing. Slips a sample late, with a dead time a sample short, then look like one more effect. Along a curve of

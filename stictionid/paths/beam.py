@@ -1,11 +1,11 @@
 """The likeliest slips of a valve whose break-away force is random: a beam of hypotheses weighed by PV.
 
-Every hypothesis is a valve (position, sliding or at rest, largest force either way since it came to rest), the states
-of the process that it drives, the error with which it landed and its covariance (`numerics/noise/landing.py`), and the
-last errors, which the noise model turns into innovations. At each value of the command it slips with the chance that
-the break-away force, drawn anew for every stick from N(f_s, scatter^2), lies between the largest force so far and this
-one. PV weighs the hypotheses; the least likely are dropped and near ones merged. Wrong where the number kept is too
-small for the time PV takes to tell them apart.
+Every hypothesis holds a valve: its position, whether it slides, and the largest force either way since it came to rest.
+It also holds the states of the process, the error of its landing with its covariance (`numerics/noise/landing.py`), and
+the last errors. The noise model turns these errors into innovations. The break-away force of every stick is drawn from
+N(f_s, scatter^2). At each value of the command the valve slips with the chance that this force lies between the largest
+force so far and the present one. PV weighs the hypotheses; the least likely are dropped and near ones merged. Wrong
+where the number kept is too small for the time PV takes to tell them apart.
 
 Source: docs/method.md, section 14; the beam is a particle filter without drawing (Fearnhead and Clifford 2003).
 """

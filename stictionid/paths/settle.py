@@ -5,8 +5,8 @@ on the errors of PV and on one row for every stroke: how far its expected break-
 the scatter, times the noise. That is the M-step of expectation and maximisation, with the forces as what is missing.
 Along a path the cost is smooth in all numbers. The scatter follows from the same forces, within bounds.
 
-The start is a path by the law with the scatter at its lower bound, so that no answer is less likely than that of a
-valve whose break-away force never changes. Wrong where the start is no neighbour of the answer: nothing here searches.
+The start is the path of the law with the scatter at its lower bound. So no answer is less likely than a valve whose
+break-away force never changes. Wrong where the start is no neighbour of the answer: nothing here searches.
 
 Source: docs/method.md, section 14; Dempster, Laird and Rubin 1977.
 """

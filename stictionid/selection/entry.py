@@ -28,7 +28,7 @@ class Entry:
     what: str = ""
     look: Packed | None = None
     # Score of a look that is kept beside a full fit, until it is fitted in full itself.
-    glimpse: Scored | None = None
+    look_score: Scored | None = None
     gates: tuple[Gate, ...] = ()
     # True where looks were taken from the node.
     asked: bool = False
@@ -37,7 +37,7 @@ class Entry:
 
     def score_of_look(self, look: Packed | None) -> Scored:
         """Score of a look that waits, and of the node for any other."""
-        return self.glimpse if self.glimpse is not None and look is self.look else self.scored
+        return self.look_score if self.look_score is not None and look is self.look else self.scored
 
     @property
     def passed(self) -> bool:
@@ -125,9 +125,9 @@ def remember(memo: MutableMapping[str, Entry], parent: Entry, task: Task, answer
         freer = not scored.full and scored.rmse**2 * policy.better_base < known.score_of_look(known.look).rmse ** 2
         if known.scored.full:
             if not scored.full:
-                known.look, known.glimpse = (answer, scored) if freer else (known.look, known.glimpse)
+                known.look, known.look_score = (answer, scored) if freer else (known.look, known.look_score)
                 return
-            known.glimpse = None
+            known.look_score = None
             if known.op == ROOT or (known.gates and known.passed) or gain <= 0.0:
                 if gain > (policy.better_fit if known.op == ROOT else 0.0):
                     known.scored, known.look = scored, answer

@@ -309,9 +309,9 @@ def _beyond_scans(edge: Edge) -> str:
     effects that only this gate refused on 38 clean building loops had at most 2.1 standard errors. True effects on
     seven others had 5.4 to 15.
 
-    An effect off the valve also passes where it halves the free-run error, or where the parent needs a random walk and
-    the child no noise model. A rest or a lag must do one of these. Strokes do not tell a rest, because a valve that
-    slides between the samples makes the same ones.
+    An effect off the valve also passes where it halves the free-run error. So does any effect where the parent needs a
+    random walk and the child no noise model. A rest or a lag must do one of these. Strokes do not tell a rest, because
+    a valve that slides between the samples makes the same ones.
 
     An effect added to a tentative parent is tested together with it. A base that is better than the parent takes the
     parent's place, because wrongly assumed scans look like an effect of a wrong base.

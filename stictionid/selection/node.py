@@ -40,7 +40,7 @@ def physical_effects(spec: Spec) -> tuple[str, ...]:
 def node(spec: Spec, *, soft: bool = False) -> Spec:
     """The spec in the form in which it is searched: without noise model, its effects in physical order.
 
-    An integrator is searched in softened differences, and so is a first order where y walks (`soft`).
+    An integrator is fitted to softened differences of y, and so is a first order under a random walk (`soft`).
     """
     differences = soft or spec.process == INTEGRATOR
     return replace(spec, effects=tuple(name for name, _, _ in in_order(physical_effects(spec))), increments=differences,
@@ -74,7 +74,8 @@ def valve_effects(spec: Spec) -> list[str]:
 def kind_of(spec: Spec) -> str:
     """The effects on the valve of a node, and its command between samples: nodes of one kind have the same valves.
 
-    A valve that only rests is found with its process, on the record less what disturbs it. So these belong to its kind.
+    A resting valve without other valve effects is searched with its process, on the record less its disturbances. So
+    process and disturbances belong to its kind.
     """
     valve = valve_effects(spec)
     beside = [n for n in spec.effects if plain_name(n) in BASE_EFFECTS or parse(n)[0].columns]

@@ -270,9 +270,9 @@ class Search:
         """Look at effects on the process in place of a further lag; added to it they start far off."""
         if LAG not in entry.spec.effects or self.only is not None or self.only_noise(self.best()):
             return
-        bare = self.drop_effect(entry, LAG)
-        if names := [n for n in additions(bare.spec, self.loop, self.only) if shapes_process(parse(n)[0])]:
-            self.ask_for(bare, names, beyond=entry)
+        without_lag = self.drop_effect(entry, LAG)
+        if names := [n for n in additions(without_lag.spec, self.loop, self.only) if shapes_process(parse(n)[0])]:
+            self.ask_for(without_lag, names, beyond=entry)
 
     def _drop_needless(self) -> None:
         """Drop a lag or rest of the base that the best node no longer needs: it stood in for a missing effect."""

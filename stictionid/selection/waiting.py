@@ -63,9 +63,9 @@ def better_base(memo: Memo, entry: Entry, policy: Policy) -> bool:
 
 def other_structures(memo: Memo, entry: Entry, best: Entry, policy: Policy) -> list[Entry]:
     """Nodes of another process, lag or command with the effects of an entry, not far behind the best one."""
-    bare = {*physical_effects(entry.spec)} - {LAG}
+    effects = {*physical_effects(entry.spec)} - {LAG}
     return [e for e in memo.values() if (e.what == LAG or e.op == SWAP)
-            and {*physical_effects(e.spec)} - {LAG} == bare and not e.failed
+            and {*physical_effects(e.spec)} - {LAG} == effects and not e.failed
             and e.scored.done.gain_over(best.scored.done) > -policy.within]
 
 

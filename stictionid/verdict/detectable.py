@@ -1,9 +1,10 @@
 """The smallest size of each effect that this record would have shown, so that "not named" means something.
 
-The change that an effect of a given size makes in the prewhitened model output, less what the base parameters could
-undo (a linear projection), is held against the innovations: it would have been named where the expected gain reaches
-both the information criterion and the one-step drop that are asked for. Noise effects by the expected likelihood ratio
-of their spectrum (Whittle). A local expectation, not a guarantee. Source: docs/method.md, section 11.
+An effect of a given size changes the prewhitened model output. The part that the base parameters could undo is taken
+out by a linear projection, and what is left is compared with the innovations. The effect would have been named where
+the expected gain reaches both the information criterion and the one-step drop that are asked for. Noise effects by the
+expected likelihood ratio of their spectrum (Whittle). A local expectation, not a guarantee. Source: docs/method.md,
+section 11.
 """
 
 from __future__ import annotations

@@ -3,14 +3,14 @@
 Both models are fitted by free run, completed with an autoregression of their residual and refitted in prewhitened form.
 The reason: a friction-free model with coloured noise explains every smooth oscillation (a sine from elsewhere, tight
 tuning) as well as a valve does. Only the slips of a sticking valve stay unpredicted. The friction-free model has a
-second lag more, so that friction is not confused with a process of higher order, and a structure of its own.
+structure of its own and one more lag, so that friction is not confused with a process of higher order.
 
 Each model gets the noise of either, so that no noise model speaks for friction. Four quantities are compared. First the
 log likelihood ratio of the one-step errors on common samples, whose tails may be heavy; second the number of five
 blocks on which the error falls. Third are the one-step errors on blocks held out of both models: without a gain there
-the verdict is not stiction. A record too short to hold blocks out is judged by the rest and trusted less. Fourth is the
-part of the free-run error that friction explains. "No stiction" is a claim of its own: no friction may predict y much
-better than none, and the S that is not excluded must be small beside the swing of the output. A model far from its
+the verdict is not stiction. A record too short to hold blocks out is judged by the other three and trusted less. Fourth
+is the part of the free-run error that friction explains. "No stiction" is a claim of its own: no friction may predict y
+much better than none, and the S that is not excluded must be small beside the swing of the output. A model far from its
 noise caps the confidence, and the reason begins with it. Thresholds were set by benchmarks/reliability.py. Wrong where
 the record holds few reversals: the confidence says so. Source: docs/method.md, sections 7, 8, 9, 10 and 11.
 """

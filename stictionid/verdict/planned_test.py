@@ -1,4 +1,4 @@
-"""The shortest manual test of a loop that settles an open answer, found by simulating every answer.
+"""The shortest manual test of a loop that decides an open answer, found by simulating every answer.
 
 Each candidate is one large step of OP, small steps back and a return to the start. The answers run through it: the
 valve of the study, a valve that follows, and valves of models that explain the record alike. Every answer may fit a
@@ -146,7 +146,7 @@ class _Plant:
 
 def with_plan(study: Study, loop: Loop | None, *, op_limits: Limits | None = None,
               pv_limits: Limits | None = None) -> Study:
-    """The study with the test that would settle it; none where it is settled. Without a record its plan stays.
+    """The study with the test that would decide it; none where it is decided. Without a record its plan stays.
 
     Limits that are not given are those of an earlier plan. UsageError for limits that do not hold the record's own
     operating point.
@@ -233,7 +233,7 @@ def _candidates(plant: _Plant, answers: Sequence[ValveAnswer]) -> list[tuple[flo
 
 
 def _patterns(integrating: bool, fewest: float) -> Iterator[list[float]]:
-    """Moves in small steps: a large one, small ones back, and the rest; for an integrator the same again downwards.
+    """Moves in small steps: a large one, small ones back, and the return; for an integrator the same again downwards.
 
     The small ones are at least the `fewest`.
     """

@@ -1,8 +1,8 @@
 """The last fit of a model along the slips that PV placed: errors, held-out error and intervals, without a search.
 
 Along a path the cost is smooth, and S shows only in the break-away forces of the strokes. So the intervals are those of
-a normal distribution whose covariance comes from the slopes of errors and forces, instead of points that a likelihood
-ratio does not exclude. Wrong where another path, far from this one, explains PV as well.
+a normal distribution, whose covariance comes from the slopes of errors and forces. No points are sought that a
+likelihood ratio does not exclude. Wrong where another path, far from this one, explains PV as well.
 """
 
 from __future__ import annotations

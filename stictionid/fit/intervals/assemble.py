@@ -68,7 +68,7 @@ def cloud(model: Model, top: FloatArray, rng: np.random.Generator,
 
     The points lie on rays, along which one parameter moves and the others follow, and in a cloud of all parameters.
     Under a held command a second cloud keeps the break-away (S, initial force) fixed: its plateau is far narrower than
-    the rest.
+    that of the others.
     """
     free = movable_parameters(model) > 0
     looks = np.concatenate([top[None], *([] if known is None else [known]), _rays(model, top)])

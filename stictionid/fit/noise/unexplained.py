@@ -1,4 +1,4 @@
-"""The shape of what a model misses: which past signals its innovations answer, and with what response.
+"""The shape of what a model misses: the past signals on which its innovations depend, and the response to each.
 
 Columns pass the filter that whitens the residual, so that least squares on the innovations is generalised least squares
 on the residual. Four groups of columns are tested, each jointly: valve moves, their direction, the process value of the

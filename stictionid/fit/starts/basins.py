@@ -238,9 +238,9 @@ def grow_starts(model: Model, rng: np.random.Generator) -> FloatArray:
     """Starting points (k, d) for records whose ARX cost is all noise: a grid on a tenth, polished on longer parts.
 
     An integrator adds up its slips. On a whole record its basin is as narrow as one slip in a wrong sample (0.2 % of S
-    after 80 slips), and swarms miss it. On a tenth it is ten times as wide. An even grid of valves with every dead time
-    finds it there, and each longer part polishes the points of the shorter one. On a Karnopp valve of itptd, held, at
-    1 % noise, 28 of 32 seeds find it. Of several segments the longest is used.
+    after 80 slips). Swarms miss it. On a tenth it is ten times as wide. An even grid of valves with every dead time
+    finds it there, and each longer part polishes the points of the shorter one. On a Karnopp valve of itptd, held, at 1
+    % noise, 28 of 32 seeds find it. Of several segments the longest is used.
     """
     if len(model.pieces) > 1:
         at = longest_piece(model)

@@ -57,19 +57,19 @@ def resting_valves(model: Model, rng: np.random.Generator, *, sometimes: bool = 
     lags = tuple(n for n, effect in zip(model.names, model.effects, strict=True) if effect.place is Place.PROCESS)
     always = spec.held and not sometimes
 
-    def bare(law: str, effects: tuple[str, ...]) -> Model:
+    def valve_model(law: str, effects: tuple[str, ...]) -> Model:
         soft = spec.process == INTEGRATOR
         plain = Spec(law=law, process=spec.process, effects=effects, between=spec.between, substeps=spec.substeps,
                      increments=soft, taps=SOFT if soft else (), fixed=spec.fixed, guides=spec.guides)
         return search_model(bind_model(model.loop, plain, s_max=model.s_max, period_s=model.period_s))
 
-    slides = bare(spec.law, (*lags, RESTING))
+    slides = valve_model(spec.law, (*lags, RESTING))
     names = () if always else (RESTING,)
     known = slides.named(slides.values(neutral_point(slides)[None])[:, 0]) | _RESTS
     found = grown_valves(slides, names, rng, slides.vector(known) if always else None)
     valves = [slides.named(column) for column in slides.values(found).T]
     if always:
-        law = bare(_RESTS_ALWAYS, lags)
+        law = valve_model(_RESTS_ALWAYS, lags)
         valves += [{**law.named(column), **_RESTS} for column in law.values(grow_starts(law, rng)).T]
     return valves
 

@@ -149,8 +149,8 @@ def _along_ridge(model: Model, own: list[int]) -> bool:
 def _grow_once(model: Model, own: list[int], middle: FloatArray, rng: np.random.Generator) -> FloatArray:
     """The points of `_grow_points`, cached by question: a further lag, or another process, needs the same valves.
 
-    The generator ends in the state that the search leaves, and what it took is told to the tally as the answer of a
-    question, so that no result depends on the cache.
+    No result depends on the cache. The generator ends in the state that the search leaves, and the tally counts the
+    work as that of one question.
     """
     key = _question(model, own, middle, rng)
     if key in _known:
