@@ -28,25 +28,26 @@ from .starts.niches import ALONE, PATIENCE, beyond_rest, evolve_points
 from .starts.reparametrised import follow_ridge, ridge_of
 
 _SETTLED = 1e-4
-# Turns of descent from every start, fall of the cost at which one has settled, and starts that then get a population.
-# The last number is twice the log-likelihood that the descent must have gained for a population.
-_GLANCE, _GLANCED, _KEPT, _PROMISING = 3, 1e-2, 4, 10.0
-# Points of a look that are polished under its noise, and their distance in S or J as a share of the range.
+# Turns of the first descent from every start, and the relative fall of the cost at which it ends.
+_GLANCE, _GLANCED = 3, 1e-2
+# Starts that then get a population.
+_KEPT = 4
+# Gain of the descent from which a look is polished. Unit: 2 log L.
+_PROMISING = 10.0
+# Points of a look that are polished under its noise, and their least distance in S or J as a share of the range.
 _LIKELY, _APART = 4, 0.01
 # Rounds of the first look at an effect.
 _LOOK = 25
 # Further polishes go on while each lowers the cost by this share, at most _TURNS times.
 _WORTH, _TURNS = 0.01, 4
-# Fine grids of S for the interval that all slips allow: reach either way (share), points, and slip jumps tried.
+# Fine grids of S for the interval that all slips allow: reach either way as a share of S, and points.
 _THRESHOLD_REACH, _THRESHOLDS = (0.02, 0.003), 241
+# Slip jumps tried on these grids, as shares of the known one.
 _THRESHOLD_J = np.array([0.95, 1.0, 1.06])
 # Polishes on the model's own y, for effects that follow it.
 _FOLLOWED = 3
-# Points of a population that are moved into the interval of S that all slips allow; turns of grids along a curve of
-# equal cost.
-_HERDED, _RIDGED = 2, 4
-# Share of the range of its speed from which a valve that re-sticks rests at every scan.
-_RESTS = 0.9
+# Most turns of grids along a curve of equal cost.
+_RIDGED = 4
 # Steps along the curve of equal cost (dead time against break-away) in a full refit.
 _RIDGE_TURNS = 3
 # Turns and fall of the cost of a descent along a path that PV placed, and the rounds that settle a look's own.
@@ -102,7 +103,7 @@ def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Genera
     cube = coarse.cube(np.array(starts).T)
     costs = coarse.costs(cube)
     neutral = float(costs[0])
-    # The best guess of each base: beside the wrong size of an effect the right valve costs more than a wrong one.
+    # The best guess for each base: with the wrong size of an effect the right valve costs more than a wrong one.
     each = costs[1:].reshape(len(pool), len(guesses))
     best = 1 + np.arange(len(pool)) * len(guesses) + each.argmin(axis=1)
     warm = cube[np.append(best, 0)]
@@ -112,7 +113,7 @@ def scout_effect(fit: Fitted, name: str, pool: FloatArray, rng: np.random.Genera
     if effect.scan is not None:
         fresh = np.concatenate([scanned_starts(coarse, name, coarse.vector(others), polish), fresh])
     elif effect.dynamics is not None:
-        # Beside the process of one lag each valve of the pool has a wrong one: with two it needs others of both.
+        # The pool was found with one lag. With a second one each of its valves needs another process.
         fresh = with_process(coarse, warm)
     elif on_valve(effect) and guesses.size:
         valve = guessed_valves(coarse, name, guesses, coarse.vector(others))
@@ -194,7 +195,7 @@ def settle_look(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatAr
     """The scouted model at its best: values (d,) and cost."""
     coarse, model = look.coarse, look.model
     if model.follows_y:
-        # The first look followed the y of the model without the effect, which may be far off.
+        # The first look followed the y of the model without the effect, which may be far from the new one.
         own = model.evaluate(look.values).guide
         coarse, model = coarse.follow_guide(own), model.follow_guide(own)
     found = refine(coarse.costs, look.points[:6], rng, spread=spreads(coarse, 0.5), rounds=20, population=14,
@@ -202,7 +203,7 @@ def settle_look(look: Scouted, rng: np.random.Generator) -> tuple[Model, FloatAr
     points = found.points
     if model.spec.held and look.name and parse(look.name)[0].natural is not None:
         points = follow_ridge(coarse, points[:_KEPT], rng).points
-    # A valve that rests was found while an effect was missing, which bent its S by several slips.
+    # The resting valve was found while an effect was missing, so its S may be wrong by several slips.
     others = stickbands(coarse, points[0]) if model.spec.held and RESTING in model.spec.effects else points[:0]
     for _ in range(_RIDGE_TURNS if model.spec.held else 1):
         near = np.concatenate([with_start(coarse, points[:2]), others])
@@ -237,7 +238,7 @@ def _follow_own_y(model: Model, values: FloatArray) -> tuple[Model, FloatArray]:
     if not model.follows_y:
         return model, values
     ends = []
-    # Either reading of a disturbance at the output has an optimum of its own.
+    # A disturbance at the output may act on the process or behind it: each reading has an optimum of its own.
     for best in model.readings(values):
         at = values
         for _ in range(_FOLLOWED):

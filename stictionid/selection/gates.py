@@ -1,4 +1,4 @@
-"""Gates that an effect must pass beside its gain: held-out blocks, the free run, its range, and physics.
+"""Gates that an effect must pass: its gain, held-out blocks, the free run, its range, and physics.
 
 Each gate is one function of an `Edge` and gives the reason for a rejection, empty where the effect passes. Source:
 docs/method.md, section 11.
@@ -44,7 +44,7 @@ def by_choice(name: str, done: Refit) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """A child with one effect more than its parent, and what else was tried beside that parent."""
+    """A child with one effect more than its parent, and what is known of other children and nodes."""
 
     name: str
     child: Scored

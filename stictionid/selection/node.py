@@ -84,7 +84,7 @@ def kind_of(spec: Spec) -> str:
 
 
 def depth(spec: Spec) -> int:
-    """Number of effects beside those of the base."""
+    """Number of effects, a lag and a rest not counted."""
     return sum(plain_name(name) not in BASE_EFFECTS for name in physical_effects(spec))
 
 

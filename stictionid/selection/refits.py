@@ -27,15 +27,15 @@ from .score import Scored, complete_as_is, complete_with_noise
 
 
 def refit_in_full(model: Model, values: FloatArray, rng: np.random.Generator, *,
-                  beside: bool = False) -> tuple[Model, FloatArray, float]:
+                  basins: bool = False) -> tuple[Model, FloatArray, float]:
     """A model, its values (d,) and cost, fitted in full from values that another set of effects gave.
 
-    A slip that is a sample late looks like noise, and a polish does not move it. With `beside`, under a held command, a
+    A slip that is a sample late looks like noise, and a polish does not move it. With `basins`, under a held command, a
     population also searches the neighbouring basins, which moves it.
     """
     coarse = search_model(model)
     points = with_start(coarse, coarse.cube(values[:, None]))
-    if beside and model.spec.held:
+    if basins and model.spec.held:
         points = out_of_basin(coarse, points, rng).points
     name = next((n for n in reversed(model.spec.effects) if on_valve(parse(n)[0])), "")
     return settle_look(Scouted(coarse, model, points, np.inf, np.inf, name), rng)
@@ -113,7 +113,7 @@ def settle_again(scored: Scored, spec: Spec, seed: int, policy: Policy) -> Score
     for soft in dict.fromkeys((False, done.increments)):
         model = bind_model(done.model.loop, node(spec, soft=soft), s_max=done.model.s_max, period_s=done.model.period_s,
                            residual=done.evaluated.left)
-        model, values, cost = refit_in_full(model, model.vector(done.model.named(done.values)), rng, beside=True)
+        model, values, cost = refit_in_full(model, model.vector(done.model.named(done.values)), rng, basins=True)
         if not np.isfinite(cost):
             continue
         again = complete_with_noise(model, values, values[None, :len(BASE)], rng, policy)
