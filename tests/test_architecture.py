@@ -18,8 +18,7 @@ from stictionid.numerics.machine_code import ahead
 
 PACKAGE = Path(__file__).parent.parent / "stictionid"
 # Folders that still import each other. The list goes once imports between them run one way.
-EXCUSED = ("fit", "fit.intervals", "fit.noise", "fit.starts",
-           "effects", "effects.written", "reports", "reports.pictures")
+EXCUSED = ("fit", "fit.intervals", "fit.noise", "fit.starts", "reports", "reports.pictures")
 
 
 def test_the_layout_has_no_fault() -> None:

@@ -38,7 +38,7 @@ def effects(
     from .. import effects as room
 
     if new is not None:
-        from ..effects.written.template import template
+        from ..effects.contract.template import template
 
         write_template(new, output, kind="effect", room=room, text=template, force=force, quiet=quiet)
         return
