@@ -73,7 +73,7 @@ def effects(
 def _draw(name: str | None, out: Path, force: bool, quiet: bool) -> None:
     """Draw one effect on the standard loop."""
     from ..errors import UsageError
-    from ..reports.atlas import atlas_picture
+    from ..reports.pages.atlas import atlas_picture
     from ..reports.pictures.figures import PNG_KIND, figure_bytes
     from ..reports.pictures.svg import SVG_KIND
     from ..system.files import ensure_writable, write_whole
