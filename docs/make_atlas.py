@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from stictionid.effects import catalogue
-from stictionid.reports.atlas import atlas_picture, atlas_words
+from stictionid.reports.pages.atlas import atlas_picture, atlas_words
 from stictionid.reports.pictures.figures import figure_bytes
 
 HERE = Path(__file__).parent

@@ -17,10 +17,18 @@ from architecture import RULES, faults, modules_of, nodes_of
 from stictionid.numerics.machine_code import ahead
 
 PACKAGE = Path(__file__).parent.parent / "stictionid"
+# Folders of the fit, which still import each other. The list goes once imports between them run one way.
+EXCUSED = ("fit", "fit.intervals", "fit.noise", "fit.starts")
 
 
 def test_the_layout_has_no_fault() -> None:
-    assert faults(PACKAGE) == []
+    assert faults(PACKAGE, excused=EXCUSED) == []
+
+
+def test_excused_folders_form_a_circle() -> None:
+    """An excuse that is no longer needed has to go."""
+    circles = " ".join(faults(PACKAGE)).replace(",", "").split()
+    assert {f"stictionid.{folder}" for folder in EXCUSED} <= set(circles)
 
 
 def test_the_order_names_the_rooms_that_are_there() -> None:
@@ -50,6 +58,13 @@ PLANTED = {
                         "circle: house.fit.a, house.fit.b, house.fit.c"),
     "circle through __init__": ({"fit/__init__.py": "from .a import x\n", "fit/a.py": "from . import name\n"},
                                 "circle: house.fit, house.fit.a"),
+    "circle of a folder and its subfolder": (
+        {"fit/a.py": "from .noise.b import y\n", "fit/noise/b.py": "def f():\n    from ..c import z\n", "fit/c.py": ""},
+        "circle of folders: house.fit, house.fit.noise"),
+    "circle of three folders": (
+        {"fit/x/a.py": "from ..y.b import y\n", "fit/y/b.py": "from ..z import z\n", "fit/z/__init__.py": "z = 0\n",
+         "fit/z/c.py": "from ..x.d import d\n", "fit/x/d.py": ""},
+        "circle of folders: house.fit.x, house.fit.y, house.fit.z"),
     "private name": ({"fit/a.py": "from ..laws.chen import _step\n"}, "imports the private _step of house.laws.chen"),
     "private name of a module": ({"fit/a.py": "from ..laws import chen\nx = chen._step\n"},
                                  "takes the private _step of chen"),
@@ -73,7 +88,7 @@ def test_a_planted_fault_is_found(kind: str, tmp_path: Path) -> None:
         (house / file).write_text(text)
     assert faults(house) == []
     for file, text in planted.items():
-        (house / file).parent.mkdir(exist_ok=True)
+        (house / file).parent.mkdir(parents=True, exist_ok=True)
         (house / file).write_text(text)
     found = faults(house)
     assert any(said in line for line in found), found

@@ -18,9 +18,8 @@ from batch_files import Inline, records, write_csv, write_wide
 from commands import HANGS_S
 
 from stictionid.batch.plan.tasks import plan
-from stictionid.batch.summary.page import page_of
+from stictionid.batch.summary.page import page_of, write_summary
 from stictionid.batch.summary.rows import COLUMNS, RULE, rank_key, rows_of
-from stictionid.batch.summary.write import write_summary
 from stictionid.batch.task import ABSTAINED, FAILED, OK, Task, TaskOutcome, Work
 from stictionid.batch.work import store as store_room
 from stictionid.batch.work.crew import Processes, crew_for

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from stictionid.cli.app import app
 from stictionid.effects import catalogue, get
 from stictionid.errors import StictionidError
-from stictionid.reports.atlas import atlas_picture, atlas_words
+from stictionid.reports.pages.atlas import atlas_picture, atlas_words
 
 PLANT, CONTROLLER = PLANTS[1]
 ROOT = Path(__file__).parent.parent

@@ -13,7 +13,7 @@ from historian_files import R_STAMP, Record, iso, record, wide
 
 from stictionid import historian
 from stictionid.historian import ReadOptions, read, read_loop
-from stictionid.historian.findings import FINDINGS
+from stictionid.historian.words.findings import FINDINGS
 from stictionid.model.closed_loop import Controller, Plant, Setting, simulate
 
 R = record(rows=400)

@@ -250,7 +250,7 @@ def test_the_summary_of_a_batch_sorts_filters_and_opens_a_loops_page(browser: An
     from selenium.webdriver.common.by import By
 
     from stictionid.batch.plan.tasks import plan
-    from stictionid.batch.summary.write import write_summary
+    from stictionid.batch.summary.page import write_summary
     from stictionid.batch.task import Work
     from stictionid.batch.work.crew import crew_for
     from stictionid.batch.work.drive import drive

@@ -20,7 +20,7 @@ from stictionid.batch.task import Work
 from stictionid.cli.common.output import Progress
 from stictionid.effects import VARIABLE, catalogue, forget, get, register, use
 from stictionid.effects.contract import Context
-from stictionid.effects.written.load import SLOW
+from stictionid.effects.contract.written import SLOW
 from stictionid.errors import DataError, StictionidError, UsageError
 from stictionid.historian import ReadOptions
 from stictionid.model.closed_loop import OPERATING_POINT, Setting, simulate

@@ -13,13 +13,13 @@ from commands import run
 from loops_with_effects import MOVES, PLANTS
 
 import stictionid.laws as room
-import stictionid.laws.written.load as loader
+import stictionid.laws.contract.written as loader
 from stictionid.batch.command import command_for
 from stictionid.batch.task import Work
 from stictionid.errors import DataError, StictionidError, UsageError
 from stictionid.historian import ReadOptions
 from stictionid.laws import VARIABLE, catalogue, forget, get, register, use
-from stictionid.laws.written.template import template
+from stictionid.laws.contract.template import template
 from stictionid.model.closed_loop import OPERATING_POINT, Setting, simulate
 from stictionid.model.model import Model
 from stictionid.model.restore import rebuild_model
@@ -132,7 +132,7 @@ def test_a_file_that_breaks_the_contract_is_refused_in_one_line(text: str, said:
                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
     get("he").friction(3.0, 1.0)  # its kernel is loaded before the clock runs
     if "while True" in text:
-        monkeypatch.setattr("stictionid.laws.written.load.load.__defaults__", ((), None, 0.3))
+        monkeypatch.setattr("stictionid.laws.contract.written.load.__defaults__", ((), None, 0.3))
     with pytest.raises(StictionidError, match=said) as refused:
         use([written(tmp_path, text)])
     assert "\n" not in refused.value.message and "my_law" not in catalogue()

@@ -20,7 +20,7 @@ def test_the_template_is_added_where_it_is_and_nowhere_else(tmp_path: Path, seed
     effect, export, study = (tmp_path / name for name in ("my_effect.py", "loop.csv", "study.json"))
     assert run("effects", "--new", "worn-trim", "-o", effect).returncode in (0, 2)
     if not effect.exists():
-        from stictionid.effects.written.template import template
+        from stictionid.effects.contract.template import template
 
         effect.write_text(template("worn-trim"))
     hidden = () if start is None else ("--effect", f"worn-trim:start={start},width={width}", "--effects", effect)

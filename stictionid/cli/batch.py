@@ -142,8 +142,8 @@ def _tell_plan(todo: Any, quiet: bool) -> None:
 def _work_through(todo: Any, work: Any, crew: Any, store: Any, resume: bool, watch: Watch) -> Any:
     """Drive to the end and summarise; interrupted, or out of room, summarise the results so far and say how to go on.
     """
+    from ..batch.summary.page import write_summary
     from ..batch.summary.rows import counts_said
-    from ..batch.summary.write import write_summary
     from ..batch.work.drive import drive
     from ..errors import StictionidError
 

@@ -68,8 +68,8 @@ def _against(study: Path, other: Path, file: Path | None, output: Path | None, f
     from ..comparison.side_by_side import side_by_side
     from ..errors import UsageError
     from ..reports.pages.comparison import write_beside
+    from ..reports.pages.side_by_side import tables
     from ..reports.pictures.curves import gather
-    from ..reports.side_by_side import tables
 
     if file is not None:
         raise UsageError("--against sets two studies side by side, so it takes no second record",

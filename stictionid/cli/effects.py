@@ -38,7 +38,7 @@ def effects(
     from .. import effects as room
 
     if new is not None:
-        from ..effects.written.template import template
+        from ..effects.contract.template import template
 
         write_template(new, output, kind="effect", room=room, text=template, force=force, quiet=quiet)
         return
@@ -73,7 +73,7 @@ def effects(
 def _draw(name: str | None, out: Path, force: bool, quiet: bool) -> None:
     """Draw one effect on the standard loop."""
     from ..errors import UsageError
-    from ..reports.atlas import atlas_picture
+    from ..reports.pages.atlas import atlas_picture
     from ..reports.pictures.figures import PNG_KIND, figure_bytes
     from ..reports.pictures.svg import SVG_KIND
     from ..system.files import ensure_writable, write_whole

@@ -52,7 +52,7 @@ def laws(
     from ..laws import catalogue, get
 
     if new is not None:
-        from ..laws.written.template import template
+        from ..laws.contract.template import template
 
         write_template(new, out, kind="law", room=room, text=template, force=force, quiet=quiet)
         return

@@ -18,7 +18,7 @@ VARIABLE, GROUP = "STICTIONID_EFFECTS", "stictionid.effects"
 
 
 def _load(path: Path, taken: Collection[str], tell: Callable[[str], None] | None) -> Effect:
-    from .written.load import load
+    from .contract.written import load
 
     return load(path, taken, tell)
 

@@ -3,7 +3,8 @@
 A positioner adds the integral of its own error, command less stem, to the command. A stem that sticks short of its
 place is pushed on until it slips, mostly past it; then it is pulled back. Friction and integral make a cycle of their
 own, whatever the controller does. The stem then moves under a resting command, so S is larger than the swing of the
-command shows. Under it the stem rests between slips, as in He's law at every instant (laws/inner_loop.py).
+command shows. Under it the stem rests between slips, as in He's law at every instant:
+laws/contract/behind_positioner.py.
 
 At both ends of the integral time u and y can't tell it from a valve that rests between scans. Measured on three loops
 each with the true numbers: from 8 periods of the loop on re-sticking leaves 1.01 to 1.27 times the noise. At

@@ -1,12 +1,13 @@
 """Reader of historian exports: from the bytes of a file to one loop, with every guess and every row left out listed.
 
 A file passes through these subpackages: `bytes` (content, unpacking, limits, encoding) → `table` (separator, header,
-decimal mark, columns) → `series` (wide, long or paired table, roles) with `words` (names, cells, states, modes,
-quality) and `time` (stamps, dates, zones, order) → `grid` (alignment, window, even grid, masks) with `checks` (spoilt
-data, findings) → Loop. `folder` and `dataset` read one file per tag and partitioned Parquet. In `table/rows.py` every
+decimal mark, columns) → `series` (wide, long or paired table) with `words` (names, roles, cells, states, modes,
+quality) and `time` (stamps, dates, zones, order) → `grid` (alignment, window, even grid, masks) with `checks` (codes,
+spoilt data) → Loop. `folder` and `dataset` read one file per tag and partitioned Parquet. In `table/rows.py` every
 row of the file is either used or listed under one reason. `reading` runs the whole.
 
-`findings` lists what can be noticed about an export, each with its severity.
+Imports between the subpackages run one way: bytes, words, time, table, series, grid, checks; each may use those before
+it. `words/findings.py` lists what can be noticed about an export, each with its severity.
 """
 
 from __future__ import annotations

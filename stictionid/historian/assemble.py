@@ -12,6 +12,7 @@ from ..record.loop import Finding
 from ..typing import BoolArray, FloatArray, IntArray
 from .bytes.options import ReadOptions
 from .checks import notes
+from .checks.codes import blank_codes
 from .checks.spoilt import ladder, spoilt_findings
 from .checks.texture import Signals
 from .grid.align import Aligned, resample
@@ -22,7 +23,6 @@ from .grid.window import cut_window, stamp_text
 from .series.shaped import Shaped
 from .table.rows import CODE, RowBook
 from .table.table import Table
-from .words.codes import blank_codes
 from .words.modes import fractions
 from .words.units import LIVE_ZERO, OTHER, drives_in_milliamperes, output_unit, to_percent
 

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DataError
+from .bytes.arrow import coded, floats, integers
 from .bytes.options import ALL_TAGS, ReadOptions
 from .bytes.source import PARQUET, Source
-from .series.assign import key_of
-from .table.arrow import coded, floats, integers
 from .table.table import Table, table_from_arrow
+from .words.assign import key_of
 from .words.roles import take_all, take_apart
 
 RESULTS_MARK = "batch.json"

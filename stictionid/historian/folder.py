@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DataError, UsageError
+from .bytes.arrow import texts, whole
 from .bytes.limits import limits_from
 from .bytes.options import ALL_TAGS, ReadOptions
 from .bytes.source import TEXT, Source, in_short, open_source
 from .dataset import SIGNALS, groups_of, open_dataset, parquet_in, rows_of, selection
-from .series.assign import key_of
-from .table.arrow import texts, whole
 from .table.formats import read_table
 from .table.table import Table, table_from_arrow
+from .words.assign import key_of
 from .words.roles import take_apart
 
 MAX_FILES = 20_000

@@ -13,21 +13,21 @@ from ..record.loop import Finding, Loop, Origin
 from ..system.plurals import counted
 from ..typing import IntArray
 from .assemble import Assembled, assemble
+from .bytes.arrow import booleans
 from .bytes.limits import limits_from
 from .bytes.options import ReadOptions
 from .bytes.source import Source, open_source
 from .checks.notes import bad_findings
-from .findings import finding
 from .grid.align import Aligned, align
 from .series.shaped import Shaped
 from .series.shapes import shape_table
 from .settled import settled
-from .table.arrow import booleans
 from .table.formats import loops_of, read_table
 from .table.rows import RowBook
 from .table.table import Table
 from .time.stamps import Times
 from .words.cells import shown
+from .words.findings import finding
 
 EXCEL_ROWS = (1_048_576, 65_536)
 """Rows of a sheet in Excel since 2007, and before."""

@@ -18,7 +18,7 @@ VARIABLE, GROUP = "STICTIONID_LAWS", "stictionid.laws"
 
 
 def _load(path: Path, taken: Collection[str], tell: Callable[[str], None] | None) -> Law:
-    from .written.load import load
+    from .contract.written import load
 
     return load(path, taken, tell)
 

@@ -15,8 +15,8 @@ from ...errors import DataError, UsageError
 from ...historian.bytes.options import ReadOptions
 from ...historian.bytes.source import PARQUET
 from ...historian.dataset import groups_of, open_dataset
-from ...historian.series.assign import key_of
 from ...historian.settled import settled
+from ...historian.words.assign import key_of
 from ...historian.words.roles import listing
 from ...system.plurals import counted
 from ..command import command_for

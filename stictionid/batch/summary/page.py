@@ -1,4 +1,4 @@
-"""The summary as one HTML page: all loops in a table to sort and filter, each linked to its study or its page.
+"""The summary as one HTML page, all loops in a table to sort and filter, and beside it as CSV, Parquet and markdown.
 
 Frame, style, script and escaping are those of the report, so the page needs no network and runs no foreign text.
 """
@@ -14,10 +14,12 @@ from ... import _version
 from ...reports import wording
 from ...reports.document import PageTable
 from ...reports.pages import html as report
+from ...system.files import write_whole
 from ...system.plurals import counted
 from ..task import OK, SKIPPED
+from ..work.store import Store
 from .groups import groups_said
-from .rows import RULE, Row, counts_said, shown
+from .rows import RULE, Row, as_csv, as_markdown, as_parquet, counts_said, rows_of, shown
 
 # Columns of the page, and those that stand there only where a loop has a value.
 _COLUMNS: dict[str, Callable[[Row], str]] = {
@@ -37,6 +39,16 @@ _COLUMNS: dict[str, Callable[[Row], str]] = {
 }
 _NUMERIC = ("rank", "period, s", "group")
 _WHERE_ANY = ("group", "role")
+
+
+def write_summary(store: Store) -> list[Row]:
+    """Write summary.csv, .parquet, .md and .html from the store and return the rows. UsageError as `write_whole`."""
+    rows = rows_of(store)
+    made: dict[str, bytes | str] = {"summary.csv": as_csv(rows), "summary.md": as_markdown(rows),
+                                    "summary.parquet": as_parquet(rows), "summary.html": page_of(rows, store.folder)}
+    for name, content in made.items():
+        write_whole(store.folder / name, content, force=True)
+    return rows
 
 
 def page_of(rows: list[dict[str, Any]], folder: Path | None = None) -> str:

@@ -166,7 +166,7 @@ class Progress:
     def _warn(self) -> None:
         """Name the slow effects, once."""
         from ...effects import added
-        from ...effects.written.load import SLOW, slowness
+        from ...effects.contract.written import SLOW, slowness
 
         for effect in () if self._warned else added().values():
             if effect.slower >= SLOW:

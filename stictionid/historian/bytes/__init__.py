@@ -1,1 +1,1 @@
-"""Bytes of an export: opening, unpacking, decoding, limits, and the options of the reader."""
+"""Bytes of an export and of Arrow columns: opening, unpacking, decoding, limits, and the options of the reader."""

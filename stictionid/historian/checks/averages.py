@@ -14,8 +14,8 @@ import numpy as np
 from ...record.loop import Finding
 from ...record.oscillation import noise_of
 from ...typing import FloatArray
-from ..findings import finding
 from ..words.cells import shown
+from ..words.findings import finding
 from .texture import Signals, resolution_of
 
 MIN_AVERAGE_STEP_S = 10.0

@@ -10,7 +10,7 @@ import numpy as np
 from ...system.csv_safety import cell
 from ...system.files import write_whole
 from ...typing import FloatArray
-from ..table.arrow import numbers, timestamps
+from ..bytes.arrow import numbers, timestamps
 
 _NOTHING = b"\xff\xfe no file of ours begins like this"
 _NAMES = {"setpoint": "SP", "process_value": "PV", "output": "OP", "position": "ZT"}

@@ -9,11 +9,11 @@ import numpy as np
 from ...record.loop import Finding
 from ...system.plurals import counted
 from ..bytes.options import ReadOptions
-from ..findings import INFO, WARNING, finding
 from ..grid.align import Aligned
 from ..grid.grid import Frame, GridStep
 from ..series.shaped import Shaped
 from ..words.cells import shown
+from ..words.findings import INFO, WARNING, finding
 from ..words.roles import take_apart
 
 MAX_INNOCENT_JITTER = 0.02

@@ -6,8 +6,8 @@ import numpy as np
 
 from ...record.loop import Finding
 from ...typing import FloatArray
-from ..findings import finding
 from ..grid.grid import Frame
+from ..words.findings import finding
 from .averages import averaged
 from .texture import Signals, clipped, compressed, identical, quantised, re_ranged, swapped
 

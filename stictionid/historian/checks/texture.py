@@ -11,9 +11,9 @@ import numpy as np
 
 from ...record.loop import Finding
 from ...typing import FloatArray
-from ..findings import SERIOUS, WARNING, finding
 from ..grid.grid import runs_of
 from ..words.cells import shown
+from ..words.findings import SERIOUS, WARNING, finding
 
 MAX_STRAIGHT_SHARE = 0.3
 """Share of samples on straight lines from which a record counts as compressed (docs/traps.md, export trap 11)."""

@@ -1,1 +1,1 @@
-"""Series of one loop from a table (wide, long or paired), assigned to their roles (SP, PV, OP, …)."""
+"""Series of one loop, one for each role (SP, PV, OP, …), from a wide, long or paired table."""

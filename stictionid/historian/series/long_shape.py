@@ -9,14 +9,14 @@ import numpy as np
 
 from ...errors import DataError
 from ...typing import FloatArray, IntArray
+from ..bytes.arrow import coded, numbers
 from ..bytes.options import ReadOptions
-from ..table.arrow import coded, numbers
 from ..table.rows import RowBook
 from ..table.table import Table
+from ..words.assign import assign
 from ..words.cells import check_thousands, shown, to_numbers
 from ..words.modes import read_modes
 from ..words.roles import take_apart, tidy
-from .assign import assign
 from .shaped import Series, Shaped, apply_quality, order_of, read_quality_column, times_of
 
 

@@ -14,10 +14,10 @@ from ..table.table import Table
 from ..time.clock import Order, put_in_order
 from ..time.stamps import Times, parse_times
 from ..time.zones import apply_zone
+from ..words.assign import Assignment
 from ..words.cells import shown
 from ..words.modes import Modes
 from ..words.quality import Quality, read_quality
-from .assign import Assignment
 
 
 @dataclass

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from ...errors import DataError
 from ..bytes.options import ReadOptions
+from ..table.columns import is_paired, kind_of, long_columns, time_columns
 from ..table.rows import RowBook
 from ..table.table import Table
-from .columns import is_paired, kind_of, long_columns, time_columns
 from .long_shape import shape_long, shape_paired
 from .shaped import Shaped
 from .wide_shape import shape_wide

@@ -6,16 +6,16 @@ import numpy as np
 
 from ...errors import DataError, UsageError
 from ...typing import FloatArray, IntArray
+from ..bytes.arrow import booleans
 from ..bytes.options import ReadOptions
-from ..table.arrow import booleans
+from ..table.columns import loop_column, loop_names, time_columns, without_loop_column
 from ..table.rows import RowBook
 from ..table.table import Table
+from ..words.assign import Assignment, assign
 from ..words.cells import brief, check_thousands, shown, to_numbers
 from ..words.modes import read_modes
 from ..words.quality import Quality
 from ..words.roles import listing, pick, take_apart
-from .assign import Assignment, assign
-from .columns import loop_column, loop_names, time_columns, without_loop_column
 from .shaped import Series, Shaped, apply_quality, order_of, read_quality_column, times_of
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..bytes.limits import limits_from
 from ..bytes.options import ReadOptions
 from ..bytes.source import Source
-from ..series.columns import names_of
+from .columns import names_of
 from .matlab import parts_of_matlab
 from .parquet import read_parquet
 from .parts import Part, choose, names_of_parts

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from ..bytes.arrow import texts
 from ..words.cells import NULLS, decimal_evidence
-from .arrow import texts
 from .table import Table, table_from_arrow
 
 _SAMPLE = 300

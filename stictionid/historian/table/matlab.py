@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from ...errors import DataError
 from ...typing import FloatArray
+from ..bytes.arrow import numbers, timestamps
 from ..bytes.limits import Limits
 from ..bytes.source import Source, in_short
-from ..series.columns import names_of
 from ..words.cells import brief, shown
 from ..words.roles import role_of, tidy
-from .arrow import numbers, timestamps
+from .columns import names_of
 from .parts import Part
 from .table import Table, table_from_arrow
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from ...errors import DataError, UsageError
 from ..bytes.options import ReadOptions
-from ..series.assign import key_of
+from ..words.assign import key_of
 from ..words.cells import brief, shown
 from ..words.roles import listing, take_all
 from .table import Table

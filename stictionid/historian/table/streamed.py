@@ -11,10 +11,10 @@ from ..bytes.encoding import to_utf8
 from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
 from ..bytes.source import Source, pieces
-from ..series.columns import kind_of
-from ..series.wanted import by_rows, wanted_columns, without_others
+from .columns import kind_of
 from .layout import Layout, find_layout
 from .table import Table, as_table, parse, refuse_damage, text_table
+from .wanted import by_rows, wanted_columns, without_others
 
 HEAD_BYTES = 4 << 20
 """First bytes of a large file by which its layout and its wanted columns are found."""

@@ -19,10 +19,10 @@ from ...errors import DataError
 from ..bytes.limits import Limits
 from ..bytes.options import ReadOptions
 from ..bytes.source import Source, in_short
-from ..series.assign import key_of
-from ..series.columns import names_of
+from ..words.assign import key_of
 from ..words.cells import decimal_evidence, shown
 from ..words.roles import role_of, take_apart
+from .columns import names_of
 from .parts import Part
 from .table import Table, text_table
 

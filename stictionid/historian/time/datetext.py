@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import DataError
 from ...typing import BoolArray, IntArray
-from ..table.arrow import booleans, coded, integers
+from ..bytes.arrow import booleans, coded, integers
 from ..words.cells import shown
 from .clock import SECOND
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...errors import DataError
 from ...typing import BoolArray, IntArray
-from ..table.arrow import floats, integers, whole
+from ..bytes.arrow import floats, integers, whole
 from ..words.cells import shown
 from .clock import SECOND
 from .datetext import TextTimes, parse_text

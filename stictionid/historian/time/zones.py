@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...typing import IntArray
-from ..table.arrow import integers, timestamps
+from ..bytes.arrow import integers, timestamps
 from ..words.cells import shown
 from .stamps import Times
 

@@ -1,1 +1,1 @@
-"""Vocabulary of exports: roles, units, modes, quality codes, system states, numbers as text."""
+"""Vocabulary of exports: roles, units, modes, quality codes, system states, numbers as text, and that of findings."""

@@ -16,7 +16,7 @@ import numpy as np
 from ...errors import DataError
 from ...record.loop import LARGEST
 from ...typing import BoolArray, FloatArray
-from ..table.arrow import coded, floats, texts
+from ..bytes.arrow import coded, floats, texts
 
 NULLS = ("", "NaN", "nan", "NAN", "null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a")
 """Cells that mean "no value"; other states are counted under their own word."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...typing import FloatArray
-from ..table.arrow import floats, whole
+from ..bytes.arrow import floats, whole
 from .cells import NULLS, shown
 from .states import is_state
 

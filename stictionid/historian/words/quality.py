@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...typing import BoolArray
-from ..table.arrow import booleans, coded
+from ..bytes.arrow import booleans, coded
 from .cells import to_numbers
 
 OPC_MASK, OPC_GOOD, OPC_UNCERTAIN = 0xC0, 0xC0, 0x40

@@ -7,7 +7,7 @@ import numpy as np
 from ...errors import UsageError
 from ...record.loop import Finding
 from ...typing import FloatArray
-from ..findings import finding
+from .findings import finding
 
 PERCENT_LOW, PERCENT_HIGH = -6.9, 106.9
 """Range of a controller output in per cent; many systems drive -5 to 105 or -6.9 to 106.9 (Honeywell)."""

@@ -1,1 +1,1 @@
-"""Pages of a study: markdown, HTML and JSON, each from the same facts."""
+"""Pages of a study as markdown, HTML and JSON, of two studies side by side, and of an effect in the atlas."""

@@ -15,8 +15,8 @@ from ..pictures import svg
 from ..pictures.comparison_pictures import comparison_pictures, overview
 from ..pictures.curves import Case
 from ..pictures.picture import Picture
-from ..side_by_side import tables as side_tables
 from . import place
+from .side_by_side import tables as side_tables
 
 MARK = "<!-- stictionid comparison -->"
 KIND = f"<!doctype html>\n{MARK}"

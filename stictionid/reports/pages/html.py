@@ -14,13 +14,13 @@ from importlib.resources import files
 
 from ...comparison import side_by_side as beside
 from .. import facts as facts_of
-from .. import side_by_side as words_beside
 from .. import wording
 from ..document import Facts, PageTable, Section
 from ..pictures import palette, svg
 from ..pictures.curves import Case
 from ..pictures.picture import Picture
 from ..pictures.study_pictures import comparison
+from . import side_by_side as words_beside
 from .trend_layer import trend_layer
 
 KIND = "<!doctype html>\n<!-- stictionid report -->"

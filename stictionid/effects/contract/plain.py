@@ -27,7 +27,7 @@ from ...process.linear import Dynamics
 from ...process.state_space import Element, element_of
 from ...system.user_code import fault, line_in
 from ...typing import FloatArray
-from ..contract import Context, Disturbance, Effect, Mover, Place, Values
+from . import Context, Disturbance, Effect, Mover, Place, Values
 
 KINDS = ("valve", "process", "tf", "ss", "disturbance")
 # Number of signals that a function of each kind takes before its parameters.

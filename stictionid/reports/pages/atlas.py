@@ -10,17 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import get
-from ..effects.contract import Effect
-from ..model.closed_loop import PRESETS, Setting, simulate, with_stiction
-from ..model.segments import bind_model
-from ..model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
-from ..model.visible import visible_values
-from ..record.loop import Loop
-from ..record.oscillation import find_range
-from . import wording
-from .pictures.measures import thin
-from .pictures.picture import Line, Panel, Picture, Rule
+from ...effects import get
+from ...effects.contract import Effect
+from ...model.closed_loop import PRESETS, Setting, simulate, with_stiction
+from ...model.segments import bind_model
+from ...model.spec import FIRST_ORDER, INTEGRATOR, Evaluated, Spec
+from ...model.visible import visible_values
+from ...record.loop import Loop
+from ...record.oscillation import find_range
+from .. import wording
+from ..pictures.measures import thin
+from ..pictures.picture import Line, Panel, Picture, Rule
 
 # The standard loop: S and J in %, noise in the unit of y, length and scan in s. Setpoint moves, in s and the unit of y,
 # keep the valve going where an effect ends the cycle.

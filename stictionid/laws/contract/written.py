@@ -24,7 +24,7 @@ from ...system.files import text_of
 from ...system.plurals import counted
 from ...system.user_code import LIMIT_S, compiled, fault, limited, line_in, lines_of, name_of, run
 from ...typing import FloatArray
-from ..contract import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, TIE, UPPER, Law, neutral_friction
+from . import FD_DOWN, FD_DRIFT, FD_UP, FS_DOWN, FS_DRIFT, FS_UP, LOWER, TIE, UPPER, Law, neutral_friction
 
 Tell = Callable[[str], None]
 Step = Callable[[float, float, float, FloatArray, float, float], float]

@@ -8,8 +8,8 @@ from typing import Any
 
 from ...errors import DataError, UsageError
 from ..bytes.options import ALL_TAGS, FLAGS, ROLES, ReadOptions
-from ..words.cells import brief, shown
-from ..words.roles import Tag, listing, pick, take_all, take_apart, tidy
+from .cells import brief, shown
+from .roles import Tag, listing, pick, take_all, take_apart, tidy
 
 _FLAG = {role: FLAGS[option] for role, option in ROLES.items()}
 _PLAIN = ("", "ascii", "utf-8")

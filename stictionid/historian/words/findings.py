@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..record.loop import Finding
+from ...record.loop import Finding
 
 INFO, WARNING, SERIOUS = "info", "warning", "serious"
 _TRAP, _METHOD = "docs/traps.md, export trap ", "docs/method.md, section 13"

@@ -23,7 +23,7 @@ from ...numerics.parameters import Parameter
 from ...system.files import text_of
 from ...system.user_code import LIMIT_S, compiled, fault, limited, lines_of, name_of, run
 from ...typing import FloatArray
-from ..contract import Context, Effect, Place
+from . import Context, Effect, Place
 from .plain import (
     KINDS,
     SIGNALS,

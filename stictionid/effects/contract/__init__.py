@@ -1,6 +1,6 @@
 """Contract of a physical effect: the hooks of each kind, so that a new effect is one new file.
 
-An effect is one file in this folder with a constant `EFFECT`. It fills the hooks of its kind and leaves the others:
+An effect is one file in `effects/` with a constant `EFFECT`. It fills the hooks of its kind and leaves the others:
 
 * F (friction): `friction(table, theta, command_step_s, held)` returns the friction table (ROWS, P) with other
   numbers; a change with time follows `profile(time_s)`. It transforms no signal, so every law gets it.
@@ -30,7 +30,8 @@ The gain that names the effect grows with twice its logarithm.
 
 An effect that is `asked` BY_HAND is left to `add` and `identify --with`: u and y can't tell it from its equivalents.
 `known(option)` is the effect with the number that stands behind a colon in its name, "backlash:1.5".
-Effects that users write in plain numpy (effects/written/) are subclasses, which replace `transformed` and `mover`.
+Effects that users write in plain numpy (`written.py`, `plain.py`) are subclasses, which replace `transformed` and
+`mover`.
 """
 
 from __future__ import annotations
@@ -41,11 +42,11 @@ from enum import Enum
 
 import numpy as np
 
-from ..errors import UsageError
-from ..numerics.jit import kernel
-from ..numerics.parameters import Parameter
-from ..process.linear import Dynamics
-from ..typing import BoolArray, FloatArray
+from ...errors import UsageError
+from ...numerics.jit import kernel
+from ...numerics.parameters import Parameter
+from ...process.linear import Dynamics
+from ...typing import BoolArray, FloatArray
 
 
 class Place(Enum):

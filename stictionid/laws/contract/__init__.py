@@ -1,6 +1,6 @@
 """Contract of a stiction law, and the table of friction numbers that effects on the valve may change.
 
-A law is one file in this folder with a constant `LAW`. Searched laws bring a kernel over candidates:
+A law is one file in `laws/` with a constant `LAW`. Searched laws bring a kernel over candidates:
 
     run(command (n,), friction (ROWS, P), profile (n,), state (states, P), position (n, P))
 
@@ -12,6 +12,8 @@ another file's. Rows at their neutral value (see `neutral_friction`) leave the p
 A law's own numbers stand in the same table. `Law.friction` checks S and J in the law's own words. `supply` sets rows
 (He & Wang's K) or appends rows after ROWS (mass, spring and time step of a physical valve). So `run` has one signature
 for all laws, and a physical law has the time between two commands.
+
+`written.py` holds a user's file to this contract and turns it into a `Law`.
 """
 
 from __future__ import annotations
@@ -21,11 +23,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import ModelError
-from ..numerics.jit import kernel, output
-from ..numerics.parameters import Parameter
-from ..typing import FloatArray
-from .inner_loop import STATES, run_inner
+from ...errors import ModelError
+from ...numerics.jit import kernel, output
+from ...numerics.parameters import Parameter
+from ...typing import FloatArray
+from .behind_positioner import STATES, run_inner
 
 # Rows of the friction table. Forces are in % of travel: f_s at break-away, f_d while sliding (Shang et al., Eq. 1).
 FS_UP, FS_DOWN, FD_UP, FD_DOWN = 0, 1, 2, 3  # per direction of travel, %
@@ -34,7 +36,7 @@ RESTICK = 6  # a sliding valve sticks when the command moves less than this, % p
 OVERSHOOT = 7  # He & Wang's K at the slip, 1 = none
 LOWER, UPPER = 8, 9  # hard stops, %
 CROSSES = 10  # 1 where the command moves within its samples: a slip begins where it crosses f_s, not where it ends
-INTEGRAL = 11  # rate of a positioner's integral part, 1 per valve step, 0 = none (see inner_loop.py)
+INTEGRAL = 11  # rate of a positioner's integral part, 1 per valve step, 0 = none (see behind_positioner.py)
 INNER = 12  # its integral part at the start, %
 ROWS = 13
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..bytes.options import ReadOptions
-from ..table.table import Table
 from ..time.datetext import looks_like_time
+from ..words.assign import key_of
 from ..words.cells import to_numbers
 from ..words.roles import pick, take_all, take_apart
-from .assign import key_of
+from .table import Table
 
 _PEEK = 50
 

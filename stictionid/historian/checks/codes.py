@@ -6,10 +6,10 @@ import numpy as np
 
 from ...record.loop import Finding
 from ...typing import BoolArray
-from ..findings import finding
 from ..grid.grid import Frame, runs_of
-from .cells import shown
-from .states import NUMERIC_STATES, SENTINELS
+from ..words.cells import shown
+from ..words.findings import finding
+from ..words.states import NUMERIC_STATES, SENTINELS
 
 FAR = 5.0
 """A sentinel or code lies at least this many times the spread of the rest away from it."""

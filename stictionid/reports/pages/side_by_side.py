@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from ..comparison.side_by_side import Beside, SideBySide
-from . import wording
-from .document import PageTable
-from .pictures import measures, study_pictures
-from .pictures.curves import Case
-from .pictures.picture import Line, Panel, Picture
+from ...comparison.side_by_side import Beside, SideBySide
+from .. import wording
+from ..document import PageTable
+from ..pictures import measures, study_pictures
+from ..pictures.curves import Case
+from ..pictures.picture import Line, Panel, Picture
 
 _ERRORS = (("free-run error", "rmse"), ("held out", "rmse_holdout"), ("one-step error", "rmse_one_step"),
            ("irreducible noise", "noise_sd"), ("fit, %", "fit_percent"))

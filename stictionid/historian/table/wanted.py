@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 from ..bytes.options import ReadOptions
-from ..table.table import Table
+from ..words.assign import assign
 from ..words.roles import pick, take_apart
-from .assign import assign
 from .columns import is_paired, kind_of, long_columns, loop_column, time_columns, without_loop_column
+from .table import Table
 
 
 def wanted_columns(head: Table, options: ReadOptions) -> tuple[set[int] | None, list[str]]:

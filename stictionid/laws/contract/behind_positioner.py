@@ -11,8 +11,8 @@ Source: docs/method.md, section 3 (He's law) and a PI controller of the stem, in
 
 from __future__ import annotations
 
-from ..numerics.jit import kernel
-from ..typing import FloatArray
+from ...numerics.jit import kernel
+from ...typing import FloatArray
 
 # Most slips in one part; then the shortest slip, and the excess over f_s that makes one, in %. Else the stem slides.
 _MOST, _SHORTEST = 16, 1e-9

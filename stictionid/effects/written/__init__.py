@@ -1,1 +1,0 @@
-"""Effects that users write in plain numpy: adapter, loader, contract test and template."""

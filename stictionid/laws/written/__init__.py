@@ -1,1 +1,0 @@
-"""Stiction laws that users write as one step in plain Python."""
